@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bayesid.model.terms import STANDARD
+from bayesid.effects import STANDARD
 from bayesid.studies.discrepancy import CLEAR, by_kind, count, decoded, outside_right, share
 from bayesid.studies.paper import covered
 from bayesid.studies.real import SURE

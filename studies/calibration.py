@@ -24,15 +24,15 @@ from typing import Any
 import numpy as np
 
 from bayesid.arrays import Array, Mask
+from bayesid.effects import STANDARD, RigidBody
+from bayesid.effects.catalogue import make_terms
+from bayesid.effects.coefficients import base_coefficients
+from bayesid.effects.model import Model
 from bayesid.identification.identification import Identification
 from bayesid.identification.pipeline import identify
 from bayesid.log.log import Log
-from bayesid.model.catalogue import make_terms
-from bayesid.model.coefficients import base_coefficients
-from bayesid.model.model import Model
-from bayesid.model.robot import load_robot
-from bayesid.model.terms import STANDARD, RigidBody
 from bayesid.posterior.sampler import Sampling
+from bayesid.robot import load_robot
 from bayesid.signs.search.certified import Certified
 from bayesid.simulation.exciting import exciting_trajectory
 from bayesid.simulation.logs import simulate

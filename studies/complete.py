@@ -26,15 +26,15 @@ from typing import Any
 import numpy as np
 
 from bayesid.arrays import Array
-from bayesid.fit.knowledge import Beliefs
+from bayesid.effects import STANDARD
 from bayesid.identification.identification import Identification
 from bayesid.identification.options import Completeness
 from bayesid.identification.pipeline import identify
 from bayesid.identification.prediction import NORMAL_95
 from bayesid.log.log import Log, read_log
-from bayesid.model.robot import Robot, load_robot
-from bayesid.model.terms import STANDARD
 from bayesid.posterior.sampler import Sampling
+from bayesid.regression.knowledge import Beliefs
+from bayesid.robot import Robot, load_robot
 from bayesid.signs.search.certified import Certified
 from bayesid.studies.complete_report import MODES, draw, report
 from bayesid.studies.discrepancy import generator

@@ -26,8 +26,8 @@ import numpy as np
 
 from bayesid.discrepancy.workflow import Discrepancy, find_discrepancy
 from bayesid.errors import InputError
-from bayesid.fit.effects.explanation import LN10
 from bayesid.identification.pipeline import QUICK, identify
+from bayesid.regression.selection.explanation import LN10
 from bayesid.signs.search.certified import Certified
 from bayesid.study.record import Row
 from bayesid.study.study import Study

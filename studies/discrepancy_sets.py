@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from bayesid.discrepancy.workflow import Discrepancy
-from bayesid.fit.effects.added_effect import AddedEffect
+from bayesid.regression.selection.added_effect import AddedEffect
 from bayesid.studies.discrepancy import (
     KINEMATIC,
     LEARNED,

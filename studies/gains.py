@@ -15,16 +15,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayesid.arrays import Array
-from bayesid.fit.knowledge import Beliefs
+from bayesid.effects import STANDARD
 from bayesid.identification.gains import BY_DATA, IdentifiedGains
 from bayesid.identification.identification import Identification
 from bayesid.identification.pipeline import identify
 from bayesid.identification.prediction import NORMAL_95
 from bayesid.log.gains import Gains
 from bayesid.log.log import Log, join_logs
-from bayesid.model.inertia import from_pseudo_inertia
-from bayesid.model.terms import STANDARD
+from bayesid.regression.knowledge import Beliefs
 from bayesid.report.plot.trials import Figure
+from bayesid.robot.inertia import from_pseudo_inertia
 from bayesid.signs.search.certified import Certified
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.trajectories import random_trajectory

@@ -15,15 +15,15 @@ from typing import Any
 import numpy as np
 
 from bayesid.arrays import Array
-from bayesid.fit.effects.kinematics import KinematicTolerance
-from bayesid.fit.knowledge import Beliefs
+from bayesid.effects import STANDARD
+from bayesid.effects.catalogue import make_terms
+from bayesid.effects.coefficients import BaseCoefficients, base_coefficients
+from bayesid.effects.model import Model
 from bayesid.log.log import Log
-from bayesid.model.catalogue import make_terms
-from bayesid.model.coefficients import BaseCoefficients, base_coefficients
-from bayesid.model.model import Model
-from bayesid.model.robot import Robot, robot_from_table
-from bayesid.model.terms import STANDARD
 from bayesid.motion import Motion
+from bayesid.regression.knowledge import Beliefs
+from bayesid.regression.selection.kinematics import KinematicTolerance
+from bayesid.robot import Robot, robot_from_table
 from bayesid.studies.discrepancy import generator
 from bayesid.studies.readings import READINGS
 from bayesid.studies.stress import MOTIONS, PointToPoint, bare_robot, held, without_some

@@ -24,22 +24,22 @@ import numpy as np
 
 from bayesid.arrays import Array
 from bayesid.discrepancy.workflow import Discrepancy, find_discrepancy
+from bayesid.effects import STANDARD
+from bayesid.effects.catalogue import make_terms
+from bayesid.effects.model import Model
 from bayesid.excitation.feasible import largest_efforts
 from bayesid.excitation.next_motion import NextMotion, RunSettings, design_next
 from bayesid.excitation.rivals import TELLING
-from bayesid.fit.effects.added_effect import AddedEffect
-from bayesid.fit.effects.explanation import LN10
-from bayesid.fit.effects.hypotheses import EffectKey
 from bayesid.identification.identification import KNOWN, Identification
 from bayesid.identification.pipeline import QUICK, identify
 from bayesid.log.log import Log, join_logs
-from bayesid.model.catalogue import make_terms
-from bayesid.model.model import Model
-from bayesid.model.robot import Robot, robot_from_table
-from bayesid.model.terms import STANDARD
 from bayesid.motion import Motion
 from bayesid.posterior.sampler import Sampling
+from bayesid.regression.selection.added_effect import AddedEffect
+from bayesid.regression.selection.explanation import LN10
+from bayesid.regression.selection.hypotheses import EffectKey
 from bayesid.report.plot.trials import COLOURS, Figure
+from bayesid.robot import Robot, robot_from_table
 from bayesid.signs.search.certified import Certified
 from bayesid.simulation.logs import SimulatedEffect, simulate, with_effects
 from bayesid.simulation.parameters import random_parameters, rms

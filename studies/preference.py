@@ -1,7 +1,7 @@
 """Which signs the data prefer, with next to nothing of the solver's pull in what they cost.
 
 A certificate speaks of one set of moments, and of a cost in which the pull to typical links has a say
-(`bayesid.fit.solver`). `Witnessed` keeps these moments; `preference` prices other signs against the certified ones by
+(`regression.solver`). `Witnessed` keeps these moments; `preference` prices other signs against the certified ones by
 the least residual in the cone alone.
 """
 

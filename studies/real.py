@@ -27,17 +27,17 @@ import numpy as np
 from scipy.stats import rankdata
 
 from bayesid.arrays import Array, Mask
+from bayesid.effects import STANDARD
 from bayesid.errors import InputError
-from bayesid.fit.evidence import Evidence
-from bayesid.fit.least_squares import fit_signed
 from bayesid.identification.identification import Identification
 from bayesid.identification.options import Completeness
 from bayesid.identification.pipeline import identify
 from bayesid.log.log import Log, read_log
 from bayesid.log.signals import lowpass, prepare
-from bayesid.model.robot import load_robot
-from bayesid.model.terms import STANDARD
 from bayesid.posterior.sampler import Sampling
+from bayesid.regression.evidence import Evidence
+from bayesid.regression.least_squares import fit_signed
+from bayesid.robot import load_robot
 from bayesid.signs.search.certified import Certified
 from bayesid.study.record import Row
 from bayesid.study.study import Study, in_turn

@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bayesid.discrepancy.workflow import find_discrepancy
+from bayesid.effects import STANDARD
 from bayesid.errors import InputError
-from bayesid.fit.effects.explanation import LN10
 from bayesid.identification.pipeline import QUICK, identify
 from bayesid.log.log import read_log
-from bayesid.model.terms import STANDARD
+from bayesid.regression.selection.explanation import LN10
 from bayesid.signs.search.certified import Certified
 from bayesid.studies.real import DATA
 from bayesid.study.record import Row

@@ -36,20 +36,20 @@ import numpy as np
 from scipy import stats
 
 from bayesid.arrays import Array, Integers, Mask
-from bayesid.fit.knowledge import Links
-from bayesid.fit.moments import moments
+from bayesid.effects import STANDARD
+from bayesid.effects.catalogue import make_terms
+from bayesid.effects.coefficients import BaseCoefficients, base_coefficients
+from bayesid.effects.model import Model
 from bayesid.log.segments import Segments
-from bayesid.model.catalogue import make_terms
-from bayesid.model.coefficients import BaseCoefficients, base_coefficients
-from bayesid.model.inertia import pseudo_inertia
-from bayesid.model.model import Model
-from bayesid.model.robot import robot_from_table
-from bayesid.model.terms import STANDARD
 from bayesid.motion import Motion
 from bayesid.posterior.likelihood import make_likelihood
 from bayesid.posterior.prior import Prior, make_prior
 from bayesid.posterior.sampler import Draws, Sampling, sample
 from bayesid.posterior.target import Target
+from bayesid.regression.knowledge import Links
+from bayesid.regression.moments import moments
+from bayesid.robot import robot_from_table
+from bayesid.robot.inertia import pseudo_inertia
 from bayesid.simulation.parameters import random_parameters
 from bayesid.simulation.trajectories import random_trajectory
 from bayesid.study.record import Row

@@ -10,21 +10,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayesid.arrays import Array
-from bayesid.fit.knowledge import Beliefs, Links
-from bayesid.fit.noise import relative_rms
+from bayesid.effects import STANDARD, RigidBody
+from bayesid.effects.catalogue import make_terms
+from bayesid.effects.coefficients import base_coefficients
+from bayesid.effects.model import Model
 from bayesid.identification.identification import Identification
 from bayesid.identification.options import Preparation
 from bayesid.identification.pipeline import identify
 from bayesid.identification.prediction import NORMAL_95
 from bayesid.log.log import Log
 from bayesid.log.segments import Cutting
-from bayesid.model.catalogue import make_terms
-from bayesid.model.coefficients import base_coefficients
-from bayesid.model.model import Model
-from bayesid.model.robot import Robot, load_robot
-from bayesid.model.terms import STANDARD, RigidBody
 from bayesid.motion import Motion
 from bayesid.posterior.sampler import Sampling
+from bayesid.regression.knowledge import Beliefs, Links
+from bayesid.regression.noise import relative_rms
+from bayesid.robot import Robot, load_robot
 from bayesid.signs.search.beam import Beam
 from bayesid.signs.search.certified import Certified
 from bayesid.signs.search.protocol import Search

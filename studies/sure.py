@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bayesid.effects import STANDARD
 from bayesid.identification.pipeline import identify
 from bayesid.log.log import Log
-from bayesid.model.robot import Robot, load_robot
-from bayesid.model.terms import STANDARD
+from bayesid.robot import Robot, load_robot
 from bayesid.studies import calibration
 from bayesid.studies.discrepancy import generator
 from bayesid.studies.hidden import Simulated, make_case

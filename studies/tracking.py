@@ -18,11 +18,11 @@ from time import perf_counter
 import numpy as np
 
 from bayesid.arrays import Array, Mask
+from bayesid.effects import STANDARD
+from bayesid.effects.catalogue import make_terms
+from bayesid.effects.model import Model
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.pipeline import identify
-from bayesid.model.catalogue import make_terms
-from bayesid.model.model import Model
-from bayesid.model.terms import STANDARD
 from bayesid.monitor.alarms import Alarm
 from bayesid.monitor.kinds import CONTACT, FRICTION, GAIN, PAYLOAD
 from bayesid.monitor.tracked import Tracked

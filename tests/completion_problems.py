@@ -8,10 +8,10 @@ from functools import cache
 import numpy as np
 from conftest import small_robot
 
+from bayesid.effects import STANDARD
+from bayesid.effects.catalogue import make_effect, make_terms
+from bayesid.effects.model import Model
 from bayesid.identification import pipeline
-from bayesid.model.catalogue import make_effect, make_terms
-from bayesid.model.model import Model
-from bayesid.model.terms import STANDARD
 from bayesid.signs.search.certified import Certified
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters

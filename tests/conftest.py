@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 import source_tree  # noqa: F401
 
-from bayesid.model.robot import Robot, robot_from_table
 from bayesid.motion import Motion
+from bayesid.robot import Robot, robot_from_table
 from bayesid.simulation import logs
 from bayesid.simulation.trajectories import random_trajectory
 

@@ -17,10 +17,10 @@ from oracles import (
     turn,
 )
 
-from bayesid.model.catalogue import make_effect
-from bayesid.model.model import Model
-from bayesid.model.robot import robot_from_table
+from bayesid.effects.catalogue import make_effect
+from bayesid.effects.model import Model
 from bayesid.motion import Motion
+from bayesid.robot import robot_from_table
 
 TABLES = {
     "tx40": built_in_table("tx40"),  # coupled wrist, gravity along -z

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bayesid.fit.effects.columns import Columns
-from bayesid.fit.effects.explanation import Observations
-from bayesid.fit.knowledge import Information
+from bayesid.regression.knowledge import Information
+from bayesid.regression.selection.columns import Columns
+from bayesid.regression.selection.explanation import Observations
 
 RATE = 50.0
 

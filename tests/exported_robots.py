@@ -7,7 +7,7 @@ import numpy as np
 import pinocchio as pin
 from oracles import random_table, urdf_text
 
-from bayesid.model.robot import Joint, Robot, load_robot, robot_from_table, robot_from_urdf
+from bayesid.robot import Joint, Robot, load_robot, robot_from_table, robot_from_urdf
 
 
 def branched(parents, seed=0):

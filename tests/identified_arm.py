@@ -5,10 +5,10 @@ from functools import cache
 import numpy as np
 from conftest import small_robot
 
+from bayesid.effects import STANDARD
+from bayesid.effects.catalogue import make_terms
+from bayesid.effects.model import Model
 from bayesid.identification.pipeline import identify
-from bayesid.model.catalogue import make_terms
-from bayesid.model.model import Model
-from bayesid.model.terms import STANDARD
 from bayesid.posterior.sampler import Sampling
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters

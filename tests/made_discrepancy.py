@@ -8,16 +8,16 @@ from conftest import smooth_motion
 
 from bayesid.discrepancy.compare import Excess, NoiseFloor, Trial
 from bayesid.discrepancy.workflow import Discrepancy
-from bayesid.fit.effects.added_effect import AddedEffect
-from bayesid.fit.effects.columns import Columns
-from bayesid.fit.effects.explanation import LN10
-from bayesid.fit.effects.hypotheses import Hypothesis
-from bayesid.fit.effects.scores import Score
-from bayesid.fit.effects.thresholds import Thresholds
+from bayesid.effects.coulomb_friction import CoulombFriction
+from bayesid.effects.payload import Payload
+from bayesid.effects.torque_offset import TorqueOffset
 from bayesid.log.signals import Signals
-from bayesid.model.terms.coulomb_friction import CoulombFriction
-from bayesid.model.terms.payload import Payload
-from bayesid.model.terms.torque_offset import TorqueOffset
+from bayesid.regression.selection.added_effect import AddedEffect
+from bayesid.regression.selection.columns import Columns
+from bayesid.regression.selection.explanation import LN10
+from bayesid.regression.selection.hypotheses import Hypothesis
+from bayesid.regression.selection.scores import Score
+from bayesid.regression.selection.thresholds import Thresholds
 
 N_JOINTS, COULOMB, NOISE = 3, 1.9, 0.3
 EMPTY = Columns({}, {}, np.zeros(0), np.zeros(0, dtype=bool))

@@ -13,7 +13,7 @@ STEP = 1e-30  # of complex-step derivatives, which are exact to rounding
 
 
 def built_in_table(name):
-    return tomllib.loads((resources.files("bayesid.model") / "robots" / f"{name}.toml").read_text())
+    return tomllib.loads((resources.files("bayesid.robot") / "robots" / f"{name}.toml").read_text())
 
 
 def random_table(convention, n, seed, coupled=False):

@@ -6,8 +6,8 @@ import numpy as np
 from conftest import small_robot
 
 import bayesid
+from bayesid.effects.model import Model
 from bayesid.log.log import Log
-from bayesid.model.model import Model
 from bayesid.simulation.parameters import random_parameters
 from bayesid.simulation.trajectories import random_trajectory
 

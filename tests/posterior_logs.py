@@ -9,11 +9,8 @@ from posterior_problems import one_each
 from scipy.special import logsumexp
 from sign_problems import moments_of
 
-from bayesid.fit.knowledge import Information, Links, Nominal
-from bayesid.fit.noise import Noise
-from bayesid.fit.solver import ConeLeastSquares
-from bayesid.model.coefficients import BaseCoefficients
-from bayesid.model.parameters import Cone
+from bayesid.effects.coefficients import BaseCoefficients
+from bayesid.effects.parameters import Cone
 from bayesid.posterior.inference import infer
 from bayesid.posterior.likelihood import make_likelihood
 from bayesid.posterior.modes import find_modes
@@ -22,6 +19,9 @@ from bayesid.posterior.problem import PosteriorProblem
 from bayesid.posterior.sampler import Sampling
 from bayesid.posterior.target import Target
 from bayesid.progress import SILENT
+from bayesid.regression.knowledge import Information, Links, Nominal
+from bayesid.regression.noise import Noise
+from bayesid.regression.solver import ConeLeastSquares
 from bayesid.signs.search.certified import certified
 
 LOG_SCALE_SD = 0.5  # of the stated prior

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from bayesid.fit.knowledge import Information
 from bayesid.posterior.blocks import SegmentBlocks
 from bayesid.posterior.likelihood import Likelihood
 from bayesid.posterior.prior import Prior
 from bayesid.posterior.region import Region
 from bayesid.posterior.target import Target
+from bayesid.regression.knowledge import Information
 
 
 class Rotated:

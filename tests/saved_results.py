@@ -10,10 +10,10 @@ from functools import cache, partial
 import numpy as np
 from conftest import small_robot
 
+from bayesid.effects import STANDARD
+from bayesid.effects.catalogue import make_terms
+from bayesid.effects.model import Model
 from bayesid.identification.pipeline import identify
-from bayesid.model.catalogue import make_terms
-from bayesid.model.model import Model
-from bayesid.model.terms import STANDARD
 from bayesid.posterior.sampler import Sampling
 from bayesid.results.folders import save_identification
 from bayesid.simulation.logs import simulate

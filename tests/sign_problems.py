@@ -17,16 +17,16 @@ from conftest import random_motion, small_robot
 from oracles import random_table
 from scipy.optimize import nnls
 
-from bayesid.fit.hessians import Hessians
-from bayesid.fit.moments import Moments, moments
-from bayesid.fit.solver import ConeLeastSquares
+from bayesid.effects.catalogue import make_terms
+from bayesid.effects.coefficients import BaseCoefficients, base_coefficients
+from bayesid.effects.model import Model
+from bayesid.effects.parameters import Cone
 from bayesid.log.segments import Segments
-from bayesid.model.catalogue import make_terms
-from bayesid.model.coefficients import BaseCoefficients, base_coefficients
-from bayesid.model.inertia import from_pseudo_inertia
-from bayesid.model.model import Model
-from bayesid.model.parameters import Cone
-from bayesid.model.robot import robot_from_table
+from bayesid.regression.hessians import Hessians
+from bayesid.regression.moments import Moments, moments
+from bayesid.regression.solver import ConeLeastSquares
+from bayesid.robot import robot_from_table
+from bayesid.robot.inertia import from_pseudo_inertia
 from bayesid.simulation.parameters import random_parameters
 
 EXACT = 1e-8  # share of the energy below which two costs count as equal in a search

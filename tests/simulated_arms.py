@@ -5,11 +5,11 @@ from functools import cache
 import numpy as np
 from conftest import small_robot
 
+from bayesid.effects import STANDARD
+from bayesid.effects.catalogue import make_terms
+from bayesid.effects.model import Model
 from bayesid.log.segments import find_segments
 from bayesid.log.signals import prepare
-from bayesid.model.catalogue import make_terms
-from bayesid.model.model import Model
-from bayesid.model.terms import STANDARD
 from bayesid.signs.search.certified import Certified
 from bayesid.signs.settling import settle_signs
 from bayesid.simulation.logs import simulate

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.stats import t
 
-from bayesid.fit.noise import Noise
+from bayesid.regression.noise import Noise
 
 
 def noise_of(white, coloured, correlation, n=1):

@@ -13,14 +13,14 @@ from functools import partial
 import pytest
 from command_line import ARM
 
-from bayesid.process import in_parallel
+from bayesid.parallel import in_parallel
 
 COPIES = sys.platform == "linux" and len(os.sched_getaffinity(0)) > 1
 copies_only = pytest.mark.skipif(not COPIES, reason="needs Linux and two processors")
 START = """
 import os, signal, sys, threading, time
 from functools import partial
-from bayesid.process import in_parallel, onlookers, processors
+from bayesid.parallel import in_parallel, onlookers, processors
 
 def who(k):
     time.sleep(0.05)

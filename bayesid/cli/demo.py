@@ -11,15 +11,15 @@ from rich.console import RenderableType
 from bayesid.arrays import Array
 from bayesid.cli.options import command_line
 from bayesid.cli.terminal import table
-from bayesid.fit.knowledge import Beliefs
-from bayesid.fit.noise import relative_rms
+from bayesid.effects.coefficients import base_coefficients
 from bayesid.identification.identification import Identification
 from bayesid.identification.pipeline import identify
 from bayesid.log.log import Log
-from bayesid.model.coefficients import base_coefficients
 from bayesid.motion import Motion
 from bayesid.posterior.sampler import Sampling
 from bayesid.progress import SILENT, Progress
+from bayesid.regression.knowledge import Beliefs
+from bayesid.regression.noise import relative_rms
 from bayesid.results.folders import check_result_folder, save_identification
 from bayesid.signs.search.certified import Certified
 from bayesid.signs.search.protocol import Search

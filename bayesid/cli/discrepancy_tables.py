@@ -9,7 +9,7 @@ from bayesid.cli.tables import line_of
 from bayesid.cli.terminal import table
 from bayesid.discrepancy.comparison import ALL_ALONG, CHANGED, LogComparison
 from bayesid.discrepancy.workflow import Discrepancy
-from bayesid.fit.effects.added_effect import AddedEffect
+from bayesid.regression.selection.added_effect import AddedEffect
 from bayesid.report.discrepancy_verdicts import discrepancy_checks, equivalents, lead, listed_sets, set_in_words
 from bayesid.report.timeline_text import SECTIONS, columns, log_names, moved_parameters, timeline_rule
 from bayesid.report.words import in_percent, rounded, unit_of

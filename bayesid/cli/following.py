@@ -16,7 +16,7 @@ from bayesid.monitor.figures import StreamFigures, looked_at
 from bayesid.monitor.replay import contradicts, timed
 from bayesid.monitor.tracked import Tracked
 from bayesid.monitor.tracker import GAP, SignTracker
-from bayesid.process import one_blas_thread
+from bayesid.parallel import one_blas_thread
 from bayesid.results.stream_folder import stream_line, stream_names
 
 _STEPS = 50

@@ -14,17 +14,17 @@ from types import MappingProxyType
 from typing import Any, TypeVar
 
 from bayesid.cli.terminal import warn
+from bayesid.effects import RigidBody
 from bayesid.errors import BayesidError, InputError, printable
-from bayesid.fit.effects.kinematics import KinematicTolerance
-from bayesid.fit.knowledge import Beliefs, Links, read_nominal
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.log.formats.stated import parse_columns
 from bayesid.log.gains import Gains
 from bayesid.log.log import Log, read_log
 from bayesid.log.motions import RecordedMotion, read_motion
-from bayesid.model.robot import Robot, load_robot
-from bayesid.model.terms import RigidBody
 from bayesid.posterior.sampler import Sampling
+from bayesid.regression.knowledge import Beliefs, Links, read_nominal
+from bayesid.regression.selection.kinematics import KinematicTolerance
+from bayesid.robot import Robot, load_robot
 
 Recording = TypeVar("Recording", Log, RecordedMotion)
 

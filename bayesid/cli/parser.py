@@ -19,7 +19,7 @@ from bayesid.study.names import STUDIES
 
 SHELLS = ("bash", "zsh", "tcsh")
 TERMS = "rigid_body,viscous_friction,coulomb_friction,torque_offset,rotor_inertia"
-"""`bayesid.model.terms.STANDARD`, spelled out: to import the catalogue for a help text takes a second."""
+"""`bayesid.effects.STANDARD`, spelled out: to import the catalogue for a help text takes a second."""
 MASS_SD = 0.001
 """Standard deviation of a payload's mass where none is given, as a share of it: a common scale's."""
 _NUMBERS = re.compile(r"-[\d.][-+\d.e]*(?:,[-+\d.e]+)+")

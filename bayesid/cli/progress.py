@@ -12,7 +12,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColum
 from rich.text import Text
 
 from bayesid.cli.terminal import console
-from bayesid.process import onlookers
+from bayesid.parallel import onlookers
 
 _PATIENCE = 1.0
 """s; what ends sooner is not worth a bar. A round number; not studied."""

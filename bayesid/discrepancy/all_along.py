@@ -19,16 +19,16 @@ from functools import reduce
 import numpy as np
 
 from bayesid.arrays import Array
-from bayesid.fit.effects.explanation import LN10
-from bayesid.fit.effects.hypotheses import EffectKey
-from bayesid.fit.effects.wanted import borne_out
-from bayesid.fit.evidence import Evidence
-from bayesid.fit.least_squares import fit_signed
+from bayesid.effects import STANDARD
+from bayesid.effects.coefficients import base_coefficients
+from bayesid.effects.effect import Effect
+from bayesid.effects.model import Model
 from bayesid.identification.identification import Identification
-from bayesid.model.coefficients import base_coefficients
-from bayesid.model.effects import Effect
-from bayesid.model.model import Model
-from bayesid.model.terms import STANDARD
+from bayesid.regression.evidence import Evidence
+from bayesid.regression.least_squares import fit_signed
+from bayesid.regression.selection.explanation import LN10
+from bayesid.regression.selection.hypotheses import EffectKey
+from bayesid.regression.selection.wanted import borne_out
 from bayesid.signs.settling import restored
 
 DECISIVE = 2.0

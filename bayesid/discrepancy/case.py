@@ -11,23 +11,23 @@ import numpy as np
 from bayesid.arrays import Array
 from bayesid.discrepancy.compare import NoiseFloor, Trial, make_trial, noise_floor, shortened
 from bayesid.discrepancy.log_checks import check_holdout
-from bayesid.fit.effects.columns import Columns, Whitening
-from bayesid.fit.effects.explanation import Explanation, Observations
-from bayesid.fit.effects.extension import Extension
-from bayesid.fit.effects.held_back import HeldBackErrors, blocks_of
-from bayesid.fit.effects.hypotheses import Hypothesis
-from bayesid.fit.effects.kinematics import KinematicTolerance, kinematic_columns
-from bayesid.fit.effects.thresholds import Thresholds
-from bayesid.fit.evidence import Evidence
-from bayesid.fit.knowledge import Information, Knowledge
-from bayesid.fit.least_squares import fit_signed
-from bayesid.fit.noise import Noise
+from bayesid.effects.coefficients import BaseCoefficients
+from bayesid.effects.effect import Scene
+from bayesid.effects.model import Model
 from bayesid.log.log import Log
 from bayesid.log.segments import find_segments
 from bayesid.log.signals import prepare
-from bayesid.model.coefficients import BaseCoefficients
-from bayesid.model.effects import Scene
-from bayesid.model.model import Model
+from bayesid.regression.evidence import Evidence
+from bayesid.regression.knowledge import Information, Knowledge
+from bayesid.regression.least_squares import fit_signed
+from bayesid.regression.noise import Noise
+from bayesid.regression.selection.columns import Columns, Whitening
+from bayesid.regression.selection.explanation import Explanation, Observations
+from bayesid.regression.selection.extension import Extension
+from bayesid.regression.selection.held_back import HeldBackErrors, blocks_of
+from bayesid.regression.selection.hypotheses import Hypothesis
+from bayesid.regression.selection.kinematics import KinematicTolerance, kinematic_columns
+from bayesid.regression.selection.thresholds import Thresholds
 from bayesid.signs.averaging import with_standard_terms
 from bayesid.signs.search.protocol import Search
 from bayesid.signs.settling import Settled, restored, settle_signs

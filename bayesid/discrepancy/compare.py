@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayesid.arrays import Array, Mask
-from bayesid.fit.effects.thresholds import Thresholds
-from bayesid.fit.noise import Noise, residual_noise
+from bayesid.effects.model import Model
 from bayesid.log.segments import find_segments
 from bayesid.log.signals import Signals
-from bayesid.model.model import Model
 from bayesid.motion import Motion
+from bayesid.regression.noise import Noise, residual_noise
+from bayesid.regression.selection.thresholds import Thresholds
 from bayesid.signs.smoothing import sign_probabilities
 
 ENCODER_RANGE = 1e-3

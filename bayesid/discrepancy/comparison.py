@@ -21,8 +21,12 @@ from bayesid.arrays import Array
 from bayesid.discrepancy.all_along import ABSENT, OPEN, SHOWN, Standing, key_of, shown_by, standing
 from bayesid.discrepancy.timeline import Timeline, make_timeline
 from bayesid.discrepancy.workflow import Discrepancy, find_discrepancy
+from bayesid.effects import STANDARD, Distortion, Term
+from bayesid.effects.catalogue import of_shape
+from bayesid.effects.coulomb_friction import DryTerm
+from bayesid.effects.effect import Effect
+from bayesid.effects.model import Model
 from bayesid.errors import InputError
-from bayesid.fit.effects.added_effect import AddedEffect
 from bayesid.identification.identification import Identification
 from bayesid.identification.options import Preparation
 from bayesid.identification.pipeline import identify, identify_alone
@@ -30,16 +34,11 @@ from bayesid.identification.provenance import hashes
 from bayesid.identification.validation import check_joints
 from bayesid.log.dates import Dates, dates_of
 from bayesid.log.log import Log, LogSource, as_log, check_exact_gains
-from bayesid.model.catalogue import of_shape
-from bayesid.model.distortions import Distortion
-from bayesid.model.effects import Effect
-from bayesid.model.model import Model
-from bayesid.model.robot import Robot, load_robot
-from bayesid.model.terms import STANDARD, Term
-from bayesid.model.terms.coulomb_friction import DryTerm
+from bayesid.parallel import one_blas_thread
 from bayesid.posterior.sampler import Sampling
-from bayesid.process import one_blas_thread
 from bayesid.progress import SILENT, Progress
+from bayesid.regression.selection.added_effect import AddedEffect
+from bayesid.robot import Robot, load_robot
 from bayesid.signs.search.certified import Certified
 from bayesid.signs.search.protocol import Search
 

@@ -7,12 +7,12 @@ import numpy as np
 from bayesid.arrays import Array
 from bayesid.discrepancy.compare import ENCODER_RANGE, Trial
 from bayesid.errors import InputError
-from bayesid.fit.effects.held_back import SHORTEST_LOG
-from bayesid.fit.effects.thresholds import Thresholds
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.validation import check_joints
 from bayesid.log.log import Log
-from bayesid.model.robot import Robot
+from bayesid.regression.selection.held_back import SHORTEST_LOG
+from bayesid.regression.selection.thresholds import Thresholds
+from bayesid.robot import Robot
 
 _PLACES = 20
 """Rows at most at which a part of a log is looked for: the row of fastest motion hardly ever stands twice."""

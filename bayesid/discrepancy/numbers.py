@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from bayesid.arrays import Array
-from bayesid.fit.effects.added_effect import Quantity
-from bayesid.fit.effects.hypotheses import Hypothesis
+from bayesid.effects.formula import Description
+from bayesid.effects.model import Model
 from bayesid.identification.identification import Identification
-from bayesid.model.formula import Description
-from bayesid.model.model import Model
+from bayesid.regression.selection.added_effect import Quantity
+from bayesid.regression.selection.hypotheses import Hypothesis
 
 CHANGE_OF = "change of "
 """How names of numbers begin that are changes of what the model had."""

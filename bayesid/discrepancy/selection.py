@@ -18,23 +18,23 @@ from bayesid.discrepancy.compare import NoiseFloor, Trial
 from bayesid.discrepancy.sets import EQUIVALENT_ODDS, EffectSet, EffectSets, Forms, WeighedSet, weighed
 from bayesid.discrepancy.unnamed import learn_effects
 from bayesid.discrepancy.worth import costs
-from bayesid.fit.effects.added_effect import AddedEffect, weigh
-from bayesid.fit.effects.error_model import ErrorModel
-from bayesid.fit.effects.explanation import LN10, Explanation, Observations
-from bayesid.fit.effects.extension import Extension, extend
-from bayesid.fit.effects.forward import Candidate, Products, Rules, select_forward
-from bayesid.fit.effects.held_back import HeldBackErrors, bears_out, log_density, surely_better
-from bayesid.fit.effects.hypotheses import EffectKey, Hypothesis, Library, hypotheses
-from bayesid.fit.effects.joint_sets import joint_sets
-from bayesid.fit.effects.refinement import refined
-from bayesid.fit.effects.relinearisation import sharpened
-from bayesid.fit.effects.scores import Score, assess, at_blunt_floor, best_forms, explain_with
-from bayesid.fit.effects.screening import Screening
-from bayesid.fit.effects.table_errors import all_along, was_there
-from bayesid.fit.effects.thresholds import Thresholds
-from bayesid.fit.effects.worth import Cost
-from bayesid.process import in_parallel
+from bayesid.parallel import in_parallel
 from bayesid.progress import SILENT, Progress
+from bayesid.regression.selection.added_effect import AddedEffect, weigh
+from bayesid.regression.selection.error_model import ErrorModel
+from bayesid.regression.selection.explanation import LN10, Explanation, Observations
+from bayesid.regression.selection.extension import Extension, extend
+from bayesid.regression.selection.forward import Candidate, Products, Rules, select_forward
+from bayesid.regression.selection.held_back import HeldBackErrors, bears_out, log_density, surely_better
+from bayesid.regression.selection.hypotheses import EffectKey, Hypothesis, Library, hypotheses
+from bayesid.regression.selection.joint_sets import joint_sets
+from bayesid.regression.selection.refinement import refined
+from bayesid.regression.selection.relinearisation import sharpened
+from bayesid.regression.selection.scores import Score, assess, at_blunt_floor, best_forms, explain_with
+from bayesid.regression.selection.screening import Screening
+from bayesid.regression.selection.table_errors import all_along, was_there
+from bayesid.regression.selection.thresholds import Thresholds
+from bayesid.regression.selection.worth import Cost
 
 MOST_SETS = 48
 """Sets of effects that are looked at closely in the search; most logs need fewer. A round number: bounds the time."""

@@ -12,16 +12,16 @@ from scipy.special import logsumexp
 
 from bayesid.arrays import Array
 from bayesid.discrepancy.case import Case
-from bayesid.fit.effects.explanation import Explanation, Observations
-from bayesid.fit.effects.extension import Extension, extend
-from bayesid.fit.effects.hypotheses import EffectKey, Hypothesis, Library, forms_of, maker
-from bayesid.fit.effects.refinement import refined
-from bayesid.fit.effects.relinearisation import effort_of_terms, sharpened
-from bayesid.fit.effects.scores import best_forms, explain_with, plain_errors
-from bayesid.fit.effects.screening import Screening
-from bayesid.model.catalogue import main_forms
-from bayesid.model.effects import Effect
-from bayesid.model.terms.learned_effect import LearnedEffect
+from bayesid.effects.catalogue import main_forms
+from bayesid.effects.effect import Effect
+from bayesid.effects.learned_effect import LearnedEffect
+from bayesid.regression.selection.explanation import Explanation, Observations
+from bayesid.regression.selection.extension import Extension, extend
+from bayesid.regression.selection.hypotheses import EffectKey, Hypothesis, Library, forms_of, maker
+from bayesid.regression.selection.refinement import refined
+from bayesid.regression.selection.relinearisation import effort_of_terms, sharpened
+from bayesid.regression.selection.scores import best_forms, explain_with, plain_errors
+from bayesid.regression.selection.screening import Screening
 
 EQUIVALENT_ODDS = 10.0
 """Odds up to which one set is about as likely as another: "strong" begins there (Jeffreys 1961, appendix B)."""

@@ -18,8 +18,8 @@ import numpy as np
 from scipy.special import ndtr
 
 from bayesid.arrays import Array, Mask
+from bayesid.effects import RigidBody
 from bayesid.identification.identification import Identification
-from bayesid.model.terms import RigidBody
 
 LEVEL = 0.05
 """Probability that any parameter at all is said to have moved where none has: a usual level."""

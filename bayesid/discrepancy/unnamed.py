@@ -11,14 +11,14 @@ import numpy as np
 from bayesid.arrays import Array
 from bayesid.discrepancy.case import Case
 from bayesid.discrepancy.sets import EffectSet
-from bayesid.fit.effects.added_effect import AddedEffect
-from bayesid.fit.effects.explanation import LN10, Explanation
-from bayesid.fit.effects.held_back import HeldBackErrors, bears_out
-from bayesid.fit.effects.hypotheses import Hypothesis, maker
-from bayesid.fit.effects.learned import Finder, Learned
-from bayesid.fit.effects.scores import explain_with
-from bayesid.model.robot import Robot
-from bayesid.model.terms.learned_effect import LearnedEffect
+from bayesid.effects.learned_effect import LearnedEffect
+from bayesid.regression.selection.added_effect import AddedEffect
+from bayesid.regression.selection.explanation import LN10, Explanation
+from bayesid.regression.selection.held_back import HeldBackErrors, bears_out
+from bayesid.regression.selection.hypotheses import Hypothesis, maker
+from bayesid.regression.selection.learned import Finder, Learned
+from bayesid.regression.selection.scores import explain_with
+from bayesid.robot import Robot
 
 MOST = 3
 """Functions that are added in one joint; a round number."""

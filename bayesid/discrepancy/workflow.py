@@ -20,22 +20,22 @@ from bayesid.discrepancy.selection import MOST_SETS, Selection, select_effects, 
 from bayesid.discrepancy.sets import WeighedSet
 from bayesid.discrepancy.unnamed import in_words
 from bayesid.discrepancy.worth import effort_size
-from bayesid.fit.effects.added_effect import AddedEffect, Quantity, not_testable
-from bayesid.fit.effects.explanation import Explanation
-from bayesid.fit.effects.held_back import HeldBackErrors
-from bayesid.fit.effects.hypotheses import EffectKey, Hypothesis
-from bayesid.fit.effects.scores import Score
-from bayesid.fit.effects.thresholds import Thresholds
+from bayesid.effects.coefficients import base_coefficients
 from bayesid.identification.identification import Identification
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.options import Preparation, call_of, call_of_log
 from bayesid.identification.pipeline import QUICK, identify_again
 from bayesid.log.log import Log, LogSource, as_log
 from bayesid.log.signals import prepare
-from bayesid.model.coefficients import base_coefficients
+from bayesid.parallel import one_blas_thread
 from bayesid.posterior.sampler import Sampling
-from bayesid.process import one_blas_thread
 from bayesid.progress import SILENT, Progress
+from bayesid.regression.selection.added_effect import AddedEffect, Quantity, not_testable
+from bayesid.regression.selection.explanation import Explanation
+from bayesid.regression.selection.held_back import HeldBackErrors
+from bayesid.regression.selection.hypotheses import EffectKey, Hypothesis
+from bayesid.regression.selection.scores import Score
+from bayesid.regression.selection.thresholds import Thresholds
 from bayesid.signs.search.protocol import Search
 
 

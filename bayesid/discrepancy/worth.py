@@ -9,11 +9,11 @@ import numpy as np
 from bayesid.arrays import Array
 from bayesid.discrepancy.case import Case
 from bayesid.discrepancy.sets import EffectSet, EffectSets
-from bayesid.fit.effects.hypotheses import Hypothesis
-from bayesid.fit.effects.worth import LARGEST_READING, RATED, Cost, EffortSize
-from bayesid.model.distortions.base import Distortion
-from bayesid.model.model import Model
+from bayesid.effects.distortion import Distortion
+from bayesid.effects.model import Model
 from bayesid.motion import Motion
+from bayesid.regression.selection.hypotheses import Hypothesis
+from bayesid.regression.selection.worth import LARGEST_READING, RATED, Cost, EffortSize
 
 _TINY = 1e-300
 """Guard of a division."""

@@ -20,6 +20,9 @@ import numpy as np
 import scipy
 
 from bayesid.arrays import Array, Mask
+from bayesid.effects import STANDARD, Term, catalogue
+from bayesid.effects.coefficients import BaseCoefficients
+from bayesid.effects.model import Model
 from bayesid.errors import InputError
 from bayesid.excitation.expectation import Expectation, check_noise, expect, undecided
 from bayesid.excitation.limits import check_limits
@@ -35,15 +38,11 @@ from bayesid.excitation.resolvability import (
     noise_tolerance,
     turn_segments,
 )
-from bayesid.fit.knowledge import Beliefs
-from bayesid.model import catalogue
-from bayesid.model.coefficients import BaseCoefficients
-from bayesid.model.model import Model
-from bayesid.model.robot import Robot, load_robot
-from bayesid.model.terms import STANDARD, Term
 from bayesid.motion import Motion
-from bayesid.process import one_blas_thread
+from bayesid.parallel import one_blas_thread
 from bayesid.progress import SILENT, Progress
+from bayesid.regression.knowledge import Beliefs
+from bayesid.robot import Robot, load_robot
 from bayesid.simulation.exciting import condition_number, log_condition_of
 from bayesid.simulation.trajectories import (
     HARMONICS,

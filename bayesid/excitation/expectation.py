@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayesid.arrays import Array, Integers
+from bayesid.effects.coefficients import BaseCoefficients, base_coefficients
+from bayesid.effects.model import Model
 from bayesid.errors import InputError
 from bayesid.excitation.resolvability import JointFlips, expected_noise, turn_joints
-from bayesid.fit.knowledge import Beliefs
-from bayesid.model.coefficients import BaseCoefficients, base_coefficients
-from bayesid.model.model import Model
 from bayesid.motion import Motion
+from bayesid.regression.knowledge import Beliefs
 from bayesid.simulation.parameters import random_parameters
 
 _ROBOTS = 3

@@ -45,7 +45,7 @@ _BESIDE = 3
 
 
 class Clearance(Protocol):
-    """What tells whether a robot touches itself or its surroundings (`bayesid.model.collision.CollisionModel`)."""
+    """What tells whether a robot touches itself or its surroundings (`bayesid.robot.collision.CollisionModel`)."""
 
     @property
     def margin(self) -> float:

@@ -9,10 +9,10 @@ from functools import partial
 import numpy as np
 
 from bayesid.arrays import Array
+from bayesid.effects.parameters import Parameter
 from bayesid.errors import InputError, near_names
 from bayesid.excitation.known import Known
 from bayesid.identification.identification import KNOWN
-from bayesid.model.parameters import Parameter
 
 GAINS, PAYLOAD, SIGNS = "gains", "payload", "signs"
 """Names of the goals that are no coefficients."""

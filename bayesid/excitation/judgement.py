@@ -15,19 +15,18 @@ from typing import Literal
 import numpy as np
 
 from bayesid.arrays import Array
+from bayesid.effects import STANDARD, Term, catalogue
+from bayesid.effects.coefficients import BaseCoefficients
+from bayesid.effects.model import Model
 from bayesid.errors import InputError
 from bayesid.excitation.expectation import Expectation, check_noise, expect, undecided
 from bayesid.excitation.resolvability import INDEPENDENT, JointFlips, SegmentFlips, groups_of, mistaken, turn_measured
-from bayesid.fit.moments import moments
 from bayesid.log.log import LogSource, as_log
 from bayesid.log.segments import Segments, find_segments
 from bayesid.log.signals import Signals, prepare
-from bayesid.model import catalogue
-from bayesid.model.coefficients import BaseCoefficients
-from bayesid.model.model import Model
-from bayesid.model.robot import Robot, check_joints, load_robot
-from bayesid.model.terms import STANDARD, Term
-from bayesid.process import one_blas_thread
+from bayesid.parallel import one_blas_thread
+from bayesid.regression.moments import moments
+from bayesid.robot import Robot, check_joints, load_robot
 from bayesid.simulation.exciting import UNEXCITED, log_condition_of
 
 _LITTLE = 0.2

@@ -19,10 +19,10 @@ from functools import cached_property
 import numpy as np
 
 from bayesid.arrays import Array, Integers, Mask
+from bayesid.effects.coefficients import BaseCoefficients, base_coefficients
+from bayesid.effects.model import Model
 from bayesid.excitation.expectation import expect
 from bayesid.identification.identified_model import IdentifiedModel
-from bayesid.model.coefficients import BaseCoefficients, base_coefficients
-from bayesid.model.model import Model
 from bayesid.motion import Motion
 
 _ROUNDING = 1e-12

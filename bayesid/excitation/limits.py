@@ -23,8 +23,8 @@ import numpy as np
 
 from bayesid.errors import InputError
 from bayesid.files.bounded import LARGEST, read_source, toml_of, xml_of
-from bayesid.model.robot import Robot
-from bayesid.model.robot.urdf_tree import check_links
+from bayesid.robot import Robot
+from bayesid.robot.urdf_tree import check_links
 from bayesid.simulation.trajectories import INDUSTRIAL_ARM, MotionLimits
 
 _KEYS = tuple(field.name for field in fields(MotionLimits))

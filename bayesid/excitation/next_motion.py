@@ -18,6 +18,8 @@ import numpy as np
 from bayesid.arrays import Array
 from bayesid.discrepancy.numbers import CHANGE_OF
 from bayesid.discrepancy.workflow import Discrepancy
+from bayesid.effects.catalogue import main_forms
+from bayesid.effects.coefficients import base_coefficients
 from bayesid.errors import InputError
 from bayesid.excitation.feasible import BAND, Clearance, Feasibility, fine_steps, largest_efforts
 from bayesid.excitation.goals import CRITERIA, Goal, goal_of, information_gain
@@ -28,15 +30,13 @@ from bayesid.excitation.reference import usual_motion
 from bayesid.excitation.rivals import Changes, RivalEffects, inseparable, log10, make_rivals, parse_key
 from bayesid.excitation.search import Design, MotionSearch
 from bayesid.excitation.splines import SplineBasis, SplineTrajectory, at_rest
-from bayesid.fit.effects.added_effect import AddedEffect
-from bayesid.fit.effects.hypotheses import EffectKey
 from bayesid.identification.identification import KNOWN, Identification, identified_of
 from bayesid.identification.identified_model import IdentifiedModel
-from bayesid.model.catalogue import main_forms
-from bayesid.model.coefficients import base_coefficients
 from bayesid.motion import Motion
-from bayesid.process import in_parallel, one_blas_thread
+from bayesid.parallel import in_parallel, one_blas_thread
 from bayesid.progress import SILENT, Progress
+from bayesid.regression.selection.added_effect import AddedEffect
+from bayesid.regression.selection.hypotheses import EffectKey
 from bayesid.simulation.trajectories import MotionLimits
 
 CHANGES, TELLING_CHANGES = 2500, 1000

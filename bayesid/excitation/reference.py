@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from bayesid.model.robot import Robot
 from bayesid.motion import Motion
+from bayesid.robot import Robot
 from bayesid.simulation.trajectories import INDUSTRIAL_ARM, MotionLimits, random_trajectory
 
 _DURATION, _RATE = 20.0, 20.0

@@ -44,7 +44,7 @@ import scipy
 from scipy.special import ndtr
 
 from bayesid.arrays import Array, Integers
-from bayesid.fit.moments import Moments
+from bayesid.regression.moments import Moments
 
 INDEPENDENT = 20.0
 """1/s; assumed, as what a model leaves of real efforts lasts some hundredths of a second; not studied."""

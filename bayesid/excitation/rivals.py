@@ -14,18 +14,16 @@ from functools import cached_property
 import numpy as np
 
 from bayesid.arrays import Array, Integers
+from bayesid.effects import Distortion, Term, catalogue
+from bayesid.effects.coefficients import base_coefficients
+from bayesid.effects.effect import Effect
+from bayesid.effects.model import Model
 from bayesid.errors import InputError
 from bayesid.excitation.bayes_factors import BayesFactors, FormKnowledge
 from bayesid.excitation.known import Known, information_of, inverse
-from bayesid.fit.effects.explanation import LN10
-from bayesid.fit.effects.hypotheses import EffectKey, forms_of, maker
-from bayesid.model import catalogue
-from bayesid.model.coefficients import base_coefficients
-from bayesid.model.distortions import Distortion
-from bayesid.model.effects import Effect
-from bayesid.model.model import Model
-from bayesid.model.terms import Term
 from bayesid.motion import Motion
+from bayesid.regression.selection.explanation import LN10
+from bayesid.regression.selection.hypotheses import EffectKey, forms_of, maker
 
 TELLING = 2.0
 """Log10 Bayes factor from which on effects count as told apart: decisive (Jeffreys 1961, appendix B)."""

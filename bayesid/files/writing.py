@@ -33,7 +33,7 @@ except ImportError:  # Windows
 from bayesid.arrays import Array
 from bayesid.errors import InputError
 from bayesid.files.bounded import check_name
-from bayesid.process import in_parallel
+from bayesid.parallel import in_parallel
 
 _AT_PATH, _EXCHANGE = -100, 2
 """AT_FDCWD and RENAME_EXCHANGE of Linux (linux/fcntl.h, linux/fs.h); RENAME_SWAP of macOS is 2 too (sys/stdio.h)."""

@@ -9,16 +9,16 @@ import numpy as np
 from scipy.special import ndtri
 
 from bayesid.arrays import Array, Mask
-from bayesid.fit.effects.relevance import inverse_of
-from bayesid.fit.evidence import Evidence
-from bayesid.fit.gains import DECIDED, GainFit, GainPrior, fit_gains, likely_gains, prior_of, signed_moments
-from bayesid.fit.knowledge import Beliefs
-from bayesid.fit.least_squares import Fit
-from bayesid.fit.noise import Noise
+from bayesid.effects.load_dependent_friction import LoadDependentFriction
 from bayesid.log.gains import Gains
 from bayesid.log.log import Log
-from bayesid.model.terms.load_dependent_friction import LoadDependentFriction
 from bayesid.posterior.links import usual_links
+from bayesid.regression.evidence import Evidence
+from bayesid.regression.gains import DECIDED, GainFit, GainPrior, fit_gains, likely_gains, prior_of, signed_moments
+from bayesid.regression.knowledge import Beliefs
+from bayesid.regression.least_squares import Fit
+from bayesid.regression.noise import Noise
+from bayesid.regression.selection.relevance import inverse_of
 
 _STILL = 0.3
 """Posterior standard deviations by which gains may still want to move when they are left where they are."""

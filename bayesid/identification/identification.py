@@ -10,10 +10,9 @@ from typing import ClassVar
 import numpy as np
 
 from bayesid.arrays import TINY, Array, Integers, Mask
+from bayesid.effects.coefficients import BaseCoefficients
+from bayesid.effects.model import Model
 from bayesid.errors import InputError, in_python
-from bayesid.fit.knowledge import Beliefs, Knowledge
-from bayesid.fit.least_squares import Fit
-from bayesid.fit.noise import Noise
 from bayesid.identification.gains import IdentifiedGains
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.other_readings import BetterReading
@@ -25,9 +24,10 @@ from bayesid.identification.validation import Validation
 from bayesid.log.log import Log, LogSource
 from bayesid.log.segments import Segments
 from bayesid.log.signals import Signals
-from bayesid.model.coefficients import BaseCoefficients
-from bayesid.model.model import Model
 from bayesid.posterior.inference import OF_PRIOR, Posterior
+from bayesid.regression.knowledge import Beliefs, Knowledge
+from bayesid.regression.least_squares import Fit
+from bayesid.regression.noise import Noise
 from bayesid.signs.completion import Completion
 from bayesid.signs.search.result import SearchResult
 

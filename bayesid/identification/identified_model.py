@@ -8,9 +8,8 @@ from functools import cached_property
 import numpy as np
 
 from bayesid.arrays import Array, Integers
+from bayesid.effects.model import Model
 from bayesid.errors import InputError
-from bayesid.fit.knowledge import Knowledge
-from bayesid.fit.noise import Noise
 from bayesid.identification.gains import IdentifiedGains
 from bayesid.identification.prediction import (
     BY_INFORMATION,
@@ -29,8 +28,9 @@ from bayesid.identification.provenance import hashes
 from bayesid.identification.validation import Validation, check_joints, compare
 from bayesid.log.log import Log, LogSource, as_log, check_exact_gains
 from bayesid.log.signals import prepare
-from bayesid.model.model import Model
 from bayesid.motion import Motion
+from bayesid.regression.knowledge import Knowledge
+from bayesid.regression.noise import Noise
 
 _DRAWS = 256
 """Draws, evenly spread, that a band rests on: the Monte Carlo error of its width is 4 %."""

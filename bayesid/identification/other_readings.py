@@ -25,14 +25,15 @@ import numpy as np
 from scipy.linalg.lapack import dpstrf, dtrtri
 
 from bayesid.arrays import Array, Integers, Mask
-from bayesid.fit.evidence import Evidence
-from bayesid.fit.least_squares import Fit
-from bayesid.fit.noise import autocovariance, integrated_time
-from bayesid.model.model import Model
-from bayesid.model.robot import BUILT_IN, Joint, Robot, load_robot
-from bayesid.model.terms import CATALOGUE, STANDARD
-from bayesid.model.terms.payload import carried_payloads
+from bayesid.effects import STANDARD
+from bayesid.effects.catalogue import TERMS
+from bayesid.effects.model import Model
+from bayesid.effects.payload import carried_payloads
 from bayesid.motion import Motion
+from bayesid.regression.evidence import Evidence
+from bayesid.regression.least_squares import Fit
+from bayesid.regression.noise import autocovariance, integrated_time
+from bayesid.robot import BUILT_IN, Joint, Robot, load_robot
 
 SUSPICIOUS = 0.1
 """Share of a joint's effort that a fit leaves from which on other readings are tried, and the report has a look: a
@@ -126,7 +127,7 @@ class _Reading:
         """(N, n, P) of the standard terms, and of what the flange carries."""
         motion = self.motion(recorded)
         actuators = self.robot.actuators(motion)
-        terms = tuple(CATALOGUE[name].for_motion(actuators) for name in STANDARD)
+        terms = tuple(TERMS[name].for_motion(actuators) for name in STANDARD)
         return Model(self.robot, (*terms, *carried_payloads(motion))).columns(motion)
 
     def motion(self, recorded: Motion) -> Motion:

@@ -22,9 +22,9 @@ import numpy as np
 from scipy.special import chdtri, ndtri
 
 from bayesid.arrays import Array
+from bayesid.effects.payload import Payload
 from bayesid.errors import InputError
 from bayesid.files.bounded import LARGEST
-from bayesid.fit.effects.thresholds import Thresholds
 from bayesid.identification.gains import BY_PRIOR, IdentifiedGains
 from bayesid.identification.identification import Identification, identified_of
 from bayesid.identification.identified_model import IdentifiedModel
@@ -36,12 +36,12 @@ from bayesid.identification.warnings import edge_warning
 from bayesid.log.gains import gains_of
 from bayesid.log.log import Log, LogSource, as_log
 from bayesid.log.signals import still_joints
-from bayesid.model.inertia import about_centre_of_mass
-from bayesid.model.terms.payload import Payload
+from bayesid.parallel import one_blas_thread
 from bayesid.posterior.inference import Posterior
 from bayesid.posterior.sampler import Sampling
-from bayesid.process import one_blas_thread
 from bayesid.progress import SILENT, Progress
+from bayesid.regression.selection.thresholds import Thresholds
+from bayesid.robot.inertia import about_centre_of_mass
 from bayesid.signs.search.protocol import Search
 
 AXES = ("xx", "yy", "zz", "xy", "xz", "yz")
@@ -118,7 +118,7 @@ class PayloadBody:
         """From draws of its ten parameters.
 
         Args:
-            draws: (K, 10) as in `bayesid.model.inertia`, with masses > 0.
+            draws: (K, 10) as in `bayesid.robot.inertia`, with masses > 0.
             shown: whether the body can be told from none. Draws cannot say so: no mass is ever below zero.
             common_sd: relative sd of the factor that all efforts have in common (see `with_common_factor`).
 

@@ -15,12 +15,11 @@ from pathlib import Path
 import numpy as np
 
 from bayesid.arrays import Array
+from bayesid.effects import STANDARD, Term, catalogue
+from bayesid.effects.coefficients import BaseCoefficients, base_coefficients
+from bayesid.effects.model import Model
+from bayesid.effects.payload import carried_payloads
 from bayesid.errors import InputError
-from bayesid.fit.evidence import Evidence
-from bayesid.fit.gains import GainFit
-from bayesid.fit.knowledge import Beliefs, Knowledge, Links, of_base
-from bayesid.fit.least_squares import Fit, fit_signed
-from bayesid.fit.moments import Moments
 from bayesid.identification.gains import UnknownGains, spread_by_gains, widened_by_gains
 from bayesid.identification.identification import Identification
 from bayesid.identification.identified_model import IdentifiedModel, ParameterDraws
@@ -40,19 +39,19 @@ from bayesid.identification.warnings import warnings_of
 from bayesid.log.log import Log, LogSource, as_log, check_exact_gains
 from bayesid.log.segments import Segments, find_segments
 from bayesid.log.signals import Signals, prepare, still_joints
-from bayesid.model import catalogue
-from bayesid.model.coefficients import BaseCoefficients, base_coefficients
-from bayesid.model.model import Model
-from bayesid.model.robot import Robot, check_joints, load_robot
-from bayesid.model.terms import STANDARD, Term
-from bayesid.model.terms.payload import carried_payloads
+from bayesid.parallel import one_blas_thread
 from bayesid.posterior.blocks import SegmentBlocks, divide
 from bayesid.posterior.inference import DRAWS, Posterior, infer, widened, with_gains
 from bayesid.posterior.links import usual_links
 from bayesid.posterior.problem import PosteriorProblem
 from bayesid.posterior.sampler import Sampling
-from bayesid.process import one_blas_thread
 from bayesid.progress import SILENT, Progress
+from bayesid.regression.evidence import Evidence
+from bayesid.regression.gains import GainFit
+from bayesid.regression.knowledge import Beliefs, Knowledge, Links, of_base
+from bayesid.regression.least_squares import Fit, fit_signed
+from bayesid.regression.moments import Moments
+from bayesid.robot import Robot, check_joints, load_robot
 from bayesid.signs.after_rectifier import settle_unfiltered
 from bayesid.signs.averaging import AveragedSigns, average_over_models
 from bayesid.signs.completion import CompletedSigns, Completing

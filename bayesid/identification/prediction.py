@@ -10,18 +10,18 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from bayesid.arrays import Array, Integers
+from bayesid.effects.coefficients import base_coefficients
+from bayesid.effects.model import Model
 from bayesid.errors import InputError
 from bayesid.files.writing import numbered, replace_file, write_columns
-from bayesid.fit.knowledge import scale_of
-from bayesid.fit.noise import Noise
 from bayesid.log.formats.memory import Frame, Variables
 from bayesid.log.log import Log
 from bayesid.log.motions import GIVEN, RecordedMotion, motion_of_arrays, motion_of_log, motion_of_variables, read_motion
 from bayesid.log.signals import filtered_motion
-from bayesid.model.coefficients import base_coefficients
-from bayesid.model.model import Model
-from bayesid.model.robot import Robot
 from bayesid.motion import Motion
+from bayesid.regression.knowledge import scale_of
+from bayesid.regression.noise import Noise
+from bayesid.robot import Robot
 
 if TYPE_CHECKING:
     from bayesid.posterior.labelled import DataFrame, Dataset  # pandas takes half a second to import
@@ -35,7 +35,7 @@ BY_POSTERIOR, BY_INFORMATION, NOISE_ALONE = "by the posterior", "by the informat
 """Where the uncertainty of a prediction comes from: draws; least squares; or nothing is known of the parameters'."""
 _UNKNOWN = 1e-12
 """Information about a combination of coefficients, relative to the best known one, below which it is rounding; as where
-`bayesid.fit.least_squares` says that a coefficient is not excited."""
+`bayesid.regression.least_squares` says that a coefficient is not excited."""
 _INVOLVED = 1e-3
 """Share of an instant's columns in combinations of which nothing is known, from which on its effort is unknown; as
 there."""

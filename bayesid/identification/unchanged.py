@@ -9,12 +9,12 @@ import numpy as np
 from scipy.special import chdtri
 
 from bayesid.arrays import Array, Integers, Mask
-from bayesid.fit.effects.thresholds import Thresholds
-from bayesid.fit.knowledge import Knowledge, scale_of
-from bayesid.fit.noise import Noise
+from bayesid.effects.coefficients import base_coefficients, embedding
+from bayesid.effects.model import Model
 from bayesid.identification.identification import Identification
-from bayesid.model.coefficients import base_coefficients, embedding
-from bayesid.model.model import Model
+from bayesid.regression.knowledge import Knowledge, scale_of
+from bayesid.regression.noise import Noise
+from bayesid.regression.selection.thresholds import Thresholds
 
 _UNKNOWN = 1e-9
 """Eigenvalue of a precision with a diagonal of 1 below which a direction is one that no log has shown."""

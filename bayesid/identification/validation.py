@@ -8,12 +8,12 @@ import numpy as np
 
 from bayesid.arrays import Array
 from bayesid.errors import InputError
-from bayesid.fit.noise import Noise, relative_rms
 from bayesid.identification.prediction import PredictedEfforts
 from bayesid.log.log import Log
 from bayesid.log.segments import Segments, find_segments
 from bayesid.log.signals import Signals, signed_effort
-from bayesid.model.robot import Robot
+from bayesid.regression.noise import Noise, relative_rms
+from bayesid.robot import Robot
 from bayesid.signs.smoothing import sign_probabilities
 
 

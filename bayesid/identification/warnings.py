@@ -8,9 +8,6 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from bayesid.arrays import Array
-from bayesid.fit.evidence import Evidence
-from bayesid.fit.knowledge import Nominal
-from bayesid.fit.least_squares import POOR_FIT, Fit
 from bayesid.identification.gains import BY_PRIOR, IdentifiedGains
 from bayesid.identification.other_readings import BetterReading
 from bayesid.log.log import Log
@@ -18,6 +15,9 @@ from bayesid.log.low_pass import AfterRectifier
 from bayesid.log.signals import still_joints
 from bayesid.motion import Motion
 from bayesid.posterior.inference import Posterior
+from bayesid.regression.evidence import Evidence
+from bayesid.regression.knowledge import Nominal
+from bayesid.regression.least_squares import POOR_FIT, Fit
 from bayesid.signs.averaging import AveragedSigns
 from bayesid.signs.rounds import SegmentSigns
 

@@ -2,7 +2,7 @@
 
 A gain is believed to be log-normal about its value: 12~20% is 12 N m/A with a standard deviation of 0.2 of its
 logarithm. Gains that nobody knows are infinitely uncertain here; what a robot's masses say of them is found where the
-robot is known (`bayesid.fit.gains`).
+robot is known (`bayesid.regression.gains`).
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 A CSV holds the header `t,q1..qn[,dq1..dqn],tau1..taun` (s, rad, rad/s, N m), or currents `i1..in` (A) with gains
 (N m/A at the link side). Other columns are ignored, whatever they hold. Efforts are those of the actuators
-(see `bayesid.model.robot`). Files of other formats hold the same in other words (see `bayesid.log.formats`).
+(see `bayesid.robot`). Files of other formats hold the same in other words (see `bayesid.log.formats`).
 """
 
 from __future__ import annotations

@@ -7,15 +7,12 @@ from collections.abc import Iterable
 import numpy as np
 
 from bayesid.arrays import Array, Integers, Mask
+from bayesid.effects.coefficients import base_coefficients
 from bayesid.errors import InputError
-from bayesid.fit.least_squares import covariance_of
-from bayesid.fit.noise import Noise
-from bayesid.fit.solver import solve_precisely
 from bayesid.identification.identification import Identification, identified_of
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.prediction import NORMAL_95, check_payloads
 from bayesid.identification.records import Coefficient, Records, named
-from bayesid.model.coefficients import base_coefficients
 from bayesid.monitor.estimates import Normal, least_squares
 from bayesid.monitor.figures import looked_at
 from bayesid.monitor.sign_check import SignCheck, check_signs
@@ -24,6 +21,9 @@ from bayesid.monitor.stretches import StreamSamples
 from bayesid.monitor.tracked import MOVING, Tracked
 from bayesid.motion import SLOWEST, STANDSTILL, Motion
 from bayesid.posterior.inference import OF_PRIOR
+from bayesid.regression.least_squares import covariance_of
+from bayesid.regression.noise import Noise
+from bayesid.regression.solver import solve_precisely
 from bayesid.signs.search.certified import Certified
 from bayesid.signs.search.protocol import Search, SignProblem
 

@@ -20,8 +20,8 @@ import numpy as np
 from scipy.special import ndtri
 
 from bayesid.arrays import Array, Mask
-from bayesid.fit.noise import Noise
 from bayesid.monitor.observer import GAIN
+from bayesid.regression.noise import Noise
 
 _WIDER = 2.0
 """How many times as wide a residual is that is tested for: one that nobody would overlook. A round number; not

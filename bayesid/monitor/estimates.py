@@ -11,7 +11,7 @@ from bayesid.monitor.stream_moments import Totals
 
 _BLIND = 1e-12
 """Curvature of columns of unit length, relative to the largest one, that is rounding, as in
-`bayesid.fit.least_squares`."""
+`bayesid.regression.least_squares`."""
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from bayesid.monitor.alarms import Alarm
 from bayesid.monitor.figures import StreamFigures, looked_at
 from bayesid.monitor.tracked import Counts, Tracked
 from bayesid.monitor.tracker import SignTracker
-from bayesid.process import one_blas_thread
+from bayesid.parallel import one_blas_thread
 from bayesid.progress import SILENT, Progress
 
 FARTHEST = 3.0

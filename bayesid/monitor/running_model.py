@@ -8,8 +8,8 @@ from functools import cached_property
 import numpy as np
 
 from bayesid.arrays import Array, Labels, Mask, every
+from bayesid.effects.model import Model
 from bayesid.identification.identified_model import IdentifiedModel
-from bayesid.model.model import Model
 from bayesid.motion import STANDSTILL, Instant, labels
 
 _SLOW = 5.0

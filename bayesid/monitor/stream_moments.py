@@ -16,13 +16,13 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from bayesid.arrays import Array, Integers, Mask
-from bayesid.fit.hessians import HessianSums
-from bayesid.fit.moments import Moments
-from bayesid.model.coefficients import BaseCoefficients
-from bayesid.model.felt import FeltColumns
-from bayesid.model.model import CHUNK, LOOK_AHEAD, LOOK_BACK, Model
+from bayesid.effects.coefficients import BaseCoefficients
+from bayesid.effects.felt import FeltColumns
+from bayesid.effects.model import CHUNK, LOOK_AHEAD, LOOK_BACK, Model
 from bayesid.monitor.stretches import MERGED, PAUSE, Edge, StreamSamples, joined, numbered, runs
 from bayesid.motion import Motion
+from bayesid.regression.hessians import HessianSums
+from bayesid.regression.moments import Moments
 
 _LEAST_DOUBT = 1e-3
 """No sign that a tracker takes is surer than this. By expected energy of wrong sign the strong stretches then come

@@ -16,7 +16,7 @@ from bayesid.motion import Motion
 
 PAUSE = 0.5
 """s; after a longer pause of the stream every stretch is a new one: a residual's correlation is not followed beyond
-(`bayesid.fit.noise`)."""
+(`bayesid.regression.noise`)."""
 _CLEARLY = 2.0
 """Standard deviations of the noise within which |effort| may be zero, as in `bayesid.signs.rounds`."""
 UNUSED = -1

@@ -12,7 +12,7 @@ from typing import Any, Protocol
 
 import xarray
 
-from bayesid.process import quiet
+from bayesid.parallel import quiet
 
 with quiet(FutureWarning):  # ArviZ 0.x announces its next version on import
     import arviz

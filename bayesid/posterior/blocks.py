@@ -14,9 +14,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayesid.arrays import Array, Integers, Mask
-from bayesid.fit.moments import Moments
 from bayesid.log.segments import Segments
 from bayesid.posterior.likelihood import Likelihood
+from bayesid.regression.moments import Moments
 
 _SHORTEST = 8.0
 """Autocorrelation times that a block lasts at least, so that neighbours say little of each other. On six real logs 1 to

@@ -22,9 +22,6 @@ import numpy as np
 from scipy.special import log_expit, logsumexp
 
 from bayesid.arrays import Array, Integers, Mask
-from bayesid.fit.gains import GainFit
-from bayesid.fit.moments import Moments
-from bayesid.fit.noise import Noise
 from bayesid.posterior.blocks import SegmentBlocks
 from bayesid.posterior.modes import find_modes
 from bayesid.posterior.problem import PosteriorProblem
@@ -32,6 +29,9 @@ from bayesid.posterior.sampled_modes import SampledMode, mode_of_draws, pool, sa
 from bayesid.posterior.sampler import Draws, Sampling
 from bayesid.posterior.target import Target
 from bayesid.progress import SILENT, Progress
+from bayesid.regression.gains import GainFit
+from bayesid.regression.moments import Moments
+from bayesid.regression.noise import Noise
 from bayesid.signs.search.result import SearchResult
 
 DRAWS = 256

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import xarray
 
+from bayesid.parallel import one_at_a_time
 from bayesid.posterior.arviz_versions import InferenceData, joined
 from bayesid.posterior.kept import Kept
-from bayesid.process import one_at_a_time
 
 __all__ = ["InferenceData", "as_inference_data"]
 

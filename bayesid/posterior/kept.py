@@ -44,15 +44,15 @@ import scipy
 from numpy.typing import NDArray
 
 from bayesid.arrays import Array, Integers
-from bayesid.fit.knowledge import Information
-from bayesid.fit.moments import Moments
-from bayesid.model.coefficients import BaseCoefficients
-from bayesid.model.parameters import Parameter
+from bayesid.effects.coefficients import BaseCoefficients
+from bayesid.effects.parameters import Parameter
 from bayesid.posterior.blocks import SegmentBlocks
 from bayesid.posterior.likelihood import Likelihood
 from bayesid.posterior.sampler import Draws
 from bayesid.posterior.stored import LIBRARY
 from bayesid.posterior.target import Target
+from bayesid.regression.knowledge import Information
+from bayesid.regression.moments import Moments
 
 MOST = 4096
 """Draws that are kept, in all; a round number: quantiles of 2.5 % then rest on a hundred draws, and the pointwise

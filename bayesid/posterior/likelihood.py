@@ -21,11 +21,11 @@ import numpy as np
 from scipy.special import expit
 
 from bayesid.arrays import Array, Integers
-from bayesid.fit.moments import Moments
-from bayesid.model.coefficients import BaseCoefficients
+from bayesid.effects.coefficients import BaseCoefficients
+from bayesid.regression.moments import Moments
 
 _LEAST_RESIDUAL = 1e-12
-"""Share of the efforts' energy below which a sum of squared residuals is rounding (its root: `bayesid.fit.moments`)."""
+"""Share of the efforts' energy below which a sum of squared residuals is rounding (its root: `regression.moments`)."""
 
 
 @dataclass(frozen=True)

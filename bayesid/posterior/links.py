@@ -17,12 +17,12 @@ from __future__ import annotations
 import numpy as np
 
 from bayesid.arrays import TINY
-from bayesid.fit.knowledge import Links
-from bayesid.fit.moments import Moments
-from bayesid.model.coefficients import BaseCoefficients
-from bayesid.model.parameters import Cone
-from bayesid.model.robot import Robot
+from bayesid.effects.coefficients import BaseCoefficients
+from bayesid.effects.parameters import Cone
 from bayesid.motion import Motion
+from bayesid.regression.knowledge import Links
+from bayesid.regression.moments import Moments
+from bayesid.robot import Robot
 
 _OF_SPAN = 0.25
 """Scale of distances over the stretched arm: most of an arm's length is that of two or three links. A round number."""

@@ -14,11 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayesid.arrays import Array, Integers
-from bayesid.fit.knowledge import Information
-from bayesid.fit.moments import Moments
-from bayesid.fit.solver import ConeLeastSquares, PreparedLeastSquares
 from bayesid.posterior.start import find_centre
 from bayesid.posterior.target import Target
+from bayesid.regression.knowledge import Information
+from bayesid.regression.moments import Moments
+from bayesid.regression.solver import ConeLeastSquares, PreparedLeastSquares
 from bayesid.signs.search.result import SearchResult
 
 _MOST_BRANCHES = 32

@@ -21,10 +21,10 @@ from functools import cached_property
 import numpy as np
 
 from bayesid.arrays import TINY, Array
-from bayesid.fit.knowledge import Information, Links, Nominal
-from bayesid.model.parameters import Cone
+from bayesid.effects.parameters import Cone
 from bayesid.posterior.likelihood import Likelihood
 from bayesid.posterior.region import Region
+from bayesid.regression.knowledge import Information, Links, Nominal
 
 LOG_SCALE_SD = 0.5
 """Sd of the logarithm of a joint's noise over its reference: a factor of 1.6 (docs/posterior.md). Set by hand,

@@ -7,16 +7,16 @@ from functools import cached_property
 
 import numpy as np
 
-from bayesid.fit.knowledge import Information, Links, Nominal
-from bayesid.fit.moments import Moments
-from bayesid.fit.noise import Noise
-from bayesid.fit.solver import ConeLeastSquares
-from bayesid.model.coefficients import BaseCoefficients
-from bayesid.model.parameters import Cone
+from bayesid.effects.coefficients import BaseCoefficients
+from bayesid.effects.parameters import Cone
 from bayesid.posterior.blocks import SegmentBlocks
 from bayesid.posterior.likelihood import make_likelihood
 from bayesid.posterior.prior import make_prior
 from bayesid.posterior.target import Target
+from bayesid.regression.knowledge import Information, Links, Nominal
+from bayesid.regression.moments import Moments
+from bayesid.regression.noise import Noise
+from bayesid.regression.solver import ConeLeastSquares
 
 _LEAST_NOISE = 1e-3
 """Noise that no effort is free of, as a share of its RMS. A round number; not studied."""

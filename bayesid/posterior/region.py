@@ -19,8 +19,8 @@ import numpy as np
 from scipy.special import log_ndtr, ndtri_exp
 
 from bayesid.arrays import Array, Integers, Mask
-from bayesid.model.inertia import PSEUDO_INERTIA_BASIS
-from bayesid.model.parameters import Cone
+from bayesid.effects.parameters import Cone
+from bayesid.robot.inertia import PSEUDO_INERTIA_BASIS
 
 _TRIANGLE = ((0, 0), (1, 0), (2, 0), (3, 0), (1, 1), (2, 1), (3, 1), (2, 2), (3, 2), (3, 3))
 """Order in which the entries of a symmetric matrix are kept: column after column of the lower triangle."""

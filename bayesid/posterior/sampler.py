@@ -19,11 +19,11 @@ import numpy as np
 
 from bayesid.arrays import Array, Integers
 from bayesid.errors import InputError
+from bayesid.parallel import in_parallel
 from bayesid.posterior.diagnostics import Diagnostics, diagnose
 from bayesid.posterior.moves import Conditional, HitAndRun, InTurn, NoiseScales
 from bayesid.posterior.start import HOT_SWEEPS, Centre, body_blocks, find_centre, spread_walkers
 from bayesid.posterior.target import Target
-from bayesid.process import in_parallel
 from bayesid.progress import Steps, no_steps
 
 Result = TypeVar("Result")

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayesid.arrays import Array
-from bayesid.fit.knowledge import Information
 from bayesid.posterior.likelihood import Likelihood
 from bayesid.posterior.prior import Prior
+from bayesid.regression.knowledge import Information
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,9 @@ from bayesid.discrepancy.compare import MODELS_RESIDUAL, REFIT, Excess
 from bayesid.discrepancy.selection import GROWN, HELD_BACK, ON_LOG
 from bayesid.discrepancy.sets import WeighedSet
 from bayesid.discrepancy.workflow import Discrepancy
-from bayesid.fit.effects.added_effect import AddedEffect, Quantity
-from bayesid.model.catalogue import forms, noun, owner
-from bayesid.model.effects import ReadableUnit
+from bayesid.effects.catalogue import forms, noun, owner
+from bayesid.effects.effect import ReadableUnit
+from bayesid.regression.selection.added_effect import AddedEffect, Quantity
 from bayesid.report.verdicts import Check
 from bayesid.report.words import in_percent, joints_in_words, label, listed, quantity, rounded, unit_of, upper
 

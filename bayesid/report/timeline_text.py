@@ -10,10 +10,10 @@ import numpy as np
 from bayesid.discrepancy.all_along import ABSENT, OPEN, SHOWN, Standing
 from bayesid.discrepancy.comparison import ALL_ALONG, CHANGED, GONE, UNDECIDED, EffectHistory, LogComparison, names_of
 from bayesid.discrepancy.timeline import LEVEL, PAYLOAD, TrackedParameter
+from bayesid.effects import RigidBody
+from bayesid.effects.catalogue import forms
+from bayesid.effects.effect import Effect, ReadableUnit
 from bayesid.identification.identification import KNOWN
-from bayesid.model.catalogue import forms
-from bayesid.model.effects import Effect, ReadableUnit
-from bayesid.model.terms import RigidBody
 from bayesid.report.discrepancy_verdicts import discrepancy_checks
 from bayesid.report.words import joints_in_words, label, listed, quantity, rounded, upper
 

@@ -13,7 +13,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from bayesid.fit.least_squares import POOR_FIT
+from bayesid.effects.catalogue import noun, phrase_of
+from bayesid.effects.effect import ReadableUnit
 from bayesid.identification.gains import BY_DATA, BY_PRIOR, GIVEN
 from bayesid.identification.identification import SURE, sure_share_of
 from bayesid.identification.other_readings import SUSPICIOUS
@@ -35,8 +36,7 @@ from bayesid.identification.warnings import (
     pressed_windows,
     spread_in_words,
 )
-from bayesid.model.catalogue import noun, phrase_of
-from bayesid.model.effects import ReadableUnit
+from bayesid.regression.least_squares import POOR_FIT
 from bayesid.report import commands
 from bayesid.report.findings import AMBIGUOUS, Findings, Summary
 from bayesid.report.findings.summary import EffectSummary, Numbers

@@ -7,11 +7,11 @@ from collections.abc import Iterable, Sequence
 from itertools import groupby
 from typing import TYPE_CHECKING
 
-from bayesid.model.catalogue import noun
+from bayesid.effects.catalogue import noun
 
 if TYPE_CHECKING:
     from bayesid.discrepancy.workflow import Discrepancy
-    from bayesid.fit.effects.scores import Score
+    from bayesid.regression.selection.scores import Score
 
 _UNITS = {"velocity": "rad/s", "position": "rad", "acceleration": "rad/s^2", "load": "N m", "time": "s"}
 _SLIDING = {"velocity": "m/s", "position": "m", "acceleration": "m/s^2", "load": "N", "time": "s"}

@@ -38,7 +38,7 @@ from bayesid.identification.payload import PayloadReading
 from bayesid.identification.validation import Validation
 from bayesid.log.log import Log, write_log
 from bayesid.log.signals import Signals
-from bayesid.process import one_blas_thread
+from bayesid.parallel import one_blas_thread
 from bayesid.progress import SILENT, Progress
 from bayesid.report.findings import FILE as FINDINGS
 from bayesid.report.findings import Findings, as_json, find_findings, read_findings, write_findings

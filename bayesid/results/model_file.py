@@ -12,21 +12,20 @@ from typing import Any
 import numpy as np
 
 from bayesid.arrays import Array, frozen
+from bayesid.effects import Distortion, Term
+from bayesid.effects.catalogue import forms, of_shape
+from bayesid.effects.coefficients import base_coefficients
+from bayesid.effects.effect import Effect
+from bayesid.effects.model import Model
 from bayesid.errors import InputError, printable
 from bayesid.files.bounded import read_source, toml_of
-from bayesid.fit.knowledge import scale_of
-from bayesid.fit.noise import Noise
 from bayesid.identification.gains import IdentifiedGains
 from bayesid.identification.identified_model import IdentifiedModel, ParameterDraws
 from bayesid.log.gains import gains_of
-from bayesid.model.catalogue import forms, of_shape
-from bayesid.model.coefficients import base_coefficients
-from bayesid.model.distortions import Distortion
-from bayesid.model.effects import Effect
-from bayesid.model.model import Model
-from bayesid.model.robot import robot_from_table, robot_table
-from bayesid.model.terms import Term
 from bayesid.motion import Motion
+from bayesid.regression.knowledge import scale_of
+from bayesid.regression.noise import Noise
+from bayesid.robot import robot_from_table, robot_table
 
 _FAINTEST = 1e-30
 """Of a shape number that is not zero, in its own unit: the slowest speed of a term is 1e-8 rad/s."""

@@ -16,7 +16,7 @@ import tomli_w
 from bayesid.errors import InputError
 from bayesid.log.formats.text import Layout, look
 from bayesid.log.formats.units import factor_of, split_brackets
-from bayesid.model.robot import robot_from_table
+from bayesid.robot import robot_from_table
 
 _ALPHA, _THETA, _MINUS = "\N{GREEK SMALL LETTER ALPHA}", "\N{GREEK SMALL LETTER THETA}", "\N{MINUS SIGN}"
 _NAMES = {"a": "a", "r": "a", "alpha": "alpha", _ALPHA: "alpha", "d": "d", "theta": "theta", _THETA: "theta"}

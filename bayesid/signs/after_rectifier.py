@@ -17,13 +17,13 @@ import numpy as np
 import scipy
 
 from bayesid.arrays import TINY, Array, Integers, Mask
-from bayesid.fit.noise import autocovariance
+from bayesid.effects.model import Model
 from bayesid.log.low_pass import AfterRectifier, LowPass, mean_magnitude
 from bayesid.log.segments import Cutting, Segments, find_segments
 from bayesid.log.signals import Signals, signed_effort
-from bayesid.model.model import Model
-from bayesid.process import in_parallel
+from bayesid.parallel import in_parallel
 from bayesid.progress import SILENT, Progress
+from bayesid.regression.noise import autocovariance
 from bayesid.signs.search.protocol import Search
 from bayesid.signs.settling import Earlier, Settled, settle_signs, settled_again
 
@@ -48,7 +48,7 @@ _SHAPES = ((1, False), (2, False), (1, True), (2, True))
 _BIAS = 4.0 * np.linspace(-1.0, 1.0, 41)
 """Errors of the model that are tried at a crossing, in standard deviations of the residual."""
 _LONGEST_LAG = 0.5
-"""s; beyond this lag a residual's correlation is the motion's (`bayesid.fit.noise`)."""
+"""s; beyond this lag a residual's correlation is the motion's (`bayesid.regression.noise`)."""
 _MEMORIES = (0.05, 0.1, 0.2, 0.5, 2.0)
 """s; correlation times of the model's error that are told apart. Round numbers; not studied."""
 _LEAST_TAKEN = 1.0

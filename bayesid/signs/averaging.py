@@ -2,7 +2,7 @@
 
 A model without friction explains |effort| of a friction-dominated joint best with wrong signs: friction that only
 changes its sign looks like a constant once rectified. No noise level shows that; another model does. So where a model
-without some standard effect (`bayesid.model.terms.STANDARD`) leaves a residual that lasts from sample to sample, the
+without some standard effect (`bayesid.effects.STANDARD`) leaves a residual that lasts from sample to sample, the
 signs are searched with these effects too, and both models speak, each with its weight (Bayesian model averaging).
 """
 
@@ -14,13 +14,12 @@ import numpy as np
 from scipy.special import expit
 
 from bayesid.arrays import Array
-from bayesid.fit.least_squares import Fit, fit_signed
+from bayesid.effects import STANDARD, catalogue
+from bayesid.effects.model import Model
 from bayesid.log.segments import Segments
 from bayesid.log.signals import Signals
-from bayesid.model import catalogue
-from bayesid.model.model import Model
-from bayesid.model.terms import STANDARD
 from bayesid.progress import SILENT, Progress
+from bayesid.regression.least_squares import Fit, fit_signed
 from bayesid.signs.search.protocol import Search
 from bayesid.signs.settling import Settled, settle_signs
 

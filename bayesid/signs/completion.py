@@ -1,7 +1,7 @@
 """What a log wants beyond the terms asked for: effects that its evidence and held-back blocks of it bear out.
 
 Signs under the terms asked for come first. With them settled, effects are selected by their evidence, one after the
-other, each predicting blocks of the log that had no say better than without it (`bayesid.fit.effects.forward`). Then
+other, each predicting blocks of the log that had no say better than without it (`regression.selection.forward`). Then
 signs are searched under the completed model, and so on until nothing changes: the last search is what is certified.
 """
 
@@ -15,13 +15,20 @@ from itertools import islice
 import numpy as np
 
 from bayesid.arrays import Array, Mask
-from bayesid.fit.effects.confounded import TooNarrow, geometry_far_off, too_narrow
-from bayesid.fit.effects.explanation import LN10
-from bayesid.fit.effects.hypotheses import EffectKey
-from bayesid.fit.effects.kinematics import KINEMATICS, KinematicTolerance
-from bayesid.fit.effects.signed_log import SignedLog
-from bayesid.fit.effects.unseen import find_unseen
-from bayesid.fit.effects.wanted import (
+from bayesid.effects.effect import Effect
+from bayesid.effects.model import Model
+from bayesid.log.segments import Cutting, Segments, find_segments
+from bayesid.log.signals import Signals
+from bayesid.progress import SILENT, Progress
+from bayesid.regression.evidence import Evidence
+from bayesid.regression.least_squares import POOR_FIT, Fit, fit_signed, widened
+from bayesid.regression.selection.confounded import TooNarrow, geometry_far_off, too_narrow
+from bayesid.regression.selection.explanation import LN10
+from bayesid.regression.selection.hypotheses import EffectKey
+from bayesid.regression.selection.kinematics import KINEMATICS, KinematicTolerance
+from bayesid.regression.selection.signed_log import SignedLog
+from bayesid.regression.selection.unseen import find_unseen
+from bayesid.regression.selection.wanted import (
     NEEDED,
     EnteredEffect,
     Wanted,
@@ -30,13 +37,6 @@ from bayesid.fit.effects.wanted import (
     still_wanted,
     what_is_wanted,
 )
-from bayesid.fit.evidence import Evidence
-from bayesid.fit.least_squares import POOR_FIT, Fit, fit_signed, widened
-from bayesid.log.segments import Cutting, Segments, find_segments
-from bayesid.log.signals import Signals
-from bayesid.model.effects import Effect
-from bayesid.model.model import Model
-from bayesid.progress import SILENT, Progress
 from bayesid.signs.averaging import AveragedSigns, evidence_gain, weight_against
 from bayesid.signs.proposals import PoorJoint, propose
 from bayesid.signs.search.protocol import Search

@@ -9,8 +9,8 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d
 
 from bayesid.arrays import TINY, Array, Integers
-from bayesid.fit.moments import Moments, moments
-from bayesid.fit.solver import ConeLeastSquares
+from bayesid.regression.moments import Moments, moments
+from bayesid.regression.solver import ConeLeastSquares
 from bayesid.signs.settling import Settled
 
 _TOLERATED = 0.3

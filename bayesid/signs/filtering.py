@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from bayesid.arrays import Array, Mask, every
-from bayesid.fit.noise import Noise
+from bayesid.regression.noise import Noise
 from bayesid.signs.chain import Single
 from bayesid.signs.model_error import REST_TIME, TAILS, TURNS, error_grid, stationary, transitions
 

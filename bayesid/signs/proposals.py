@@ -15,11 +15,11 @@ from functools import partial
 import numpy as np
 
 from bayesid.arrays import Array, Integers
-from bayesid.fit.effects.hypotheses import Hypothesis
-from bayesid.fit.effects.relevance import inverse_of
-from bayesid.fit.effects.signed_log import SignedLog
-from bayesid.model.effects import Effect
-from bayesid.process import in_parallel
+from bayesid.effects.effect import Effect
+from bayesid.parallel import in_parallel
+from bayesid.regression.selection.hypotheses import Hypothesis
+from bayesid.regression.selection.relevance import inverse_of
+from bayesid.regression.selection.signed_log import SignedLog
 
 _MOST_TURNS = 40
 """Of coefficients and signs; a round number, a fit of 60 coefficients takes some ten."""

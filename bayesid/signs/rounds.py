@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayesid.arrays import Array
-from bayesid.fit.moments import Moments, moments
-from bayesid.fit.noise import residual_noise
+from bayesid.effects.coefficients import BaseCoefficients
+from bayesid.effects.model import Model
 from bayesid.log.segments import Segments
 from bayesid.log.signals import Signals
-from bayesid.model.coefficients import BaseCoefficients
-from bayesid.model.model import Model
 from bayesid.progress import SILENT, Progress
+from bayesid.regression.moments import Moments, moments
+from bayesid.regression.noise import residual_noise
 from bayesid.signs.search.protocol import Search, SignProblem
 from bayesid.signs.search.result import Branch, SearchResult, Way
 from bayesid.signs.search.rivals import rivals

@@ -9,17 +9,17 @@ from functools import cached_property, partial
 import numpy as np
 
 from bayesid.arrays import TINY, Array, Integers
-from bayesid.fit.evidence import Evidence
-from bayesid.fit.knowledge import Information, Knowledge
-from bayesid.fit.least_squares import Fit, fit_signed
-from bayesid.fit.noise import residual_noise
-from bayesid.fit.solver import ConeLeastSquares
+from bayesid.effects.coefficients import BaseCoefficients, base_coefficients
+from bayesid.effects.model import Model
 from bayesid.log.segments import Segments
 from bayesid.log.signals import Signals, signed_effort
-from bayesid.model.coefficients import BaseCoefficients, base_coefficients
-from bayesid.model.model import Model
-from bayesid.process import in_parallel
+from bayesid.parallel import in_parallel
 from bayesid.progress import SILENT, Progress
+from bayesid.regression.evidence import Evidence
+from bayesid.regression.knowledge import Information, Knowledge
+from bayesid.regression.least_squares import Fit, fit_signed
+from bayesid.regression.noise import residual_noise
+from bayesid.regression.solver import ConeLeastSquares
 from bayesid.signs.rounds import MOST_INDIVIDUAL, SegmentSigns, SignSearch
 from bayesid.signs.search.protocol import Search
 from bayesid.signs.search.result import Branch

@@ -30,11 +30,11 @@ import numpy as np
 from scipy.special import ndtr
 
 from bayesid.arrays import Array, Integers, Mask
-from bayesid.fit.noise import Noise
 from bayesid.log.low_pass import AfterRectifier, LowPass, mean_magnitude
 from bayesid.log.signals import Signals
-from bayesid.process import in_parallel
+from bayesid.parallel import in_parallel
 from bayesid.progress import Steps, no_steps
+from bayesid.regression.noise import Noise
 from bayesid.signs.chain import Chain, Single, Space
 from bayesid.signs.model_error import REST_TIME, TAILS, TURNS, error_grid, spread, stationary, transitions
 

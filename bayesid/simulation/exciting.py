@@ -9,8 +9,8 @@ import scipy
 from numpy.typing import NDArray
 
 from bayesid.arrays import Array
-from bayesid.model.coefficients import BaseCoefficients
-from bayesid.model.model import Model
+from bayesid.effects.coefficients import BaseCoefficients
+from bayesid.effects.model import Model
 from bayesid.motion import Motion
 from bayesid.simulation.trajectories import (
     HARMONICS,

@@ -9,16 +9,16 @@ import numpy as np
 import scipy
 
 from bayesid.arrays import Array
+from bayesid.effects import RigidBody, Term
+from bayesid.effects.catalogue import main_forms
+from bayesid.effects.coefficients import base_coefficients
+from bayesid.effects.distortion import Direction, Distortion
+from bayesid.effects.effect import Scene
+from bayesid.effects.model import Model
 from bayesid.errors import InputError, near_names
 from bayesid.log.log import Log
-from bayesid.model.catalogue import main_forms
-from bayesid.model.coefficients import base_coefficients
-from bayesid.model.distortions.base import Direction, Distortion
-from bayesid.model.effects import Scene
-from bayesid.model.model import Model
-from bayesid.model.robot import Robot, load_robot
-from bayesid.model.terms import RigidBody, Term
 from bayesid.motion import Motion
+from bayesid.robot import Robot, load_robot
 from bayesid.simulation.exciting import exciting_trajectory
 from bayesid.simulation.paper import nominal_parameters
 from bayesid.simulation.parameters import random_body, random_parameters, rms
@@ -106,7 +106,7 @@ class SimulatedEffect:
     """An effect to be added to a simulated robot.
 
     Attributes:
-        name: of an effect in `bayesid.model.catalogue.main_forms()`.
+        name: of an effect in `bayesid.effects.catalogue.main_forms()`.
         joint: 1-based; where the whole robot is affected, the joint that has the level.
         level: RMS of the change of the joint's effort relative to the RMS of that effort without it.
     """

@@ -15,10 +15,10 @@ from importlib import resources
 import numpy as np
 
 from bayesid.arrays import Array, frozen
-from bayesid.model.inertia import NAMES
-from bayesid.model.model import Model
-from bayesid.model.robot import load_robot
-from bayesid.model.terms import RigidBody
+from bayesid.effects import RigidBody
+from bayesid.effects.model import Model
+from bayesid.robot import load_robot
+from bayesid.robot.inertia import NAMES
 
 _N_LINKS = 6
 _A1, _A2, _A3, _D4, _D6 = 0.075, 0.27, 0.09, -0.295, -0.08

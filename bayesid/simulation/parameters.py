@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from bayesid.arrays import Array
-from bayesid.model.inertia import from_pseudo_inertia
-from bayesid.model.model import Model
-from bayesid.model.robot import Robot
+from bayesid.effects.model import Model
 from bayesid.motion import Motion
+from bayesid.robot import Robot
+from bayesid.robot.inertia import from_pseudo_inertia
 
 _KG_PER_M = 25.0
 """Mass of an arm per metre of stretched length: about 20 for the UR10e and the Panda, 32 for the KR5."""

@@ -29,7 +29,7 @@ from multiprocessing.process import BaseProcess
 from typing import Any, Protocol
 
 from bayesid.errors import BayesidError, InputError
-from bayesid.process import one_blas_thread
+from bayesid.parallel import one_blas_thread
 
 Tally = Callable[[int, int, int], None]
 """Called as tally(done, total, failed) after every batch."""

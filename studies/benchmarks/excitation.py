@@ -16,15 +16,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bayesid.effects import STANDARD
+from bayesid.effects.catalogue import make_terms
+from bayesid.effects.model import Model
 from bayesid.excitation.design import ExcitationDesign, Objective, TrajectoryShape, design_excitation
 from bayesid.identification.options import Preparation
 from bayesid.identification.pipeline import identify
 from bayesid.log.segments import Cutting
-from bayesid.model.catalogue import make_terms
-from bayesid.model.model import Model
-from bayesid.model.robot import Robot
-from bayesid.model.terms import STANDARD
 from bayesid.motion import Motion
+from bayesid.robot import Robot
 from bayesid.signs.search.certified import Certified
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters

@@ -20,15 +20,15 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from bayesid.arrays import Array
-from bayesid.fit.moments import Moments, join_moments, moments
-from bayesid.fit.solver import ConeLeastSquares
+from bayesid.effects import STANDARD
+from bayesid.effects.catalogue import make_terms
+from bayesid.effects.coefficients import base_coefficients
+from bayesid.effects.model import Model
 from bayesid.log.segments import Segments
-from bayesid.model.catalogue import make_terms
-from bayesid.model.coefficients import base_coefficients
-from bayesid.model.model import Model
-from bayesid.model.robot import load_robot
-from bayesid.model.terms import STANDARD
 from bayesid.motion import Motion
+from bayesid.regression.moments import Moments, join_moments, moments
+from bayesid.regression.solver import ConeLeastSquares
+from bayesid.robot import load_robot
 from bayesid.signs.search.certified import certified
 from bayesid.simulation.parameters import random_parameters
 from bayesid.studies.benchmarks.problems import BUDGET, NOISE, long_motion

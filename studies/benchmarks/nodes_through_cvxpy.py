@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayesid.arrays import Array, Integers
+from bayesid.effects.parameters import Cone
 from bayesid.errors import SolverError
-from bayesid.fit.solver import pull_weight
-from bayesid.model.inertia import PSEUDO_INERTIA_BASIS
-from bayesid.model.parameters import Cone
+from bayesid.regression.solver import pull_weight
+from bayesid.robot.inertia import PSEUDO_INERTIA_BASIS
 from bayesid.studies.benchmarks.problems import LogProblem
 
 try:

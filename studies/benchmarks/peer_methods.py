@@ -13,20 +13,20 @@ from functools import cached_property
 import numpy as np
 
 from bayesid.arrays import Array, Mask
+from bayesid.effects import STANDARD
+from bayesid.effects.catalogue import make_terms
+from bayesid.effects.coefficients import BaseCoefficients, base_coefficients
+from bayesid.effects.model import Model
 from bayesid.errors import SolverError
-from bayesid.fit.knowledge import Links
 from bayesid.identification.prediction import NORMAL_95
 from bayesid.log.log import Log
 from bayesid.log.segments import find_segments
 from bayesid.log.signals import Signals, prepare, signed_effort
-from bayesid.model.catalogue import make_terms
-from bayesid.model.coefficients import BaseCoefficients, base_coefficients
-from bayesid.model.inertia import PSEUDO_INERTIA_BASIS
-from bayesid.model.model import Model
-from bayesid.model.robot import Robot
-from bayesid.model.terms import STANDARD
 from bayesid.motion import Motion
-from bayesid.process import quiet
+from bayesid.parallel import quiet
+from bayesid.regression.knowledge import Links
+from bayesid.robot import Robot
+from bayesid.robot.inertia import PSEUDO_INERTIA_BASIS
 
 try:
     import cvxpy as cp

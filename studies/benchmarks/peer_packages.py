@@ -23,12 +23,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from bayesid.arrays import Array
+from bayesid.effects.coefficients import BaseCoefficients, base_coefficients
+from bayesid.effects.model import Model
 from bayesid.errors import SolverError
-from bayesid.fit.knowledge import Links
-from bayesid.model.coefficients import BaseCoefficients, base_coefficients
-from bayesid.model.inertia import change_of_frame
-from bayesid.model.model import Model
+from bayesid.regression.knowledge import Links
 from bayesid.results.export import mjcf, urdf
+from bayesid.robot.inertia import change_of_frame
 from bayesid.studies.benchmarks.peer_methods import Answer, Method, Recording, timed
 
 _TO_OURS = np.array([4, 5, 7, 6, 8, 9, 1, 2, 3, 0])

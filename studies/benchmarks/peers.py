@@ -34,14 +34,14 @@ from threadpoolctl import threadpool_limits
 
 import bayesid
 from bayesid.arrays import Array, Mask
+from bayesid.effects import STANDARD
 from bayesid.errors import SolverError
 from bayesid.identification.identification import Identification
 from bayesid.identification.options import Completeness
 from bayesid.identification.pipeline import identify
 from bayesid.log.log import Log, read_log
-from bayesid.model.robot import Robot, load_robot
-from bayesid.model.terms import STANDARD
 from bayesid.posterior.sampler import Sampling
+from bayesid.robot import Robot, load_robot
 from bayesid.signs.search.beam import Beam
 from bayesid.signs.search.certified import Certified
 from bayesid.signs.search.protocol import Search

@@ -48,17 +48,17 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from bayesid.arrays import Array
+from bayesid.effects.parameters import Cone
 from bayesid.identification.identification import Identification
 from bayesid.identification.pipeline import identify
 from bayesid.log.log import read_log
-from bayesid.model.inertia import PSEUDO_INERTIA_BASIS, pseudo_inertia
-from bayesid.model.parameters import Cone
-from bayesid.model.robot import load_robot
 from bayesid.posterior.diagnostics import Diagnostics, diagnose
 from bayesid.posterior.moves import Conditional
 from bayesid.posterior.sampler import Sampling, sample
 from bayesid.posterior.start import HOT_SWEEPS, body_blocks, find_centre, spread_walkers
 from bayesid.posterior.target import Target
+from bayesid.robot import load_robot
+from bayesid.robot.inertia import PSEUDO_INERTIA_BASIS, pseudo_inertia
 from bayesid.simulation.logs import simulate_log
 from bayesid.studies.benchmarks.problems import Check, Table
 from bayesid.studies.real import DATA

@@ -13,18 +13,18 @@ import numpy as np
 
 from bayesid.arrays import Integers
 from bayesid.cli.demo import Experiment, run_experiment
-from bayesid.fit.moments import Moments
-from bayesid.fit.solver import ConeLeastSquares
+from bayesid.effects import STANDARD, RigidBody
+from bayesid.effects.catalogue import make_terms
+from bayesid.effects.coefficients import BaseCoefficients
+from bayesid.effects.model import Model
 from bayesid.identification.identification import Identification
 from bayesid.identification.pipeline import identify
 from bayesid.log.log import Log, read_log
-from bayesid.model.catalogue import make_terms
-from bayesid.model.coefficients import BaseCoefficients
-from bayesid.model.model import Model
-from bayesid.model.robot import load_robot, robot_from_table
-from bayesid.model.terms import STANDARD, RigidBody
 from bayesid.motion import Motion
 from bayesid.progress import SILENT, Progress, Steps, no_steps
+from bayesid.regression.moments import Moments
+from bayesid.regression.solver import ConeLeastSquares
+from bayesid.robot import load_robot, robot_from_table
 from bayesid.signs.search.certified import Certified, certified
 from bayesid.signs.search.protocol import Search, SignProblem
 from bayesid.signs.search.result import SearchResult

@@ -14,8 +14,8 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from bayesid.arrays import Array, Integers
-from bayesid.fit.moments import Moments
-from bayesid.fit.solver import ConeLeastSquares, Solution
+from bayesid.regression.moments import Moments
+from bayesid.regression.solver import ConeLeastSquares, Solution
 from bayesid.signs.search.certified import certified
 from bayesid.signs.search.result import SearchResult
 from bayesid.studies.benchmarks.problems import BUDGET, SAME, Check, LogProblem, Table, timed

@@ -34,7 +34,7 @@ from bayesid.identification.identification import Identification
 from bayesid.log.log import Log
 from bayesid.log.segments import find_segments
 from bayesid.log.signals import prepare
-from bayesid.model.robot import load_robot
+from bayesid.robot import load_robot
 from bayesid.signs.search.beam import beam, turn_joints
 from bayesid.signs.search.pbpr import AnnealedLeastSquares, Annealing, feasible_inertia, make_bounds, total_mass
 from bayesid.signs.search.result import SearchResult

@@ -14,13 +14,13 @@ from statistics import median
 import numpy as np
 import pinocchio as pin
 
-from bayesid.fit.moments import moments
+from bayesid.effects import STANDARD
+from bayesid.effects.catalogue import make_terms
+from bayesid.effects.coefficients import base_coefficients
+from bayesid.effects.model import Model
 from bayesid.log.segments import Segments
-from bayesid.model.catalogue import make_terms
-from bayesid.model.coefficients import base_coefficients
-from bayesid.model.model import Model
-from bayesid.model.robot import Robot, load_robot
-from bayesid.model.terms import STANDARD
+from bayesid.regression.moments import moments
+from bayesid.robot import Robot, load_robot
 from bayesid.simulation.trajectories import random_trajectory
 
 _SEGMENT = 100

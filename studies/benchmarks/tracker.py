@@ -14,16 +14,16 @@ import tracemalloc
 import numpy as np
 
 from bayesid.arrays import Array
+from bayesid.effects import STANDARD
+from bayesid.effects.catalogue import make_terms
+from bayesid.effects.model import Model
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.pipeline import identify
-from bayesid.model.catalogue import make_terms
-from bayesid.model.model import Model
-from bayesid.model.terms import STANDARD
 from bayesid.monitor.figures import StreamFigures
 from bayesid.monitor.replay import timed
 from bayesid.monitor.tracker import SignTracker
 from bayesid.motion import Motion
-from bayesid.process import one_blas_thread
+from bayesid.parallel import one_blas_thread
 from bayesid.signs.search.certified import Certified
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters

@@ -14,8 +14,8 @@ from oracles import urdf_text
 
 import bayesid
 from bayesid.cli.parser import parse
+from bayesid.effects import STANDARD
 from bayesid.errors import SolverError
-from bayesid.model.terms import STANDARD
 
 RESULT = {"summary.json", "segments.csv", "signed_log.csv", "coefficients.csv", "parameters.csv"}
 RESULT |= {"model.toml", "robot.urdf", "robot.xml", "findings.npz"}

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from command_line import ARM, run
 
+from bayesid.effects.catalogue import make_terms
+from bayesid.effects.model import Model
 from bayesid.log.log import write_log
-from bayesid.model.catalogue import make_terms
-from bayesid.model.model import Model
-from bayesid.model.robot import load_robot
+from bayesid.robot import load_robot
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters
 from bayesid.simulation.trajectories import random_trajectory

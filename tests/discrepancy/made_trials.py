@@ -4,10 +4,10 @@ import numpy as np
 from conftest import small_robot, smooth_motion
 
 from bayesid.discrepancy.compare import Trial
+from bayesid.effects.catalogue import make_terms
+from bayesid.effects.model import Model
 from bayesid.log.log import Log
 from bayesid.log.signals import Signals
-from bayesid.model.catalogue import make_terms
-from bayesid.model.model import Model
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters
 

@@ -6,12 +6,12 @@ import pytest
 from conftest import small_robot, smooth_motion
 
 from bayesid.discrepancy.case import Case, HeldBack
-from bayesid.fit.effects.kinematics import KinematicTolerance
-from bayesid.fit.knowledge import Knowledge
-from bayesid.model.catalogue import make_terms
-from bayesid.model.distortions.delay import Delay
-from bayesid.model.model import Model
-from bayesid.model.terms.hysteresis import Hysteresis
+from bayesid.effects.catalogue import make_terms
+from bayesid.effects.delay import Delay
+from bayesid.effects.hysteresis import Hysteresis
+from bayesid.effects.model import Model
+from bayesid.regression.knowledge import Knowledge
+from bayesid.regression.selection.kinematics import KinematicTolerance
 from bayesid.simulation.parameters import random_parameters
 
 N = 3

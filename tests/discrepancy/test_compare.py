@@ -5,13 +5,13 @@ from made_trials import RATE, made_trial
 from scipy.signal import butter, sosfiltfilt
 
 from bayesid.discrepancy.compare import make_trial, noise_floor, shortened, where_it_shows
-from bayesid.fit.effects.error_model import fit_error
-from bayesid.fit.noise import Noise
+from bayesid.effects.catalogue import make_terms
+from bayesid.effects.model import Model
 from bayesid.log.log import Log
 from bayesid.log.signals import prepare
-from bayesid.model.catalogue import make_terms
-from bayesid.model.model import Model
 from bayesid.motion import Motion
+from bayesid.regression.noise import Noise
+from bayesid.regression.selection.error_model import fit_error
 
 
 def periodic_motion(periods, period=4.0, samples=0):

@@ -11,14 +11,14 @@ from bayesid.cli import main
 from bayesid.discrepancy.all_along import ABSENT, SHOWN
 from bayesid.discrepancy.comparison import names_of
 from bayesid.discrepancy.timeline import PAYLOAD
+from bayesid.effects.catalogue import make_terms
+from bayesid.effects.model import Model
 from bayesid.log.log import Log, write_log
-from bayesid.model.catalogue import make_terms
-from bayesid.model.model import Model
-from bayesid.model.robot import robot_table
 from bayesid.report.discrepancy_verdicts import discrepancy_checks
 from bayesid.report.plot.timeline import timeline_figure
 from bayesid.report.timeline_text import columns
 from bayesid.results.discrepancy_json import discrepancy_summary
+from bayesid.robot import robot_table
 from bayesid.simulation.parameters import random_parameters
 
 TERMS = ("rigid_body", "viscous_friction", "coulomb_friction", "torque_offset")

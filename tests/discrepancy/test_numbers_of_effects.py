@@ -7,13 +7,13 @@ import pytest
 from conftest import small_robot
 
 from bayesid.discrepancy.numbers import Numbers
-from bayesid.fit.effects.columns import NO_COLUMNS
-from bayesid.fit.effects.hypotheses import Hypothesis
-from bayesid.model.inertia import NAMES
-from bayesid.model.model import Model
-from bayesid.model.terms.coulomb_friction import CoulombFriction
-from bayesid.model.terms.payload import Payload
-from bayesid.model.terms.thermal_drift import ThermalDrift
+from bayesid.effects.coulomb_friction import CoulombFriction
+from bayesid.effects.model import Model
+from bayesid.effects.payload import Payload
+from bayesid.effects.thermal_drift import ThermalDrift
+from bayesid.regression.selection.columns import NO_COLUMNS
+from bayesid.regression.selection.hypotheses import Hypothesis
+from bayesid.robot.inertia import NAMES
 
 FRICTION = CoulombFriction(smoothing=(0.1, 0.1))
 DRIFT = ThermalDrift(joints=(2,), smoothing=(0.1,), time=(60.0,))

@@ -9,13 +9,13 @@ from made_trials import RATE, made_trial
 
 from bayesid.discrepancy import worth
 from bayesid.discrepancy.case import Case, HeldBack
-from bayesid.fit.effects.columns import Columns
-from bayesid.fit.effects.hypotheses import Hypothesis
-from bayesid.fit.knowledge import Knowledge
-from bayesid.model.distortions.gain_error import GainError
-from bayesid.model.model import Model
-from bayesid.model.terms.coulomb_friction import CoulombFriction
-from bayesid.model.terms.torque_offset import TorqueOffset
+from bayesid.effects.coulomb_friction import CoulombFriction
+from bayesid.effects.gain_error import GainError
+from bayesid.effects.model import Model
+from bayesid.effects.torque_offset import TorqueOffset
+from bayesid.regression.knowledge import Knowledge
+from bayesid.regression.selection.columns import Columns
+from bayesid.regression.selection.hypotheses import Hypothesis
 
 
 class Acting:

@@ -26,9 +26,9 @@ import pytest
 
 import bayesid
 from bayesid.cli import demo, main
+from bayesid.effects.catalogue import make_terms
+from bayesid.effects.model import Model
 from bayesid.log.log import Log, write_log
-from bayesid.model.catalogue import make_terms
-from bayesid.model.model import Model
 from bayesid.report.findings import as_json, summarise
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters
@@ -40,7 +40,7 @@ PAGES = [ROOT / "README.md", *(page for folder in FOLDERS for page in sorted(fol
 ROBOTS = {"use.md": "ur10e", "coupled-wrists.md": "tx40", "data-sheet-robot.md": "ur5e.toml"}
 """Whose logs a page's commands read; robot.toml of docs/logs-and-robots.md if not here."""
 PAYLOAD = np.array([0.017, -0.004, -0.01, 0.022, -0.002, 0.025, 0.2, 0.04, 0.1, 2.0])
-"""Of a body of 2 kg, as in `bayesid.model.inertia`: on the flange in the log of a page about gains."""
+"""Of a body of 2 kg, as in `bayesid.robot.inertia`: on the flange in the log of a page about gains."""
 SAMPLED = ("posterior.md", "python.md", "extending.md", "find-what-is-missing.md", "what-to-record-next.md")
 """Pages whose examples need draws that have converged; elsewhere as few as there can be do."""
 QUICK = ("excitation.md",)

@@ -19,8 +19,8 @@ import pytest
 from test_docs import FEW, GAINS, assert_alike, write_files, write_logs
 
 import bayesid
-from bayesid.fit.moments import moments
 from bayesid.log.segments import find_segments
+from bayesid.regression.moments import moments
 from bayesid.signs.search.protocol import SignProblem
 
 TERMS = ["rigid_body", "viscous_friction", "coulomb_friction"]

@@ -6,12 +6,12 @@ from types import MappingProxyType
 import numpy as np
 from conftest import small_robot, smooth_motion
 
+from bayesid.effects.catalogue import make_terms
+from bayesid.effects.coefficients import base_coefficients
+from bayesid.effects.model import Model
 from bayesid.excitation.known import known_of
-from bayesid.fit.noise import Noise
 from bayesid.identification.identified_model import IdentifiedModel, ParameterDraws
-from bayesid.model.catalogue import make_terms
-from bayesid.model.coefficients import base_coefficients
-from bayesid.model.model import Model
+from bayesid.regression.noise import Noise
 from bayesid.simulation.logs import SimulatedEffect, with_effects
 from bayesid.simulation.parameters import random_parameters
 from bayesid.simulation.trajectories import MotionLimits

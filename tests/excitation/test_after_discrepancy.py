@@ -8,9 +8,9 @@ from conftest import smooth_motion
 from open_results import TERMS, earlier_motion, open_result
 
 from bayesid.discrepancy.workflow import find_discrepancy
+from bayesid.effects.stribeck_friction import StribeckFriction
 from bayesid.excitation.next_motion import RunSettings, design_next, equivalent_classes
 from bayesid.identification.pipeline import identify
-from bayesid.model.terms.stribeck_friction import StribeckFriction
 from bayesid.simulation.logs import simulate
 
 RUN = RunSettings(duration=3.0, rate=50.0)

@@ -5,6 +5,9 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
+from bayesid.effects import RigidBody, ViscousFriction
+from bayesid.effects.coefficients import base_coefficients
+from bayesid.effects.model import Model
 from bayesid.errors import InputError
 from bayesid.excitation.design import Objective, TrajectoryShape, design_excitation
 from bayesid.excitation.expectation import expect
@@ -20,13 +23,10 @@ from bayesid.excitation.resolvability import (
     turn_measured,
     turn_segments,
 )
-from bayesid.fit.moments import moments
 from bayesid.log.segments import Segments
-from bayesid.model.coefficients import base_coefficients
-from bayesid.model.model import Model
-from bayesid.model.robot import robot_from_table
-from bayesid.model.terms import RigidBody, ViscousFriction
+from bayesid.regression.moments import moments
 from bayesid.results.designs import save_design
+from bayesid.robot import robot_from_table
 from bayesid.simulation.exciting import condition_number
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters

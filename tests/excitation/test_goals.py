@@ -7,10 +7,10 @@ import pytest
 from conftest import smooth_motion
 from open_results import open_known
 
+from bayesid.effects.payload import CarriedPayload
 from bayesid.errors import InputError
 from bayesid.excitation.goals import CRITERIA, Goal, goal_of, information_gain, open_coefficients
 from bayesid.excitation.reference import usual_motion
-from bayesid.model.terms.payload import CarriedPayload
 
 
 @pytest.fixture(scope="module")

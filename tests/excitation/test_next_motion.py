@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 from open_results import LIMITS, TERMS, earlier_motion, open_result
 
+from bayesid.effects.payload import CarriedPayload
 from bayesid.errors import InputError
 from bayesid.excitation.feasible import BAND
 from bayesid.excitation.next_motion import RunSettings, design_next, slowed
 from bayesid.excitation.rivals import TELLING
 from bayesid.identification.pipeline import identify
 from bayesid.log.log import join_logs
-from bayesid.model.terms.payload import CarriedPayload
 from bayesid.simulation.logs import simulate
 
 SENSOR = np.array([0.8, 0.3, 0.1])

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from open_results import LIMITS, open_known
 
+from bayesid.effects.hysteresis import Hysteresis
 from bayesid.excitation.feasible import Feasibility
 from bayesid.excitation.goals import goal_of, log_spread
 from bayesid.excitation.limits import check_limits
 from bayesid.excitation.search import INSTANTS, Design, MotionSearch
 from bayesid.excitation.splines import SplineBasis, at_rest
-from bayesid.model.terms.hysteresis import Hysteresis
 from bayesid.simulation.trajectories import MotionLimits
 
 POSE = np.array([-0.2, 0.5, 0.3])

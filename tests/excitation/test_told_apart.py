@@ -8,13 +8,13 @@ from conftest import smooth_motion
 from open_results import LIMITS, TERMS, earlier_motion, open_known, open_result
 from scipy.stats import multivariate_normal
 
+from bayesid.effects.base_tilt import BaseTilt
+from bayesid.effects.delay import Delay
+from bayesid.effects.stribeck_friction import StribeckFriction
 from bayesid.errors import InputError
 from bayesid.excitation.known import known_of
 from bayesid.excitation.reference import usual_motion
 from bayesid.excitation.rivals import inseparable, log10, make_rivals, parse_key
-from bayesid.model.distortions.base_tilt import BaseTilt
-from bayesid.model.distortions.delay import Delay
-from bayesid.model.terms.stribeck_friction import StribeckFriction
 
 PERIOD = 0.1
 DRAWS = 4000

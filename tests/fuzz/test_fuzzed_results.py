@@ -13,13 +13,13 @@ from conftest import small_robot, smooth_motion
 from made_findings import make_findings
 from mutations import BUDGETS, check_reader, fuzz, mutated_files, mutated_tree
 
+from bayesid.effects import STANDARD
+from bayesid.effects.catalogue import make_effect, make_terms
+from bayesid.effects.coefficients import base_coefficients
+from bayesid.effects.model import Model
 from bayesid.errors import InputError
-from bayesid.fit.noise import Noise
 from bayesid.identification.identified_model import IdentifiedModel
-from bayesid.model.catalogue import make_effect, make_terms
-from bayesid.model.coefficients import base_coefficients
-from bayesid.model.model import Model
-from bayesid.model.terms import STANDARD
+from bayesid.regression.noise import Noise
 from bayesid.report.findings import as_json, read_findings
 from bayesid.report.findings.store import write_findings
 from bayesid.report.pages.identification_page import identification_page

@@ -9,21 +9,21 @@ from scipy import stats
 
 import bayesid
 from bayesid.arrays import Array
+from bayesid.effects import STANDARD
+from bayesid.effects.catalogue import make_terms
+from bayesid.effects.model import Model
 from bayesid.errors import InputError
-from bayesid.fit.knowledge import Beliefs
 from bayesid.identification import pipeline
 from bayesid.identification.identification import Identification
 from bayesid.identification.options import Preparation
 from bayesid.log.log import Log, read_log
 from bayesid.log.segments import Cutting, Segments, find_segments
 from bayesid.log.signals import signed_effort
-from bayesid.model.catalogue import make_terms
-from bayesid.model.model import Model
-from bayesid.model.robot import Robot, load_robot, robot_from_table
-from bayesid.model.terms import STANDARD
 from bayesid.motion import STANDSTILL, Motion
 from bayesid.posterior.sampler import Sampling
 from bayesid.progress import Progress
+from bayesid.regression.knowledge import Beliefs
+from bayesid.robot import Robot, load_robot, robot_from_table
 from bayesid.signs.rounds import crossings
 from bayesid.signs.search.certified import Certified
 from bayesid.signs.settling import settle_signs

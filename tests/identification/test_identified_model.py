@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from identified_arm import MODEL, NOISE, ROBOT, THETA, by_least_squares, log_of, motion_of
 
+from bayesid.effects.catalogue import make_effect
+from bayesid.effects.coefficients import base_coefficients
 from bayesid.errors import InputError
-from bayesid.fit.noise import Noise
 from bayesid.identification.identified_model import IdentifiedModel, ParameterDraws
 from bayesid.identification.pipeline import identify
 from bayesid.identification.provenance import hashes
 from bayesid.log.log import join_logs
-from bayesid.model.catalogue import make_effect
-from bayesid.model.coefficients import base_coefficients
 from bayesid.posterior.labelled import DataFrame
+from bayesid.regression.noise import Noise
 from bayesid.results.folders import save_identification
 from bayesid.results.model_file import load_model
 from bayesid.simulation.logs import simulate

@@ -8,19 +8,19 @@ import numpy as np
 import pytest
 from conftest import real_log
 
-from bayesid.fit.evidence import Evidence
+from bayesid.effects import STANDARD
+from bayesid.effects.catalogue import make_terms
+from bayesid.effects.model import Model
 from bayesid.identification.other_readings import better_reading
 from bayesid.identification.pipeline import identify
 from bayesid.log.log import Log, read_log
 from bayesid.log.segments import find_segments
 from bayesid.log.signals import prepare
-from bayesid.model.catalogue import make_terms
-from bayesid.model.model import Model
-from bayesid.model.robot import load_robot, robot_from_table
-from bayesid.model.terms import STANDARD
+from bayesid.regression.evidence import Evidence
 from bayesid.report.findings import find_findings
 from bayesid.report.verdicts import check_findings, verdict
 from bayesid.results.folders import save_identification
+from bayesid.robot import load_robot, robot_from_table
 from bayesid.signs.search.certified import Certified
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters

@@ -21,8 +21,8 @@ from bayesid.identification.payload import (
     with_common_factor,
 )
 from bayesid.identification.unchanged import UnchangedCheck
-from bayesid.model.inertia import pseudo_inertia
 from bayesid.report.payload_text import payload_checks
+from bayesid.robot.inertia import pseudo_inertia
 
 ALL = range(24)
 """Seeds of the cases whose rates are counted."""

@@ -11,14 +11,14 @@ from conftest import small_robot
 from oracles import assert_close
 
 import bayesid
+from bayesid.effects.catalogue import make_effect, make_terms
+from bayesid.effects.model import Model
+from bayesid.effects.payload import CarriedPayload
 from bayesid.errors import InputError
 from bayesid.log.log import join_logs
-from bayesid.model.catalogue import make_effect, make_terms
-from bayesid.model.inertia import NAMES
-from bayesid.model.model import Model
-from bayesid.model.terms.payload import CarriedPayload
 from bayesid.results.folders import save_identification
 from bayesid.results.model_file import load_model
+from bayesid.robot.inertia import NAMES
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters
 from bayesid.simulation.trajectories import random_trajectory

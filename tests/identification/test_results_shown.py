@@ -11,9 +11,9 @@ from identified_arm import ROBOT, log_of, sampled
 
 import bayesid
 from bayesid.errors import InputError
-from bayesid.fit.knowledge import Beliefs
 from bayesid.identification.pipeline import identify
 from bayesid.log.log import join_logs
+from bayesid.regression.knowledge import Beliefs
 
 
 @pytest.fixture(scope="module")

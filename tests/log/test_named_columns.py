@@ -21,7 +21,7 @@ from bayesid.errors import InputError
 from bayesid.excitation.judgement import judge_log
 from bayesid.log.formats.stated import parse_columns
 from bayesid.log.log import read_log
-from bayesid.model.robot import load_robot
+from bayesid.robot import load_robot
 
 ROWS = len(RECORDED["t"])
 NO_DQ = without(RECORDED, "dq")

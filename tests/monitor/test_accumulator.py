@@ -9,17 +9,17 @@ import pytest
 from conftest import real_log, small_robot, smooth_motion
 
 import bayesid
+from bayesid.effects import STANDARD
+from bayesid.effects.catalogue import make_terms
+from bayesid.effects.clipping import Clipping
+from bayesid.effects.coefficients import base_coefficients
+from bayesid.effects.delay import Delay
+from bayesid.effects.model import LOOK_AHEAD, LOOK_BACK, Model
 from bayesid.errors import InputError
-from bayesid.fit.noise import Noise
 from bayesid.identification.identified_model import IdentifiedModel
-from bayesid.model.catalogue import make_terms
-from bayesid.model.coefficients import base_coefficients
-from bayesid.model.distortions.clipping import Clipping
-from bayesid.model.distortions.delay import Delay
-from bayesid.model.model import LOOK_AHEAD, LOOK_BACK, Model
-from bayesid.model.terms import STANDARD
 from bayesid.monitor import stream_moments
 from bayesid.motion import Motion
+from bayesid.regression.noise import Noise
 from bayesid.simulation.parameters import random_parameters
 
 RATE = 100.0

@@ -8,11 +8,11 @@ from conftest import real_log
 from tracked_arm import RATE, T, changed, identified, right_share, run, stream, truth
 
 import bayesid
+from bayesid.effects import RigidBody
+from bayesid.effects.coulomb_friction import CoulombFriction
+from bayesid.effects.model import Model
 from bayesid.errors import InputError
 from bayesid.identification.identification import Identification
-from bayesid.model.model import Model
-from bayesid.model.terms import RigidBody
-from bayesid.model.terms.coulomb_friction import CoulombFriction
 from bayesid.monitor.kinds import Look, kind_of
 from bayesid.monitor.running_model import RunningModel
 from bayesid.monitor.tracker import SignTracker

@@ -8,9 +8,9 @@ import numpy as np
 from conftest import small_robot
 
 import bayesid
-from bayesid.model.catalogue import make_terms
-from bayesid.model.model import Model
-from bayesid.model.terms import STANDARD
+from bayesid.effects import STANDARD
+from bayesid.effects.catalogue import make_terms
+from bayesid.effects.model import Model
 from bayesid.monitor.tracker import SignTracker
 from bayesid.simulation.parameters import random_parameters
 from bayesid.simulation.trajectories import random_trajectory

@@ -8,8 +8,8 @@ import pytest
 from sign_problems import moments_of
 
 import bayesid
+from bayesid.effects.coefficients import BaseCoefficients
 from bayesid.log.segments import Segments
-from bayesid.model.coefficients import BaseCoefficients
 from bayesid.posterior.blocks import SegmentBlocks, agreed_signs, divide
 from bayesid.posterior.kept import by_blocks, pointwise
 from bayesid.posterior.likelihood import make_likelihood

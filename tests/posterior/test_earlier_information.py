@@ -7,8 +7,8 @@ import pytest
 from posterior_logs import Enumerated, cells, infer_from, make_log, near_symmetric
 from posterior_problems import information_of
 
-from bayesid.fit.knowledge import Information
 from bayesid.posterior.sampler import Sampling
+from bayesid.regression.knowledge import Information
 
 SHORT = Sampling(walkers=4, budget=0.0)
 

@@ -10,16 +10,16 @@ import xarray
 from posterior_logs import make_log
 from posterior_problems import one_each
 
+from bayesid.effects.coefficients import BaseCoefficients
+from bayesid.effects.parameters import Parameter
 from bayesid.errors import InputError
-from bayesid.fit.knowledge import Information
-from bayesid.model.coefficients import BaseCoefficients
-from bayesid.model.parameters import Parameter
 from bayesid.posterior.diagnostics import Diagnostics
 from bayesid.posterior.inference_data import as_inference_data
 from bayesid.posterior.kept import Group, Kept, Labels, Variable, keep, pointwise, write
 from bayesid.posterior.likelihood import make_likelihood
 from bayesid.posterior.sampler import Draws
 from bayesid.posterior.stored import read_coefficients, read_draws
+from bayesid.regression.knowledge import Information
 
 JOINTS = ("A1", "A2", "A3")
 SIGMA = np.array([0.5, 2.0, 1.3])

@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 from conftest import small_robot, smooth_motion
 
-from bayesid.fit.knowledge import Beliefs, Links
-from bayesid.fit.moments import moments
+from bayesid.effects import STANDARD, RigidBody
+from bayesid.effects.catalogue import make_terms
+from bayesid.effects.coefficients import base_coefficients
+from bayesid.effects.model import Model
 from bayesid.identification.pipeline import identify
 from bayesid.log.segments import Segments
-from bayesid.model.catalogue import make_terms
-from bayesid.model.coefficients import base_coefficients
-from bayesid.model.model import Model
-from bayesid.model.robot import robot_from_table
-from bayesid.model.terms import STANDARD, RigidBody
 from bayesid.posterior.links import usual_links
 from bayesid.posterior.sampler import Sampling
+from bayesid.regression.knowledge import Beliefs, Links
+from bayesid.regression.moments import moments
+from bayesid.robot import robot_from_table
 from bayesid.signs.search.certified import Certified
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters

@@ -3,8 +3,7 @@ import pytest
 from posterior_problems import disc, quadrature, simulate, target_in
 from scipy import stats
 
-from bayesid.model.inertia import from_pseudo_inertia
-from bayesid.model.parameters import Cone
+from bayesid.effects.parameters import Cone
 from bayesid.posterior.marginal_likelihood import (
     Integration,
     Normal,
@@ -16,6 +15,7 @@ from bayesid.posterior.marginal_likelihood import (
 )
 from bayesid.posterior.region import Region
 from bayesid.posterior.sampler import Sampling, sample
+from bayesid.robot.inertia import from_pseudo_inertia
 
 MANY = Integration(groups=10, walkers=400)
 

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from posterior_logs import make_log, near_symmetric, unproven
 
-from bayesid.fit.knowledge import Information, Nominal
-from bayesid.model.parameters import Cone
+from bayesid.effects.parameters import Cone
 from bayesid.posterior.modes import starting_points
+from bayesid.regression.knowledge import Information, Nominal
 
 
 @pytest.mark.parametrize("proven", [True, False])

@@ -5,10 +5,10 @@ import pytest
 from posterior_problems import Rotated, disc, information_of, quadrature, samples_of, simulate, target_in, whole_space
 from scipy import stats
 
-from bayesid.model.inertia import from_pseudo_inertia
-from bayesid.model.parameters import Cone
+from bayesid.effects.parameters import Cone
 from bayesid.posterior.moves import Conditional, HitAndRun, InTurn, NoiseScales
 from bayesid.posterior.region import Region
+from bayesid.robot.inertia import from_pseudo_inertia
 
 
 def test_information_pulls_whatever_the_noise_scale(rng):

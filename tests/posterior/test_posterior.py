@@ -8,7 +8,7 @@ from posterior_logs import FEW, LOG_SCALE_SD, infer_from, make_log, near_symmetr
 from posterior_problems import whole_space
 from scipy.stats import norm, truncnorm
 
-from bayesid.model.parameters import Cone
+from bayesid.effects.parameters import Cone
 from bayesid.posterior.diagnostics import Diagnostics
 from bayesid.posterior.inference import Posterior, widened
 from bayesid.posterior.likelihood import Likelihood

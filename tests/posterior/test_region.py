@@ -3,9 +3,9 @@ import pytest
 from posterior_problems import disc
 from scipy import stats
 
-from bayesid.model.inertia import PSEUDO_INERTIA_BASIS, from_pseudo_inertia
-from bayesid.model.parameters import Cone
+from bayesid.effects.parameters import Cone
 from bayesid.posterior.region import Brackets, Region, draw_on_line
+from bayesid.robot.inertia import PSEUDO_INERTIA_BASIS, from_pseudo_inertia
 
 
 def bodies(rng, count, shift):

@@ -7,10 +7,10 @@ import pytest
 from posterior_logs import make_log
 from posterior_problems import information_of
 
-from bayesid.fit.knowledge import Links
-from bayesid.model.parameters import Cone
+from bayesid.effects.parameters import Cone
 from bayesid.posterior.likelihood import make_likelihood
 from bayesid.posterior.prior import make_prior
+from bayesid.regression.knowledge import Links
 
 PROJECTION = [[1.0, 0.0, 0.6, 0.0], [0.0, 1.0, -2.0, 0.0], [0.0, 0.0, 0.0, 1.5]]
 THETA = (0.8, 0.3, -0.4, 0.9)

@@ -7,18 +7,18 @@ from dataclasses import replace
 import numpy as np
 from made_discrepancy import FRICTION, NOTHING, floor_of, found, friction, made_of, make
 
+from bayesid import effects
 from bayesid.discrepancy.compare import Excess
-from bayesid.fit.effects.worth import Cost, EffortSize
-from bayesid.model import distortions, terms
-from bayesid.model.catalogue import forms, make_effect
-from bayesid.model.distortions.base_tilt import BaseTilt
-from bayesid.model.distortions.delay import Delay
-from bayesid.model.distortions.gain_error import GainError
-from bayesid.model.terms.coulomb_friction import CoulombFriction
-from bayesid.model.terms.learned_effect import LearnedEffect
-from bayesid.model.terms.payload import CarriedPayload, Payload
-from bayesid.model.terms.thermal_drift import ThermalDrift
-from bayesid.model.terms.torque_offset import TorqueOffset
+from bayesid.effects.base_tilt import BaseTilt
+from bayesid.effects.catalogue import forms, make_effect
+from bayesid.effects.coulomb_friction import CoulombFriction
+from bayesid.effects.delay import Delay
+from bayesid.effects.gain_error import GainError
+from bayesid.effects.learned_effect import LearnedEffect
+from bayesid.effects.payload import CarriedPayload, Payload
+from bayesid.effects.thermal_drift import ThermalDrift
+from bayesid.effects.torque_offset import TorqueOffset
+from bayesid.regression.selection.worth import Cost, EffortSize
 from bayesid.report.discrepancy_verdicts import discrepancy_checks, lead
 from bayesid.report.words import quantity, rounded
 
@@ -206,10 +206,10 @@ def test_what_was_found_and_what_is_left_leads():
 
 def numbers_of(kind):
     """Names, without joints, that a form's numbers have in a result."""
-    if issubclass(kind, distortions.Distortion):
+    if issubclass(kind, effects.Distortion):
         own = {"base_tilt": {"tilt1", "tilt2"}, "delay": {"lag"}, "gear_ratio": {"ratio"}}
         return {kind.symbol} if kind.of_table else own.get(kind.name, set(kind.shape_units))
-    if issubclass(kind, terms.ActuatorTerm):
+    if issubclass(kind, effects.ActuatorTerm):
         return {symbol.rstrip("_") for symbol in kind.symbols} | set(kind.shape_units)
     if kind is LearnedEffect:  # its formula holds them
         return set()

@@ -9,14 +9,14 @@ from made_findings import make_findings, with_alternatives
 
 import bayesid
 from bayesid.errors import InputError
-from bayesid.fit.knowledge import Beliefs
 from bayesid.identification.pipeline import identify
 from bayesid.log.log import join_logs
-from bayesid.model.robot import robot_from_table, robot_table
 from bayesid.posterior.sampler import Sampling
+from bayesid.regression.knowledge import Beliefs
 from bayesid.report.findings import FILE, as_json, collect, content, find_findings, read_findings, write_findings
 from bayesid.report.verdicts import check_findings, verdict
 from bayesid.results.folders import save_identification
+from bayesid.robot import robot_from_table, robot_table
 from bayesid.signs.search.certified import Certified
 from bayesid.signs.search.result import Branch
 from bayesid.simulation.logs import simulate_log

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import bayesid
-from bayesid.model.kinematics import pose
 from bayesid.motion import Motion
 from bayesid.report.plot.ink import MAGENTA
 from bayesid.report.plot.planned_motion import JointLimits, MotionPicture, extreme_poses, planned_motion, skeleton_line
+from bayesid.robot.kinematics import pose
 
 T = np.linspace(0.0, 4.0, 801)
 SWING, CENTRE = np.array([0.7, -0.4, 1.1]), np.array([0.2, -0.5, 0.9])

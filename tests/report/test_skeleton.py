@@ -9,8 +9,8 @@ from matplotlib.text import Annotation
 
 import bayesid
 from bayesid.errors import InputError
-from bayesid.model.kinematics import pose
 from bayesid.report.plot.robots import skeleton, skeleton_figure
+from bayesid.robot.kinematics import pose
 
 POSES = {
     "kr6r900": np.radians([0.0, -90.0, 90.0, 0.0, 0.0, 0.0]),

@@ -10,12 +10,12 @@ from exported_robots import ROBOTS, dofs, in_mujoco, in_pinocchio
 from oracles import assert_close, dh_chain, parameters_of, random_clouds, random_motion, random_table, turn
 from oracles import joint_torques as torques_of_points
 
-from bayesid.model.catalogue import make_effect, make_terms
-from bayesid.model.model import Model
-from bayesid.model.robot import robot_from_table, robot_from_urdf
-from bayesid.model.terms import STANDARD, RigidBody
+from bayesid.effects import STANDARD, RigidBody
+from bayesid.effects.catalogue import make_effect, make_terms
+from bayesid.effects.model import Model
 from bayesid.results.export import urdf
 from bayesid.results.export.urdf_text import roll_pitch_yaw
+from bayesid.robot import robot_from_table, robot_from_urdf
 
 HELD = {"staubli_tx40": [1, 1, 1, 1, 1, 0]}
 """Of robots with a transmission: whether a motor's friction is its joint's; the TX40's motor 6 turns with 5 and 6."""

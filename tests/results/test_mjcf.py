@@ -7,12 +7,12 @@ import pytest
 from exported_robots import COUPLED, ROBOTS, branched, dofs, in_mujoco, in_pinocchio
 from oracles import assert_close, dh_chain, joint_torques, parameters_of, random_clouds, random_table
 
-from bayesid.model.catalogue import make_effect
-from bayesid.model.model import Model
-from bayesid.model.robot import BUILT_IN, load_robot, robot_from_table
-from bayesid.model.terms import RigidBody, ViscousFriction
+from bayesid.effects import RigidBody, ViscousFriction
+from bayesid.effects.catalogue import make_effect
+from bayesid.effects.model import Model
 from bayesid.motion import Motion
 from bayesid.results.export import mjcf, urdf
+from bayesid.robot import BUILT_IN, load_robot, robot_from_table
 from bayesid.simulation.parameters import random_parameters
 
 AT_REST = 0.001  # rad/s, over which the model smooths dry friction

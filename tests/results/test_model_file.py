@@ -12,17 +12,16 @@ from exported_robots import in_pinocchio
 from oracles import urdf_text
 from saved_results import identified, save, simulated
 
+from bayesid.effects import ActuatorTerm, RigidBody
+from bayesid.effects.catalogue import DISTORTIONS, TERMS, make_effect
+from bayesid.effects.coefficients import base_coefficients
+from bayesid.effects.model import Model
 from bayesid.errors import InputError
-from bayesid.fit.noise import Noise
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.pipeline import identify, identify_again
-from bayesid.model.catalogue import make_effect
-from bayesid.model.coefficients import base_coefficients
-from bayesid.model.distortions import CATALOGUE as DISTORTIONS
-from bayesid.model.model import Model
-from bayesid.model.robot import load_robot, robot_from_urdf
-from bayesid.model.terms import CATALOGUE, ActuatorTerm, RigidBody
+from bayesid.regression.noise import Noise
 from bayesid.results.model_file import load_model, model_table
+from bayesid.robot import load_robot, robot_from_urdf
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.trajectories import random_trajectory
 
@@ -70,7 +69,7 @@ NUMBERS = {
 
 def made(name, joints, n=3):
     """An effect of a catalogue, on some of the joints."""
-    kind = {**CATALOGUE, **DISTORTIONS}[name]
+    kind = {**TERMS, **DISTORTIONS}[name]
     needed = {one.name for one in fields(kind)} - {"joints", "links"}
     count = {key: kind.counts.get(key, len(joints)) for key in needed}
     shape = {key: [NUMBERS.get(key, 0.37) * (1.0 + i / 7.0) for i in range(count[key])] for key in needed}
@@ -112,7 +111,7 @@ NOT_MADE_HERE = ("rigid_body", "learned_effect")  # the latter comes back in tes
 
 def test_a_model_of_every_effect_comes_back(tmp_path, rng):
     """Terms of one name in different joints, all distortions one after the other."""
-    names = [name for name in CATALOGUE if name not in NOT_MADE_HERE]
+    names = [name for name in TERMS if name not in NOT_MADE_HERE]
     terms = dict.fromkeys(made(name, joints) for joints in ((2,), (3, 1)) for name in names)
     stored = of_everything(rng, terms, tuple(made(name, (1, 3)) for name in reversed(DISTORTIONS)))
     names = [parameter.name for parameter in stored.model.parameters]

@@ -12,8 +12,8 @@ from saved_results import numbers, save, strict, table
 from saved_results import sampled as sample
 
 import bayesid
+from bayesid.effects import STANDARD
 from bayesid.errors import InputError
-from bayesid.model.terms import STANDARD
 from bayesid.results.model_file import load_model
 
 KEYS = {

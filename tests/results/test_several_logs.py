@@ -6,11 +6,11 @@ from saved_results import table
 
 import bayesid
 from bayesid.cli import main
+from bayesid.effects.catalogue import make_terms
+from bayesid.effects.model import Model
 from bayesid.log.log import read_log, write_log
-from bayesid.model.catalogue import make_terms
-from bayesid.model.model import Model
-from bayesid.model.robot import robot_from_table
 from bayesid.results.several_logs import identify_separately
+from bayesid.robot import robot_from_table
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters
 from bayesid.simulation.trajectories import random_trajectory

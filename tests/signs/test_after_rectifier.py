@@ -9,13 +9,13 @@ import pytest
 from scipy.signal import butter, filtfilt, lfilter, lfilter_zi
 from simulated_arms import BUDGET, Simulated
 
-from bayesid.fit.noise import Noise
+from bayesid.effects import STANDARD
+from bayesid.effects.catalogue import make_terms
+from bayesid.effects.model import Model
 from bayesid.log.low_pass import AfterRectifier, LowPass
 from bayesid.log.segments import USUAL, find_segments
 from bayesid.log.signals import prepare
-from bayesid.model.catalogue import make_terms
-from bayesid.model.model import Model
-from bayesid.model.terms import STANDARD
+from bayesid.regression.noise import Noise
 from bayesid.signs.after_rectifier import noise_taken, settle_unfiltered, significance
 from bayesid.signs.search.certified import Certified
 from bayesid.signs.settling import settle_signs

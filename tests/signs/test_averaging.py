@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from simulated_arms import BUDGET, arm_with_friction, rms, settle
 
+from bayesid.effects import STANDARD
 from bayesid.identification import pipeline
-from bayesid.model.terms import STANDARD
 from bayesid.posterior.sampler import Sampling
 from bayesid.signs.averaging import richer_model, weight_against
 from bayesid.signs.search.certified import Certified

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from sign_problems import ROUNDING, SignProblem, arm, moments_of, strong, synthetic
 
+from bayesid.effects.parameters import Cone
 from bayesid.errors import SolverError
-from bayesid.model.parameters import Cone
 from bayesid.signs.search.certified import certified
 from bayesid.signs.search.limits import Limits
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import t
 from smoothing_oracles import noise_of, size_at_rest
 
-from bayesid.fit.noise import Noise
+from bayesid.regression.noise import Noise
 from bayesid.signs.smoothing import Blocks, smooth
 
 RATE = 100.0

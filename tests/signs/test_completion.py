@@ -7,13 +7,13 @@ import pytest
 from completion_problems import BASE, LAG, LOAD, STRIBECK, THETA, identified, identify, log_with, true_signs
 
 from bayesid.errors import InputError
-from bayesid.fit.effects.kinematics import KinematicTolerance
-from bayesid.fit.knowledge import Beliefs
 from bayesid.identification import pipeline
 from bayesid.log.segments import Cutting, find_segments
 from bayesid.log.signals import prepare
 from bayesid.posterior.inference import widened
 from bayesid.posterior.sampler import Sampling
+from bayesid.regression.knowledge import Beliefs
+from bayesid.regression.selection.kinematics import KinematicTolerance
 from bayesid.signs.averaging import AveragedSigns
 from bayesid.signs.completion import Completing, complete
 from bayesid.signs.search.certified import Certified

@@ -10,14 +10,14 @@ import itertools
 import numpy as np
 import pytest
 
-from bayesid.fit.moments import moments
-from bayesid.fit.solver import LEAST_PULL, ConeLeastSquares
+from bayesid.effects.catalogue import make_terms
+from bayesid.effects.coefficients import base_coefficients
+from bayesid.effects.model import Model
 from bayesid.log.segments import Segments
-from bayesid.model.catalogue import make_terms
-from bayesid.model.coefficients import base_coefficients
-from bayesid.model.model import Model
-from bayesid.model.robot import robot_from_table
 from bayesid.motion import Motion
+from bayesid.regression.moments import moments
+from bayesid.regression.solver import LEAST_PULL, ConeLeastSquares
+from bayesid.robot import robot_from_table
 from bayesid.signs.search.certified import certified
 
 TABLE = {

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from conftest import random_motion, small_robot
 
+from bayesid.effects import RigidBody, ViscousFriction
+from bayesid.effects.coefficients import base_coefficients
+from bayesid.effects.model import Model
 from bayesid.errors import InputError
-from bayesid.fit.solver import solve_precisely
-from bayesid.model.coefficients import base_coefficients
-from bayesid.model.model import Model
-from bayesid.model.robot import load_robot
-from bayesid.model.terms import RigidBody, ViscousFriction
+from bayesid.regression.solver import solve_precisely
+from bayesid.robot import load_robot
 from bayesid.signs.search.pbpr import (
     TOLERANCE,
     AnnealedLeastSquares,

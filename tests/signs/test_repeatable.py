@@ -5,10 +5,10 @@ import pytest
 from sign_problems import synthetic
 
 import bayesid
-from bayesid.model.catalogue import make_terms
-from bayesid.model.model import Model
-from bayesid.model.robot import robot_from_table
+from bayesid.effects.catalogue import make_terms
+from bayesid.effects.model import Model
 from bayesid.posterior.sampler import Sampling
+from bayesid.robot import robot_from_table
 from bayesid.signs.search.certified import Certified, certified
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters

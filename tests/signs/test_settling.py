@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from simulated_arms import BUDGET, arm_with_friction, settle, settled_by_standard_terms
 
-from bayesid.fit.knowledge import Knowledge
+from bayesid.effects import STANDARD
+from bayesid.effects.catalogue import make_effect
+from bayesid.effects.coefficients import base_coefficients
 from bayesid.log.signals import prepare, signed_effort
-from bayesid.model.catalogue import make_effect
-from bayesid.model.coefficients import base_coefficients
-from bayesid.model.terms import STANDARD
 from bayesid.progress import SILENT
+from bayesid.regression.knowledge import Knowledge
 from bayesid.signs.search.certified import Certified
 from bayesid.signs.settling import Earlier, restored
 from bayesid.simulation.logs import simulate

@@ -3,7 +3,7 @@ import re
 import numpy as np
 import pytest
 
-from bayesid.model.coefficients import base_coefficients
+from bayesid.effects.coefficients import base_coefficients
 from bayesid.simulation.paper import TABLE_II, nominal_parameters, paper_model
 
 ROWS = np.array([row.row for row in TABLE_II])

@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from bayesid.effects import STANDARD, RigidBody, TorqueOffset, ViscousFriction
+from bayesid.effects.catalogue import main_forms, make_terms
+from bayesid.effects.delay import FASTEST_HARMONIC
+from bayesid.effects.model import Model
 from bayesid.errors import InputError
-from bayesid.model.catalogue import main_forms, make_terms
-from bayesid.model.distortions.delay import FASTEST_HARMONIC
-from bayesid.model.model import Model
-from bayesid.model.robot import Joint, Robot, load_robot
-from bayesid.model.terms import STANDARD, RigidBody, TorqueOffset, ViscousFriction
 from bayesid.motion import Motion
+from bayesid.robot import Joint, Robot, load_robot
 from bayesid.simulation import logs as simulation
 from bayesid.simulation.logs import SimulatedEffect, parse_effect, simulate, simulate_log
 from bayesid.simulation.paper import nominal_parameters, paper_model

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from bayesid.model.coefficients import base_coefficients
+from bayesid.effects.coefficients import base_coefficients
 from bayesid.simulation.exciting import condition_number, exciting_trajectory
 from bayesid.simulation.paper import paper_model
 from bayesid.simulation.trajectories import FourierTrajectory, MotionLimits, random_trajectory

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bayesid.effects import STANDARD, RigidBody
+from bayesid.effects.catalogue import make_terms
+from bayesid.effects.coefficients import base_coefficients
+from bayesid.effects.model import Model
 from bayesid.identification.pipeline import identify
-from bayesid.model.catalogue import make_terms
-from bayesid.model.coefficients import base_coefficients
-from bayesid.model.model import Model
-from bayesid.model.robot import load_robot
-from bayesid.model.terms import STANDARD, RigidBody
+from bayesid.robot import load_robot
 from bayesid.signs.search.certified import Certified
 from bayesid.simulation.exciting import exciting_trajectory
 from bayesid.simulation.logs import simulate

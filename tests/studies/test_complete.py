@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bayesid.effects import STANDARD
+from bayesid.effects.catalogue import make_terms
+from bayesid.effects.model import Model
 from bayesid.log.signals import prepare
-from bayesid.model.catalogue import make_terms
-from bayesid.model.model import Model
-from bayesid.model.terms import STANDARD
 from bayesid.studies import complete
 from bayesid.studies.hidden import SHARES, make_case
 from bayesid.studies.readings import NOISES

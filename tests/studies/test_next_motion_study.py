@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from conftest import small_robot
 
+from bayesid.effects import RigidBody
+from bayesid.effects.model import Model
 from bayesid.excitation.splines import SplineBasis, SplineTrajectory
-from bayesid.model.model import Model
-from bayesid.model.terms import RigidBody
 from bayesid.simulation.parameters import random_parameters
 from bayesid.simulation.trajectories import MotionLimits
 from bayesid.studies import load, next_motion

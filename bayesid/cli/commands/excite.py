@@ -14,10 +14,10 @@ from bayesid.excitation.design import ExcitationDesign, Objective, TrajectorySha
 from bayesid.excitation.judgement import judge_log
 from bayesid.excitation.limits import read_limits
 from bayesid.files.writing import check_folder, reserved
-from bayesid.model.robot import Robot
 from bayesid.progress import Progress
 from bayesid.report.excitation_text import design_text, judgement_text
 from bayesid.results.designs import DESIGN_FILES, DESIGN_MARKER, save_design
+from bayesid.robot import Robot
 
 _FOR_RESULT = (
     *("--about", "--between", "--criterion", "--start", "--payload", "--effort-limits"),

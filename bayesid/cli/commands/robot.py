@@ -20,11 +20,11 @@ from bayesid.errors import InputError
 from bayesid.files.bounded import MOST_BYTES
 from bayesid.files.writing import check_place, replace_file
 from bayesid.log.formats.text import look
-from bayesid.model.kinematics import Pose, pose, reach
-from bayesid.model.robot import Robot
-from bayesid.model.robot.built_in import BUILT_IN, built_in_table
 from bayesid.report.plot.robots import positions_text, skeleton_figure
 from bayesid.results.robot_file import robot_file, robot_template
+from bayesid.robot import Robot
+from bayesid.robot.built_in import BUILT_IN, built_in_table
+from bayesid.robot.kinematics import Pose, pose, reach
 
 _PICTURES = ".png", ".svg", ".pdf"
 _DPI = 150

@@ -24,7 +24,7 @@ from bayesid.log.formats.clocks import clock_seconds, is_clock
 from bayesid.log.formats.names import choose
 from bayesid.log.formats.table import Chosen, Column, SourceColumn, Table
 from bayesid.log.formats.units import is_unit, split_brackets
-from bayesid.process import quiet
+from bayesid.parallel import quiet
 
 _SEPARATORS = ",", ";", "\t", "|", " "
 """What may be between two columns; spaces count in any number."""

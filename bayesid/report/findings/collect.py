@@ -7,10 +7,10 @@ from dataclasses import fields, replace
 import numpy as np
 
 from bayesid.arrays import Array, Integers
-from bayesid.fit.noise import autocovariance
 from bayesid.identification.identification import Identification
 from bayesid.identification.prediction import NORMAL_95
 from bayesid.log.signals import signed_effort
+from bayesid.regression.noise import autocovariance
 from bayesid.report.findings.content import (
     AMBIGUOUS,
     MOST,

@@ -11,14 +11,14 @@ import numpy as np
 
 from bayesid.arrays import Array
 from bayesid.files.writing import plain
-from bayesid.fit.effects.confounded import TooNarrow
-from bayesid.fit.effects.wanted import EnteredEffect
 from bayesid.identification.identification import Identification
 from bayesid.identification.other_readings import BetterReading
 from bayesid.identification.payload import Estimate, PayloadBody
 from bayesid.identification.provenance import Provenance
 from bayesid.log.log import Log
 from bayesid.posterior.inference import Posterior
+from bayesid.regression.selection.confounded import TooNarrow
+from bayesid.regression.selection.wanted import EnteredEffect
 
 _MOST_DIFFERENT = 3
 """Coefficients of another mode that are named; a round number."""

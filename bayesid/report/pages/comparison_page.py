@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from bayesid.discrepancy.comparison import ALL_ALONG, CHANGED, GONE, EffectHistory, LogComparison
-from bayesid.process import one_at_a_time
+from bayesid.parallel import one_at_a_time
 from bayesid.report.pages.discrepancy_page import discrepancy_content, subject
 from bayesid.report.pages.rendering import Picture, picture, render
 from bayesid.report.plot.paper import Paper

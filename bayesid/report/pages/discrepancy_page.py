@@ -10,12 +10,12 @@ import numpy as np
 from bayesid.discrepancy.compare import Excess
 from bayesid.discrepancy.selection import GROWN, HELD_BACK, ON_LOG
 from bayesid.discrepancy.workflow import Discrepancy
-from bayesid.fit.effects.added_effect import AddedEffect
-from bayesid.fit.effects.explanation import LN10
-from bayesid.fit.effects.hypotheses import Hypothesis
-from bayesid.fit.effects.scores import Score
-from bayesid.model.catalogue import forms
-from bayesid.process import one_at_a_time
+from bayesid.effects.catalogue import forms
+from bayesid.parallel import one_at_a_time
+from bayesid.regression.selection.added_effect import AddedEffect
+from bayesid.regression.selection.explanation import LN10
+from bayesid.regression.selection.hypotheses import Hypothesis
+from bayesid.regression.selection.scores import Score
 from bayesid.report.discrepancy_verdicts import (
     discrepancy_checks,
     distinguishing_motions,

@@ -13,7 +13,7 @@ from markupsafe import Markup
 
 from bayesid.identification.identification import SURE
 from bayesid.identification.warnings import convergence
-from bayesid.process import in_parallel, one_at_a_time
+from bayesid.parallel import in_parallel, one_at_a_time
 from bayesid.progress import SILENT, Progress
 from bayesid.report import commands, plot
 from bayesid.report.findings import Findings

@@ -6,7 +6,7 @@ from markupsafe import Markup
 
 from bayesid.errors import in_python
 from bayesid.identification.identification import Identification
-from bayesid.process import one_at_a_time
+from bayesid.parallel import one_at_a_time
 from bayesid.report.findings import find_findings
 from bayesid.report.pages.rendering import fragment
 from bayesid.report.plot.efforts import WIDE, torques

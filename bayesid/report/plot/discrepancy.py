@@ -9,8 +9,8 @@ import numpy as np
 from bayesid.arrays import Array
 from bayesid.discrepancy.compare import variables
 from bayesid.discrepancy.workflow import Discrepancy
-from bayesid.fit.effects.added_effect import AddedEffect
-from bayesid.fit.effects.explanation import LN10
+from bayesid.regression.selection.added_effect import AddedEffect
+from bayesid.regression.selection.explanation import LN10
 from bayesid.report.plot.ink import BLUE as AFTER
 from bayesid.report.plot.ink import INK, SIZE, WIDTH
 from bayesid.report.plot.ink import ORANGE as BEFORE

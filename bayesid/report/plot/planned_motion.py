@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bayesid.arrays import Array, Integers
-from bayesid.model.kinematics import pose
-from bayesid.model.robot import Robot
 from bayesid.motion import Motion
 from bayesid.report.plot.ink import BLUE, INK, MAGENTA, ORANGE, SIZE
 from bayesid.report.plot.style import dress, new_figure
 from bayesid.report.thinning import evenly
+from bayesid.robot import Robot
+from bayesid.robot.kinematics import pose
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

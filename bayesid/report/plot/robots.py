@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bayesid.arrays import Array
-from bayesid.model.kinematics import Pose, pose
-from bayesid.model.robot import Robot, load_robot
 from bayesid.report.plot.ink import BLUE, INK, MAGENTA, ORANGE, SIZE
 from bayesid.report.plot.style import dress, grid_of_axes
+from bayesid.robot import Robot, load_robot
+from bayesid.robot.kinematics import Pose, pose
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -15,7 +15,7 @@ from matplotlib.ticker import NullLocator
 
 from bayesid.arrays import Array
 from bayesid.files.writing import replace_file
-from bayesid.process import ALONE
+from bayesid.parallel import ALONE
 
 COLOURS = ("#1b7f79", "#c0392b", "#2c5d9b", "#d08a1d", "#6a4c93", "#555555", "#a0522d")
 """Distinct for people who do not see red and green alike, and in print together with the markers."""

@@ -11,11 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bayesid.arrays import Array, Mask
-from bayesid.model import inertia
-from bayesid.model.effects import Effect
-from bayesid.model.model import Model
-from bayesid.model.robot import Joint, Robot
-from bayesid.model.terms import RigidBody, Term
+from bayesid.effects import RigidBody, Term
+from bayesid.effects.effect import Effect
+from bayesid.effects.model import Model
+from bayesid.robot import Joint, Robot, inertia
 
 Part = tuple[Term, Array]
 """A term and its own part of theta."""

@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 
 from bayesid.arrays import Array, frozen
-from bayesid.model.model import Model
+from bayesid.effects.model import Model
 from bayesid.results.export.content import (
     Body,
     Part,

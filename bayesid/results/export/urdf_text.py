@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from bayesid.arrays import Array, frozen
-from bayesid.model.model import Model
+from bayesid.effects.model import Model
 from bayesid.results.export.content import (
     Body,
     add_comment,

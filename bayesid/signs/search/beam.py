@@ -18,9 +18,9 @@ import numpy as np
 
 from bayesid.arrays import Array, Integers
 from bayesid.errors import InputError
-from bayesid.fit.moments import Moments
-from bayesid.fit.solver import ConeLeastSquares
 from bayesid.progress import SILENT, Progress, Steps, no_steps
+from bayesid.regression.moments import Moments
+from bayesid.regression.solver import ConeLeastSquares
 from bayesid.signs.search.budget import Budget
 from bayesid.signs.search.local import FAILURES, searched_locally
 from bayesid.signs.search.protocol import NodeCost, NodeCostFactory, Search, SignProblem
@@ -171,7 +171,7 @@ def beam(
 
     Args:
         moments: scaled moments of S segments.
-        node_cost: prices a node; `bayesid.fit.solver.ConeLeastSquares` by default, PBPR as in the paper.
+        node_cost: prices a node; `bayesid.regression.solver.ConeLeastSquares` by default, PBPR as in the paper.
         width: w, nodes that survive each step; None for all (exhaustive).
         initial: s0, segments that are enumerated at the start.
         steps: called as steps(decided, total) after each step.

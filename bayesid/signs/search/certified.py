@@ -24,9 +24,9 @@ import numpy as np
 
 from bayesid.arrays import Array, Integers
 from bayesid.errors import InputError
-from bayesid.fit.moments import Moments
-from bayesid.fit.solver import ConeLeastSquares
 from bayesid.progress import SILENT, Progress, Steps, no_steps
+from bayesid.regression.moments import Moments
+from bayesid.regression.solver import ConeLeastSquares
 from bayesid.signs.search.beam import Beam
 from bayesid.signs.search.combinations import TooManyError, combinations, combine, least_costs, shortest_first
 from bayesid.signs.search.limits import Limits

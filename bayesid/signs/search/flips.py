@@ -21,7 +21,7 @@ from functools import cached_property
 import numpy as np
 
 from bayesid.arrays import Array, Integers
-from bayesid.fit.moments import Moments
+from bayesid.regression.moments import Moments
 from bayesid.signs.search.limits import Limits
 from bayesid.signs.search.result import UnconstrainedBound
 

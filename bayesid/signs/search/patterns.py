@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayesid.arrays import Array, Integers, Mask
-from bayesid.fit.moments import Moments
+from bayesid.regression.moments import Moments
 from bayesid.signs.search.result import UnconstrainedBound
 
 LOG2 = float(np.log(2.0))

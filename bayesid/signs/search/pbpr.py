@@ -7,7 +7,7 @@ optimization methods" (ICRA 2016), :eq:`pbpr`::
 
 with phi1 = |beta(theta) - beta_hat|^2 (`coefficient_error`) or phi2 = |Y beta(theta) - tau|^2 (`effort_error`), and
 gamma the weighted penalties of the constraints that are violated. Constraints are Python functions: they may be
-nonlinear, not convex or conditional, which the cone of `bayesid.fit.solver` cannot state. It costs time, and nothing is
+nonlinear, not convex or conditional, which the cone of `regression.solver` cannot state. It costs time, and nothing is
 proven.
 
 As in the paper, annealing is run several times, each run from where the one before ended and with a heavier penalty.
@@ -27,12 +27,12 @@ import numpy as np
 import scipy
 
 from bayesid.arrays import Array, frozen
+from bayesid.effects.coefficients import BaseCoefficients
+from bayesid.effects.model import Model
+from bayesid.effects.parameters import Cone
 from bayesid.errors import InputError, SolverError
-from bayesid.fit.solver import Solution
-from bayesid.model.coefficients import BaseCoefficients
-from bayesid.model.inertia import inertia_matrix
-from bayesid.model.model import Model
-from bayesid.model.parameters import Cone
+from bayesid.regression.solver import Solution
+from bayesid.robot.inertia import inertia_matrix
 
 TOLERANCE = 1e-6
 """Violation up to which a constraint counts as satisfied, in the constraint's unit: the solver's tolerance."""
@@ -217,7 +217,7 @@ class Bodies:
 
     @property
     def pseudo_inertia(self) -> Array:
-        """(n, 4, 4) as in `bayesid.model.inertia`."""
+        """(n, 4, 4) as in `bayesid.robot.inertia`."""
         return self.cone.pseudo_inertias(self.theta)
 
 

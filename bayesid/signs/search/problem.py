@@ -7,9 +7,9 @@ from contextlib import AbstractContextManager
 import numpy as np
 
 from bayesid.arrays import Array, Integers
-from bayesid.fit.moments import Moments
-from bayesid.fit.solver import ConeLeastSquares, PreparedLeastSquares, Solution
 from bayesid.progress import Steps, no_steps
+from bayesid.regression.moments import Moments
+from bayesid.regression.solver import ConeLeastSquares, PreparedLeastSquares, Solution
 from bayesid.signs.search.budget import Budget
 from bayesid.signs.search.flips import Flips
 from bayesid.signs.search.limits import Limits

@@ -15,12 +15,12 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from bayesid.arrays import Array, Integers
-from bayesid.fit.least_squares import POOR_FIT
-from bayesid.fit.moments import Moments
-from bayesid.fit.solver import ConeLeastSquares, Solution
-from bayesid.model.coefficients import BaseCoefficients
-from bayesid.model.parameters import Cone
+from bayesid.effects.coefficients import BaseCoefficients
+from bayesid.effects.parameters import Cone
 from bayesid.progress import SILENT, Progress, Steps, no_steps
+from bayesid.regression.least_squares import POOR_FIT
+from bayesid.regression.moments import Moments
+from bayesid.regression.solver import ConeLeastSquares, Solution
 from bayesid.signs.search.result import SearchResult
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.linalg.lapack import dtrtri
 
 from bayesid.arrays import Array, Integers, Mask
-from bayesid.fit.moments import Moments
+from bayesid.regression.moments import Moments
 
 EXACT = 1e-8
 """Share of the energy below which two costs count as equal (docs/certified-search.md): that of the finest solutions'
@@ -24,7 +24,7 @@ _STRONG = 0.1
 (`Limits.shares`)."""
 _RIDGE = 1e-13
 """Curvature added to columns of unit length: a hundredth of the solver's least pull to typical links
-(`bayesid.fit.solver.pull_weight`), so that the bound stays below the cost."""
+(`bayesid.regression.solver.pull_weight`), so that the bound stays below the cost."""
 _LEAST_RIDGE = 1e-15
 """The first ridge that is tried where rounding spoils a factor: a few units in the last place."""
 _RIDGE_GROWTH = 10.0

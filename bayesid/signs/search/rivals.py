@@ -14,7 +14,7 @@ from functools import partial
 import numpy as np
 
 from bayesid.arrays import Integers, Mask
-from bayesid.process import in_parallel
+from bayesid.parallel import in_parallel
 from bayesid.progress import Steps, no_steps
 from bayesid.signs.search.certified import candidate
 from bayesid.signs.search.problem import Problem

@@ -1,0 +1,164 @@
+"""The catalogue: every effect that a model can hold, terms and distortions together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from bayesid import effects
+from bayesid.effects.distortion import Distortion
+from bayesid.effects.effect import Effect, Phrase, effect_of, named_classes
+from bayesid.effects.registered import registered_effects
+from bayesid.effects.term import ActuatorTerm, Term
+from bayesid.errors import InputError, near_names
+from bayesid.motion import Motion
+from bayesid.robot import Robot
+
+_OWN = named_classes(effects.__name__, effects.__path__)
+TERMS: Mapping[str, type[Term]] = {name: kind for name, kind in _OWN.items() if issubclass(kind, Term)}
+"""Name to class, of every form of every term of ours."""
+DISTORTIONS: Mapping[str, type[Distortion]] = {key: kind for key, kind in _OWN.items() if issubclass(kind, Distortion)}
+"""Name to class, of every form of every distortion of ours."""
+_TRIED = 8
+"""Samples on which a term's columns are looked at before a run."""
+
+
+@cache
+def forms() -> Mapping[str, type[Term] | type[Distortion]]:
+    """Every form of every effect by its name: terms, distortions, and what installed packages register.
+
+    Raises:
+        InputError: a package's effect cannot be used, or has the name of one of ours.
+    """
+    own: dict[str, Any] = {**TERMS, **DISTORTIONS}
+    for name, kind in registered_effects().items():
+        if name in own:
+            raise InputError(f"{kind.__module__} registers an effect of this name too", name, "rename or uninstall it")
+        own[name] = kind
+    return own
+
+
+def main_forms() -> dict[str, type[Term] | type[Distortion]]:
+    """The main form of every effect that a model may lack, in the order of the catalogue."""
+    return {name: kind for name, kind in forms().items() if name == effect_of(name) and kind.can_be_missing}
+
+
+def effect_names() -> list[str]:
+    """Names of all effects that a model may lack."""
+    return sorted(main_forms())
+
+
+def make_effect(name: str, shape: Mapping[str, Iterable[float]]) -> Any:
+    """A term or distortion from its name in the catalogue and its shape, as model.toml keeps them."""
+    return of_shape(forms()[name], shape)
+
+
+def of_shape(kind: type[Effect], shape: Mapping[str, Iterable[float]]) -> Any:
+    """An effect from its class and its shape."""
+    return kind(**{key: tuple(values) for key, values in shape.items()})  # type: ignore[arg-type]
+
+
+def make_terms(chosen: Iterable[str | Term], robot: Robot, motion: Motion) -> tuple[Term, ...]:
+    """Terms of a model for a robot: those named, their shapes taken from the motion they will be fitted to, and given.
+
+    Args:
+        chosen: names of the catalogue, or terms of one's own.
+        robot: the robot.
+        motion: N samples of its joints.
+
+    Raises:
+        InputError: a name is not in the catalogue, a term comes twice, needs numbers that no motion shows, or does not
+            suit the robot.
+
+    Example:
+        >>> from bayesid.effects.joint_spring import JointSpring
+        >>> spring = JointSpring(joints=(2,))
+        >>> [term.name for term in bayesid.make_terms(["rigid_body", spring], robot, motion)]
+        ['rigid_body', 'joint_spring']
+    """
+    actuators, made = robot.actuators(motion), []
+    for one in check_terms(chosen):
+        term = one if isinstance(one, Term) else _term_class(one).for_motion(actuators)
+        _check_fit(term, robot, motion)
+        made.append(term)
+    names = [parameter.name for term in made for parameter in term.parameters(robot)]
+    if twice := sorted({name for name in names if names.count(name) > 1}):
+        remedy = "name each effect once, and give the parameters of your own other symbols"
+        raise InputError(f"two terms have a parameter {twice[0]}", "--terms", remedy)
+    return tuple(made)
+
+
+def check_terms(chosen: Iterable[str | Term]) -> tuple[str | Term, ...]:
+    """The terms one by one.
+
+    Raises:
+        InputError: they are one text, of which the names would be the letters, or hold what is neither name nor term.
+    """
+    if isinstance(chosen, str) or not isinstance(chosen, Iterable):
+        said = f"{chosen!r} is no list of names or terms"
+        raise InputError(said, "--terms", f"give one, as in [{effects.STANDARD[0]!r}]")
+    listed = tuple(chosen)
+    for one in listed:
+        if isinstance(one, type) and issubclass(one, Effect):
+            raise InputError(f"{one.__name__} is a class", "--terms", f"give a term: {one.__name__}()")
+        if not isinstance(one, str | Term):
+            remedy = "give a name of the catalogue or a bayesid.effects.Term"
+            raise InputError(f"{one!r} is neither the name of a term nor a term", "--terms", remedy)
+        if listed.count(one) > 1:
+            said = f"term {one if isinstance(one, Term) else repr(one)} comes twice"
+            raise InputError(said, "--terms", "name each term once")
+    return listed
+
+
+def _term_class(name: str) -> type[Term]:
+    known = {key: kind for key, kind in forms().items() if issubclass(kind, Term)}
+    if name not in known:
+        remedy = f"{near_names(name, known)} choose from {', '.join(known)}".strip()
+        raise InputError(f"unknown term {name!r}", "--terms", remedy)
+    return known[name]
+
+
+def _check_fit(term: Term, robot: Robot, motion: Motion) -> None:
+    """A term of somebody's own is refused here, where its name is known, and not as a wrong sum later."""
+    try:
+        term.check(robot.n_joints)
+        some = motion[: min(len(motion), _TRIED)]
+        size, columns = len(term.parameters(robot)), term.columns(robot, some)
+        expected = (len(some), robot.n_joints, size)
+        if columns.shape != expected:
+            raise ValueError(f"its columns are {columns.shape}, expected {expected}")
+        if not np.isfinite(columns).all():
+            raise ValueError("its columns are not finite")
+        if term.cone(robot).size != size:
+            raise ValueError(f"its cone is of {term.cone(robot).size} parameters, it has {size}")
+    except (AttributeError, IndexError, NotImplementedError, TypeError, ValueError) as error:
+        remedy = f"mend {type(term).__name__}: docs/extending.md"
+        raise InputError(f"does not suit the robot ({error})", f"term {term.name}", remedy) from error
+
+
+def owner(symbol: str) -> type[ActuatorTerm]:
+    """The term whose parameter has a symbol.
+
+    Example:
+        >>> owner("Fc").name
+        'coulomb_friction'
+    """
+    kinds = [kind for kind in forms().values() if issubclass(kind, ActuatorTerm) and symbol in kind.symbols]
+    return kinds[0]
+
+
+def phrase_of(name: str) -> Phrase:
+    """How to speak of a form of an effect; the plain phrase where its package is not installed here."""
+    return forms()[name].phrase if name in forms() else Phrase()
+
+
+def noun(name: str) -> str:
+    """An effect with its article, any form of it."""
+    phrases = [phrase_of(form).noun for form in (name, effect_of(name))]
+    return next(filter(None, phrases), name.replace("_", " ").replace(".", ", "))
+
+
+__all__ = ["Effect", "effect_names", "forms", "main_forms", "make_effect", "make_terms", "noun", "owner", "phrase_of"]

@@ -1,0 +1,298 @@
+"""A learned effect in words: its variables, a formula, and the known families that it looks like."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from bayesid.arrays import TINY, Array
+from bayesid.effects.axes import Axis, Component, Family, Quantity, products
+
+EXPLAINED = 0.95
+"""Share of a function's mean square that a simpler one must have to be told in its place."""
+_GRID = 41
+"""Values of a variable at which functions are compared; a round number."""
+_MOST_PRODUCTS = 2
+"""Products of functions of one variable each, whose sum a function of two is written as."""
+_MOST_TERMS = 3
+"""Of a formula: what is longer nobody reads, and is told as a function of its variables."""
+_TURNS = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0)
+"""Multiples of a joint's angle that the sine may have which a smooth function is taken for."""
+Shape = tuple[Array, Callable[[Array], tuple[str, float]]]
+"""Columns on a grid, and what writes their amplitudes as a text and a factor."""
+_ROUNDING = 5e-3
+"""rad; a smaller phase is none to two digits."""
+_FEW = 3
+"""Waves and constant up to which a function of a joint's angle is a sine: more of them may be any function."""
+_ODD = 0.05
+"""Share of its mean square up to which a function's even part is nothing."""
+_SYMBOLS = {Quantity.POSITION: "q", Quantity.VELOCITY: "dq", Quantity.ACCELERATION: "ddq", Quantity.LOAD: "tau"}
+_NOUNS = {
+    Quantity.POSITION: ("position", "positions"),
+    Quantity.VELOCITY: ("speed", "speeds"),
+    Quantity.ACCELERATION: ("acceleration", "accelerations"),
+    Quantity.LOAD: ("load", "loads"),
+}
+
+
+@dataclass(frozen=True)
+class Description:
+    """What is said of a learned effect.
+
+    Attributes:
+        variables: q4, dq5, ddq1, tau2 (the load) or t.
+        formula: the effort in N m (N in a joint that slides); f is a smooth function, its RMS before it.
+        depends: on what, in words.
+        families: what it looks like, in words.
+    """
+
+    variables: tuple[str, ...]
+    formula: str
+    depends: str
+    families: tuple[str, ...]
+
+    @property
+    def sentence(self) -> str:
+        """Depends on the positions of joints 4 and 6; no part of friction."""
+        return "; ".join([f"depends on {self.depends}", *self.families])
+
+
+def described(
+    joint: int, components: Sequence[Component], amplitudes: Sequence[Array], unit: str = "N m"
+) -> Description:
+    """A learned effect in words.
+
+    Args:
+        joint: in which it acts, from 1.
+        components: the functions that it is the sum of.
+        amplitudes: (p,) of each one's products.
+        unit: of the effort.
+    """
+    parts = list(zip(components, amplitudes, strict=True))
+    texts = [text for component, amplitude in parts for text in _terms(component, amplitude)]
+    variables = sorted({axis.variable for component in components for axis in component.axes})
+    if len(texts) > _MOST_TERMS:
+        rms = float(np.sqrt(sum(np.mean(surface(component, amplitude)[1] ** 2) for component, amplitude in parts)))
+        texts = [f"{_number(rms)} f({', '.join(symbol(*variable) for variable in variables)})"]
+    formula = " + ".join(texts).replace("+ -", "- ")
+    return Description(
+        variables=tuple(symbol(*variable) for variable in variables),
+        formula=f"{formula} {unit}" if len(texts) == 1 else f"({formula}) {unit}",
+        depends=_depends(parts),
+        families=tuple(dict.fromkeys(_families(joint, parts))),
+    )
+
+
+def symbol(quantity: Quantity, joint: int) -> str:
+    """Of a variable: q4, dq5, t."""
+    return f"{_SYMBOLS[quantity]}{joint}" if quantity in _SYMBOLS else "t"
+
+
+def surface(component: Component, amplitude: Array) -> tuple[list[Array], Array]:
+    """Values of each variable over the range seen, and the (g1, g2, ...) effort on their grid, N m.
+
+    Args:
+        component: a function.
+        amplitude: (p,) of its products.
+    """
+    grids = [np.linspace(axis.low, axis.high, _GRID) for axis in component.axes]
+    values = amplitude.reshape([axis.count for axis in component.axes])
+    for k, (axis, grid) in enumerate(zip(component.axes, grids, strict=True)):
+        values = np.moveaxis(np.tensordot(axis.columns(grid), values, axes=(1, k)), 0, k)
+    return grids, values
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# The formula
+# ---------------------------------------------------------------------------------------------------------------
+def _terms(component: Component, amplitude: Array) -> Iterator[str]:
+    """The products that a function is the sum of, or the name of a smooth function."""
+    fixed = [axis for axis in component.axes if axis.count == 1]
+    free = [axis for axis in component.axes if axis.count > 1]
+    grids, values = surface(Component(tuple(free), component.weights), amplitude) if free else ([], amplitude)
+    factors = [_single(axis) for axis in fixed]
+    written = _sum(free, grids, np.asarray(values)) if len(free) <= _MOST_PRODUCTS else None
+    if written is not None:
+        for size, texts in written:
+            yield " ".join([_number(size), *filter(None, texts), *factors])
+        return
+    names = ", ".join(dict.fromkeys(symbol(*axis.variable) for axis in free))
+    rms = float(np.sqrt(np.mean(values**2)))
+    yield " ".join([_number(rms), f"f({names})", *factors])
+
+
+def _sum(axes: Sequence[Axis], grids: Sequence[Array], values: Array) -> list[tuple[float, list[str]]] | None:
+    """Size and texts of products whose sum is a function on a grid; None where there is no short one."""
+    if not axes:
+        return [(float(values.ravel()[0]), [])]
+    if len(axes) == 1:
+        shape = _shape(axes[0], grids[0], values)
+        return None if shape is None else [(shape[1], [shape[0]])]
+    left, sizes, right = np.linalg.svd(values)
+    total, written, told = float(np.sum(values**2)), [], np.zeros_like(values)
+    for k in range(_MOST_PRODUCTS):
+        one, other = _shape(axes[0], grids[0], left[:, k]), _shape(axes[1], grids[1], right[k])
+        if one is None or other is None:
+            return None
+        written.append((float(sizes[k]) * one[1] * other[1], [one[0], other[0]]))
+        told = told + sizes[k] * np.outer(one[2], other[2])
+        if np.sum((values - told) ** 2) < (1.0 - EXPLAINED) * total:
+            return written
+    return None
+
+
+def _shape(axis: Axis, grid: Array, values: Array) -> tuple[str, float, Array] | None:
+    """Text, factor and values of the plainest function of a variable that is nearly the given one."""
+    name = symbol(*axis.variable)
+    for columns, write in _plain_shapes(axis, grid, name):
+        found = np.asarray(np.linalg.lstsq(columns, values, rcond=None)[0], dtype=np.float64)
+        told = np.asarray(columns @ found, dtype=np.float64)
+        if np.sum((values - told) ** 2) < (1.0 - EXPLAINED) * np.sum(values**2) + TINY:
+            text, size = write(found)
+            return text, size, told
+    return None
+
+
+def _plain_shapes(axis: Axis, grid: Array, name: str) -> Iterator[Shape]:
+    """The plainest first, of those that the axis has; a smooth function may be any of them."""
+    smooth = axis.family is Family.SMOOTH
+    one = np.ones_like(grid)
+    yield np.stack([one], axis=1), lambda a: ("", float(a[0]))
+    if smooth or axis.family is Family.POWER:
+        yield np.stack([grid], axis=1), lambda a: (name, float(a[0]))
+        yield np.stack([grid**2], axis=1), lambda a: (f"{name}^2", float(a[0]))
+        yield np.stack([one, grid], axis=1), lambda a: (f"({name} {_signed(a[0] / a[1])})", float(a[1]))
+    if smooth and axis.quantity is Quantity.VELOCITY:
+        yield np.stack([grid * np.abs(grid)], axis=1), lambda a: (f"{name} |{name}|", float(a[0]))
+    waves = _turns(axis)
+    yield from (_of_wave(name, h, np.outer(grid, [h, h])) for h in waves)
+    if axis.family is Family.FADING:
+        fading, after = axis.columns(grid), f"exp(-t / {_number(axis.order)} s)"
+        yield fading[:, 1:], lambda a: (after, float(a[0]))
+        yield fading, lambda a: (f"(1 {_signed(a[1] / a[0])} {after})", float(a[0]))
+    yield from (_of_raised_wave(name, h, np.outer(grid, [h, h, 0.0])) for h in waves)
+    if smooth or axis.family is Family.POWER:
+        powers = np.stack([one, grid, grid**2], axis=1)
+        yield powers, lambda a: (f"({name}^2 {_signed(a[1] / a[2])} {name} {_signed(a[0] / a[2])})", float(a[2]))
+
+
+def _turns(axis: Axis) -> list[float]:
+    """Multiples of a variable that a sine may have."""
+    if axis.family is Family.PERIODIC:
+        return [axis.order * k for k in range(1, axis.count // 2 + 1)]
+    return list(_TURNS) if axis.family is Family.SMOOTH and axis.quantity is Quantity.POSITION else []
+
+
+def _of_wave(name: str, turns: float, angle: Array) -> Shape:
+    """sin(3 q6 + 0.4)."""
+    return np.column_stack([np.sin(angle[:, 0]), np.cos(angle[:, 1])]), lambda a: _sine(name, turns, a)
+
+
+def _of_raised_wave(name: str, turns: float, angle: Array) -> Shape:
+    """(sin(3 q6 + 0.4) + 0.7)."""
+    columns = np.column_stack([np.sin(angle[:, 0]), np.cos(angle[:, 1:])])
+    return columns, lambda a: _raised_sine(name, turns, a)
+
+
+def _sine(name: str, turns: float, amplitudes: Array) -> tuple[str, float]:
+    """sin(3 q6 + 0.4), and its factor."""
+    phase = float(np.arctan2(amplitudes[1], amplitudes[0]))
+    angle = name if turns == 1 else f"{_number(turns)} {name}"
+    shifted = f"{angle} {_signed(phase)}" if abs(phase) > _ROUNDING else angle
+    return f"sin({shifted})", float(np.hypot(*amplitudes[:2]))
+
+
+def _raised_sine(name: str, turns: float, amplitudes: Array) -> tuple[str, float]:
+    """(sin(3 q6 + 0.4) + 0.7), and its factor."""
+    text, size = _sine(name, turns, amplitudes)
+    return f"({text} {_signed(amplitudes[2] / max(size, TINY))})", size
+
+
+def _single(axis: Axis) -> str:
+    """The one function of an axis."""
+    name = symbol(*axis.variable)
+    if axis.family is Family.DIRECTION:
+        return f"sign({name})"
+    if axis.family is Family.ODD:
+        return f"{name} |{name}|"
+    if axis.family is Family.EVEN:
+        return f"|{name}|"
+    return name if axis.order == 1.0 else f"{name}^{axis.order:g}"
+
+
+def _number(value: float) -> str:
+    return f"{value:.2g}" if abs(value) < 100.0 else f"{value:.0f}"
+
+
+def _signed(value: float) -> str:
+    return f"{'-' if value < 0.0 else '+'} {_number(abs(float(value)))}"
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Words
+# ---------------------------------------------------------------------------------------------------------------
+def _depends(parts: Sequence[tuple[Component, Array]]) -> str:
+    """The positions of joints 4 and 6 and the direction of motion of joint 5."""
+    axes = [axis for component, _ in parts for axis in component.axes]
+    speeds = {axis.variable for axis in axes if axis.family is not Family.DIRECTION}
+    turning = sorted({axis.joint for axis in axes if axis.variable not in speeds})
+    words = []
+    for quantity in Quantity:
+        joints = sorted({axis.joint for axis in axes if axis.quantity is quantity and axis.variable in speeds})
+        if joints and quantity in _NOUNS:
+            words.append(f"the {_NOUNS[quantity][len(joints) > 1]} of {_joints(joints)}")
+        if quantity is Quantity.VELOCITY and turning:
+            words.append(f"the direction of motion of {_joints(turning)}")
+        if joints and quantity is Quantity.TIME:
+            words.append("the time since the recording began")
+    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
+
+
+def _joints(joints: Sequence[int]) -> str:
+    if len(joints) == 1:
+        return f"joint {joints[0]}"
+    return f"joints {', '.join(map(str, joints[:-1]))} and {joints[-1]}"
+
+
+def _families(joint: int, parts: Sequence[tuple[Component, Array]]) -> Iterator[str]:
+    """What it looks like."""
+    own = (Quantity.VELOCITY, joint)
+    turning = [_odd(component, amplitude, own) for component, amplitude in parts]
+    if not any(axis.variable == own for component, _ in parts for axis in component.axes):
+        yield "no part of friction"
+    elif all(turning):
+        yield f"odd in the speed of joint {joint}, as friction is"
+    for component, _ in parts:
+        for axis in component.axes:
+            if axis.family is Family.PERIODIC and axis.quantity is Quantity.POSITION and axis.count <= _FEW:
+                times = "once" if axis.order == 1.0 else f"{axis.order:g} times"
+                yield f"repeats {times} in a turn of joint {axis.joint}"
+            if axis.family is Family.PERIODIC and axis.quantity is Quantity.TIME:
+                yield f"oscillates at {_number(axis.order / (2.0 * np.pi))} Hz"
+            if axis.family is Family.FADING:
+                yield f"exponential in time, over {_number(axis.order)} s, as what warms up"
+
+
+def _odd(component: Component, amplitude: Array, variable: tuple[Quantity, int]) -> bool:
+    """Whether a function changes its sign with a variable."""
+    values = []
+    for sign in (1.0, -1.0):
+        columns = []
+        for grid in product(*(_around(axis, variable) for axis in component.axes)):
+            signed = [
+                sign * x if axis.variable == variable else x for x, axis in zip(grid, component.axes, strict=True)
+            ]
+            columns.append(products([a.columns(np.array([x])) for a, x in zip(component.axes, signed, strict=True)])[0])
+        values.append(np.array(columns) @ amplitude)
+    even, whole = values[0] + values[1], values[0] - values[1]
+    depends = any(axis.variable == variable for axis in component.axes)
+    return depends and float(np.sum(even**2)) < _ODD * float(np.sum(whole**2))
+
+
+def _around(axis: Axis, variable: tuple[Quantity, int]) -> list[float]:
+    """Some values of a variable, of the one that is turned those that are seen both ways."""
+    low, high = (0.0, min(-axis.low, axis.high)) if axis.variable == variable else (axis.low, axis.high)
+    return np.linspace(low, max(high, low), 9)[1:].tolist()

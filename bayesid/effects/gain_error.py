@@ -1,0 +1,77 @@
+"""A wrong gain of sensor or drive."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self
+
+import numpy as np
+
+from bayesid.arrays import Array
+from bayesid.effects.distortion import Direction, Distortion, Rows
+from bayesid.effects.effect import Phrase, ReadableUnit, Scene
+from bayesid.motion import Motion
+from bayesid.robot import Robot
+
+_LARGEST = 2e3
+"""Twice the level that `bayesid.simulation.logs` takes at most: a gain changes efforts in proportion."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class GainError(Distortion):
+    """Efforts are read `gain` times as large as they are.
+
+    Args:
+        gain: (m,) of each actuator.
+    """
+
+    gain: tuple[float, ...]
+
+    name: ClassVar[str] = "gain_error"
+    physics: ClassVar[str] = "A wrong torque constant, gear ratio or amplifier: all efforts of a joint are scaled."
+    reference: ClassVar[str] = "Gautier and Briot, Global identification of joint drive gains, 2014"
+    variable: ClassVar[str] = "load"
+    shown_by: ClassVar[str] = "the same motion with a known payload"
+    of_effort: ClassVar[bool] = True
+    phrase: ClassVar[Phrase] = Phrase(
+        "{whose} efforts read {gain} too large.",
+        "a gain error",
+        size="gain",
+        opposite="{whose} efforts read {gain} too small.",
+        units={"gain": ReadableUnit("%", 100.0, neutral=1.0)},
+    )
+    shape_units: ClassVar[Mapping[str, str]] = {"gain": "1"}
+    needs_earlier: ClassVar[bool] = True
+    typical: ClassVar[tuple[float, ...]] = (0.2,)
+
+    @classmethod
+    def variants(cls, scene: Scene) -> Iterator[Self]:
+        """Neutral, in each actuator by itself."""
+        for j in range(1, scene.robot.n_joints + 1):
+            yield cls(joints=(j,), gain=(1.0,))
+
+    def columns(self, rows: Rows, robot: Robot, motion: Motion) -> Array:
+        """The joint's rows, scaled."""
+        factor = np.ones(robot.n_joints)
+        factor[self.acting(robot.n_joints)] = self.gain
+        return factor[:, None] * rows(robot, motion)
+
+    def change(self, scene: Scene) -> tuple[Array, Array]:
+        """Linear in the gain."""
+        acting = self.acting(scene.robot.n_joints)
+        columns = np.zeros((*scene.effort.shape, len(acting)))
+        columns[:, acting, np.arange(len(acting))] = scene.effort[:, acting]
+        return columns @ (np.array(self.gain) - 1.0), columns
+
+    def moved(self, step: Array) -> Self:
+        """Another gain."""
+        return replace(self, gain=tuple((np.array(self.gain) + step).tolist()))
+
+    def of_magnitude(self, magnitude: float, direction: Direction, scene: Scene) -> Self:
+        """Too large or too small by a share of the effort."""
+        return self.moved(np.array([direction.sign * magnitude]))
+
+    def largest_magnitude(self, scene: Scene) -> float:
+        """Twice as large as any effect that is simulated."""
+        return _LARGEST

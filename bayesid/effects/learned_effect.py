@@ -1,0 +1,210 @@
+"""An effect without a name, learned from a log: a sum of smooth functions of one, two or three variables."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache, cached_property
+from typing import ClassVar, Self
+
+import numpy as np
+
+from bayesid.arrays import Array
+from bayesid.effects.axes import Axis, Component, Family, Quantity
+from bayesid.effects.effect import Phrase, Scene
+from bayesid.effects.formula import Description, described
+from bayesid.effects.parameters import Cone, Parameter
+from bayesid.effects.term import Term
+from bayesid.motion import Motion
+from bayesid.robot import Robot
+
+
+def values_of(robot: Robot, motion: Motion, links: Sequence[float] | Array) -> Callable[[Axis], Array]:
+    """The values (N,) of an axis' variable in a motion: positions and speeds are those of actuators.
+
+    Args:
+        robot: the robot.
+        motion: N samples of its joints.
+        links: (10 n,) parameters of the rigid bodies that make the load; may be empty where no variable is a load.
+    """
+    actuators = robot.actuators(motion)
+    load = cache(lambda: robot.inverse_dynamics(motion, np.array(links)))
+
+    def values(axis: Axis) -> Array:
+        match axis.quantity:
+            case Quantity.TIME:
+                return actuators.t - actuators.origin
+            case Quantity.LOAD:
+                return load()[:, axis.joint - 1]
+            case Quantity.POSITION:
+                return actuators.q[:, axis.joint - 1]
+            case Quantity.VELOCITY:
+                return actuators.dq[:, axis.joint - 1]
+        return actuators.ddq[:, axis.joint - 1]
+
+    return values
+
+
+@dataclass(frozen=True, kw_only=True)
+class LearnedEffect(Term):
+    """A sum of functions that a log has shown in one joint, linear in their amplitudes.
+
+    A function is a product of functions of its variables (`effects.axes`). Beyond the range that the log has seen
+    smooth functions and sums of powers stay as they are at its end; one power, or a straight line, goes on by half of
+    the range, then it stays; waves go on.
+
+    Args:
+        joints: the one in which it acts.
+        number: of the learned effect in this joint: a model may have learned twice.
+        component: (a,) to which of the functions (from 0) each of a axes belongs.
+        quantity: (a,) `bayesid.effects.axes.Quantity` of each axis, and
+        of_joint: (a,) its joint,
+        family: (a,) which functions of it,
+        low: (a,) from which value,
+        high: (a,) to which they were seen,
+        order: (a,) their number, and
+        count: (a,) how many they are.
+        kept: (c,) number of columns of each of the c functions.
+        weights: of the products' combinations that these are, one function after the other, row by row.
+        links: (10 n,) parameters of the rigid bodies that make the load, or none where no variable is a load.
+    """
+
+    number: tuple[float, ...] = (1.0,)
+    component: tuple[float, ...]
+    quantity: tuple[float, ...]
+    of_joint: tuple[float, ...]
+    family: tuple[float, ...]
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+    order: tuple[float, ...]
+    count: tuple[float, ...]
+    kept: tuple[float, ...]
+    weights: tuple[float, ...]
+    links: tuple[float, ...] = ()
+
+    name: ClassVar[str] = "learned_effect"
+    physics: ClassVar[str] = "An effect without a name: a smooth function of the motion, learned from the log."
+    reference: ClassVar[str] = "Solin and Sarkka, Hilbert space methods for reduced-rank GP regression, 2020"
+    variable: ClassVar[str] = "position"
+    shown_by: ClassVar[str] = "moving through all values of its variables, one of them at a time"
+    phrase: ClassVar[Phrase] = Phrase("{who} needs an effect without a name.", "an effect without a name")
+    can_be_missing: ClassVar[bool] = False
+    given: ClassVar[tuple[str, ...]] = (
+        "number",
+        "component",
+        "quantity",
+        "of_joint",
+        "family",
+        "low",
+        "high",
+        "order",
+        "count",
+        "kept",
+        "weights",
+        "links",
+    )
+
+    @classmethod
+    def of(
+        cls, joint: int, components: Sequence[Component], links: Sequence[float] = (), number: int = 1
+    ) -> LearnedEffect:
+        """The effect of some functions in a joint (from 1)."""
+        axes = [(k, axis) for k, one in enumerate(components) for axis in one.axes]
+        loads = any(axis.quantity is Quantity.LOAD for _, axis in axes)
+        return cls(
+            joints=(joint,),
+            number=(float(number),),
+            component=tuple(float(k) for k, _ in axes),
+            quantity=tuple(float(axis.quantity) for _, axis in axes),
+            of_joint=tuple(float(axis.joint) for _, axis in axes),
+            family=tuple(float(axis.family) for _, axis in axes),
+            low=tuple(axis.low for _, axis in axes),
+            high=tuple(axis.high for _, axis in axes),
+            order=tuple(float(axis.order) for _, axis in axes),
+            count=tuple(float(axis.count) for _, axis in axes),
+            kept=tuple(float(one.weights.shape[1]) for one in components),
+            weights=tuple(np.concatenate([one.weights.ravel() for one in components]).tolist()),
+            links=tuple(links) if loads else (),
+        )
+
+    @classmethod
+    def variants(cls, scene: Scene) -> Iterable[Self]:
+        """None: what has no name is not tried by name."""
+        return ()
+
+    @cached_property
+    def components(self) -> tuple[Component, ...]:
+        """The functions."""
+        kept = [int(one) for one in self.kept]
+        sizes = [int(np.prod([axis.count for axis in axes])) * one for axes, one in zip(self._axes, kept, strict=True)]
+        parts = np.split(np.array(self.weights), np.cumsum(sizes)[:-1])
+        return tuple(
+            Component(axes, part.reshape(-1, one)) for axes, part, one in zip(self._axes, parts, kept, strict=True)
+        )
+
+    @property
+    def _axes(self) -> list[tuple[Axis, ...]]:
+        """Of each of the functions."""
+        one_each = range(int(max(self.component)) + 1)
+        return [tuple(self._axis(i) for i, k in enumerate(self.component) if k == one) for one in one_each]
+
+    def _axis(self, i: int) -> Axis:
+        quantity, family = Quantity(int(self.quantity[i])), Family(int(self.family[i]))
+        joint, count = int(self.of_joint[i]), int(self.count[i])
+        return Axis(quantity, joint, family, self.low[i], self.high[i], self.order[i], count)
+
+    def in_joints(self, joints: tuple[int, ...], n_joints: int) -> Self:
+        """Itself: it acts in one joint."""
+        return self
+
+    def check(self, n_joints: int) -> None:
+        """One joint, variables of joints that there are, and as many numbers as the functions have."""
+        of_axes = ("component", "quantity", "of_joint", "family", "low", "high", "order", "count")
+        axes = int(np.median([len(getattr(self, key)) for key in of_axes]))
+        expected = {"joints": 1, "number": 1, **dict.fromkeys(of_axes, axes)}
+        self._expect(expected | {"links": 10 * n_joints * (Quantity.LOAD in self.quantity)})
+        self._expect({"kept": int(max(self.component)) + 1})
+        sizes = [int(np.prod([axis.count for axis in axes])) for axes in self._axes]
+        self._expect({"weights": sum(size * int(kept) for size, kept in zip(sizes, self.kept, strict=True))})
+        if not 1 <= self.joints[0] <= n_joints or min(sizes) < 1 or min(self.kept) < 1:
+            raise ValueError(f"joints {list(self.joints)} are not joints of the robot")
+        for axis in (axis for axes in self._axes for axis in axes):
+            if not 0 <= axis.joint <= n_joints or axis.high <= axis.low or axis.order < 0 or axis.count < 1:
+                raise ValueError(f"a variable of {self.name} cannot be used")
+
+    def _expect(self, sizes: Mapping[str, int]) -> None:
+        for key, size in sizes.items():
+            if len(getattr(self, key)) != size:
+                raise ValueError(f"{key} has {len(getattr(self, key))} numbers, expected {size}")
+
+    def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
+        """The amplitudes, in the unit of the effort: RMS of a column where it was learned."""
+        (joint,), number = self.joints, int(self.number[0])
+        unit = "N" if robot.joints[joint - 1].prismatic else "N m"
+        count = int(sum(self.kept))
+        return tuple(Parameter(f"learned{number}_{k}_{joint}", unit, joint) for k in range(1, count + 1))
+
+    def description(self, robot: Robot, theta: Array) -> Description:
+        """Its variables, formula and families."""
+        unit = self.parameters(robot)[0].unit
+        bounds = np.cumsum([int(kept) for kept in self.kept])[:-1]
+        amplitudes = [c.weights @ part for c, part in zip(self.components, np.split(theta, bounds), strict=True)]
+        return described(self.joints[0], self.components, amplitudes, unit)
+
+    def cone(self, robot: Robot) -> Cone:
+        """Free."""
+        return Cone.free(int(sum(self.kept)))
+
+    def columns(self, robot: Robot, motion: Motion) -> Array:
+        """(N, n, p) combinations of the products, in the row of the joint."""
+        columns = np.zeros((len(motion), robot.n_joints, int(sum(self.kept))))
+        columns[:, self.joints[0] - 1] = self.own_columns(values_of(robot, motion, self.links))
+        return columns
+
+    def own_columns(self, values: Callable[[Axis], Array]) -> Array:
+        """(N, p) the same in the joint alone, from the (N,) values of each axis' variable."""
+        return np.column_stack([component.columns(values) for component in self.components])
+
+    def change_by_joint(self, scene: Scene) -> tuple[dict[int, Array], dict[int, Array]]:
+        """Of the joint."""
+        return {}, {self.joints[0] - 1: self.own_columns(values_of(scene.robot, scene.motion, self.links))}

@@ -1,0 +1,343 @@
+"""A dynamic model: a robot, the sum of terms that makes its actuator efforts, and what distorts them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property, partial, reduce
+from itertools import pairwise
+from weakref import ref
+
+import numpy as np
+
+from bayesid.arrays import Array, Mask
+from bayesid.effects.distortion import Distortion
+from bayesid.effects.effect import Effect, Scene
+from bayesid.effects.felt import FeltColumns
+from bayesid.effects.parameters import Cone, Parameter
+from bayesid.effects.term import Term
+from bayesid.motion import Motion
+from bayesid.parallel import in_parallel
+from bayesid.robot import Robot
+
+CHUNK = 4096
+"""Samples whose columns are in memory at once."""
+LOOK_BACK = 4096
+"""Samples before a chunk that effects with a memory see: presliding is forgotten after a few strokes, 4 s at 1 kHz."""
+LOOK_AHEAD = 16
+"""Samples behind a chunk: the end of a cubic spline is felt 0.27 times less with every sample, 1e-9 after these."""
+REMEMBERED = 256_000_000
+"""Bytes of columns that a model remembers of the motion that it saw last: those of 150,000 samples of six joints and 84
+parameters. One log is looked at ten times under a model, and making its columns costs more than all that is done with
+them. A round number."""
+_TOGETHER = 8
+"""Chunks that processors make together: a copy of the process hands over what it has made, and memory stays bounded. A
+round number."""
+
+
+@dataclass(frozen=True)
+class Model:
+    """efforts = D(Y(motion) theta), theta in a cone (:eq:`model`); D is the identity without distortions.
+
+    Attributes:
+        robot: the robot.
+        terms: the terms; their parameters are stacked in this order.
+        distortions: of rows first, of readings last; each acts on what those of its kind before it have made.
+
+    Example:
+        >>> model = bayesid.Model(robot, bayesid.make_terms(["rigid_body", "coulomb_friction"], robot, motion))
+        >>> theta = bayesid.random_parameters(model, np.random.default_rng(0))
+        >>> model.effort(motion, theta).shape
+        (201, 3)
+    """
+
+    robot: Robot
+    terms: tuple[Term, ...]
+    distortions: tuple[Distortion, ...] = ()
+
+    @cached_property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The P parameters of all terms.
+
+        Example:
+            >>> [one.name for one in model.parameters][-3:]
+            ['Fc1', 'Fc2', 'Fc3']
+        """
+        return tuple(parameter for term in self.terms for parameter in term.parameters(self.robot))
+
+    @cached_property
+    def cone(self) -> Cone:
+        """The product of the terms' cones.
+
+        Example:
+            >>> model.cone.contains(theta), model.cone.contains(-theta)
+            (True, False)
+        """
+        return reduce(lambda total, term: total + term.cone(self.robot), self.terms, Cone.free(0))
+
+    def extend(self, effect: Effect) -> Model:
+        """A new model with one more effect, the last of the terms or of the distortions.
+
+        Example:
+            >>> offsets = bayesid.make_terms(["torque_offset"], robot, motion)[0]
+            >>> [one.name for one in model.extend(offsets).parameters][-3:]
+            ['offset1', 'offset2', 'offset3']
+        """
+        if isinstance(effect, Term):
+            return replace(self, terms=(*self.terms, effect))
+        if isinstance(effect, Distortion):
+            return replace(self, distortions=(*self.distortions, effect))
+        raise TypeError(f"{effect.name} is neither a term nor a distortion")
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """Terms and distortions.
+
+        Example:
+            >>> [effect.name for effect in model.effects]
+            ['rigid_body', 'viscous_friction', 'coulomb_friction']
+        """
+        return (*self.terms, *self.distortions)
+
+    @property
+    def payloads(self) -> tuple[str, ...]:
+        """Labels of the payloads that the model knows, of which a motion may say that it carries one.
+
+        Example:
+            >>> from bayesid.effects.payload import CarriedPayload
+            >>> model.extend(CarriedPayload(label=("tool1",))).payloads
+            ('tool1',)
+        """
+        return tuple(dict.fromkeys(label for term in self.terms for label in term.payloads))
+
+    @property
+    def before_sensors(self) -> Model:
+        """The model of the efforts themselves, without what sensors make of them.
+
+        Example:
+            >>> len(model.before_sensors.parameters) == len(model.parameters)
+            True
+        """
+        return replace(self, distortions=tuple(d for d in self.distortions if not d.of_sensor))
+
+    @property
+    def undelayed(self) -> Model:
+        """The model of the efforts at the instants of the motion, not some time later, when they are logged.
+
+        Example:
+            >>> from bayesid.effects.delay import Delay
+            >>> model.extend(Delay(lag=(0.01,))).undelayed.lag
+            0.0
+        """
+        return replace(self, distortions=tuple(d for d in self.distortions if not d.of_clock))
+
+    @property
+    def lag(self) -> float:
+        """By how much the efforts of all joints lag behind the motion, s.
+
+        Example:
+            >>> from bayesid.effects.delay import Delay
+            >>> model.extend(Delay(lag=(0.01,))).lag
+            0.01
+        """
+        return sum(distortion.lag_of_all for distortion in self.distortions)
+
+    def parts(self, theta: Array) -> list[tuple[Term, Array]]:
+        """The terms, each with its own part of theta (P,).
+
+        Example:
+            >>> [(term.name, len(values)) for term, values in model.parts(theta)]
+            [('rigid_body', 30), ('viscous_friction', 3), ('coulomb_friction', 3)]
+        """
+        return [(term, theta[place]) for term, place in zip(self.terms, self.places, strict=True)]
+
+    def links(self, theta: Array) -> Array:
+        """(n, 10) parameters of the links with what they carry, of the parameters theta (P,); zero where none are.
+
+        Example:
+            >>> model.links(theta)[2, 9] == theta[29]  # the mass of the last link, kg
+            np.True_
+        """
+        parts = (term.link_parameters(self.robot, values) for term, values in self.parts(theta))
+        return sum(parts, np.zeros((self.robot.n_joints, 10)))
+
+    def scene(self, motion: Motion, theta: Array, effort: Array, measured: Array) -> Scene:
+        """What effects may look at where the model, with the parameters theta (P,), meets a log.
+
+        Args:
+            motion: N samples of the log.
+            theta: (P,) the parameters.
+            effort: (N, n) the model's effort, N m.
+            measured: (N, n) absolute values of the measured efforts, N m.
+
+        Example:
+            >>> effort = model.effort(motion, theta)
+            >>> model.scene(motion, theta, effort, np.abs(effort)).links.shape
+            (30,)
+        """
+
+        def effort_with(robot: Robot, motion: Motion) -> Array:
+            return replace(self, robot=robot).effort(motion, theta)
+
+        actuators, links = self.robot.actuators(motion), self.links(theta).ravel()
+        return Scene(self.robot, motion, actuators, effort, measured, links, effort_with)
+
+    def columns(self, motion: Motion) -> Array:
+        """(N, n, P) columns of all terms, rows distorted, N m per unit of each parameter.
+
+        Example:
+            >>> columns = model.columns(motion)
+            >>> bool(np.allclose(columns @ theta, model.effort(motion, theta)))
+            True
+        """
+        rows: Callable[[Robot, Motion], Array] = self._plain_columns
+        for distortion in self.distortions:
+            rows = partial(distortion.columns, rows)
+        return rows(self.robot, motion)
+
+    def chunks(self, motion: Motion) -> Iterator[tuple[slice, Array]]:
+        """Rows and their columns, at most CHUNK samples at a time; effects with a memory see some samples around.
+
+        Example:
+            >>> sum(len(columns) for _, columns in model.chunks(motion)) == len(motion)
+            True
+        """
+        return ((rows, columns.dense) for rows, columns in self.felt_chunks(motion))
+
+    def felt_chunks(self, motion: Motion) -> Iterator[tuple[slice, FeltColumns]]:
+        """The same, of each joint the columns alone that it feels; remembered, as far as memory goes.
+
+        Example:
+            >>> sum(len(columns) for _, columns in model.felt_chunks(motion)) == len(motion)
+            True
+        """
+        return self._latest.chunks(motion, self._made)
+
+    def forget(self) -> None:
+        """Frees the columns that are remembered.
+
+        Example:
+            >>> model.forget()
+        """
+        self._latest.forget()
+
+    @cached_property
+    def _latest(self) -> _Latest:
+        return _Latest()
+
+    def _made(self, motion: Motion, first: int) -> Iterator[tuple[slice, FeltColumns]]:
+        """The chunks from one on, made."""
+        chunks = [slice(start, min(start + CHUNK, len(motion))) for start in range(0, len(motion), CHUNK)]
+        for k in range(first, len(chunks), _TOGETHER):
+            some = chunks[k : k + _TOGETHER]
+            yield from zip(some, in_parallel([partial(self._chunk, motion, rows) for rows in some]), strict=True)
+
+    def _chunk(self, motion: Motion, rows: slice) -> FeltColumns:
+        memory = any(effect.memory for effect in self.effects)
+        first = max(0, rows.start - LOOK_BACK) if memory else rows.start
+        last = min(len(motion), rows.stop + LOOK_AHEAD) if memory else rows.stop
+        return FeltColumns.of(self.columns(motion[first:last])[rows.start - first : rows.stop - first])
+
+    def effort(self, motion: Motion, theta: Array) -> Array:
+        """(N, n) actuator efforts as they are read, N m, of the parameters theta (P,); (N, n, K) of K of them (P, K).
+
+        Example:
+            >>> effort = model.effort(motion, theta)
+            >>> effort.shape  # N m
+            (201, 3)
+        """
+        effort = np.concatenate([columns @ theta for _, columns in self.chunks(motion)])
+        return self.read(effort) if theta.ndim == 1 else np.stack([*map(self.read, np.moveaxis(effort, 2, 0))], axis=2)
+
+    def effort_at(self, motion: Motion, theta: Array) -> Array:
+        """(N, n) `effort` of a few instants, N m, term by term and without the columns: many times as fast.
+
+        Example:
+            >>> bool(np.allclose(model.effort_at(motion[:1], theta), model.effort(motion, theta)[:1]))
+            True
+        """
+        parts = self.parts(theta)
+
+        def efforts(robot: Robot, motion: Motion) -> Array:
+            each = [term.effort(robot, motion, values) for term, values in parts]
+            return sum(each[1:], each[0])[:, :, None]
+
+        rows: Callable[[Robot, Motion], Array] = efforts
+        for distortion in self.distortions:
+            rows = partial(distortion.columns, rows)
+        effort = rows(self.robot, motion)[:, :, 0]
+        return self.read(effort) if self.distortions else effort
+
+    def read(self, effort: Array) -> Array:
+        """(N, n) what sensors read of efforts (N, n), N m.
+
+        Example:
+            >>> effort = model.effort(motion, theta)
+            >>> bool((model.read(effort) == effort).all())  # no sensor distorts here
+            True
+        """
+        return reduce(lambda read, distortion: distortion.measured(read), self.distortions, effort)
+
+    def unread(self, magnitude: Array) -> tuple[Array, Mask]:
+        """(N, n) absolute efforts before the sensors' doing, N m, and (N, n) where the readings show them.
+
+        Example:
+            >>> magnitude, valid = model.unread(log.effort)
+            >>> bool(valid.all())
+            True
+        """
+        valid = np.ones(magnitude.shape, dtype=bool)
+        for distortion in reversed(self.distortions):
+            magnitude, valid_here = distortion.restored(magnitude)
+            valid &= valid_here
+        return magnitude, valid
+
+    def _plain_columns(self, robot: Robot, motion: Motion) -> Array:
+        columns = np.zeros((len(motion), robot.n_joints, len(self.parameters)))
+        for term, place in zip(self.terms, self.places, strict=True):
+            term.fill(columns[:, :, place], robot, motion)
+        return columns
+
+    @cached_property
+    def places(self) -> tuple[slice, ...]:
+        """Where the parameters of each term lie among all.
+
+        Example:
+            >>> model.places
+            (slice(0, 30, None), slice(30, 33, None), slice(33, 36, None))
+        """
+        ends = np.cumsum([0, *(len(term.parameters(self.robot)) for term in self.terms)]).tolist()
+        return tuple(slice(start, end) for start, end in pairwise(ends))
+
+
+class _Latest:
+    """The columns of the motion that was asked for last, while that lives; a copy or a pickle begins without any."""
+
+    def __init__(self) -> None:
+        self.forget()
+
+    def __reduce__(self) -> tuple[type[_Latest], tuple[()]]:
+        return _Latest, ()
+
+    def forget(self) -> None:
+        """Begins without any."""
+        self._motion: Callable[[], Motion | None] = lambda: None
+        self._chunks: list[tuple[slice, FeltColumns]] = []
+        self._bytes = 0
+
+    def chunks(
+        self, motion: Motion, make: Callable[[Motion, int], Iterator[tuple[slice, FeltColumns]]]
+    ) -> Iterator[tuple[slice, FeltColumns]]:
+        """Rows and columns of a motion: those that are remembered, then others, made from a number on."""
+        if self._motion() is not motion:
+            self.forget()
+            self._motion = ref(motion)
+        known, first = self._chunks, 0
+        while first < len(known):
+            yield known[first]
+            first += 1
+        for k, (rows, columns) in enumerate(make(motion, first), start=first):
+            if k == len(known) and known is self._chunks and self._bytes + columns.nbytes <= REMEMBERED:
+                known.append((rows, columns))
+                self._bytes += columns.nbytes
+            yield rows, columns

@@ -1,0 +1,71 @@
+"""Parameters of a model, and the cone in which they may lie."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayesid.arrays import Array, Integers
+from bayesid.robot.inertia import PSEUDO_INERTIA_BASIS
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of a term: its name (unique in a model), unit, and 1-based joint or link."""
+
+    name: str
+    unit: str
+    joint: int
+
+
+@dataclass(frozen=True)
+class Cone:
+    """Where parameters may lie: some nonnegative, some blocks of ten with a positive semidefinite pseudo-inertia.
+
+    Attributes:
+        size: number of parameters; those not mentioned below are free.
+        nonnegative: indices of the parameters that must be >= 0.
+        bodies: (b, 10) indices of the blocks that are a body's parameters (`bayesid.robot.inertia`).
+    """
+
+    size: int
+    nonnegative: Integers
+    bodies: Integers
+
+    @classmethod
+    def free(cls, size: int) -> Cone:
+        """No constraint."""
+        return cls(size, np.empty(0, dtype=np.int64), np.empty((0, 10), dtype=np.int64))
+
+    @classmethod
+    def orthant(cls, size: int) -> Cone:
+        """Every parameter nonnegative."""
+        return cls(size, np.arange(size), np.empty((0, 10), dtype=np.int64))
+
+    @classmethod
+    def rigid_bodies(cls, count: int) -> Cone:
+        """`count` bodies of ten parameters each."""
+        return cls(10 * count, np.empty(0, dtype=np.int64), np.arange(10 * count).reshape(count, 10))
+
+    def __add__(self, other: Cone) -> Cone:
+        """The product cone, `other`'s parameters after this one's."""
+        return Cone(
+            self.size + other.size,
+            np.concatenate([self.nonnegative, other.nonnegative + self.size]),
+            np.concatenate([self.bodies, other.bodies + self.size]),
+        )
+
+    def pseudo_inertias(self, theta: Array) -> Array:
+        """(b, 4, 4) pseudo-inertias of the bodies in theta (size,)."""
+        return np.einsum("bk,kij->bij", theta[self.bodies], PSEUDO_INERTIA_BASIS)
+
+    def smallest_eigenvalues(self, theta: Array) -> Array:
+        """(b,) smallest eigenvalue of each body's pseudo-inertia (mixed units, as usual; its sign is what counts)."""
+        return np.asarray(np.linalg.eigvalsh(self.pseudo_inertias(theta))[:, 0], dtype=np.float64)
+
+    def contains(self, theta: Array, tolerance: float = 0.0) -> bool:
+        """Whether theta (size,) lies in the cone, up to `tolerance`."""
+        return bool(
+            np.all(theta[self.nonnegative] >= -tolerance) and np.all(self.smallest_eigenvalues(theta) >= -tolerance)
+        )

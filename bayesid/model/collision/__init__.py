@@ -1,6 +1,0 @@
-"""Collision models: how far a robot is from itself and from the floor."""
-
-from bayesid.model.collision.clearance import CollisionModel
-from bayesid.model.collision.making import Capsules, NoShapes, collision_model
-
-__all__ = ["Capsules", "CollisionModel", "NoShapes", "collision_model"]

@@ -1,0 +1,344 @@
+"""Drive gains as unknowns: estimated with the coefficients, in the cone, once the signs are known.
+
+Joint j reads y_j = e_j / k_j of an effort e_j = Y_j theta. With l_j the logarithm of its gain over the one that made
+efforts of the readings, the rows of a joint are  s |tau| = exp(-l_j) Y_j theta + e : their noise is that of what was
+read, and does not grow with the gain. So :eq:`gain-profile`::
+
+    F(l) = min over theta in the cone of
+           sum_j [exp(-2 l_j) theta' B' H_j B theta - 2 exp(-l_j) g_j' B theta + c_j] / 2 + stated(theta)
+           + links(theta) + (l - m)' C^-1 (l - m) / 2,
+
+with the by-joint moments H_j, g_j, c_j, what is stated of parameters and believed of links, and the gains' prior
+N(m, C) (Gautier and Briot 2014 for known signs, without prior or cone). The minimum is found by Newton steps with the
+curvature of the problem linearised in (theta, l), of which theta is eliminated. A common factor of all gains leaves F
+as it is but for the prior and what is stated: scaled with the efforts, every parameter stays feasible, and what is
+believed of links scales with them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from bayesid.arrays import TINY, Array, Integers, Mask
+from bayesid.effects.coefficients import BaseCoefficients
+from bayesid.effects.model import Model
+from bayesid.log.gains import Gains
+from bayesid.regression.evidence import Evidence
+from bayesid.regression.knowledge import Links, Nominal
+from bayesid.regression.least_squares import constant_stretches
+from bayesid.regression.moments import Moments
+from bayesid.regression.noise import Noise
+from bayesid.regression.solver import solve_precisely
+from bayesid.robot.inertia import from_pseudo_inertia
+
+DECIDED = 0.1
+"""Share of the prior's variance that data leave at most where they decide a gain: as for parameters
+(docs/posterior.md, section 3)."""
+_LOST = 1.0
+"""Sd of the logarithm of a gain that nobody knows, beside the factor common to all, about what the robot's masses make
+likely: a factor of 2.7. Set by hand."""
+_LOST_TOGETHER = 1.3
+"""Sd of the logarithm of that factor: 3.7. Arms of one reach differ as much in mass (`_MASS`), and in friction, which
+is taken for mass. Set by hand."""
+_MASS = 40.0
+"""kg m^-2: mass of an arm over the square of its stretched length; by data sheets 10 (UR10e), 14 (LWR), 23 (Panda), 99
+(KR300), 133 (TX40)."""
+_TAPER = 0.6
+"""Mass of a link over that of the one before it. A round number."""
+_REACH = 0.25
+"""Scale of distances over the stretched arm, as in `bayesid.posterior.links`."""
+_MOST_STEPS = 30
+"""Newton steps: an end to rounding, not a limit; some five are needed."""
+_SETTLED = 1e-3
+"""Newton decrement (nats) at which the minimum counts as reached: 3 % of a standard deviation."""
+_SHORTEST = 1e-3
+"""Share of a Newton step at which the line search ends: rounding."""
+_RIDGE = 1e-12
+"""Of a scaled curvature, for parameters that neither data nor prior show."""
+
+
+@dataclass(frozen=True)
+class GainPrior:
+    """A normal distribution of the logarithms of n gains, relative to those that made the efforts.
+
+    Attributes:
+        mean: (n,).
+        covariance: (n, n); zero rows where a gain is exact.
+    """
+
+    mean: Array
+    covariance: Array
+
+    @property
+    def loose(self) -> Integers:
+        """Indices of the gains that are not exact."""
+        return np.flatnonzero(np.diag(self.covariance) > 0.0)
+
+    def moved(self, log_factor: Array) -> GainPrior:
+        """The same relative to efforts that were multiplied by exp(log_factor) (n,)."""
+        return GainPrior(self.mean - log_factor, self.covariance)
+
+
+def prior_of(gains: Gains) -> GainPrior:
+    """What is believed of gains about the values stated; those that nobody knows about their values, with a factor."""
+    sd = np.where(gains.unknown, _LOST, gains.sd)
+    together = gains.unknown * _LOST_TOGETHER
+    return GainPrior(np.zeros(len(sd)), np.diag(sd**2) + np.outer(together, together))
+
+
+def signed_moments(evidence: Evidence, signs: Array) -> Moments:
+    """Moments of a log in expected signs (N, n), one segment for each stretch in motion."""
+    return evidence.moments(signs, constant_stretches(evidence.used), summed_out=False)
+
+
+def likely_gains(evidence: Evidence, gains: Gains) -> Array:
+    """(n,) factors on gains that nobody knows, so that efforts are as large as a robot of its reach makes them.
+
+    Links taper off to the tip, and each has its centre of mass about half the scale of distances from its frame: the
+    efforts of the log's motion then have an expected energy in each joint.
+
+    Args:
+        evidence: the model, the log, and which samples count.
+        gains: by which its efforts were made.
+    """
+    robot, cone = evidence.model.robot, evidence.model.cone
+    reach = _REACH * robot.stretched
+    share = _TAPER ** np.arange(len(cone.bodies))
+    masses = _MASS * robot.stretched**2 * share / max(float(share.sum()), TINY)
+    signs = np.where(evidence.signals.raw_effort >= 0.0, 1.0, -1.0)
+    moments = signed_moments(evidence, signs)
+    sd, mean = np.zeros(cone.size), np.zeros(cone.size)
+    for body, mass in zip(cone.bodies, masses.tolist(), strict=True):
+        spread = mass * (_REACH * reach) ** 2
+        mean[body], sd[body[6:9]] = from_pseudo_inertia(np.diag([spread, spread, spread, mass])), 0.5 * mass * reach
+    projection = evidence.coefficients.projection
+    across, middle = projection * sd, projection @ mean
+    hessian = moments.hessian.by_joint(robot.n_joints)
+    expected = np.einsum("rp,jrs,sp->j", across, hessian, across) + np.einsum("r,jrs,s->j", middle, hessian, middle)
+    measured = np.bincount(moments.joint, weights=moments.energy, minlength=robot.n_joints)
+    told = gains.unknown & (expected > 0.0) & (measured > 0.0)
+    return np.where(told, np.sqrt(np.where(told, expected, 1.0) / np.where(told, measured, 1.0)), 1.0)
+
+
+@dataclass(frozen=True)
+class GainFit:
+    """Gains and parameters, linearised at the best of both.
+
+    Attributes:
+        log: (n,) logarithm of each gain over the one that made the efforts, the best.
+        covariance: (n, n) of these logarithms given data and prior; zero where a gain is exact.
+        prior: what was believed.
+        information: (n, n) what the data alone, all parameters eliminated, say of the logarithms.
+        moves: (P, n) change of the best parameters with each logarithm.
+        body: (P,) whether a parameter is a body's.
+        share: (P,) whether a parameter is a share of something that scales, and so does not.
+        joint: (P,) 0-based joint of each.
+        theta: (P,) the best parameters.
+        settled: whether they led to the minimum.
+    """
+
+    log: Array
+    covariance: Array
+    prior: GainPrior
+    information: Array
+    moves: Array
+    body: Mask
+    share: Mask
+    joint: Integers
+    theta: Array
+    settled: bool
+
+    @cached_property
+    def weights(self) -> Array:
+        """(n,) by which the factor common to all gains is their mean: what the data say of each joint's alone."""
+        own = np.maximum(np.diag(self.information), 0.0)
+        total = own.sum()
+        return own / total if total > 0.0 else np.full(len(own), 1.0 / len(own))
+
+    def draw(self, count: int, rng: np.random.Generator) -> Array:
+        """(count, n) draws of the logarithms about the best."""
+        values, vectors = np.linalg.eigh(self.covariance)
+        root = vectors * np.sqrt(np.maximum(values, 0.0))
+        draws: Array = rng.standard_normal((count, len(values))) @ root.T
+        return draws
+
+    def scaled(self, theta: Array, log: Array) -> Array:
+        """(K, P) parameters theta (K, P) as they would be with gains exp(log) (K, n) times as large.
+
+        A joint's own parameters scale with its gain, the bodies' with the common factor; what ratios change besides is
+        taken as linear.
+        """
+        own, common = np.exp(log)[:, self.joint], np.exp(log @ self.weights)[:, None]
+        scale = np.where(self.body, common, own)
+        slope = np.where(self.body[:, None], self.weights, np.eye(len(self.log))[self.joint]) * self.theta[:, None]
+        moved: Array = scale * (theta + log @ (self.moves - slope).T)
+        moved[:, self.share] = theta[:, self.share]
+        return moved
+
+
+def fit_gains(
+    evidence: Evidence, moments: Moments, noise: Noise, prior: GainPrior, links: Links, nominal: Nominal | None = None
+) -> GainFit:
+    """The gains that suit a log with known signs best, and how well it shows them.
+
+    Args:
+        evidence: the model, the log, and which samples count.
+        moments: of the log in its signs, not scaled (`signed_moments`).
+        noise: of its efforts, by which rows are weighed.
+        prior: of the gains.
+        links: what is believed of any link: it scales with the common factor, and so says nothing of it.
+        nominal: what is stated of the parameters; it does not scale.
+
+    Raises:
+        SolverError: a cone problem could not be solved.
+    """
+    problem = _Problem.of(evidence, moments, noise, links, nominal)
+    loose, n = prior.loose, len(prior.mean)
+    pull = np.zeros((n, n))
+    pull[np.ix_(loose, loose)] = np.linalg.inv(prior.covariance[np.ix_(loose, loose)])
+    log, settled = np.zeros(n), False
+
+    def cost(at: Array) -> tuple[float, Array]:
+        value, theta = problem.profile(at)
+        return value + 0.5 * float((at - prior.mean) @ pull @ (at - prior.mean)), theta
+
+    value, theta = cost(log)
+    for _ in range(_MOST_STEPS):
+        information, _ = problem.linearised(theta, log)
+        slope = problem.slope(theta, log) + pull @ (log - prior.mean)
+        step = np.zeros(n)
+        step[loose] = -np.linalg.solve((information + pull)[np.ix_(loose, loose)], slope[loose])
+        decrement = -float(slope @ step)
+        if decrement < _SETTLED:
+            settled = True
+            break
+        length, tried = 1.0, cost(log + step)
+        while tried[0] > value and length > _SHORTEST:
+            length *= 0.5
+            tried = cost(log + length * step)
+        if tried[0] >= value:
+            settled = decrement < 1.0
+            break
+        log, (value, theta) = log + length * step, tried
+    information, moves = problem.linearised(theta, log)
+    covariance = np.zeros((n, n))
+    covariance[np.ix_(loose, loose)] = np.linalg.inv((information + pull)[np.ix_(loose, loose)])
+    joints = np.array([parameter.joint - 1 for parameter in evidence.model.parameters])
+    share = np.array([parameter.unit == "1" for parameter in evidence.model.parameters])
+    moves[share] = 0.0  # friction in proportion to the load: the load has the scale of the efforts
+    return GainFit(log, covariance, prior, information, moves, problem.body, share, joints, theta, settled)
+
+
+@dataclass(frozen=True)
+class _Problem:
+    """By-joint moments in units of the noise, and what is believed of the P parameters.
+
+    Attributes:
+        model: with its cone.
+        coefficients: the r base coefficients.
+        hessian: (n, r, r).
+        gradient: (n, r).
+        energy: c of all.
+        stated: (P,) 1 / sd^2 of what is stated, zero of all else.
+        pull: (P,) 1 / sd^2 of the links' prior, zero where something is stated or nothing is believed.
+        mean: (P,) of both.
+        body: (P,) whether a parameter is a body's.
+    """
+
+    model: Model
+    coefficients: BaseCoefficients
+    hessian: Array
+    gradient: Array
+    energy: float
+    stated: Array
+    pull: Array
+    mean: Array
+    body: Mask
+
+    @classmethod
+    def of(cls, evidence: Evidence, moments: Moments, noise: Noise, links: Links, nominal: Nominal | None) -> _Problem:
+        """Of a log with known signs."""
+        n, cone = evidence.model.robot.n_joints, evidence.model.cone
+        scaled = moments.scaled(noise.sigma * np.sqrt(noise.autocorrelation))
+        gradient = np.zeros((n, scaled.gradient.shape[1]))
+        np.add.at(gradient, scaled.joint, scaled.gradient)
+        body, pull = np.zeros(cone.size, dtype=bool), np.zeros(cone.size)
+        stated, mean = np.zeros(cone.size), np.zeros(cone.size)
+        for part in cone.bodies:
+            body[part], pull[part], mean[part] = True, links.sd**-2.0, links.centre
+        if nominal is not None:
+            known = np.isfinite(nominal.mean)
+            stated[known], mean[known], pull[known] = nominal.sd[known] ** -2.0, nominal.mean[known], 0.0
+        return cls(
+            model=evidence.model,
+            coefficients=evidence.coefficients,
+            hessian=scaled.hessian.by_joint(n),
+            gradient=gradient,
+            energy=float(scaled.energy.sum()),
+            stated=stated,
+            pull=pull,
+            mean=mean,
+            body=body,
+        )
+
+    def profile(self, log: Array) -> tuple[float, Array]:
+        """F without the gains' prior, and the best parameters (P,) in the cone."""
+        data = np.einsum("j,jrs->rs", np.exp(-2.0 * log), self.hessian)
+        coefficients, known = self.coefficients, np.flatnonzero(self.stated + self.pull)
+        scale = self._scale(log)[known]
+        weight, mean = (self.stated + self.pull)[known] * scale**2, self.mean[known] / scale
+        hessian = block_diag(data, np.diag(weight))
+        gradient = np.concatenate([np.exp(-log) @ self.gradient, weight * mean])
+        energy = self.energy + float(weight @ mean**2)
+        rows = np.vstack([coefficients.projection, np.eye(len(self.stated))[known]])
+        both = _with_projection(coefficients, rows)
+        solution = solve_precisely(self.model.cone, both, hessian, gradient, energy)
+        beta = both.project(solution.theta)
+        return 0.5 * float(beta @ hessian @ beta - 2.0 * gradient @ beta + energy), solution.theta
+
+    def _scale(self, log: Array) -> Array:
+        """(P,) by which parameters are multiplied before they are held against what is believed.
+
+        Links scale with the mean of the logarithms, what is stated does not.
+        """
+        return np.where(self.pull > 0.0, np.exp(-log.mean()), 1.0)
+
+    def slope(self, theta: Array, log: Array) -> Array:
+        """(n,) of the profile: by the envelope theorem that at fixed parameters."""
+        beta, scaled = self.coefficients.project(theta), theta * self._scale(log)
+        curvature = np.einsum("r,jrs,s->j", beta, self.hessian, beta)
+        common = float(np.sum(self.pull * (scaled - self.mean) * scaled)) / len(log)
+        slope: Array = -np.exp(-2.0 * log) * curvature + np.exp(-log) * (self.gradient @ beta) - common
+        return slope
+
+    def linearised(self, theta: Array, log: Array) -> tuple[Array, Array]:
+        """(n, n) information on the logarithms, parameters eliminated, and (P, n) how these move with them.
+
+        Args:
+            theta: (P,) parameters.
+            log: (n,) logarithms.
+        """
+        projection, n = self.coefficients.projection, len(log)
+        pulled = np.exp(-2.0 * log)[:, None] * (self.hessian @ self.coefficients.project(theta))  # (n, r)
+        own = np.diag(pulled @ self.coefficients.project(theta))
+        hessian = np.einsum("j,jrs->rs", np.exp(-2.0 * log), self.hessian)
+        pull, common = self.pull * self._scale(log) ** 2, np.full(n, 1.0 / n)
+        full = projection.T @ hessian @ projection + np.diag(pull + self.stated)
+        across = -projection.T @ pulled.T - np.outer(pull * theta, common)
+        inner = own + float(pull @ theta**2) * np.outer(common, common)
+        size = 1.0 / np.sqrt(np.maximum(np.diag(full), TINY))
+        scaled = full * np.outer(size, size) + _RIDGE * np.eye(len(full))
+        moves = -size[:, None] * np.linalg.solve(scaled, size[:, None] * across)
+        information = inner + across.T @ moves
+        return 0.5 * (information + information.T), moves
+
+
+def _with_projection(coefficients: BaseCoefficients, rows: Array) -> BaseCoefficients:
+    """Coefficients with more rows: what is stated of single parameters beside them."""
+    more = len(rows) - len(coefficients)
+    names = (*coefficients.names, *(f"stated {k}" for k in range(more)))
+    return BaseCoefficients(names, names, ("",) * len(names), np.zeros(len(rows), dtype=np.int64), rows)

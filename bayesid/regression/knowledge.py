@@ -1,0 +1,311 @@
+"""What is known before a log: stated of links and parameters, and shown by earlier logs of the robot."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from bayesid.arrays import Array
+from bayesid.effects.coefficients import BaseCoefficients, base_coefficients, embedding
+from bayesid.effects.model import Model
+from bayesid.effects.parameters import Parameter
+from bayesid.errors import InputError
+from bayesid.files.bounded import LARGEST, read_source
+from bayesid.regression.selection.kinematics import KinematicTolerance
+from bayesid.robot.inertia import from_pseudo_inertia
+
+_TYPICAL = 0.3
+"""Mass of the typical link over the scale of masses: the prior's sd is some three times what it is centred on. Set by
+hand, with the two below: wide beside what a log leaves (study `prior`)."""
+_SPREAD = 0.25
+"""Rms distance of its mass along each axis over the scale of distances."""
+_WIDEST = 3.75
+"""Largest radius of gyration about the frame over the scale of distances."""
+_LIGHTEST, _HEAVIEST = 0.01, 30.0
+"""Least and largest mass of all bodies over the scale of a link's: windows that no arm of some ten links comes near."""
+_NOTHING = 1e-12
+"""Share of the largest diagonal entry below which an entry is rounding. A round number; not studied."""
+
+
+@dataclass(frozen=True)
+class Information:
+    """What is known of r coefficients: (beta' H beta - 2 g' beta + c) / 2 is minus its logarithm, as that of moments.
+
+    Attributes:
+        hessian: (r, r) H.
+        gradient: (r,) g.
+        energy: c.
+    """
+
+    hessian: Array
+    gradient: Array
+    energy: float
+
+    def misfit(self, beta: Array) -> float:
+        """The quadratic form of coefficients (r,)."""
+        return float(beta @ self.hessian @ beta - 2.0 * self.gradient @ beta + self.energy)
+
+    @classmethod
+    def none(cls, size: int) -> Information:
+        """Nothing is known."""
+        return cls(np.zeros((size, size)), np.zeros(size), 0.0)
+
+
+@dataclass(frozen=True)
+class Knowledge:
+    """A normal distribution of the base coefficients of a model.
+
+    Attributes:
+        model: robot and terms.
+        theta: (P,) parameters; the distribution is centred on their coefficients.
+        precision: (r, r) inverse covariance of the r base coefficients; singular where a log has shown nothing.
+    """
+
+    model: Model
+    theta: Array
+    precision: Array
+
+    def coefficients(self, model: Model) -> BaseCoefficients:
+        """The base coefficients of an extended model: what a log and this knowledge can show together."""
+        return base_coefficients(model, earlier=self.model)
+
+    def information(self, model: Model, coefficients: BaseCoefficients) -> Information:
+        """The same in the coefficients of an extended model (see `coefficients`)."""
+        earlier = base_coefficients(self.model)
+        turn = earlier.projection @ embedding(self.model, model) @ np.linalg.pinv(coefficients.projection)
+        centre = earlier.project(self.theta)
+        hessian = turn.T @ self.precision @ turn
+        gradient = turn.T @ (self.precision @ centre)
+        return Information(0.5 * (hessian + hessian.T), gradient, float(centre @ self.precision @ centre))
+
+    def widened(self, names: tuple[str, ...], sd: Array, coefficients: BaseCoefficients | None = None) -> Knowledge:
+        """The same, but that these parameters may have changed, by a normal step of standard deviations sd (p,).
+
+        (C + B D B')^-1 = L - L B (D^-1 + B' L B)^-1 B' L with L = C^-1 (Woodbury).
+
+        Args:
+            names: of the parameters.
+            sd: (p,) of the step.
+            coefficients: the model's base coefficients, where they are at hand.
+        """
+        coefficients = base_coefficients(self.model) if coefficients is None else coefficients
+        labels = [parameter.name for parameter in self.model.parameters]
+        steps = coefficients.projection[:, [labels.index(name) for name in names]]
+        pulled = self.precision @ steps
+        middle = np.diag(1.0 / sd**2) + steps.T @ pulled
+        return replace(self, precision=self.precision - pulled @ np.linalg.solve(middle, pulled.T))
+
+
+def of_base(model: Model, coefficients: BaseCoefficients, precision: Array) -> Array:
+    """(r, r) precision of a model's base coefficients, from that (R, R) of coefficients that hold as much or more.
+
+    With an earlier log a payload can be distinguished from the last link, without that log it cannot: what is more is
+    integrated out.
+    """
+    base = base_coefficients(model)
+    if base.names == coefficients.names:
+        return precision
+    turn = base.projection @ np.linalg.pinv(coefficients.projection)
+    across, more = np.linalg.pinv(turn), np.linalg.svd(turn)[2][len(turn) :].T
+    scale = scale_of(more.T @ precision @ more)
+    kept, mixed = across.T @ precision @ across, across.T @ precision @ more / scale
+    inner = np.linalg.pinv(more.T @ precision @ more / scale[:, None] / scale, rcond=_NOTHING, hermitian=True)
+    reduced: Array = kept - mixed @ inner @ mixed.T
+    return 0.5 * (reduced + reduced.T)
+
+
+def scale_of(precision: Array) -> Array:
+    """(r,) what scales the diagonal to 1, up to entries that are rounding: coefficients have units of all kinds."""
+    diagonal = np.abs(np.diag(precision))
+    scale: Array = np.sqrt(np.maximum(diagonal, _NOTHING * float(diagonal.max()))) + np.finfo(float).tiny
+    return scale
+
+
+@dataclass(frozen=True)
+class Links:
+    """What is believed of any link before the data: two scales, and all else in proportion to them.
+
+    Attributes:
+        mass: kg, scale of a link's mass.
+        reach: m, scale of the distances of a link's mass from its frame.
+
+    Raises:
+        InputError: one of them is no positive number.
+
+    Example:
+        >>> small = bayesid.Links(mass=3.0, reach=0.2)  # bayesid.identify(..., beliefs=bayesid.Beliefs(links=small))
+        >>> small.total_mass  # kg, of all bodies
+        (0.03, 90.0)
+    """
+
+    mass: float = 10.0
+    reach: float = 0.4
+
+    def __post_init__(self) -> None:
+        for value, unit in ((self.mass, "kg"), (self.reach, "m")):
+            if not 0.0 < value < np.inf:
+                raise InputError(f"links of {value:g} {unit}", "--links", "give two positive numbers, as in 30,0.5")
+
+    @property
+    def typical_mass(self) -> float:
+        """Where the prior is centred, kg.
+
+        Example:
+            >>> round(bayesid.Links(mass=3.0, reach=0.2).typical_mass, 2)
+            0.9
+        """
+        return _TYPICAL * self.mass
+
+    @property
+    def largest_radius(self) -> float:
+        """Bound on the radius of gyration about the frame, m.
+
+        Example:
+            >>> bayesid.Links(mass=3.0, reach=0.2).largest_radius
+            0.75
+        """
+        return _WIDEST * self.reach
+
+    @property
+    def total_mass(self) -> tuple[float, float]:
+        """Window on the mass of all bodies, kg.
+
+        Example:
+            >>> bayesid.Links(mass=3.0, reach=0.2).total_mass
+            (0.03, 90.0)
+        """
+        return _LIGHTEST * self.mass, _HEAVIEST * self.mass
+
+    @property
+    def centre(self) -> Array:
+        """(10,) the typical link.
+
+        Example:
+            >>> bayesid.Links(mass=3.0, reach=0.2).centre.shape
+            (10,)
+        """
+        spread = self.typical_mass * (_SPREAD * self.reach) ** 2
+        return from_pseudo_inertia(np.diag([spread, spread, spread, self.typical_mass]))
+
+    @property
+    def sd(self) -> Array:
+        """(10,) standard deviations.
+
+        Example:
+            >>> float(bayesid.Links(mass=3.0, reach=0.2).sd[9])  # of the mass, kg
+            3.0
+        """
+        return self.mass * np.repeat([self.reach**2, self.reach, 1.0], [6, 3, 1])
+
+
+@dataclass(frozen=True)
+class Nominal:
+    """What is stated of the P parameters of a model.
+
+    Attributes:
+        mean: (P,) NaN where nothing is stated.
+        sd: (P,) their standard deviations.
+    """
+
+    mean: Array
+    sd: Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class Beliefs:
+    """What is stated before any log.
+
+    Attributes:
+        links: what is believed of any link; None for what the robot's lengths and the log's efforts show
+            (`bayesid.posterior.links`).
+        nominal: single parameters, from CAD or a data sheet: name to mean and standard deviation.
+        kinematics: how far the robot's geometry may be from its table; by default the usual tolerance, of which a log
+            may show that it is less.
+
+    Example:
+        >>> beliefs = bayesid.Beliefs(nominal={"Fc2": (1.4, 0.1)}, links=bayesid.Links(mass=3.0, reach=0.2))
+        >>> result = bayesid.identify(robot, log, terms, beliefs=beliefs, posterior=False)
+        >>> round(result.coefficient("Fc2").nominal, 2)
+        1.4
+    """
+
+    links: Links | None = None
+    kinematics: KinematicTolerance = KinematicTolerance(stated=False)
+    nominal: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+    def of(self, parameters: Sequence[Parameter]) -> Nominal:
+        """What is stated of a model's parameters.
+
+        Raises:
+            InputError: the model has no such parameter, or a value cannot be used.
+
+        Example:
+            >>> nominal = bayesid.Beliefs(nominal={"m3": (1.2, 0.1)}).of(model.parameters)
+            >>> [(one.name, float(mean)) for one, mean in zip(model.parameters, nominal.mean) if mean > 0.0]
+            [('m3', 1.2)]
+        """
+        places = {parameter.name: k for k, parameter in enumerate(parameters)}
+        mean, sd = np.full(len(places), np.nan), np.full(len(places), np.nan)
+        for name, stated in self.nominal.items():
+            if name not in places:
+                raise InputError(f"the model has no parameter {name!r}", "--nominal", _REMEDY)
+            value, spread = _pair(name, stated)
+            if not (abs(value) <= LARGEST and 1.0 / LARGEST**2 <= spread <= LARGEST**2):
+                raise InputError(f"{name} = {value:g} +- {spread:g} cannot be used", "--nominal", _REMEDY)
+            mean[places[name]], sd[places[name]] = value, spread
+        return Nominal(mean, sd)
+
+
+def _pair(name: str, stated: object) -> tuple[float, float]:
+    """Mean and standard deviation of a parameter, of whatever was stated in their place."""
+    try:
+        mean, sd = (float(value) for value in stated)  # type: ignore[attr-defined]
+    except (TypeError, ValueError):
+        said, remedy = (
+            f"{name} = {stated!r} is no mean with its sd",
+            f"give two numbers, as in {{{name!r}: (0.7, 0.1)}}",
+        )
+        raise InputError(said, "--nominal", remedy) from None
+    return mean, sd
+
+
+_REMEDY = "give lines name,mean,sd, with names as in parameters.csv"
+
+
+def read_nominal(path: str | Path) -> dict[str, tuple[float, float]]:
+    """Mean and standard deviation of named parameters from a CSV file with the columns name, mean and sd.
+
+    Lines without an sd are left out: so a parameters.csv of an earlier result can be given as it is.
+
+    Raises:
+        InputError: the file cannot be read or holds something else.
+
+    Example:
+        >>> bayesid.read_nominal("nominal.csv")
+        {'m3': (1.2, 0.1)}
+    """
+    text = read_source(path, _REMEDY)
+    try:
+        rows = list(csv.DictReader(io.StringIO(text, newline="")))
+    except csv.Error as error:
+        raise InputError(f"cannot be read ({error})", str(path), _REMEDY) from None
+    if not rows or not {"name", "mean", "sd"} <= set(rows[0]):
+        raise InputError("has no columns name, mean, sd", str(path), _REMEDY)
+    stated: dict[str, tuple[float, float]] = {}
+    for line, row in enumerate(rows, start=2):
+        if not row["sd"]:
+            continue
+        try:
+            mean, sd = float(row["mean"]), float(row["sd"])
+        except (TypeError, ValueError):
+            seen = f"{row['mean']!r}, {row['sd']!r} are no numbers"
+            raise InputError(seen, f"{path}, line {line}", _REMEDY) from None
+        if row["name"] in stated:
+            raise InputError(f"{row['name']} comes twice", f"{path}, line {line}", _REMEDY)
+        stated[row["name"]] = mean, sd
+    return stated

@@ -1,0 +1,269 @@
+"""Ordinary identification: the parameters and their uncertainty once the signs are known, or known but for chance.
+
+Near zero nobody knows the sign of a noisy sample. Its expected sign takes its place: the equations
+sum y_i (E[s_i] |tau|_i - y_i beta) = 0 are those of the maximum of the likelihood with the signs summed out, where the
+likelier sign would pull every small effort away from zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bayesid.arrays import Array, Mask
+from bayesid.errors import SolverError
+from bayesid.log.segments import Segments
+from bayesid.log.signals import signed_effort
+from bayesid.regression.evidence import Evidence
+from bayesid.regression.knowledge import Information
+from bayesid.regression.moments import Moments
+from bayesid.regression.noise import Noise, noise_before_fit, relative_rms
+from bayesid.regression.solver import MARGIN, Solution, move_inside, solve_precisely
+
+POOR_FIT = 0.25
+"""A fit that leaves more than this share of a joint's effort is poor; a round number, not studied."""
+MOST_CORRECTED = 30_000
+"""Samples up to which the noise is corrected for what the fit took of it: of longer logs a fit takes little, and the
+correction's time grows with their length. A round number; not studied."""
+_BLIND = 1e-10
+"""Curvature, relative to the largest one, that a fit to noise alone leaves out as rounding. A round number; not
+studied."""
+_SILENT = 1e-12
+"""Length of a column, or curvature of columns of unit length, relative to the largest one, that is rounding. A round
+number; not studied."""
+_NONE = 1e-9
+"""Share of a coefficient below which a parameter's is rounding."""
+_INVOLVED = 1e-3
+"""Component in a direction without curvature from which on a coefficient is unexcited. A round number; not studied."""
+_NEAR_EDGE = 10.0
+"""Margins of the solver from the edge of the feasible set at which a link's pseudo-inertia counts as on it. A round
+number; not studied."""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Least squares in the cone on signed efforts.
+
+    Attributes:
+        theta: (P,) feasible parameters.
+        beta: (r,) their base coefficients.
+        covariance: (r, r) of the coefficients, from the information matrix with effective sample counts
+            (:eq:`information`), wider by what the model may lack; inf on the diagonal where the log does not excite a
+            coefficient.
+        information: (r, r) that matrix, what was known before included, as if the model lacked nothing: what it lacks
+            is the same in the next log.
+        noise: of the efforts, per joint: what was there before the fit took its share.
+        residual: of the residual itself, per joint.
+        predicted: (N, n) the model's efforts, N m.
+        relative_residual: (n,) RMS of the residual over RMS of the effort, in motion.
+        condition: condition number of the regressor with columns of unit length (:eq:`condition-number`).
+        smallest_eigenvalues: (links,) of the pseudo-inertias.
+        tolerance: relative gap the solver reached.
+        moved_inside: whether what leaves no trace was chosen to lie as far inside the cone as the data allow.
+    """
+
+    theta: Array
+    beta: Array
+    covariance: Array
+    information: Array
+    noise: Noise
+    residual: Noise
+    predicted: Array
+    relative_residual: Array
+    condition: float
+    smallest_eigenvalues: Array
+    tolerance: float
+    moved_inside: bool
+
+    def __repr__(self) -> str:
+        left = ", ".join(f"{share:.1%}" for share in self.relative_residual)
+        size = f"{len(self.theta)} parameters, {len(self.beta)} coefficients"
+        return f"Fit of {size}: leaves {left} of each joint's effort; condition number {self.condition:.0f}"
+
+    @property
+    def sd(self) -> Array:
+        """(r,) standard deviations of the coefficients."""
+        return np.sqrt(np.diag(self.covariance))
+
+    def parameter_sd(self, projection: Array) -> Array:
+        """(P,) standard deviations of the parameters; NaN where a parameter is not decided by itself.
+
+        Args:
+            projection: (r, P) B with beta = B theta.
+        """
+        lift, finite = np.linalg.pinv(projection), np.isfinite(self.sd)
+        decided = np.abs(lift @ projection - np.eye(projection.shape[1])).max(axis=1) < _NONE
+        decided &= ~(np.abs(lift[:, ~finite]) > _SILENT).any(axis=1)
+        known = lift[:, finite]
+        variance = np.einsum("pr,rs,ps->p", known, self.covariance[np.ix_(finite, finite)], known)
+        return np.where(decided, np.sqrt(np.maximum(variance, 0.0)), np.nan)
+
+    @property
+    def on_edge(self) -> Mask:
+        """(links,) whether a link's pseudo-inertia sits on the edge of the feasible set."""
+        return self.smallest_eigenvalues < _NEAR_EDGE * MARGIN
+
+
+def fit_signed(evidence: Evidence, signs: Array, *, most_corrected: int = MOST_CORRECTED) -> Fit:
+    """Ordinary identification once the signs are known: weighted least squares in the cone (:eq:`cone-least-squares`).
+
+    Args:
+        evidence: the model, the log, and which samples count.
+        signs: (N, n) expected sign of every sample: +1 or -1 where it is known, between them where it is not.
+        most_corrected: samples up to which the noise is given back what the fit took of it.
+
+    Raises:
+        SolverError: Clarabel failed.
+    """
+    model, signals, information = evidence.model, evidence.signals, evidence.information
+    stretches = constant_stretches(evidence.used)
+    moments = evidence.moments(signs, stretches, summed_out=False)
+    solution, sigma = _solve(evidence, moments)
+    theta, moved_inside = _move_inside(evidence, solution.theta)
+    predicted = model.effort(signals.motion, theta)
+    residual = evidence.residual_noise(predicted)
+    if len(signs) > most_corrected:
+        noise = residual.with_time_of_model(signals.rate)
+    else:
+        noise = _before_fit(evidence, sigma, predicted, residual)
+    effort = signed_effort(signals, np.where(signs >= 0.0, 1.0, -1.0))
+    weights = noise.sigma * np.sqrt(noise.autocorrelation)
+    effective = _effective(moments, weights, information)
+    covariance, condition = covariance_of(effective)
+    fit = Fit(
+        theta=theta,
+        beta=evidence.coefficients.project(theta),
+        covariance=covariance,
+        information=effective,
+        noise=noise,
+        residual=residual,
+        predicted=predicted,
+        relative_residual=relative_rms(effort - predicted, effort, evidence.fitted),
+        condition=condition,
+        smallest_eigenvalues=model.cone.smallest_eigenvalues(theta),
+        tolerance=solution.tolerance,
+        moved_inside=moved_inside,
+    )
+    return fit if evidence.nuisance is None else widened(fit, evidence, signs)
+
+
+def widened(fit: Fit, evidence: Evidence, signs: Array) -> Fit:
+    """A fit with a nuisance summed out: no estimate moves, the covariance is wider (:eq:`nuisance-spread`).
+
+    Args:
+        fit: without it, of the same model to the same signs.
+        evidence: with the nuisance.
+        signs: (N, n) expected sign of every sample.
+    """
+    weights = fit.noise.sigma * np.sqrt(fit.noise.autocorrelation)
+    moments = evidence.moments(signs, constant_stretches(evidence.used))
+    return replace(fit, covariance=covariance_of(_effective(moments, weights, evidence.information))[0])
+
+
+def _effective(moments: Moments, weights: Array, earlier: Information | None) -> Array:
+    """(r, r) information matrix of samples weighed by (n,) the noise, its autocorrelation included."""
+    hessian: Array = moments.scaled(weights).hessian.total()
+    return hessian if earlier is None else hessian + earlier.hessian
+
+
+def _solve(evidence: Evidence, moments: Moments) -> tuple[Solution, Array]:
+    """The best parameters in the cone, and (n,) the residuals' sd, N m.
+
+    The noise levels follow from a first fit with equal relative weights. Where something is known beforehand, samples
+    count by the residual's autocorrelation: only then can the two be weighed against each other.
+    """
+    model, coefficients, n = evidence.model, evidence.coefficients, evidence.model.robot.n_joints
+    sigma, autocorrelation = moments.rms_effort(n), np.ones(n)
+    rounds = 2 if evidence.information is None else 3
+    earlier = Information.none(len(coefficients)) if evidence.information is None else evidence.information
+    for i in range(rounds):
+        scaled = moments.scaled(sigma * np.sqrt(autocorrelation))
+        hessian = scaled.hessian.total() + earlier.hessian
+        gradient = scaled.gradient.sum(axis=0) + earlier.gradient
+        energy = float(scaled.energy.sum()) + earlier.energy
+        solution = solve_precisely(model.cone, coefficients, hessian, gradient, energy)
+        sigma = moments.residual_sd(coefficients.project(solution.theta), moments.known, n)
+        if evidence.information is not None and i + 1 < rounds:
+            predicted = model.effort(evidence.signals.motion, solution.theta)
+            autocorrelation = evidence.residual_noise(predicted).autocorrelation
+    return solution, sigma
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Noise
+# ---------------------------------------------------------------------------------------------------------------
+def _before_fit(evidence: Evidence, sigma: Array, predicted: Array, residual: Noise) -> Noise:
+    """The noise of the efforts from that of the residual."""
+    signals, used, size = evidence.signals, evidence.used, len(evidence.coefficients)
+    earlier = np.zeros((size, size)) if evidence.information is None else evidence.information.hessian
+    columns = evidence.columns  # ours: they are made anew whenever they are asked for
+    columns[~used] = 0.0
+    columns /= sigma[:, None]
+    residuals = _refit(columns, sigma, earlier)
+    signs = np.where(predicted >= 0.0, 1.0, -1.0)[:, :, None]
+
+    def after_fit(noise: Array) -> Array:
+        noisy = predicted[:, :, None] + noise
+        nearest = np.where(signals.signed[:, None], noisy, signs * np.abs(noisy))  # as for the residual itself
+        return residuals(np.where(used[:, :, None], nearest - predicted[:, :, None], 0.0))
+
+    return noise_before_fit(residual, after_fit, used, signals.rate)
+
+
+def _refit(columns: Array, sigma: Array, earlier: Array) -> Callable[[Array], Array]:
+    """What least squares without the cone leaves of (N, n, K) efforts.
+
+    For columns (N, n, r) over sigma (n,), and the information of earlier logs (r, r).
+    """
+    rows = columns.reshape(-1, columns.shape[2])
+    information = rows.T @ rows + earlier
+    lengths = np.sqrt(np.maximum(np.diag(information), _BLIND * np.diag(information).max()))
+    inverse = np.linalg.pinv(information / np.outer(lengths, lengths), rcond=_BLIND, hermitian=True)
+    inverse /= np.outer(lengths, lengths)
+
+    def residuals(effort: Array) -> Array:
+        scaled = (effort / sigma[:, None]).reshape(len(rows), -1)
+        remainder: Array = (scaled - rows @ (inverse @ (rows.T @ scaled))).reshape(effort.shape) * sigma[:, None]
+        return remainder
+
+    return residuals
+
+
+def _move_inside(evidence: Evidence, theta: Array) -> tuple[Array, bool]:
+    """Parameters farther inside the cone with the same coefficients, and whether there are any; else theta itself."""
+    cone = evidence.model.cone
+    try:
+        moved = move_inside(cone, evidence.coefficients, theta)
+    except SolverError:
+        return theta, False
+    least, before = (cone.smallest_eigenvalues(point).min(initial=np.inf) for point in (moved, theta))
+    return (moved, True) if least >= before else (theta, False)
+
+
+def constant_stretches(moving: Mask) -> Segments:
+    """One segment of known sign for every stretch in which a joint moves."""
+    joint, start, end = [], [], []
+    for j in range(moving.shape[1]):
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], moving[:, j], [False]]).astype(int)))
+        joint += [j] * (len(edges) // 2)
+        start += edges[0::2].tolist()
+        end += edges[1::2].tolist()
+    ones = np.ones(len(joint), dtype=np.int64)
+    return Segments(np.array(joint), np.array(start), np.array(end), ones, ones.astype(bool))
+
+
+def covariance_of(information: Array) -> tuple[Array, float]:
+    """(r, r) of coefficients by their information, inf on the diagonal where it shows nothing; the condition number."""
+    lengths = np.sqrt(np.diag(information))
+    silent = lengths <= _SILENT * lengths.max()
+    scale = np.where(silent, 0.0, 1.0 / np.where(silent, 1.0, lengths))
+    values, vectors = np.linalg.eigh(scale[:, None] * information * scale + np.diag(silent.astype(float)))
+    blind = values < _SILENT * values.max()
+    inverse = (vectors[:, ~blind] / values[~blind]) @ vectors[:, ~blind].T
+    covariance = scale[:, None] * inverse * scale
+    unexcited = silent | (np.abs(vectors[:, blind]) > _INVOLVED).any(axis=1)
+    covariance[unexcited, unexcited] = np.inf
+    condition = np.inf if unexcited.any() else float(np.sqrt(values[-1] / values[0]))
+    return covariance, condition

@@ -1,0 +1,178 @@
+"""An effect that was added, weighed against all that could stand in its place; and what a log could not show."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.special import logsumexp
+
+from bayesid.effects.catalogue import main_forms
+from bayesid.effects.formula import Description
+from bayesid.regression.selection.columns import NO_COLUMNS, Columns
+from bayesid.regression.selection.explanation import LN10, Explanation, Observations
+from bayesid.regression.selection.hypotheses import EffectKey, Hypothesis, Library
+from bayesid.regression.selection.scores import Score, assess, explain_with, plain_first
+from bayesid.regression.selection.thresholds import Thresholds
+from bayesid.regression.selection.worth import Cost, EffortSize
+
+Quantity = tuple[float, float, str]
+"""Value, standard deviation (NaN where none is known) and unit."""
+
+
+@dataclass(frozen=True)
+class AddedEffect:
+    """An effect that was added, weighed against all that could stand in its place.
+
+    Attributes:
+        hypothesis: the form that was added.
+        gain: log of the Bayes factor for it, given all others that were added.
+        probability: of the effect in these joints, or one that is equivalent to it, among the catalogue, nothing
+            missing and something else (:eq:`effect-probability`).
+        nothing_missing: probability that nothing is missing in its place.
+        something_else: probability that it is something outside of the catalogue.
+        rivals: scores of the alternatives, best first, itself included.
+        equivalent: names of the effects that the log cannot tell from it.
+        included: probability of this effect over all sets that are weighed (`bayesid.discrepancy.sets.WeighedSet`).
+        elsewhere: of an error of the robot's table, those of other joints' rows that the log cannot tell from it.
+        parameters: by their names; of what the earlier model has too, the new value and the change.
+        readable: what people read in place of parameters (`bayesid.effects.effect.Effect.readable`), by its names.
+        description: of an effect without a name: its variables, formula and families.
+        size: how large its effort is on held-back data; None while that is not known, as of effects that were refused.
+        cost: what the error there is without it; None likewise.
+    """
+
+    hypothesis: Hypothesis
+    gain: float
+    probability: float
+    nothing_missing: float
+    something_else: float
+    rivals: tuple[Score, ...]
+    equivalent: tuple[str, ...]
+    included: float = 1.0
+    elsewhere: tuple[EffectKey, ...] = ()
+    parameters: dict[str, Quantity] = field(default_factory=dict)
+    readable: dict[str, Quantity] = field(default_factory=dict)
+    description: Description | None = None
+    size: EffortSize | None = None
+    cost: Cost | None = None
+
+    def __repr__(self) -> str:
+        where = f"joint {', '.join(map(str, self.joints))}" if self.joints else "the whole robot"
+        evidence = f"log10 of the Bayes factor {self.log10_bayes_factor:.3g}, probability {self.probability:.3g}"
+        return f"AddedEffect {self.effect}, {where}: {evidence}; go on with .parameters, .readable, .rivals"
+
+    @property
+    def alone(self) -> AddedEffect:
+        """The same, without the columns of other forms in memory."""
+        return replace(self, hypothesis=self.hypothesis.alone, rivals=tuple(score.alone for score in self.rivals))
+
+    @property
+    def log10_bayes_factor(self) -> float:
+        """For it, given all others that were added."""
+        return float(self.gain / LN10)
+
+    @property
+    def variables(self) -> tuple[str, ...]:
+        """What an effect without a name depends on, such as q4, dq5, tau5 or t; none of those that have one."""
+        return () if self.description is None else self.description.variables
+
+    @property
+    def formula(self) -> str:
+        """Of an effect without a name; empty of those that have one."""
+        return "" if self.description is None else self.description.formula
+
+    @property
+    def effect(self) -> str:
+        """Name in the catalogue."""
+        return self.hypothesis.effect
+
+    @property
+    def joints(self) -> tuple[int, ...]:
+        """From 1, in which it acts; none named: on the whole robot."""
+        return self.hypothesis.joints
+
+
+def weigh(
+    data: Observations,
+    library: Library,
+    effects: Sequence[Hypothesis],
+    explanation: Explanation,
+    effect: Hypothesis,
+    uncertain: Columns = NO_COLUMNS,
+) -> AddedEffect:
+    """An effect against all that could stand in its place, the others that were added given.
+
+    One without a name is what was outside of the catalogue: it shares that prior.
+
+    Args:
+        data: what is explained.
+        library: all hypotheses.
+        effects: that were added.
+        explanation: by these.
+        effect: one of them.
+        uncertain: columns that the model may be wrong by beside.
+    """
+    limits = data.thresholds
+    others = [other for other in effects if other is not effect]
+    regression, without = explain_with(data, others, explanation, uncertain)
+    scores = plain_first(assess(regression, without, _rivals(library, effect, others)), data)
+    scored = next((score.gain for score in scores if score.key == effect.key), -np.inf)
+    as_added = explain_with(data, effects, explanation, uncertain)[1].log_evidence - without.log_evidence
+    gain = max(scored, as_added)  # averaged over the library's forms, or of the form that was refined
+    share = (1.0 - limits.nothing_missing - limits.something_else) / len(main_forms())
+    places = max(1, data.effort.shape[1])
+    scores = [replace(one, gain=gain) if one.key == effect.key else one for one in scores]
+    logs = [s.gain + np.log(share / (places if s.hypothesis.joints else 1)) for s in scores]
+    nothing = without.log_evidence_as_noise - without.log_evidence + np.log(limits.nothing_missing)
+    unnamed = [] if effect.source.can_be_missing else [gain + np.log(limits.something_else)]
+    total = float(logsumexp([*logs, *unnamed, nothing, np.log(limits.something_else)]))
+    level = scored if scored > 0.0 else gain  # others are in the library's forms too
+    alike = {s.key: s for s in scores if s.gain > level - limits.equivalent * LN10}
+    elsewhere = {key for key, score in alike.items() if _in_another_row(effect, score.hypothesis)}
+    equivalent = {name for name, _ in set(alike) - elsewhere} - {effect.effect}
+    class_logs = [
+        value
+        for value, score in zip(logs, scores, strict=True)
+        if score.key in {effect.key, *elsewhere} or score.hypothesis.effect in equivalent
+    ] + unnamed
+    return AddedEffect(
+        hypothesis=effect,
+        gain=gain,
+        probability=float(np.exp(logsumexp(class_logs) - total)) if class_logs else 0.0,
+        nothing_missing=float(np.exp(nothing - total)),
+        something_else=float(np.exp(np.log(limits.something_else) - total)),
+        rivals=tuple(scores),
+        equivalent=tuple(sorted(equivalent)),
+        elsewhere=tuple(sorted(elsewhere)),
+    )
+
+
+def _in_another_row(one: Hypothesis, other: Hypothesis) -> bool:
+    """Whether both are errors of the robot's table, of different rows."""
+    return one.source.of_table and other.source.of_table and one.joints != other.joints
+
+
+def _rivals(library: Library, effect: Hypothesis, others: Sequence[Hypothesis]) -> list[list[Hypothesis]]:
+    """What could stand in the place of an effect: all that acts in one of its joints, others' effects left out."""
+    joints, taken = effect.columns.joints, {other.key for other in others}
+    groups = [group for group in library if group and group[0].columns.joints & joints]
+    return [[rival for rival in group if rival.key not in taken] for group in groups]
+
+
+def not_testable(scores: Sequence[Score], n_joints: int, thresholds: Thresholds = Thresholds()) -> list[EffectKey]:
+    """Effects and joints that this log could not show even if they were of a usual size.
+
+    Args:
+        scores: of all that could be tried.
+        n_joints: of the robot; an effect that has no score in some joint could not be tried there.
+        thresholds: that decide.
+    """
+    tried = {score.key: score for score in scores}
+    single = {(j,) for j in range(1, n_joints + 1)}
+    places = {effect: {()} if form.whole_robot else single for effect, form in main_forms().items()}
+    untried = {(effect, joints) for effect, where in places.items() for joints in where} - set(tried)
+    testable, needed = thresholds.testable * LN10, thresholds.log10_bayes_factor * LN10
+    invisible = {key for key, score in tried.items() if score.expected_gain < testable and score.gain < needed}
+    return sorted(untried | invisible)

@@ -1,0 +1,232 @@
+"""What could be missing: every effect of the catalogue in every form, as columns on the log at hand."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from bayesid.arrays import Array, Mask
+from bayesid.effects import STANDARD, catalogue
+from bayesid.effects.effect import Effect, Scene, effect_of
+from bayesid.effects.model import Model
+from bayesid.regression.selection.columns import NO_COLUMNS, Columns, stacked
+
+_USUAL = 0.3
+"""Prior standard deviation of an effect's largest effort, as a share of the joint's RMS effort; a round number: effects
+between a hundredth of the effort and all of it are within a few standard deviations."""
+_ROUNDING = 1e-12
+"""Share of the joint's RMS effort per unit of an amplitude, up to which a column is rounding."""
+_TINY = 1e-300
+"""Instead of 0 in a denominator."""
+
+EffectKey = tuple[str, tuple[int, ...]]
+"""Name of an effect, and its joints from 1."""
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """A learned function as a log has shown it, for a figure.
+
+    Attributes:
+        variable: q4, dq5, ddq1, tau2 or t.
+        other: of a function of two variables the other one; empty otherwise.
+        turning: the speed with whose direction it turns round; empty where with none.
+        x: (g,) values of the variable over the range seen.
+        levels: (k,) of the other variable, at each of which there is a curve; one where there is none.
+        mean: (k, g) N m, and
+        sd: (k, g) its standard deviation.
+    """
+
+    variable: str
+    other: str
+    turning: str
+    x: Array
+    levels: Array
+    mean: Array
+    sd: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Hypothesis:
+    """One form of an effect.
+
+    Attributes:
+        source: the term or distortion that it would add.
+        columns: what it would do to this log.
+        make: makes a hypothesis of another form.
+        changes: names of parameters of the model that would change, where the model has the effect already.
+        curves: of an effect that was learned, its functions.
+    """
+
+    source: Effect
+    columns: Columns
+    make: Callable[[Effect], Hypothesis] = field(repr=False, compare=False)
+    changes: tuple[str, ...] = ()
+    curves: tuple[Curve, ...] = ()
+
+    @cached_property
+    def effect(self) -> str:
+        """Name of the effect, whatever the form."""
+        return self.source.effect
+
+    @property
+    def joints(self) -> tuple[int, ...]:
+        """From 1; none named: it acts on the whole robot."""
+        return self.source.joints
+
+    @cached_property
+    def key(self) -> EffectKey:
+        """Effect and joints, whatever the form."""
+        return self.effect, self.joints
+
+    @property
+    def standard(self) -> bool:
+        """Whether every robot has it, more or less."""
+        return self.source.name in STANDARD
+
+    @property
+    def alone(self) -> Hypothesis:
+        """The same, without the columns of other forms in memory."""
+        return replace(self, columns=self.columns.alone)
+
+    def remade(self, number: str, value: float) -> Hypothesis:
+        """The same form with another nonlinear number."""
+        numbers: dict[str, Any] = {number: (value,)}
+        return self.make(replace(self.source, **numbers))
+
+
+Library = Sequence[list[Hypothesis]]
+"""Groups of forms that act in the same joints with as many amplitudes."""
+
+
+def hypotheses(model: Model, scene: Scene, used: Mask, *, refinements: bool = False) -> Iterator[list[Hypothesis]]:
+    """Lists of forms that act in the same joints with as many amplitudes, for one call of `Screening.gains` each.
+
+    Args:
+        model: as it is.
+        scene: the log.
+        used: (N, n) samples that count.
+        refinements: whether finer forms of standard terms are among them.
+    """
+    make = maker(model, scene, used)
+    for kind in kinds_of_forms(refinements=refinements):
+        yield from hypotheses_of(kind, make, scene)
+
+
+def kinds_of_forms(*, refinements: bool = False) -> list[type[Effect]]:
+    """Of the catalogue; finer forms of standard terms among them, or not."""
+    return [kind for kind in catalogue.forms().values() if refinements or not kind.refines]
+
+
+def forms_of(effect: str, joints: tuple[int, ...], make: Callable[[Effect], Hypothesis], scene: Scene) -> Library:
+    """The forms of one effect in some joints (from 1) alone, where a scene is: distortions are linear near it."""
+    kinds = [kind for kind in kinds_of_forms() if effect_of(kind.name) == effect]
+    return [group for kind in kinds for group in hypotheses_of(kind, make, scene, joints)]
+
+
+def hypotheses_of(
+    kind: type[Effect], make: Callable[[Effect], Hypothesis], scene: Scene, joints: tuple[int, ...] | None = None
+) -> Iterator[list[Hypothesis]]:
+    """The forms of one kind alone, as `hypotheses` has them, by what makes hypotheses of effects.
+
+    Args:
+        kind: of effect.
+        make: of an effect a hypothesis.
+        scene: the log.
+        joints: (from 1) those that alone are asked for, if any.
+    """
+    groups: dict[tuple[object, ...], list[Hypothesis]] = {}
+    for source in kind.variants(scene):
+        if joints is not None and source.joints != joints:
+            continue
+        for hypothesis in _scaled(make(source)):
+            columns = hypothesis.columns
+            key = source.joints, len(columns.sd), tuple(sorted(columns.joints)), bool(columns.rows)
+            groups.setdefault(key, []).append(hypothesis)
+    for group in groups.values():
+        together = stacked([hypothesis.columns for hypothesis in group])
+        yield [replace(one, columns=columns) for one, columns in zip(group, together, strict=True)]
+
+
+def maker(model: Model, scene: Scene, used: Mask) -> Callable[[Effect], Hypothesis]:
+    """What makes a hypothesis of an effect.
+
+    Args:
+        model: as it is.
+        scene: the log.
+        used: (N, n) samples that count.
+    """
+    size = np.sqrt(np.sum((scene.measured * used) ** 2, axis=0) / np.maximum(used.sum(axis=0), 1))
+
+    def make(source: Effect) -> Hypothesis:
+        held = _held(source, model)
+        source = source if held is None else held
+        columns = _columns(source, scene, size, used, held is None)
+        changes = () if held is None else tuple(parameter.name for parameter in source.parameters(scene.robot))
+        return Hypothesis(source, columns, make, changes)
+
+    return make
+
+
+def _scaled(hypothesis: Hypothesis) -> list[Hypothesis]:
+    """The hypothesis with each prior that its effect wants tried, none if it would leave no trace."""
+    columns, scales = hypothesis.columns, hypothesis.source.typical_scales
+    if not columns.joints:
+        return []
+    return [replace(hypothesis, columns=replace(columns, sd=scale * columns.sd)) for scale in scales]
+
+
+def _columns(source: Effect, scene: Scene, size: Array, used: Mask, new: bool) -> Columns:
+    """What a form does to a log; a change of what the model has already may go either way.
+
+    Args:
+        source: the form.
+        scene: the log.
+        size: (n,) RMS of the measured efforts, N m.
+        used: (N, n) samples that count.
+        new: whether the model lacks it.
+    """
+    shifts, rows = source.change_by_joint(scene)
+    shifts = {j: shift for j, shift in shifts.items() if j in rows or np.any(shift[used[:, j]])}
+    if not rows and not shifts:
+        return NO_COLUMNS
+    size_of_all = next(iter(rows.values())).shape[1:] if rows else (0,)
+    sd = (
+        np.broadcast_to(source.typical, size_of_all).copy()
+        if source.typical and rows
+        else usual_amplitudes(rows, size, used)
+    )
+    positive = np.zeros(len(sd), dtype=bool)
+    positive[source.one_sided(scene.robot)] = new
+    return Columns(rows, shifts, sd, positive)
+
+
+def _held(source: Effect, model: Model) -> Effect | None:
+    """The effect itself if all parameters that it would add are the model's already; with the model's shape."""
+    names = {parameter.name for parameter in model.parameters}
+    if not {parameter.name for parameter in source.parameters(model.robot)} <= names:
+        return None
+    n = model.robot.n_joints
+    for term in model.terms:
+        if term.name == source.name and set(source.joints) <= {j + 1 for j in term.acting(n)}:
+            return term.in_joints(source.joints, n) if source.joints else term
+    return None
+
+
+def usual_amplitudes(rows: Mapping[int, Array], size: Array, used: Mask) -> Array:
+    """(p,) amplitudes whose largest effort is usual for the joint in which it is largest.
+
+    Args:
+        rows: joint (0-based) to (N, p) columns.
+        size: (n,) RMS of the measured efforts, N m.
+        used: (N, n) samples that count.
+    """
+    relative = [
+        np.abs(x.T.compress(used[:, j], axis=1)).max(axis=1, initial=0.0) / max(size[j], _TINY) for j, x in rows.items()
+    ]
+    largest = np.max(relative, axis=0) if relative else np.zeros(0)
+    return np.where(largest > _ROUNDING, _USUAL / np.maximum(largest, _TINY), 1.0)

@@ -1,0 +1,430 @@
+"""Effects without a name: which variables what is left of a joint depends on, and how, by evidence.
+
+A candidate is a product of functions of one, two or three variables (`effects.axes`), its amplitudes normal about
+zero. All pairs of variables are screened as smooth functions; for the best of them every family of functions is tried,
+over a grid of the prior's size and length; the best sets of variables get error models of their own. What extrapolates,
+such as a sine or a square, has fewer columns than a smooth function, so that evidence prefers it where it is the law.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import combinations, groupby, product
+
+import numpy as np
+from scipy.special import logsumexp
+
+from bayesid.arrays import Array, Mask
+from bayesid.effects.axes import Axis, Component, Family, Quantity, products, scaled_to_one
+from bayesid.effects.effect import Effect, Scene
+from bayesid.effects.formula import symbol
+from bayesid.effects.learned_effect import LearnedEffect, values_of
+from bayesid.regression.selection.columns import NO_COLUMNS, Columns
+from bayesid.regression.selection.error_model import ErrorModel
+from bayesid.regression.selection.explanation import LN10, Explanation, Observations, Regression
+from bayesid.regression.selection.hypotheses import Curve, Hypothesis
+from bayesid.regression.selection.scores import explain_with
+from bayesid.regression.selection.screening import Screening, integrated
+
+Variable = tuple[Quantity, int]
+"""What it is, and of which joint (from 1); 0 for the time."""
+
+_LENGTHS = (0.1, 0.2, 0.4, 0.8)
+"""Of the kernel, as shares of the range seen: from one with many turns within it to a slow one. Round numbers."""
+_SIZES = (0.02, 0.06, 0.2, 0.6)
+"""Prior sd of a function as a share of the joint's RMS effort. Round numbers."""
+_SCREENED, _COARSE, _FINE = 6, 8, 14
+"""Cosines of a variable while pairs are screened, and in the forms that are tried then: the latter resolve a kernel of
+a tenth of the range. Set by hand."""
+_SETS, _AGAIN, _CLOSER = 10, 4, 6
+"""Sets of variables whose forms are all tried, at first and by what a function has left, and sets that get error models
+of their own. Round numbers."""
+_HARMONICS = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
+"""Of a turn of a joint, tried by themselves; the first three with their multiples too."""
+_FADING = (0.2, 0.5, 1.2)
+"""Time constants tried, as shares of the log's length."""
+_FASTEST, _CLOSE = 0.125, 0.5
+"""Of what oscillates over time: the highest frequency that is tried, as a share of the sampling rate, and the distance
+of frequencies in half turns over the whole log."""
+_CLOSER_STILL = 10
+"""Times as close as that are frequencies about the best."""
+_AT_ONCE = 40_000_000
+"""Numbers of columns that are in memory at once."""
+DECISIVE = 2.0 * LN10
+"""Log Bayes factor by which a function of more variables must be better than one of some of them (Jeffreys 1961)."""
+_MOVES = 1e-3
+"""Range of a variable, rad, rad/s, rad/s^2, N m or s, below which it does not change."""
+_POINTS, _LEVELS = 301, (0.15, 0.5, 0.85)
+"""Of a curve for a figure, and values of the other variable, as shares of its range."""
+_PLAIN = 4
+"""Columns up to which a form is a law, such as the product of two sines: its amplitudes stay free in the model."""
+
+
+@dataclass(frozen=True)
+class Form:
+    """A product of functions of some variables.
+
+    Attributes:
+        axes: the variables with their functions.
+        length: of smooth functions' kernel, as a share of the range.
+        size: prior sd of the function, N m.
+    """
+
+    axes: tuple[Axis, ...]
+    length: float = 1.0
+    size: float = 1.0
+
+    @property
+    def variables(self) -> frozenset[Variable]:
+        """Without their functions."""
+        return frozenset(axis.variable for axis in self.axes)
+
+    @property
+    def smooth(self) -> bool:
+        """Whether one of the functions is smooth and nothing more."""
+        return any(axis.family is Family.SMOOTH for axis in self.axes)
+
+    @property
+    def bounded(self) -> bool:
+        """Whether it stays as it is beyond the range seen."""
+        return all(axis.family in (Family.SMOOTH, Family.DIRECTION) for axis in self.axes)
+
+    @property
+    def plain(self) -> bool:
+        """Whether its few columns are a law rather than any function."""
+        return not self.smooth and self.counts <= _PLAIN
+
+    @property
+    def counts(self) -> int:
+        """Number of columns."""
+        return int(np.prod([axis.count for axis in self.axes]))
+
+
+@dataclass(frozen=True)
+class Learned:
+    """A function that may be what is left of a joint.
+
+    Attributes:
+        form: which.
+        hypothesis: the effect.
+        gain: log Bayes factor for adding it, averaged over its forms, less the price of having looked everywhere.
+        price: what is off the gain for that, and for its other forms.
+    """
+
+    form: Form
+    hypothesis: Hypothesis
+    gain: float
+    price: float
+
+
+@dataclass(frozen=True, eq=False)
+class Finder:
+    """Finds what is left of a joint.
+
+    Args:
+        scene: the log.
+        used: (N, n) samples that count.
+        joint: from 1.
+        make: makes hypotheses of effects.
+    """
+
+    scene: Scene
+    used: Mask
+    joint: int
+    make: Callable[[Effect], Hypothesis]
+    _values: dict[Variable, Array] = field(default_factory=dict)
+    _columns: dict[Axis, Array] = field(default_factory=dict)
+    _variances: dict[tuple[Axis, float], Array] = field(default_factory=dict)
+
+    # -----------------------------------------------------------------------------------------------------------
+    # Candidates
+    # -----------------------------------------------------------------------------------------------------------
+    def variables(self) -> list[Variable]:
+        """All that changes: positions, speeds and accelerations of all joints, the joint's load, and the time."""
+        joints = range(1, self.scene.robot.n_joints + 1)
+        kinds = (Quantity.POSITION, Quantity.VELOCITY, Quantity.ACCELERATION)
+        own: list[Variable] = [(Quantity.LOAD, self.joint), (Quantity.TIME, 0)]
+        everything = [(kind, j) for kind in kinds for j in joints] + own
+        return [variable for variable in everything if np.ptp(self._range(variable)) > _MOVES]
+
+    def screened(self) -> Iterator[Form]:
+        """Smooth functions of one variable and of two, and such that turn round with a joint's direction of motion."""
+        variables = self.variables()
+        for one in variables:
+            yield Form((self._smooth(one, _FINE),))
+        for one, other in combinations(variables, 2):
+            yield Form((self._smooth(one, _SCREENED), self._smooth(other, _SCREENED)))
+        for turning, one in product([v for v in variables if v[0] is Quantity.VELOCITY], variables):
+            if turning != one:
+                yield Form((self._direction(turning), self._smooth(one, _COARSE)))
+        yield from (Form((axis,)) for axis in self._oscillations())
+
+    def forms(self, variables: Iterable[Variable], *, fine: bool) -> Iterator[Form]:
+        """All products of families of functions of these variables, those with many columns among them or not."""
+        chosen = sorted(variables)
+        if chosen == [(Quantity.TIME, 0)]:
+            yield from (Form((axis,)) for axis in self._oscillations())
+        for axes in product(*(list(self._families(variable, fine=fine)) for variable in chosen)):
+            yield Form(axes)
+
+    def _oscillations(self) -> Iterator[Axis]:
+        """Of one frequency each, over time: so close that no frequency lies between two."""
+        time: Variable = (Quantity.TIME, 0)
+        low, high = self._range(time)
+        rate = (len(self._value(time)) - 1) / (high - low)
+        count = int(_FASTEST * rate * 2.0 * high / _CLOSE)
+        yield from (Axis(*time, Family.PERIODIC, low, high, np.pi * _CLOSE * k / high, 2) for k in range(1, count + 1))
+
+    def _tuned(self, forms: Iterable[Form]) -> Iterator[Form]:
+        """Of what oscillates over time the same at frequencies nearby."""
+        for form in forms:
+            axis = form.axes[0]
+            if len(form.axes) == 1 and axis.quantity is Quantity.TIME and axis.family is Family.PERIODIC:
+                apart = np.pi * _CLOSE / axis.high / _CLOSER_STILL
+                steps = np.arange(-_CLOSER_STILL, _CLOSER_STILL + 1) * apart
+                yield from (
+                    Form((replace(axis, order=float(axis.order + step)),)) for step in steps[steps > -axis.order]
+                )
+
+    def _smooth(self, variable: Variable, count: int) -> Axis:
+        return Axis(*variable, Family.SMOOTH, *self._range(variable), 0.0, count)
+
+    def _direction(self, variable: Variable) -> Axis:
+        slowest = float(self.scene.actuators.standstill_speed[variable[1] - 1])
+        return Axis(*variable, Family.DIRECTION, *self._range(variable), slowest, 1)
+
+    def _plain(self, variable: Variable) -> Iterator[Axis]:
+        """One or two columns each."""
+        low, high = self._range(variable)
+        if self._turns(variable):
+            yield from (Axis(*variable, Family.PERIODIC, low, high, h, 2) for h in _HARMONICS)
+        if variable[0] is Quantity.VELOCITY:
+            yield self._direction(variable)
+            yield Axis(*variable, Family.ODD, low, high, 2.0, 1)
+        if variable[0] is Quantity.TIME:
+            yield from (Axis(*variable, Family.FADING, low, high, share * high, 2) for share in _FADING)
+        yield Axis(*variable, Family.POWER, low, high, 1.0, 1)
+
+    def _families(self, variable: Variable, *, fine: bool) -> Iterator[Axis]:
+        """Every family of functions of a variable."""
+        low, high = self._range(variable)
+        yield from (self._smooth(variable, count) for count in ((_COARSE, _FINE) if fine else (_COARSE,)))
+        yield from self._plain(variable)
+        if self._turns(variable):
+            counts = (7, 13) if fine else (7,)
+            yield from (Axis(*variable, Family.PERIODIC, low, high, h, n) for h in _HARMONICS[:3] for n in counts)
+            yield from (Axis(*variable, Family.PERIODIC, low, high, h, 3) for h in _HARMONICS)
+        elif variable[0] is not Quantity.POSITION:
+            yield Axis(*variable, Family.EVEN, low, high, 1.0, 1)
+        if variable[0] is not Quantity.TIME:
+            yield from (Axis(*variable, Family.POWER, low, high, power, 1) for power in (2.0, 3.0))
+            yield from (Axis(*variable, Family.POWER, low, high, 0.0, count) for count in (2, 3, 4))
+
+    def _turns(self, variable: Variable) -> bool:
+        """Whether it is an angle."""
+        return variable[0] is Quantity.POSITION and not self.scene.robot.joints[variable[1] - 1].prismatic
+
+    def _range(self, variable: Variable) -> tuple[float, float]:
+        seen = self._value(variable)
+        return float(seen.min()), float(seen.max())
+
+    def _value(self, variable: Variable) -> Array:
+        if variable not in self._values:
+            axis = Axis(*variable, Family.POWER, 0.0, 1.0, 1.0, 1)
+            self._values[variable] = values_of(self.scene.robot, self.scene.motion, self.scene.links)(axis)
+        return self._values[variable]
+
+    # -----------------------------------------------------------------------------------------------------------
+    # Columns
+    # -----------------------------------------------------------------------------------------------------------
+    def _of_axis(self, axis: Axis) -> Array:
+        if axis not in self._columns:
+            self._columns[axis] = axis.columns(self._value(axis.variable))
+        return self._columns[axis]
+
+    def rows(self, form: Form) -> Array:
+        """(N, p) columns."""
+        return products([self._of_axis(axis) for axis in form.axes])
+
+    def sd(self, form: Form) -> Array:
+        """(p,) prior standard deviations of their amplitudes."""
+        variance = np.full(1, form.size**2)
+        for axis in form.axes:
+            variance = np.outer(variance, self._variance(axis, form.length)).ravel()
+        return np.sqrt(variance)
+
+    def _variance(self, axis: Axis, length: float) -> Array:
+        """(count,) of the functions of an axis; those that are no cosines have an RMS of their own."""
+        if (axis, length) not in self._variances:
+            own = axis.density(length)
+            if axis.family is not Family.SMOOTH:
+                own = own / scaled_to_one(self._of_axis(axis), self.used[:, self.joint - 1]) ** 2
+            self._variances[axis, length] = own
+        return self._variances[axis, length]
+
+    def hypothesis(self, form: Form) -> Hypothesis:
+        """The effect of a form by itself."""
+        weights = np.eye(form.counts)
+        source = LearnedEffect.of(self.joint, [Component(form.axes, weights)], self.scene.links.tolist())
+        return self._hypothesis(source, self.rows(form), self.sd(form))
+
+    def _hypothesis(self, source: LearnedEffect, rows: Array, sd: Array) -> Hypothesis:
+        columns = Columns({self.joint - 1: rows}, {}, sd, np.zeros(len(sd), dtype=bool))
+        return Hypothesis(source, columns, self.make)
+
+    # -----------------------------------------------------------------------------------------------------------
+    # Evidence
+    # -----------------------------------------------------------------------------------------------------------
+    def ranked(
+        self,
+        data: Observations,
+        effects: Sequence[Hypothesis],
+        errors: Sequence[ErrorModel] | None = None,
+        uncertain: Columns = NO_COLUMNS,
+        *,
+        bounded: bool = False,
+    ) -> list[Learned]:
+        """The most promising functions, one for each set of variables, best first, on top of some effects.
+
+        What is left before anything is learned looks like lasting noise, under which slow functions count for little:
+        so that functions are weighed again by what the best of them leaves.
+
+        Args:
+            data: what is to be explained.
+            effects: chosen already.
+            errors: that a function has left, to weigh others by; by default those that the effects leave.
+            uncertain: columns that the model may be wrong by beside.
+            bounded: whether only functions are tried that stay as they are beyond the range seen.
+        """
+        regression, explanation = explain_with(data, effects, None, uncertain)
+        again, errors = errors is not None, explanation.errors if errors is None else errors
+        screening = Screening(regression, errors)
+        screened = self._best(screening, self.screened())
+        promising = sorted(screened, key=lambda variables: -screened[variables][1])[: _AGAIN if again else _SETS]
+        forms = (form for one in promising for form in self.forms(one, fine=again))
+        best = self._best(screening, (form for form in forms if form.bounded or not bounded))
+        best |= self._best(screening, self._tuned([form for form, *_ in best.values()]))
+        return self._looked_at(regression, explanation, errors, best, float(np.log(len(screened))))
+
+    def _looked_at(
+        self,
+        regression: Regression,
+        explanation: Explanation,
+        errors: Sequence[ErrorModel],
+        best: Mapping[frozenset[Variable], tuple[Form, float, float]],
+        price: float,
+    ) -> list[Learned]:
+        """The best, with error models of their own."""
+        closer = []
+        for one in sorted(best, key=lambda variables: -best[variables][1])[:_CLOSER]:
+            form, gain, own = best[one]
+            hypothesis = self.hypothesis(form)
+            extended = regression.explain(errors, hypothesis.columns)
+            extended = regression.explain(extended.errors, hypothesis.columns)
+            evidence, off = extended.log_evidence - explanation.log_evidence, own - gain + price
+            closer.append(Learned(form, hypothesis, evidence - off, off))
+        return _plainest_first(closer)
+
+    def _best(
+        self, screening: Screening, forms: Iterable[Form]
+    ) -> dict[frozenset[Variable], tuple[Form, float, float]]:
+        """By the set of variables its best form, the gain averaged over all of its forms, and that of the best.
+
+        Of forms that the log cannot tell apart it is a law rather than a smooth function, and of few columns.
+        """
+        gains: dict[frozenset[Variable], list[tuple[float, Form]]] = {}
+        for form, gain in self._gains(screening, forms):
+            gains.setdefault(form.variables, []).append((gain, form))
+        found = {}
+        for variables, tried in gains.items():
+            most = max(gain for gain, _ in tried)
+            near = ((gain, form) for gain, form in tried if gain > most - DECISIVE)
+            own, best = min(near, key=lambda one: (one[1].smooth, one[1].counts, -one[0]))
+            found[variables] = best, float(logsumexp([gain for gain, _ in tried])) - float(np.log(len(tried))), own
+        return found
+
+    def _gains(self, screening: Screening, forms: Iterable[Form]) -> Iterator[tuple[Form, float]]:
+        """Log Bayes factors of forms, over the grid of sizes and lengths."""
+        by_size = sorted(forms, key=lambda form: form.counts)
+        for count, group in groupby(by_size, key=lambda form: form.counts):
+            together, most = list(group), max(1, _AT_ONCE // (count * len(self.used)))
+            for k in range(0, len(together), most):
+                yield from self._gains_of(screening, together[k : k + most])
+
+    def _gains_of(self, screening: Screening, forms: list[Form]) -> Iterator[tuple[Form, float]]:
+        """Of forms with equally many columns."""
+        free = np.zeros(forms[0].counts, dtype=bool)
+        columns = [Columns({self.joint - 1: self.rows(form)}, {}, np.ones(len(free)), free) for form in forms]
+        gram, slope = screening.products(columns)
+        for size, length in product(_SIZES, _LENGTHS):
+            tried = [k for k, form in enumerate(forms) if form.smooth or length == _LENGTHS[0]]
+            if not tried:
+                continue
+            sized = [replace(forms[k], size=size * self._effort, length=length) for k in tried]
+            scaled = [replace(columns[k], sd=self.sd(form)) for k, form in zip(tried, sized, strict=True)]
+            gains, _ = integrated(np.zeros(len(tried)), gram[tried], slope[tried], scaled)
+            yield from zip(sized, gains.tolist(), strict=True)
+
+    # -----------------------------------------------------------------------------------------------------------
+    # One effect
+    # -----------------------------------------------------------------------------------------------------------
+    def merged(
+        self, found: Sequence[Learned], amplitudes: Sequence[Array], covariances: Sequence[Array], number: int
+    ) -> Hypothesis:
+        """One effect of some functions: those of many columns in the shape that was found, their RMS made one.
+
+        A log's signs, searched from scratch, must not be free to choose the shape.
+
+        Args:
+            found: the functions.
+            amplitudes: (p,) of each, and
+            covariances: (p, p) of these.
+            number: of the effect among those learned in this joint.
+        """
+        used, components, parts = self.used[:, self.joint - 1], [], []
+        for one, amplitude in zip(found, amplitudes, strict=True):
+            weights = np.eye(len(amplitude)) if one.form.plain else amplitude[:, None]
+            weights = weights / scaled_to_one(self.rows(one.form) @ weights, used)
+            components.append(Component(one.form.axes, weights))
+            parts.append(self.rows(one.form) @ weights)
+        rows = np.column_stack(parts)
+        source = LearnedEffect.of(self.joint, components, self.scene.links.tolist(), number)
+        curves = tuple(_curve(one.form, *known) for one, *known in zip(found, amplitudes, covariances, strict=True))
+        return replace(self._hypothesis(source, rows, np.full(rows.shape[1], self._effort)), curves=curves)
+
+    @cached_property
+    def _effort(self) -> float:
+        """RMS of the joint's effort, N m."""
+        used = self.used[:, self.joint - 1]
+        return float(np.sqrt(np.mean(self.scene.measured[used, self.joint - 1] ** 2)))
+
+
+def _curve(form: Form, amplitude: Array, covariance: Array) -> Curve:
+    """A function over its first variable, at some values of the other one; motion forwards."""
+    free = [axis for axis in form.axes if axis.family is not Family.DIRECTION] or list(form.axes)
+    turning = [axis for axis in form.axes if all(axis is not one for one in free)]
+    x = np.linspace(free[0].low, free[0].high, _POINTS)
+    levels = np.quantile([free[-1].low, free[-1].high], _LEVELS) if len(free) > 1 else np.zeros(1)
+    mean, sd = [], []
+    for level in levels:
+        values = {id(free[-1]): np.full(_POINTS, level), id(free[0]): x}
+        forwards = np.full(_POINTS, np.inf)
+        columns = products([axis.columns(values.get(id(axis), forwards)) for axis in form.axes])
+        mean.append(columns @ amplitude)
+        sd.append(np.sqrt(np.maximum(np.sum((columns @ covariance) * columns, axis=1), 0.0)))
+    named = [[symbol(*axis.variable) for axis in axes] for axes in (free[:1], free[1:], turning)]
+    variable, other, turns = (" ".join(names) for names in named)
+    return Curve(variable, other, turns, x, levels, np.array(mean), np.array(sd))
+
+
+def _plainest_first(found: Sequence[Learned]) -> list[Learned]:
+    """Best first, but without those that add variables to another one for less than a decisive gain."""
+    return sorted(
+        (one for one in found if not any(_needless(one, other) for other in found)), key=lambda one: -one.gain
+    )
+
+
+def _needless(one: Learned, other: Learned) -> bool:
+    return other.form.variables < one.form.variables and one.gain < other.gain + DECISIVE

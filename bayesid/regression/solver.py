@@ -1,0 +1,452 @@
+"""Least squares in the cone: the best feasible parameters for given moments. Only this file knows Clarabel.
+
+:eq:`cone-least-squares`::
+
+    minimise  theta' B' H B theta - 2 g' B theta + rho(theta)   subject to  theta in the cone (with a margin).
+
+Some parameters leave no trace in the efforts, and the cone's projection on the coefficients is not closed: a first
+moment is free once a mass without trace grows without limit. So a very weak pull to typical links,
+rho(theta) = w sum ((theta_k - typical_k) / size_k)^2 with w = 1e-4 (:eq:`pull`), completes the parameters. It costs
+parameters a hundred sizes away one unit, half a nat, however long or clean the log is: it decides nothing that the data
+show.
+
+Three steps: `ConeLeastSquares` states the cone once; `prepared` makes a solver for one H; this solves for one
+g after the other by Clarabel, in a few milliseconds each. A status other than solved is never taken for a result.
+"""
+
+from __future__ import annotations
+
+from copy import copy
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import clarabel
+import numpy as np
+import scipy
+from scipy.linalg import null_space, solve_triangular
+
+from bayesid.arrays import Array
+from bayesid.effects.coefficients import BaseCoefficients
+from bayesid.effects.parameters import Cone
+from bayesid.errors import SolverError
+from bayesid.robot.inertia import PSEUDO_INERTIA_BASIS, from_pseudo_inertia
+
+MARGIN = 1e-6
+"""Smallest eigenvalue left to a pseudo-inertia (kg m^2 to kg): far below any link's, far above rounding."""
+REACH = 100.0
+"""Distance from typical links, in sizes, at which rho costs one unit of the cost: half a nat. A round number, far
+beyond any robot: one size would by itself explain all efforts. Rounding needs some pull."""
+LEAST_PULL = 1e-11
+"""Share of the efforts' energy that the weight of rho is at least, for rounding: up to 30 sizes away rho is then below
+1e-8 of the energy, where two costs count as equal."""
+_COMPLETING = 1e-9
+"""The same where the parameters themselves are asked for, those without trace too: Clarabel resolves 1e-10."""
+_MOST_PULL = 1e-7
+"""Such a share that it is at most, where efforts are so few or weak that nothing is decided."""
+_NO_TRACE = 1e-8
+"""Parameters whose columns cancel to this share leave no trace: the tolerance of the base coefficients, squared."""
+_NEGLIGIBLE = 1e-12
+"""Share of the largest curvature below which a parameter leaves no trace: what rounding makes of zero."""
+_TYPICAL_BODY = from_pseudo_inertia(np.diag([0.03, 0.03, 0.03, 3.0]))
+"""A link of 3 kg that spreads 0.1 m along each axis: what a parameter without any data is drawn to."""
+_TYPICAL_SIZES = np.array([0.1] * 6 + [0.5] * 3 + [5.0])
+"""Sizes of a link's parameters (kg m^2, kg m, kg) where the data give none: round numbers above the typical link's."""
+_NEARNESS = 1e-4
+"""Weight of the distance to typical links, in sizes squared, where parameters are moved inside the cone: a mass without
+trace would grow for ever without it; a round number, not studied."""
+_INSIDE_TOLERANCE = 1e-6
+"""Relative gap to which parameters are moved inside: no data depend on where they end."""
+_LEAST_UNIT = 1e-300
+"""In the place of the largest curvature where no data have been decided: far below any, and 1e-7 / 1e-300 is finite."""
+_REGULARISATION = 1e-10
+"""Clarabel's constant on the diagonal of its linear systems: as small as the finest tolerance asked of it."""
+
+
+class _Attempt(NamedTuple):
+    """Settings of one attempt.
+
+    Attributes:
+        coarser: factor on the tolerance asked for.
+        equilibrate: whether Clarabel scales the rows.
+        step: share of the way to the edge of the cone that it steps at most: full steps may go back and forth without
+            end.
+        constant: on the diagonal of Clarabel's linear systems.
+        whitened: whether it is asked for y = L'x, where P = LL': curvatures that differ by more than their rounding,
+            as those of the pull and of data that say everything of a coefficient, are then all one.
+    """
+
+    coarser: float = 1.0
+    equilibrate: bool = True
+    step: float = 0.99
+    constant: float = _REGULARISATION
+    whitened: bool = False
+
+
+_ATTEMPTS = (
+    _Attempt(),
+    _Attempt(equilibrate=False),
+    _Attempt(step=0.8),
+    _Attempt(whitened=True),
+    _Attempt(equilibrate=False, whitened=True),
+    _Attempt(10.0),
+    _Attempt(10.0, equilibrate=False, step=0.8),
+    _Attempt(100.0, step=0.8),
+    _Attempt(100.0, equilibrate=False, constant=1e-8),
+    _Attempt(1e3),
+    _Attempt(1e4, constant=1e-8),
+)
+"""What is tried, one after the other, after an update that failed: what costs no accuracy first. Set by hand on the
+problems that stalled (tests/fit/test_solver.py, tests/studies/test_calibration.py)."""
+_PRECISE = (1e-10, 1e-9, 1e-8, 1e-7, 1e-6)
+"""Tolerances tried where precision is asked for."""
+
+
+@dataclass(frozen=True)
+class Solution:
+    """A point of the cone and what it costs.
+
+    Attributes:
+        theta: (P,) parameters.
+        cost: theta' B' H B theta - 2 g' B theta + rho(theta), without the efforts' own energy.
+        tolerance: relative duality gap and infeasibility that the solver reached.
+        lower_bound: of the cost of every point of the cone, from a dual point (:eq:`dual-bound`); -inf if there is
+            none.
+    """
+
+    theta: Array
+    cost: float
+    tolerance: float
+    lower_bound: float = -np.inf
+
+
+class ConeLeastSquares:
+    """The problem of one cone, stated once.
+
+    Args:
+        cone: the cone of the P parameters.
+        coefficients: the r base coefficients, for B.
+        hessian: (r, r) H of all data; it sets the sizes by which the parameters are scaled.
+        energy: c of all data.
+        margin: smallest eigenvalue left to every pseudo-inertia.
+        tolerance: relative duality gap and infeasibility asked of the solver.
+        least_pull: share of the energy that the weight of rho is at least.
+    """
+
+    def __init__(
+        self,
+        cone: Cone,
+        coefficients: BaseCoefficients,
+        hessian: Array,
+        energy: float,
+        margin: float = 0.0,
+        tolerance: float = 1e-6,
+        least_pull: float = LEAST_PULL,
+    ) -> None:
+        self.nonnegative = cone.nonnegative
+        self.projection = coefficients.projection
+        self.scale = _sizes(cone, self.projection, hessian, energy)
+        self.typical = _typical(cone) / self.scale
+        self.rows = _state_cone(cone, self.scale, margin)
+        self.pull_weight = pull_weight(energy, least_pull)
+        self.tolerance = tolerance
+        self._hessian = hessian
+
+    def lighter(self, share: float) -> ConeLeastSquares:
+        """The same problem with this share of the pull."""
+        lighter = copy(self)
+        lighter.pull_weight = share * self.pull_weight
+        return lighter
+
+    def prepared(self, hessian: Array | None = None) -> PreparedLeastSquares:
+        """A new solver for one H (r, r); for that of all data by default."""
+        return PreparedLeastSquares(self, self._hessian if hessian is None else hessian)
+
+    def project(self, theta: Array) -> Array:
+        """(r,) coefficients of parameters (P,)."""
+        beta: Array = self.projection @ theta
+        return beta
+
+    def regularisation(self, theta: Array) -> float:
+        """rho(theta), the pull to typical links (:eq:`pull`)."""
+        return float(self.pull_weight * np.sum((theta / self.scale - self.typical) ** 2))
+
+    def pull(self) -> tuple[Array, Array]:
+        """Q (r, r) and b (r,): (beta - b)' Q (beta - b) is the least rho of all theta with B theta = beta.
+
+        See :eq:`pull-share`.
+        """
+        spread = self.projection * self.scale
+        root = solve_triangular(
+            np.linalg.qr(spread.T, mode="r"), np.eye(len(spread))
+        )  # (spread spread')^-1 = root root'
+        return self.pull_weight * (root @ root.T), spread @ self.typical
+
+
+class PreparedLeastSquares:
+    """The problem for one H, in units of its largest curvature; solved for many linear terms.
+
+    Clarabel is started at the first solve and updated from then on, so the last digits (within the tolerance) depend on
+    what was solved before: prepare anew where they must not.
+
+    Args:
+        stated: the problem.
+        hessian: (r, r) H.
+    """
+
+    def __init__(self, stated: ConeLeastSquares, hessian: Array) -> None:
+        self._stated, self._hessian = stated, hessian
+        columns = stated.projection * stated.scale
+        full = columns.T @ hessian @ columns
+        full = 0.5 * (full + full.T)
+        self._unit = max(float(np.max(np.diag(full))), _LEAST_UNIT)
+        self._pull = stated.pull_weight / self._unit
+        quadratic = 2.0 * full / self._unit + 2.0 * self._pull * np.eye(len(full))
+        self._quadratic, self._factor = _upper_triangle(quadratic), np.linalg.cholesky(quadratic)
+        self._solver: Any = None
+
+    def project(self, theta: Array) -> Array:
+        """(r,) coefficients of parameters (P,)."""
+        return self._stated.project(theta)
+
+    def solve(self, gradient: Array) -> Solution:
+        """The best point for g (r,).
+
+        Clarabel is updated; when rounding keeps it from its tolerance, fresh ones are tried, the last ones with a
+        coarser tolerance. The solution names the tolerance that was reached.
+
+        Raises:
+            SolverError: none of them solved the problem.
+        """
+        linear, tolerance = self._linear(gradient), self._stated.tolerance
+        if self._solver is None:
+            self._solver = self._started(linear, tolerance, _Attempt())
+        else:
+            self._solver.update(q=linear)
+        outcome = _attempt(self._solver)
+        tried = [outcome]
+        for attempt in _ATTEMPTS:
+            if outcome.failure:
+                tolerance = attempt.coarser * self._stated.tolerance
+                outcome = self._tried(linear, tolerance, attempt)
+                tried.append(outcome)
+        if outcome.failure:
+            self._solver = None
+            raise SolverError("cone least squares", outcome.failure)
+        return self._solution(gradient, linear, tried, tolerance)
+
+    def solve_precisely(self, gradient: Array) -> Solution:
+        """The best point for g (r,), to the finest tolerance that Clarabel reaches (named in the solution).
+
+        Raises:
+            SolverError: not even what `solve` tries is reached.
+        """
+        linear, tried = self._linear(gradient), []
+        for tolerance in _PRECISE:
+            for equilibrate in (True, False):
+                tried.append(self._tried(linear, tolerance, _Attempt(equilibrate=equilibrate)))
+                if not tried[-1].failure:
+                    return self._solution(gradient, linear, tried, tolerance)
+        return self.solve(gradient)
+
+    def _linear(self, gradient: Array) -> Array:
+        slope: Array = self._stated.scale * (gradient @ self._stated.projection) / self._unit
+        return -2.0 * (slope + self._pull * self._stated.typical)
+
+    def _solution(self, gradient: Array, linear: Array, tried: list[_Outcome], tolerance: float) -> Solution:
+        """The last point that was tried, and the largest bound: that of a failed attempt is as true as any."""
+        stated = self._stated
+        theta = stated.scale * tried[-1].point
+        theta[stated.nonnegative] = np.maximum(theta[stated.nonnegative], 0.0)  # what is below is within the tolerance
+        beta = stated.project(theta)
+        cost = float(beta @ self._hessian @ beta - 2 * gradient @ beta) + stated.regularisation(theta)
+        duals = [outcome.dual for outcome in tried if len(outcome.point)]
+        bounds = [self._lower_bound(linear, dual) for dual in duals if np.all(np.isfinite(dual))]
+        return Solution(theta, cost, tolerance, min(cost, max(bounds, default=-np.inf)))
+
+    def _lower_bound(self, linear: Array, dual: Array) -> float:
+        """What weak duality proves about the cost of every feasible point, for any multipliers `dual`.
+
+        For z in the dual cone, min over x in the cone of x'Px/2 + q'x >= min over all x of x'Px/2 + q'x + z'(Ax - b)
+        = -|L^-1 (q + A'z)|^2 / 2 - b'z with P = LL' (Boyd and Vandenberghe 2004, 5.2). The pull makes P positive
+        definite, so this holds however well or badly the solver converged (:eq:`dual-bound`). Of the multiples of z the
+        best is taken, with none of it the bound is that without a cone.
+        """
+        offsets, rows, _ = self._stated.rows
+        z = _into_cone(dual, len(self._stated.nonnegative))
+        slopes = solve_triangular(self._factor, np.column_stack([linear, rows.T @ z]), lower=True)
+        plain, slope = slopes.T
+        gain, length = -float(plain @ slope + offsets @ z), max(float(slope @ slope), _LEAST_UNIT)
+        value = -0.5 * float(plain @ plain) + 0.5 * max(gain, 0.0) ** 2 / length
+        return self._unit * (value + self._pull * float(self._stated.typical @ self._stated.typical))
+
+    def _tried(self, linear: Array, tolerance: float, attempt: _Attempt) -> _Outcome:
+        outcome = _attempt(self._started(linear, tolerance, attempt))
+        if attempt.whitened and len(outcome.point):
+            return outcome._replace(point=solve_triangular(self._factor.T, outcome.point))
+        return outcome
+
+    def _started(self, linear: Array, tolerance: float, attempt: _Attempt) -> Any:
+        settings = _settings(tolerance)
+        settings.presolve_enable = False  # it would forbid updates
+        settings.equilibrate_enable = attempt.equilibrate
+        settings.max_step_fraction = attempt.step
+        settings.static_regularization_constant = attempt.constant
+        settings.tol_feas = tolerance
+        offsets, rows, cones = self._stated.rows
+        quadratic = self._quadratic
+        if attempt.whitened:
+            both = solve_triangular(self._factor, np.column_stack([linear, rows.T.toarray()]), lower=True)
+            linear, rows = both[:, 0], scipy.sparse.csc_matrix(both[:, 1:].T)
+            quadratic = scipy.sparse.eye(len(linear), format="csc")
+        return clarabel.DefaultSolver(quadratic, linear, rows, offsets, cones, settings)
+
+
+def _settings(tolerance: float) -> Any:
+    """Clarabel's, for one thread and a duality gap."""
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.max_threads = 1
+    settings.tol_gap_abs = settings.tol_gap_rel = tolerance
+    return settings
+
+
+class _Outcome(NamedTuple):
+    """Of an attempt.
+
+    Attributes:
+        point: (P,) x; empty where there is none.
+        dual: its multipliers; empty where there are none.
+        failure: in words why it is no solution; empty where it is.
+    """
+
+    point: Array
+    dual: Array
+    failure: str
+
+
+def _attempt(solver: Any) -> _Outcome:
+    """What Clarabel makes of a problem."""
+    try:
+        result = solver.solve()
+    except BaseException as error:
+        if type(error).__name__ != "PanicException":  # Rust's, raised by pyo3, cannot be imported
+            raise
+        return _Outcome(np.empty(0), np.empty(0), f"panic: {error}")
+    failure = "" if result.status == clarabel.SolverStatus.Solved else str(result.status)
+    return _Outcome(np.array(result.x), np.array(result.z), failure)
+
+
+def pull_weight(energy: float, least: float = LEAST_PULL) -> float:
+    """The weight w of rho for efforts of this energy c, in units of their noise (:eq:`pull`)."""
+    return float(np.clip(1.0 / REACH**2, least * energy, _MOST_PULL * energy))
+
+
+def move_inside(cone: Cone, coefficients: BaseCoefficients, theta: Array) -> Array:
+    """(P,) parameters with the same coefficients as theta (P,), every body as far inside the cone as they allow.
+
+    Only combinations that leave no trace move, theta + N z with B N = 0: the largest t with P(theta + N z) >= t Q for
+    each body, Q a typical link's pseudo-inertia. A body that stays on the edge is held there by the data.
+
+    Raises:
+        SolverError: Clarabel did not reach its tolerances.
+    """
+    sizes = np.ones(cone.size)
+    for body in cone.bodies:
+        sizes[body] = _TYPICAL_SIZES
+    free = sizes[:, None] * null_space(coefficients.projection * sizes)
+    if free.shape[1] == 0 or len(cone.bodies) == 0:
+        return theta
+    link = _stacked(np.einsum("k,kij->ij", _TYPICAL_BODY, PSEUDO_INERTIA_BASIS))
+    outwards = np.concatenate([np.zeros(len(cone.nonnegative)), np.tile(link, len(cone.bodies))])
+    rows = np.column_stack([-_rows_of(cone, free), outwards])  # of (z, t)
+    along, away = free / sizes[:, None], (theta - _typical(cone)) / sizes
+    quadratic, linear = np.zeros((rows.shape[1], rows.shape[1])), np.full(rows.shape[1], -1.0)
+    quadratic[:-1, :-1] = 2.0 * _NEARNESS * along.T @ along  # keeps a mass without trace from growing for ever
+    linear[:-1] = 2.0 * _NEARNESS * along.T @ away
+    offsets, settings = _rows_of(cone, theta), _settings(_INSIDE_TOLERANCE)
+    stated = scipy.sparse.csc_matrix(np.triu(quadratic)), linear, scipy.sparse.csc_matrix(rows), offsets, _cones(cone)
+    outcome = _attempt(clarabel.DefaultSolver(*stated, settings))
+    if outcome.failure:
+        raise SolverError("moving parameters inside the cone", outcome.failure)
+    return theta + free @ outcome.point[:-1]
+
+
+def solve_precisely(
+    cone: Cone, coefficients: BaseCoefficients, hessian: Array, gradient: Array, energy: float, margin: float = MARGIN
+) -> Solution:
+    """One cone least squares, to the finest tolerance that Clarabel reaches on it (named in the solution).
+
+    Raises:
+        SolverError: no tolerance is reached.
+    """
+    stated = ConeLeastSquares(cone, coefficients, hessian, energy, margin, least_pull=_COMPLETING)
+    return stated.prepared().solve_precisely(gradient)
+
+
+def _typical(cone: Cone) -> Array:
+    """(P,) typical links, and zero for all else."""
+    typical = np.zeros(cone.size)
+    for body in cone.bodies:
+        typical[body] = _TYPICAL_BODY
+    return typical
+
+
+def _sizes(cone: Cone, projection: Array, hessian: Array, energy: float) -> Array:
+    """(P,) the size of each parameter that would alone explain all efforts; a typical one where it leaves no trace."""
+    sizes = np.ones(cone.size)
+    for body in cone.bodies:
+        sizes[body] = _TYPICAL_SIZES
+    curvature = np.einsum("rp,rs,sp->p", projection, hessian, projection)
+    parts = (np.abs(projection).T @ np.sqrt(np.maximum(np.diag(hessian), 0.0))) ** 2
+    shows = curvature > np.maximum(_NEGLIGIBLE * curvature.max(), _NO_TRACE * parts)
+    sizes[shows] = np.sqrt(energy / curvature[shows])
+    return sizes
+
+
+def _state_cone(cone: Cone, scale: Array, margin: float) -> tuple[Array, scipy.sparse.csc_matrix, list[Any]]:
+    """The cone as Clarabel wants it, b - A z in K for z = theta / scale."""
+    least = np.tile(margin * _stacked(np.eye(4)), len(cone.bodies))
+    offsets = -np.concatenate([np.zeros(len(cone.nonnegative)), least])
+    rows = _rows_of(cone, np.diag(scale))
+    rows[: len(cone.nonnegative)] = np.eye(cone.size)[cone.nonnegative]
+    return offsets, scipy.sparse.csc_matrix(-rows), _cones(cone)
+
+
+def _cones(cone: Cone) -> list[Any]:
+    """K: what is not negative, then a pseudo-inertia a body."""
+    linear = [clarabel.NonnegativeConeT(len(cone.nonnegative))] * (len(cone.nonnegative) > 0)
+    return [*linear, *(clarabel.PSDTriangleConeT(4) for _ in cone.bodies)]
+
+
+def _rows_of(cone: Cone, theta: Array) -> Array:
+    """(m, ...) of parameters (P, ...), what lies in K: entries that are not negative, stacked pseudo-inertias."""
+    triangles = _stacked(PSEUDO_INERTIA_BASIS).T
+    return np.concatenate([theta[cone.nonnegative], *(triangles @ theta[body] for body in cone.bodies)])
+
+
+def _stacked(matrix: Array) -> Array:
+    """(..., 10) of symmetric (..., 4, 4): the upper triangle's columns, entries off the diagonal times sqrt(2)."""
+    rows, columns = np.tril_indices(4)
+    return matrix[..., rows, columns] * np.where(rows == columns, 1.0, np.sqrt(2.0))
+
+
+def _into_cone(dual: Array, n_linear: int) -> Array:
+    """(m,) the nearest multipliers in the cone, which is its own dual: nonnegative, then positive semidefinite blocks.
+
+    Clarabel stacks the columns of a block's upper triangle and stretches off-diagonal entries by sqrt(2).
+    """
+    rows, columns = np.tril_indices(4)
+    stretch = np.where(rows == columns, 1.0, np.sqrt(2.0))
+    blocks = np.zeros((len(dual[n_linear:]) // 10, 4, 4))
+    blocks[:, rows, columns] = blocks[:, columns, rows] = dual[n_linear:].reshape(-1, 10) / stretch
+    values, vectors = np.linalg.eigh(blocks)
+    nearest = (vectors * np.maximum(values, 0.0)[:, None, :]) @ vectors.transpose(0, 2, 1)
+    return np.concatenate([np.maximum(dual[:n_linear], 0.0), (nearest[:, rows, columns] * stretch).ravel()])
+
+
+def _upper_triangle(matrix: Array) -> scipy.sparse.csc_matrix:
+    """The upper triangle in column order with every entry stored, zeros too."""
+    n = len(matrix)
+    columns, rows = np.tril_indices(n)
+    starts = np.concatenate([[0], np.cumsum(np.arange(1, n + 1))])
+    return scipy.sparse.csc_matrix((matrix[rows, columns], rows, starts), shape=(n, n))

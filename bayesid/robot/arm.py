@@ -1,0 +1,382 @@
+"""Robots: kinematics, transmission and gravity, with Pinocchio doing the rigid-body mathematics.
+
+A robot comes from a built-in name, a Denavit-Hartenberg file (TOML; standard or modified) or a URDF. Link parameters
+are those of `bayesid.robot.inertia`, each link in its own frame: the DH frame of the link, or the joint's for a URDF.
+
+Efforts are measured at the motors. With motor speed = R q' (the `transmission`) a controller reports motor torque times
+the gear ratio, |diag R|. In these *actuator* coordinates, u = C q with C = |diag R|^-1 R, the effort is
+e = C^-T tau by the principle of virtual work; without a transmission C is the identity and nothing changes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cache, cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from bayesid.arrays import Array, Mask, frozen
+from bayesid.errors import printable
+from bayesid.motion import Motion
+from bayesid.robot import inertia
+
+_TO_PINOCCHIO = [9, 6, 7, 8, 0, 1, 3, 2, 4, 5]  # pinocchio: m, mc, Ixx, Ixy, Iyy, Ixz, Iyz, Izz
+
+
+_AT_ONCE = 256
+"""Samples of a regressor that are brought into link frames together: most of the time is Pinocchio's then."""
+_REMEMBERED = 4
+"""Sets of bodies that a robot remembers: a model has those of its links, and those that load its gears."""
+
+
+@dataclass(frozen=True)
+class Robot:
+    """A fixed-base arm with n actuated joints.
+
+    Attributes:
+        name: what to call it.
+        joints: the moving joints, from base to tip (a parent comes before its children).
+        gravity: (3,) acceleration of gravity in the base frame, m/s^2.
+        transmission: (n, n) motor speeds = transmission @ joint speeds, or None for motors on their joints.
+        lengths: symbol to value of the DH table's lengths (a1, d1, ...; m); empty for a URDF.
+        notes: what a user should know of how it was read, a sentence each: joints that are held, a base that may move.
+        origin: how `load_robot` came by it; None for a robot that was made or changed in Python.
+
+    Example:
+        >>> arm = bayesid.load_robot("ur10e")
+        >>> arm.name, arm.n_joints, arm.gravity.tolist()
+        ('ur10e', 6, [0.0, 0.0, -9.81])
+    """
+
+    name: str
+    joints: tuple[Joint, ...]
+    gravity: Array
+    transmission: Array | None = None
+    lengths: Mapping[str, float] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    origin: Origin | None = field(init=False, default=None, repr=False, compare=False)
+    _pinocchio: Any = field(init=False, repr=False, compare=False)
+    _link_to_joint: Array = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        n = len(self.joints)
+        object.__setattr__(self, "name", printable(self.name))
+        object.__setattr__(self, "gravity", frozen(self.gravity, (3,), "gravity"))
+        if self.transmission is not None:
+            object.__setattr__(self, "transmission", frozen(self.transmission, (n, n), "transmission"))
+        object.__setattr__(self, "_pinocchio", _pinocchio_model(self))
+        frames = [inertia.change_of_frame(joint.link_frame[:3, :3], joint.link_frame[:3, 3]) for joint in self.joints]
+        object.__setattr__(self, "_link_to_joint", np.stack(frames)[:, _TO_PINOCCHIO, :])
+
+    @property
+    def n_joints(self) -> int:
+        """Number of joints n.
+
+        Example:
+            >>> robot.n_joints
+            3
+        """
+        return len(self.joints)
+
+    @property
+    def coupling(self) -> Array:
+        """(n, n) C, with actuator positions u = C q and efforts e = C^-T tau.
+
+        :eq:`actuator-position` and :eq:`actuator-effort`.
+
+        Example:
+            >>> bayesid.load_robot("tx40").coupling[5].tolist()  # motor 6 turns with joints 5 and 6
+            [0.0, 0.0, 0.0, 0.0, 1.0, 1.0]
+        """
+        if self.transmission is None:
+            return np.eye(self.n_joints)
+        return self.transmission / np.abs(np.diag(self.transmission))[:, None]
+
+    def actuators(self, motion: Motion) -> Motion:
+        """The motion in actuator coordinates, u = C q: rad at the link side of each motor's gear.
+
+        Example:
+            >>> arm = bayesid.load_robot("tx40")  # motor 6 turns with joints 5 and 6
+            >>> motion = bayesid.random_trajectory(6, duration=2.0, seed=0).motion(np.arange(201) / 100.0)
+            >>> bool(np.allclose(arm.actuators(motion).q[:, 5], motion.q[:, 4] + motion.q[:, 5]))
+            True
+        """
+        if self.transmission is None:
+            return motion
+        c = self.coupling.T
+        return replace(motion, q=motion.q @ c, dq=motion.dq @ c, ddq=motion.ddq @ c)
+
+    @property
+    def link_ends(self) -> Array:
+        """(n, 2, 3) where each link starts and ends, in its own frame, m: from its joint to the next.
+
+        The last link ends at its own frame, which the standard convention puts at the flange.
+
+        Example:
+            >>> robot.link_ends.shape
+            (3, 2, 3)
+        """
+        ends = []
+        for i, joint in enumerate(self.joints):
+            children = [child.placement for child in self.joints if child.parent == i]
+            far = (children[0] if children else joint.link_frame)[:3, 3]
+            rotation, origin = joint.link_frame[:3, :3], joint.link_frame[:3, 3]
+            ends.append((np.stack([np.zeros(3), far]) - origin) @ rotation)
+        return np.array(ends)
+
+    @property
+    def stretched(self) -> float:
+        """Length of the stretched arm from its first joint on, m: the sum of its links' lengths.
+
+        Example:
+            >>> round(robot.stretched, 2)
+            1.05
+        """
+        return float(np.linalg.norm(self.link_ends[:, 1] - self.link_ends[:, 0], axis=1).sum())
+
+    def regressor(self, motion: Motion) -> Array:
+        """(N, n, 10 n) Y with actuator efforts e = Y pi, pi the link parameters stacked from base to tip.
+
+        Source: the joint torque regressor of the Newton-Euler equations (Atkeson, An, Hollerbach 1986), by Pinocchio.
+
+        Example:
+            >>> robot.regressor(motion).shape
+            (201, 3, 30)
+        """
+        model, data, width = self._pinocchio, self._bodies.workspace(self), 10 * self.n_joints
+        regressor = np.empty((len(motion), self.n_joints, width))
+        raw = np.empty((min(_AT_ONCE, len(motion)), self.n_joints, width))  # small enough for a processor's cache
+        for start in range(0, len(motion), _AT_ONCE):
+            some = slice(start, start + _AT_ONCE)
+            for row, q, dq, ddq in zip(raw, motion.q[some], motion.dq[some], motion.ddq[some], strict=False):
+                row[:] = pin.computeJointTorqueRegressor(model, data, q, dq, ddq)
+            rows = regressor[some].reshape(-1, width)
+            for first, change in zip(range(0, width, 10), self._link_to_joint, strict=True):
+                link = slice(first, first + 10)
+                np.matmul(raw.reshape(-1, width)[: len(rows), link], change, out=rows[:, link])
+            if self.transmission is not None:
+                regressor[some] = self._to_actuators.T @ regressor[some]
+        return regressor
+
+    def inverse_dynamics(self, motion: Motion, parameters: Array) -> Array:
+        """(N, n) actuator efforts, N m, of the rigid bodies by recursive Newton-Euler (Luh, Walker, Paul 1980).
+
+        Args:
+            motion: the motion of the joints.
+            parameters: (10 n,) link parameters, as in `regressor`; without mass, no first moment either.
+
+        Example:
+            >>> parameters = model.links(theta).ravel()
+            >>> bool(np.allclose(robot.inverse_dynamics(motion, parameters), robot.regressor(motion) @ parameters))
+            True
+        """
+        model, data = self._bodies.of(self, parameters)
+        samples = zip(motion.q, motion.dq, motion.ddq, strict=True)
+        torque = np.array([pin.rnea(model, data, q, dq, ddq) for q, dq, ddq in samples])
+        return torque if self.transmission is None else torque @ self._to_actuators
+
+    def dynamics(self, motion: Motion, parameters: Array) -> Dynamics:
+        """What the momentum of the joints needs at the first instant of a motion, in coordinates of the joints.
+
+        The mass matrix by the composite rigid body algorithm (Featherstone 2008, chapter 6), the Coriolis matrix of
+        Christoffel symbols.
+
+        Args:
+            motion: of the joints.
+            parameters: (10 n,) link parameters, as in `regressor`.
+
+        Example:
+            >>> here = robot.dynamics(motion, model.links(theta).ravel())
+            >>> bool((np.linalg.eigvalsh(here.mass) > 0.0).all())
+            True
+        """
+        model, data = self._bodies.of(self, parameters)
+        q, dq, ddq = motion.q[0], motion.dq[0], motion.ddq[0]
+        torque = pin.rnea(model, data, q, dq, ddq).copy()
+        coriolis = pin.computeCoriolisMatrix(model, data, q, dq)
+        drift = coriolis.T @ dq - pin.computeGeneralizedGravity(model, data, q)
+        mass = pin.crba(model, data, q).copy()
+        np.copyto(mass, mass.T, where=_lower(len(q)))
+        return Dynamics(mass, drift, torque)
+
+    @cached_property
+    def _to_actuators(self) -> Array:
+        """(n, n) inverse of the coupling."""
+        inverse: Array = np.linalg.inv(self.coupling).astype(float)
+        return inverse
+
+    @cached_property
+    def _bodies(self) -> _Bodies:
+        return _Bodies()
+
+    def tool_jacobian(self, motion: Motion, in_base: bool) -> Array:
+        """(N, 6, n) velocity and angular velocity of the last link's frame per unit of actuator speed.
+
+        Args:
+            motion: the motion of the joints.
+            in_base: whether they are given along the axes of the base, not of the link.
+
+        Example:
+            >>> jacobian = robot.tool_jacobian(motion, in_base=True)
+            >>> jacobian.shape
+            (201, 6, 3)
+        """
+        model, data, last = self._pinocchio, self._pinocchio.createData(), self.n_joints
+        flange = pin.SE3(self.joints[-1].link_frame)
+        jacobian = np.empty((len(motion), 6, self.n_joints))
+        for row, q in zip(jacobian, motion.q, strict=True):
+            pin.computeJointJacobians(model, data, q)
+            tool = data.oMi[last] * flange
+            seen_from = pin.SE3(np.eye(3), -tool.translation) if in_base else tool.inverse()
+            row[:] = seen_from.action @ pin.getJointJacobian(model, data, last, pin.WORLD).reshape(6, -1)
+        return jacobian @ self._to_actuators
+
+    def same_kinematics(self, other: Robot) -> bool:
+        """Whether the two robots move and are geared alike (to 1e-6): a model of one then serves the other.
+
+        Example:
+            >>> [robot.same_kinematics(bayesid.load_robot(other)) for other in ("robot.toml", "ur10e")]
+            [True, False]
+        """
+        if self.n_joints != other.n_joints or not np.allclose(self.coupling, other.coupling, atol=1e-6):
+            return False
+        pairs = zip(self.joints, other.joints, strict=True)
+        return all(a.matches(b) for a, b in pairs) and np.allclose(self.gravity, other.gravity, atol=1e-6)
+
+
+@cache
+def _lower(n: int) -> Mask:
+    """(n, n) True below the diagonal."""
+    return np.tri(n, k=-1, dtype=bool)
+
+
+@dataclass(frozen=True)
+class Dynamics:
+    """Rigid bodies at an instant, in coordinates of the n joints.
+
+    Attributes:
+        mass: (n, n) M(q), kg m^2.
+        drift: (n,) C(q, dq)' dq - g(q), N m: what moves the momentum M dq beside torques (De Luca and Mattone 2003).
+        torque: (n,) M ddq + C dq + g, N m.
+    """
+
+    mass: Array
+    drift: Array
+    torque: Array
+
+
+class _Bodies:
+    """The bodies that were asked for lately, as Pinocchio has them; a copy or a pickle begins without any."""
+
+    def __init__(self) -> None:
+        self._made: dict[bytes, tuple[Any, Any]] = {}
+        self._workspace: Any = None
+
+    def __reduce__(self) -> tuple[type[_Bodies], tuple[()]]:
+        return _Bodies, ()
+
+    def of(self, robot: Robot, parameters: Array) -> tuple[Any, Any]:
+        """Model and data of a robot whose links have these parameters (10 n,)."""
+        asked = parameters.tobytes()
+        if asked not in self._made:
+            if len(self._made) >= _REMEMBERED:
+                self._made.pop(next(iter(self._made)))
+            self._made[asked] = self._of(robot, parameters)
+        return self._made[asked]
+
+    def workspace(self, robot: Robot) -> Any:
+        """Data for what depends on the robot's frames alone."""
+        if self._workspace is None:
+            self._workspace = robot._pinocchio.createData()
+        return self._workspace
+
+    @staticmethod
+    def _of(robot: Robot, parameters: Array) -> tuple[Any, Any]:
+        model = robot._pinocchio.copy()
+        in_joint_frames = (robot._link_to_joint @ parameters.reshape(-1, 10, 1))[:, :, 0]
+        mass = in_joint_frames[:, 0]
+        mass[mass == 0.0] = np.finfo(float).tiny  # pinocchio divides by it
+        for i, link in enumerate(in_joint_frames, start=1):
+            model.inertias[i] = pin.Inertia.FromDynamicParameters(link)
+        return model, model.createData()
+
+
+@dataclass(frozen=True)
+class Origin:
+    """How `load_robot` came by a robot: enough to load it again.
+
+    Attributes:
+        source: name or file, as it was given.
+        urdf: the URDF file that was read; None for a DH table.
+        tip: link or joint at the end of the chain; None where none was asked for.
+        hold: positions of joints that were asked to be held, rad or m.
+    """
+
+    source: str
+    urdf: Path | None = None
+    tip: str | None = None
+    hold: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def options(self) -> dict[str, object]:
+        """What was chosen, by the names of the options."""
+        tip: dict[str, object] = {} if self.tip is None else {"tip": self.tip}
+        return {"robot": self.source, **tip, **({"hold": dict(self.hold)} if self.hold else {})}
+
+    @property
+    def in_python(self) -> str:
+        """The robot as an argument of Python."""
+        chosen = [f", {name}={value!r}" for name, value in self.options.items() if name != "robot"]
+        return f"bayesid.load_robot({self.source!r}{''.join(chosen)})" if chosen else repr(self.source)
+
+
+@dataclass(frozen=True)
+class Joint:
+    """One joint and the link it moves.
+
+    Attributes:
+        placement: (4, 4) the joint's frame at q = 0 in the parent joint's frame.
+        axis: (3,) unit axis of motion in the joint's frame.
+        prismatic: whether it slides rather than turns.
+        parent: index of the parent joint, -1 for the base.
+        link_frame: (4, 4) the link's frame in the joint's frame; the link's parameters are given in it.
+        name: in the URDF; empty for a DH table.
+        rated_effort: the largest that the joint may be driven with, N m (N if it slides); None where no file tells it.
+    """
+
+    placement: Array
+    axis: Array
+    prismatic: bool = False
+    parent: int = -1
+    link_frame: Array = field(default_factory=lambda: np.eye(4))
+    name: str = ""
+    rated_effort: float | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "name", printable(self.name))
+
+    def matches(self, other: Joint) -> bool:
+        """Same place, axis and kind to 1e-6."""
+        arrays = ((self.placement, other.placement), (self.axis, other.axis), (self.link_frame, other.link_frame))
+        alike = all(np.allclose(a, b, atol=1e-6) for a, b in arrays)
+        return alike and self.prismatic == other.prismatic and self.parent == other.parent
+
+
+def _pinocchio_model(robot: Robot) -> pin.Model:
+    model = pin.Model()
+    model.name = robot.name
+    model.gravity.linear = robot.gravity
+    for i, joint in enumerate(robot.joints, start=1):
+        kind = pin.JointModelPrismaticUnaligned if joint.prismatic else pin.JointModelRevoluteUnaligned
+        if not joint.prismatic and np.array_equal(joint.axis, [0.0, 0.0, 1.0]):
+            kind = _revolute_z
+        model.addJoint(joint.parent + 1, kind(joint.axis), pin.SE3(joint.placement), f"joint{i}")
+    return model
+
+
+def _revolute_z(_axis: Array) -> pin.JointModelRZ:
+    return pin.JointModelRZ()

@@ -1,0 +1,6 @@
+"""Collision models: how far a robot is from itself and from the floor."""
+
+from bayesid.robot.collision.clearance import CollisionModel
+from bayesid.robot.collision.making import Capsules, NoShapes, collision_model
+
+__all__ = ["Capsules", "CollisionModel", "NoShapes", "collision_model"]

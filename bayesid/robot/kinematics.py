@@ -1,0 +1,156 @@
+"""Where a robot's joints and its flange are: forward kinematics, the skeleton to draw, the reach."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy
+from numpy.typing import ArrayLike
+
+from bayesid.arrays import Array, frozen
+from bayesid.errors import InputError
+from bayesid.robot import Robot
+
+_STARTS = 8
+"""Random positions from which the reach is looked for: from two of them it is found on all built-in robots."""
+_PARALLEL = 0.1
+"""Sine of the angle below which axes count as parallel: those of a calibrated robot nearly are, and meet far away."""
+
+
+@dataclass(frozen=True)
+class Pose:
+    """A robot at given joint positions; all lengths in m, all frames seen from the base.
+
+    Attributes:
+        robot: which one.
+        q: (n,) joint positions, rad (m).
+    """
+
+    robot: Robot
+    q: Array
+
+    @cached_property
+    def joint_frames(self) -> Array:
+        """(n, 4, 4) the frames of the joints, moved with them."""
+        frames = np.empty((self.robot.n_joints, 4, 4))
+        for i, (joint, value) in enumerate(zip(self.robot.joints, self.q, strict=True)):
+            moved = np.eye(4)
+            if joint.prismatic:
+                moved[:3, 3] = value * joint.axis
+            else:
+                moved[:3, :3] = scipy.spatial.transform.Rotation.from_rotvec(value * joint.axis).as_matrix()
+            parent = np.eye(4) if joint.parent < 0 else frames[joint.parent]
+            frames[i] = parent @ joint.placement @ moved
+        return frames
+
+    @cached_property
+    def axes(self) -> Array:
+        """(n, 3) unit axes of the joints."""
+        own = np.stack([joint.axis for joint in self.robot.joints])
+        return np.einsum("nij,nj->ni", self.joint_frames[:, :3, :3], own)
+
+    @property
+    def flange(self) -> Array:
+        """(4, 4) the frame of the last link: the flange, if the robot's table or file ends there."""
+        frame: Array = self.joint_frames[-1] @ self.robot.joints[-1].link_frame
+        return frame
+
+    @cached_property
+    def lines(self) -> tuple[Array, ...]:
+        """(4, 3) for each joint, and (3, 3) for the flange: the way there from the joint before, as tables measure it.
+
+        From the parent joint's origin (the base's for the first joint) along its axis, straight to the nearest point of
+        the joint's own axis, and along that to its origin; for the flange along the last axis, and straight to it.
+        """
+        origins, lines = self.joint_frames[:, :3, 3], []
+        for i, joint in enumerate(self.robot.joints):
+            start = np.zeros(3) if joint.parent < 0 else origins[joint.parent]
+            along = self.axes[i if joint.parent < 0 else joint.parent]
+            lines.append(np.stack([start, *nearest_points(start, along, origins[i], self.axes[i]), origins[i]]))
+        end, flange = origins[-1], self.flange[:3, 3]
+        return (*lines, np.stack([end, end + self.axes[-1] * (self.axes[-1] @ (flange - end)), flange]))
+
+    @property
+    def joint_points(self) -> Array:
+        """(n, 3) where each joint's axis is met on the way from the base: the third points of `lines`."""
+        return np.stack([line[2] for line in self.lines[:-1]])
+
+
+def nearest_points(start: Array, along: Array, end: Array, axis: Array) -> tuple[Array, Array]:
+    """The points of two lines that are nearest to each other; of parallel lines the first one's own point."""
+    normal = np.cross(along, axis)
+    size, between = float(normal @ normal), end - start
+    if size < _PARALLEL**2:
+        return start, end - axis * (axis @ between)
+    first, second = np.cross(between, axis) @ normal / size, np.cross(between, along) @ normal / size
+    return start + along * first, end + axis * second
+
+
+def pose(robot: Robot, q: ArrayLike | None = None) -> Pose:
+    """The robot at joint positions.
+
+    Args:
+        robot: which one.
+        q: (n,) joint positions, rad (m for a prismatic joint); zero by default.
+
+    Raises:
+        InputError: these are not n finite numbers.
+
+    >>> from bayesid.robot import load_robot
+    >>> pose(load_robot("kr6r900"), np.radians([0, -90, 90, 0, 0, 0])).flange[:3, 3].round(3).tolist()
+    [0.525, 0.0, 0.89]
+    """
+    try:
+        positions = frozen(np.zeros(robot.n_joints) if q is None else q, (robot.n_joints,), "q")
+    except (TypeError, ValueError):
+        remedy = f"give {robot.n_joints} finite numbers, one a joint"
+        raise InputError(f"are no positions of the joints of {robot.name}", "--q", remedy) from None
+    return Pose(robot, positions)
+
+
+def reach(robot: Robot, joint: int | None = None) -> float:
+    """How far from the first joint's axis the flange can get, m, if no joint has limits; sliding joints stay at 0.
+
+    Data sheets mostly give the reach of the wrist's centre: joint 5 of 6.
+
+    Args:
+        robot: whose.
+        joint: its frame's origin in place of the flange, from 1.
+
+    >>> from bayesid.robot import load_robot
+    >>> round(reach(load_robot("kr6r900"), joint=5), 4)
+    0.9015
+    """
+    free = np.array([not one.prismatic for one in robot.joints])
+    free[0] = False
+    rng = np.random.default_rng(0)
+    starts = rng.uniform(-np.pi, np.pi, (_STARTS, int(free.sum())))
+
+    def shortfall(values: Array) -> tuple[float, Array]:
+        """Minus half the squared distance, and its slope: a joint moves the point along axis x arm."""
+        q = np.zeros(robot.n_joints)
+        q[free] = values
+        here = Pose(robot, q)
+        point = here.flange[:3, 3] if joint is None else here.joint_frames[joint - 1, :3, 3]
+        arm = point - here.joint_frames[0, :3, 3]
+        away = arm - here.axes[0] * (here.axes[0] @ arm)
+        moved_by = _ancestors(robot, robot.n_joints if joint is None else joint)
+        slopes = np.cross(here.axes, point - here.joint_frames[:, :3, 3]) @ away
+        return -0.5 * float(away @ away), -(slopes * moved_by)[free]
+
+    found = (
+        [scipy.optimize.minimize(shortfall, start, jac=True).fun for start in starts]
+        if free.any()
+        else [shortfall(starts[0])[0]]
+    )
+    return float(np.sqrt(-2.0 * min(found)))
+
+
+def _ancestors(robot: Robot, joint: int) -> Array:
+    """(n,) 1 for the joints that move the frame of a joint, from 1, and 0 for the others."""
+    moving, i = np.zeros(robot.n_joints), joint - 1
+    while i >= 0:
+        moving[i], i = 1.0, robot.joints[i].parent
+    return moving

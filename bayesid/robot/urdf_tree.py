@@ -1,0 +1,238 @@
+"""A URDF as a tree of joints: what stands in the file, checked, before anything is chosen of it."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy
+
+from bayesid.arrays import Array
+from bayesid.errors import InputError
+from bayesid.files.bounded import LARGEST, xml_of
+from bayesid.robot.numbers import LONGEST, given_numbers
+
+MOVING = ("revolute", "continuous", "prismatic")
+FREE = ("floating", "planar")
+"""Joints of several degrees of freedom, without a motor."""
+_KINDS = (*MOVING, *FREE, "fixed")
+MOST_LINKS = 512
+"""Of a file; the most of example-robot-data has 120."""
+UNLIMITED = 1e6
+"""N m or N; a limit from here on stands for none: bayesid's own URDFs have it, and no joint is so strong."""
+_SHORTEST_AXIS = 1e-6
+"""Of an axis that is written without its unit length."""
+
+
+@dataclass(frozen=True, eq=False)
+class UrdfJoint:
+    """A joint of a URDF.
+
+    Attributes:
+        name: its own.
+        kind: its type.
+        parent: name of a link.
+        child: name of a link.
+        origin: (4, 4) its frame at rest in the parent link's.
+        axis: (3,) unit axis in its frame; zero for a joint that is fixed and names none.
+        leader: name of the joint that it follows by <mimic>, fixed or not; None if it follows none.
+        multiplier: of the leader's position.
+        offset: of its position, rad or m.
+        rated_effort: N m, or N; None where the file names none that a joint may have.
+    """
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    origin: Array
+    axis: Array
+    leader: str | None = None
+    multiplier: float = 1.0
+    offset: float = 0.0
+    rated_effort: float | None = None
+
+    @property
+    def moves(self) -> bool:
+        """Whether it has one degree of freedom."""
+        return self.kind in MOVING
+
+
+@dataclass(frozen=True)
+class UrdfTree:
+    """Links and joints.
+
+    Attributes:
+        name: of the robot.
+        base: the link without a parent.
+        joints: branch by branch from the base, each before those beyond it; branches in alphabetical order of joints.
+    """
+
+    name: str
+    base: str
+    joints: tuple[UrdfJoint, ...]
+
+    @cached_property
+    def above(self) -> dict[str, UrdfJoint]:
+        """Link to the joint that it hangs from."""
+        return {joint.child: joint for joint in self.joints}
+
+    @cached_property
+    def named(self) -> dict[str, UrdfJoint]:
+        """Name to joint."""
+        return {joint.name: joint for joint in self.joints}
+
+    def path(self, link: str) -> list[UrdfJoint]:
+        """Joints from a link back to the base."""
+        joints = []
+        while link in self.above:
+            joints.append(self.above[link])
+            link = joints[-1].parent
+        return joints
+
+    def beyond(self, joint: UrdfJoint) -> Iterator[UrdfJoint]:
+        """Joints that hang from one."""
+        return (other for other in self.joints if other is not joint and joint.name in self._carriers[other.child])
+
+    @cached_property
+    def _carriers(self) -> dict[str, frozenset[str]]:
+        """Link to the names of the joints between it and the base."""
+        found: dict[str, frozenset[str]] = {self.base: frozenset()}
+        for joint in self.joints:
+            found[joint.child] = found[joint.parent] | {joint.name}
+        return found
+
+    def body(self, link: str) -> tuple[str, Array]:
+        """The link nearest to the base of those that are fixed to one, and (4, 4) the link's frame in that one's."""
+        frame = np.eye(4)
+        while link in self.above and self.above[link].kind == "fixed":
+            frame = self.above[link].origin @ frame
+            link = self.above[link].parent
+        return link, frame
+
+
+def read_tree(text: str, where: str) -> UrdfTree:
+    """The tree of URDF text.
+
+    Raises:
+        InputError: the text is not a URDF, or its links and joints are no tree.
+    """
+    root = _root(text, where)
+    check_links(root, where)
+    links = [element.get("name", "") for element in root.findall("link")]
+    joints = [_joint(element, links, where) for element in root.findall("joint")]
+    children, names = [joint.child for joint in joints], [joint.name for joint in joints]
+    for link in links:
+        if links.count(link) > 1:
+            raise InputError("appears twice", f"{where}, link {link}", "give every link its own name")
+        if children.count(link) > 1:
+            raise InputError("is the child of two joints", f"{where}, link {link}", "give a URDF without loops")
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError("appears twice", f"{where}, joint {name}", "give every joint its own name")
+    loose = [link for link in links if link not in children]
+    if len(loose) != 1:
+        said = f"has {len(loose)} links without a parent joint{': ' + ', '.join(loose) if loose else ''}"
+        raise InputError(said, where, "give a URDF with one base link")
+    tree = UrdfTree(root.get("name") or "robot", loose[0], tuple(_in_order(joints, loose[0])))
+    if len(tree.joints) < len(joints):
+        first = next(joint.name for joint in joints if joint.name not in tree.named)
+        raise InputError("is part of a loop", f"{where}, joint {first}", "give a URDF without loops")
+    return tree
+
+
+def check_links(root: ET.Element, where: str) -> None:
+    """Refuses a file of more links or joints than any robot has.
+
+    Raises:
+        InputError: it has.
+    """
+    for kind in ("link", "joint"):
+        if (count := len(root.findall(kind))) > MOST_LINKS:
+            raise InputError(f"has {count} {kind}s", where, f"give a URDF of {MOST_LINKS} at most")
+
+
+def _root(text: str, where: str) -> ET.Element:
+    run = f"run `xacro {shlex.quote(where)} > robot.urdf` and give robot.urdf"
+    try:
+        root = xml_of(text, where)
+    except ET.ParseError as error:
+        if "<xacro:" in text:
+            raise InputError("is a xacro file, not a URDF", where, run) from None
+        raise InputError(f"is not readable as URDF ({error})", where, "give a well-formed URDF file") from None
+    if root.tag != "robot":
+        raise InputError(f"is not a URDF: its root is <{root.tag}>, not <robot>", where, "give a URDF file")
+    macros = (element for element in root.iter() if re.match(r"\{[^}]*xacro[^}]*\}", str(element.tag)))
+    if next(macros, None) is not None:
+        raise InputError("is a xacro file, not a URDF", where, run)
+    return root
+
+
+def _in_order(joints: list[UrdfJoint], base: str) -> Iterator[UrdfJoint]:
+    """Joints from the base on: Pinocchio's order, which other tools share."""
+    joints = sorted(joints, key=lambda joint: joint.name, reverse=True)
+    waiting = [base]
+    while waiting:
+        link = waiting.pop()
+        if link != base:
+            yield next(joint for joint in joints if joint.child == link)
+        waiting += [
+            joint.child for joint in sorted(joints, key=lambda one: one.name, reverse=True) if joint.parent == link
+        ]
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# One joint
+# ---------------------------------------------------------------------------------------------------------------
+def _joint(element: ET.Element, links: list[str], where: str) -> UrdfJoint:
+    kind, name = element.get("type"), element.get("name", "")
+    here = f"{where}, joint {name}"
+    if kind not in _KINDS:
+        raise InputError(f"is of type {kind!r}", here, f"give one of {', '.join(_KINDS)}")
+    parent, child = (_link(element, end, links, here) for end in ("parent", "child"))
+    position = _vector(element, "origin", "xyz", "0 0 0", here, LONGEST)
+    angles = _vector(element, "origin", "rpy", "0 0 0", here)
+    origin = np.eye(4)
+    origin[:3, :3], origin[:3, 3] = scipy.spatial.transform.Rotation.from_euler("xyz", angles).as_matrix(), position
+    axis = _vector(element, "axis", "xyz", "1 0 0", here)
+    if kind in MOVING and np.linalg.norm(axis) < _SHORTEST_AXIS:
+        raise InputError("key 'axis xyz' cannot be used", here, "give a direction that is not zero")
+    mimic = element.find("mimic")
+    numbers = {"multiplier": 1.0, "offset": 0.0}
+    if mimic is not None:
+        numbers = {key: _number(mimic.get(key, value), f"mimic {key}", here) for key, value in numbers.items()}
+    leader = None if mimic is None else mimic.get("joint", "")
+    direction, rated = axis / (np.linalg.norm(axis) or 1.0), _rated_effort(element)
+    return UrdfJoint(name, kind, parent, child, origin, direction, leader, **numbers, rated_effort=rated)
+
+
+def _rated_effort(element: ET.Element) -> float | None:
+    """The effort of a joint's <limit>; no other use is made of it, so that one which cannot be meant is none."""
+    limit = element.find("limit")
+    try:
+        effort = float("nan" if limit is None else limit.get("effort", "nan"))
+    except ValueError:
+        return None
+    return effort if 0.0 < effort < UNLIMITED else None
+
+
+def _link(element: ET.Element, end: str, links: list[str], where: str) -> str:
+    found = element.find(end)
+    if found is None or found.get("link") not in links:
+        raise InputError(f"its <{end}> names no link of the file", where, "name one")
+    return found.get("link", "")
+
+
+def _vector(element: ET.Element, tag: str, key: str, usual: str, where: str, most: float = LARGEST) -> Array:
+    found = element.find(tag)
+    text = usual if found is None else found.get(key, usual)
+    return given_numbers(text.split(), (3,), f"{tag} {key}", where, most)
+
+
+def _number(text: object, key: str, where: str) -> float:
+    return float(given_numbers(text, (), key, where))

@@ -1,0 +1,62 @@
+"""Errors of the table that the earlier log shows too."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bayesid.effects.catalogue import make_effect
+from bayesid.regression.knowledge import Information
+from bayesid.regression.selection.columns import Columns
+from bayesid.regression.selection.explanation import Observations
+from bayesid.regression.selection.hypotheses import Hypothesis
+from bayesid.regression.selection.scores import explain_with
+from bayesid.regression.selection.table_errors import all_along, was_there
+
+N, SD = 400, np.array([0.2, 3.0])
+
+
+def data(residual):
+    used = np.ones(residual.shape, dtype=bool)
+    limits = np.stack([1.1 * SD, 0.3 * SD], axis=1)
+    columns = np.zeros((N, 2, 1))
+    columns[:, :, 0] = 1e-6
+    return Observations(columns, residual, used, Information.none(1), SD, used[0], limits, 100.0)
+
+
+def hypothesis(name, shape, rows):
+    return Hypothesis(make_effect(name, shape), Columns(rows, {}, np.ones(1), np.zeros(1, dtype=bool)), lambda _: None)
+
+
+def of_library():
+    """An error of the table that acts most in joint 1 beside its noise, though less in N m; and a spring."""
+    wave = np.sin(np.arange(N) / 7.0)[:, None]
+    error = hypothesis("joint_zero", {"joints": [2], "error": [0.0]}, {0: wave, 1: 5.0 * wave})
+    return [[error], [hypothesis("gain_error", {"joints": [1], "gain": [1.0]}, {0: wave})]]
+
+
+@pytest.mark.parametrize(("above", "old"), [([1.0, 1.0], True), ([1.0, 2.0], True), ([2.0, 1.0], False)])
+def test_error_of_the_table_is_new_where_it_shows_above_the_floor(above, old):
+    residual = np.random.default_rng(1).standard_normal((N, 2)) * SD * above
+    log = data(residual)
+    _, without = explain_with(log, ())
+    assert all_along(log, without, of_library()) == ({("joint_zero", (2,))} if old else set())
+
+
+def test_a_blunt_floor_must_be_exceeded_by_more():
+    residual = np.random.default_rng(2).standard_normal((N, 2)) * SD * [1.45, 1.0]
+    for sharp, old in ((True, False), (False, True)):
+        log = replace(data(residual), sharp=np.full(2, sharp))
+        _, without = explain_with(log, ())
+        assert bool(all_along(log, without, of_library())) == old
+
+
+@pytest.mark.parametrize(("moved", "there"), [(2.9, False), (3.2, True)])
+def test_error_that_moves_what_the_earlier_log_has_shown_was_there(moved, there):
+    """Three standard deviations are a likelihood ratio of 100 = exp(9.2 / 2), as an effect needs."""
+    log = data(np.random.default_rng(4).standard_normal((N, 2)) * SD)
+    log = replace(log, information=Information(np.array([[4.0]]), np.array([8.0]), 16.0))  # 2 with an sd of a half
+    _, without = explain_with(log, ())
+    at = replace(without, beta=np.array([2.0]))
+    assert was_there(log, replace(without, beta=np.array([2.0 - 0.5 * moved])), at) == there
+    assert not was_there(log, at, replace(without, beta=np.array([0.0])))

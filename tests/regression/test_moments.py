@@ -1,0 +1,190 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import random_motion, small_robot
+
+from bayesid.effects import STANDARD
+from bayesid.effects import model as model_module
+from bayesid.effects.catalogue import make_terms
+from bayesid.effects.coefficients import base_coefficients
+from bayesid.effects.model import Model
+from bayesid.log.segments import Segments
+from bayesid.motion import Motion
+from bayesid.regression.moments import join_moments, moments
+
+
+@pytest.fixture(scope="module")
+def case():
+    robot, motion = small_robot(3), random_motion(3, 250, seed=1)
+    model = Model(robot, make_terms(STANDARD, robot, motion))
+    coefficients = base_coefficients(model)
+    effort = np.abs(np.random.default_rng(2).normal(size=(250, 3))) + np.array([0.1, 0.5, 1.0])
+    joint, start, end = np.array([0, 0, 1, 2, 2]), np.array([0, 40, 3, 0, 100]), np.array([40, 170, 250, 99, 101])
+    segments = Segments(joint, start, end, np.array([0, 0, 1, 0, 0]), np.ones(5, dtype=bool))
+    return model, coefficients, motion, effort, segments
+
+
+def test_cost_equals_the_sum_over_rows(case):
+    model, coefficients, motion, effort, segments = case
+    m = moments(model, coefficients, motion, effort, segments)
+    rng = np.random.default_rng(0)
+    theta, signs = rng.normal(size=len(model.parameters)), np.array([1, -1, 1, -1, -1])
+    sigma = np.array([0.5, 2.0, 3.0])
+    torque = model.effort(motion, theta)
+    by_hand = sum(
+        np.sum((s * effort[a:b, j] - torque[a:b, j]) ** 2) / sigma[j] ** 2
+        for j, a, b, s in zip(segments.joint, segments.start, segments.end, signs, strict=True)
+    )
+    assert m.scaled(sigma).cost(coefficients.project(theta), signs) == pytest.approx(by_hand, rel=1e-10)
+    assert m.count.tolist() == [40, 130, 247, 99, 1]
+
+
+def test_chunks_add_to_the_whole(case, monkeypatch):
+    model, coefficients, motion, effort, segments = case
+    whole = moments(model, coefficients, motion, effort, segments)
+    monkeypatch.setattr(model_module, "CHUNK", 37)
+    chunked = moments(replace(model), coefficients, motion, effort, segments)
+    for name in ("hessian", "gradient", "energy"):
+        np.testing.assert_allclose(getattr(chunked, name), getattr(whole, name), rtol=1e-11, atol=1e-9)
+
+
+def test_residuals_by_joint_equal_those_of_the_rows(case):
+    model, coefficients, motion, effort, segments = case
+    m = moments(model, coefficients, motion, effort, segments)
+    theta = np.random.default_rng(5).normal(size=len(model.parameters))
+    signs, torque = np.array([1, -1, 1, -1, 1]), model.effort(motion, theta)
+    errors: list[list[float]] = [[], [], []]
+    for j, a, b, s in zip(segments.joint, segments.start, segments.end, signs, strict=True):
+        errors[j] += (s * effort[a:b, j] - torque[a:b, j]).tolist()
+    by_hand = [np.sqrt(np.mean(np.square(values))) for values in errors]
+    np.testing.assert_allclose(m.residual_sd(coefficients.project(theta), signs, 3), by_hand, rtol=1e-9)
+    assert m.rms_effort(3)[2] == pytest.approx(np.sqrt(np.mean(effort[np.r_[0:99, 100:101], 2] ** 2)))
+
+
+@pytest.fixture(scope="module")
+def long_case():
+    """Two joints of three with many segments, some of known sign; energies of no particular order."""
+    robot, motion = small_robot(3), random_motion(3, 240, seed=7)
+    model = Model(robot, make_terms(["rigid_body", "viscous_friction"], robot, motion))
+    coefficients = base_coefficients(model)
+    rng = np.random.default_rng(8)
+    effort = np.abs(rng.normal(size=(240, 3))) * np.array([1.0, 3.0, 0.5])
+    cuts = [np.sort(rng.choice(np.arange(1, 240), count, replace=False)) for count in (11, 0, 8)]
+    start = np.concatenate([np.concatenate([[0], c]) for c in cuts])
+    end = np.concatenate([np.concatenate([c, [240]]) for c in cuts])
+    joint = np.repeat([0, 1, 2], [12, 1, 9])
+    known = np.zeros(22, dtype=np.int64)
+    known[[0, 5, 12, 20]] = [1, -1, 1, -1]
+    segments = Segments(joint, start, end, known, np.ones(22, dtype=bool))
+    return model, coefficients, motion, effort, segments
+
+
+@pytest.fixture(scope="module")
+def whole(long_case):
+    return moments(*long_case)
+
+
+def same_sums(moments, other):
+    """All but the way the Hessian is shared out."""
+    for name in ("joint", "known", "gradient", "energy", "count"):
+        np.testing.assert_array_equal(getattr(moments, name), getattr(other, name))
+    np.testing.assert_allclose(moments.hessian.total(), other.hessian.total(), rtol=1e-11, atol=1e-8)
+
+
+@pytest.mark.parametrize("most", [0, 2, 100])
+def test_parts_can_be_shared_from_the_start_or_afterwards(long_case, whole, most):
+    streamed, compacted = moments(*long_case, most_individual=most), whole.compact(most)
+    np.testing.assert_array_equal(streamed.part, compacted.part)
+    np.testing.assert_allclose(streamed.hessian[:], compacted.hessian[:], rtol=1e-11, atol=1e-8)
+    same_sums(streamed, whole)
+    same_sums(compacted, whole)
+
+
+@pytest.mark.parametrize("most", [1, 5])
+def test_the_strongest_unknown_segments_keep_a_part_of_their_own(whole, most):
+    compacted = whole.compact(most)
+    for j in range(3):
+        unknown = np.flatnonzero((whole.joint == j) & (whole.known == 0))
+        strongest = unknown[np.argsort(-whole.energy[unknown])][:most]
+        assert np.all(compacted.individual[strongest])
+        for k in strongest:
+            np.testing.assert_allclose(compacted.hessian[compacted.part[k]], whole.hessian[k], rtol=1e-12)
+        weak = np.setdiff1d(unknown, strongest)
+        assert len(np.unique(compacted.part[weak])) == min(1, len(weak))
+
+
+@pytest.mark.parametrize("most", [0, 2])
+def test_a_part_is_of_one_joint_and_of_known_or_unknown_signs(whole, most):
+    compacted = whole.compact(most)
+    assert len(compacted.hessian) == len(np.unique(compacted.part)) <= (most + 2) * 3
+    for part in np.unique(compacted.part):
+        members = np.flatnonzero(compacted.part == part)
+        assert len(np.unique(whole.joint[members])) == 1
+        assert len(np.unique(whole.known[members] != 0)) == 1
+        np.testing.assert_allclose(compacted.hessian[part], whole.hessian[members].sum(axis=0), rtol=1e-11, atol=1e-8)
+
+
+def test_costs_residuals_and_scaling_do_not_see_the_parts(whole):
+    rng = np.random.default_rng(9)
+    beta, sigma = rng.normal(size=whole.gradient.shape[1]), np.array([0.5, 2.0, 3.0])
+    signs = np.where(whole.known != 0, whole.known, rng.choice([-1, 1], 22))
+    compacted = whole.compact(2)
+    assert compacted.cost(beta, signs) == pytest.approx(whole.cost(beta, signs))
+    np.testing.assert_allclose(compacted.residual_sd(beta, signs, 3), whole.residual_sd(beta, signs, 3), rtol=1e-9)
+    np.testing.assert_allclose(compacted.rms_effort(3), whole.rms_effort(3))
+    same_sums(compacted.scaled(sigma), whole.scaled(sigma))
+    np.testing.assert_allclose(compacted.scaled(sigma).hessian[:], whole.scaled(sigma).compact(2).hessian[:], rtol=1e-9)
+
+
+def test_joined_moments_keep_their_parts_apart(whole):
+    first, other = whole.compact(1), whole.compact(2).scaled(np.array([0.5, 2.0, 3.0]))
+    both = first.join(other)
+    assert len(both.hessian) == len(first.hessian) + len(other.hessian)
+    for chosen in ([3], [0, 1], [21]):
+        chosen = np.array(chosen)
+        np.testing.assert_array_equal(both.hessian_of(chosen), first.hessian_of(chosen))
+        np.testing.assert_array_equal(both.hessian_of(22 + chosen), other.hessian_of(chosen))
+    np.testing.assert_array_equal(both.individual, np.concatenate([first.individual, other.individual]))
+
+
+def test_moments_with_different_parts_do_not_add(whole):
+    np.testing.assert_allclose((whole.compact(2) + whole.compact(2)).hessian[:], 2 * whole.compact(2).hessian[:])
+    with pytest.raises(ValueError, match="same segments"):
+        whole.compact(2) + whole
+
+
+def pieces(long_case, count):
+    """The case cut into pieces of equal length, each with its own share of the segments."""
+    model, coefficients, motion, effort, segments = long_case
+    length = len(motion) // count
+    for k in range(count):
+        first, last = k * length, (k + 1) * length
+        start, end = np.maximum(segments.start, first) - first, np.minimum(segments.end, last) - first
+        overlaps = end > start
+        cut = Segments(
+            segments.joint[overlaps],
+            start[overlaps],
+            end[overlaps],
+            segments.known[overlaps],
+            segments.moving[overlaps],
+        )
+        piece = Motion(*(getattr(motion, name)[first:last] for name in ("t", "q", "dq", "ddq")))
+        yield moments(model, coefficients, piece, effort[first:last], cut, most_individual=2)
+
+
+@pytest.mark.parametrize("count", [1, 6])
+def test_pieces_join_to_the_whole(long_case, whole, count):
+    """Rows are neither lost nor counted twice; segments that a border cuts are two, in the order of the pieces."""
+    joined = join_moments(pieces(long_case, count), most_individual=2)
+    for name in ("gradient", "energy", "count"):
+        for joint in range(3):
+            for sign in (-1, 0, 1):
+                mine = (joined.joint == joint) & (joined.known == sign)
+                all_of_it = (whole.joint == joint) & (whole.known == sign)
+                total, expected = getattr(joined, name)[mine].sum(axis=0), getattr(whole, name)[all_of_it].sum(axis=0)
+                np.testing.assert_allclose(total, expected, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(joined.hessian.total(), whole.hessian.total(), rtol=1e-10, atol=1e-8)
+    apart = list(pieces(long_case, count))
+    np.testing.assert_array_equal(joined.gradient, np.concatenate([piece.gradient for piece in apart]))
+    np.testing.assert_array_equal(joined.known, np.concatenate([piece.known for piece in apart]))
