@@ -19,6 +19,8 @@ from .excitation.limits import read_limits as read_limits
 from .excitation.next_motion import NextMotion as NextMotion
 from .excitation.next_motion import RunSettings as RunSettings
 from .excitation.next_motion import design_next as design_next
+from .export import mjcf as mjcf
+from .export import urdf as urdf
 from .identification.gains import IdentifiedGains as IdentifiedGains
 from .identification.identification import Identification as Identification
 from .identification.identified_model import IdentifiedModel as IdentifiedModel
@@ -54,8 +56,6 @@ from .report.findings import read_findings as read_findings
 from .report.tables import inference_data as inference_data
 from .report.verdicts import check_findings as check_findings
 from .results.designs import save_design as save_design
-from .results.export import mjcf as mjcf
-from .results.export import urdf as urdf
 from .results.folders import make_report as make_report
 from .results.folders import save_comparison as save_comparison
 from .results.folders import save_discrepancy as save_discrepancy

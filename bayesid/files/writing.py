@@ -33,6 +33,7 @@ except ImportError:  # Windows
 from bayesid.arrays import Array
 from bayesid.errors import InputError
 from bayesid.files.bounded import check_name
+from bayesid.motion import Motion
 from bayesid.parallel import in_parallel
 
 _AT_PATH, _EXCHANGE = -100, 2
@@ -274,6 +275,13 @@ def write_table(path: Path, rows: Sequence[dict[str, object]]) -> None:
 
 def _text(value: object) -> object:
     return f"{value:.9g}" if isinstance(value, float) else value
+
+
+def write_motion(path: Path, motion: Motion) -> None:
+    """t, q1..qn, dq1..dqn, ddq1..ddqn: s, rad, rad/s, rad/s^2 (m of prismatic joints), to nine decimals."""
+    names = ["t", *(name for prefix in ("q", "dq", "ddq") for name in numbered(prefix, motion.n_joints))]
+    values = np.round(np.column_stack([motion.t, motion.q, motion.dq, motion.ddq]), 9) + 0.0  # no -0
+    write_rows(path, names, ([f"{t:.9g}", *(f"{value:.9f}" for value in row)] for t, *row in values.tolist()))
 
 
 def write_columns(

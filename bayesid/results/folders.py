@@ -23,6 +23,7 @@ import tomli_w
 
 from bayesid.arrays import Array
 from bayesid.errors import InputError, printable
+from bayesid.export import mjcf, urdf
 from bayesid.files.writing import (
     check_folder,
     check_place,
@@ -44,7 +45,6 @@ from bayesid.report.findings import FILE as FINDINGS
 from bayesid.report.findings import Findings, as_json, find_findings, read_findings, write_findings
 from bayesid.report.tables import coefficient_rows, kept_draws, parameter_rows, segment_rows, validation_summary
 from bayesid.report.verdicts import check_findings, verdict
-from bayesid.results.export import mjcf, urdf
 from bayesid.results.model_file import model_table
 from bayesid.results.payload_json import payload_summary
 

@@ -26,8 +26,8 @@ from bayesid.arrays import Array
 from bayesid.effects.coefficients import BaseCoefficients, base_coefficients
 from bayesid.effects.model import Model
 from bayesid.errors import SolverError
+from bayesid.export import mjcf, urdf
 from bayesid.regression.knowledge import Links
-from bayesid.results.export import mjcf, urdf
 from bayesid.robot.inertia import change_of_frame
 from bayesid.studies.benchmarks.peer_methods import Answer, Method, Recording, timed
 

@@ -13,8 +13,8 @@ from oracles import joint_torques as torques_of_points
 from bayesid.effects import STANDARD, RigidBody
 from bayesid.effects.catalogue import make_effect, make_terms
 from bayesid.effects.model import Model
-from bayesid.results.export import urdf
-from bayesid.results.export.urdf_text import roll_pitch_yaw
+from bayesid.export import urdf
+from bayesid.export.urdf_text import roll_pitch_yaw
 from bayesid.robot import robot_from_table, robot_from_urdf
 
 HELD = {"staubli_tx40": [1, 1, 1, 1, 1, 0]}

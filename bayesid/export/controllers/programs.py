@@ -8,11 +8,11 @@ from pathlib import Path
 
 from bayesid.errors import InputError
 from bayesid.excitation.next_motion import SPEEDS
-from bayesid.results.controllers.kuka import krl_program, rsi_table
-from bayesid.results.controllers.planned import PlannedMotion
-from bayesid.results.controllers.ros import joint_trajectory
-from bayesid.results.controllers.universal_robots import urscript
-from bayesid.results.motion_table import write_motion
+from bayesid.export.controllers.kuka import krl_program, rsi_table
+from bayesid.export.controllers.planned import PlannedMotion
+from bayesid.export.controllers.ros import joint_trajectory
+from bayesid.export.controllers.universal_robots import urscript
+from bayesid.files.writing import write_motion
 
 _TABLE = "motion.csv"
 _WRITERS: Mapping[str, Callable[[PlannedMotion], str]] = {

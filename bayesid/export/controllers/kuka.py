@@ -12,8 +12,8 @@ import numpy as np
 
 from bayesid.arrays import Array
 from bayesid.errors import InputError
-from bayesid.results.controllers.planned import PlannedMotion
-from bayesid.results.controllers.via_points import cubic, via_points
+from bayesid.export.controllers.planned import PlannedMotion
+from bayesid.export.controllers.via_points import cubic, via_points
 
 _AXIS = re.compile(r"(?:.*_)?([AE][1-6])", re.IGNORECASE)
 """A joint's name that says which axis it is: A1, e1, joint_a1."""

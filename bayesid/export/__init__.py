@@ -5,7 +5,7 @@ MuJoCo's own format, also gravity, rotor inertia, springs across joints, and mot
 format has no place for is written into a comment at the file's head.
 """
 
-from bayesid.results.export.mjcf_text import mjcf
-from bayesid.results.export.urdf_text import urdf
+from bayesid.export.mjcf_text import mjcf
+from bayesid.export.urdf_text import urdf
 
 __all__ = ["mjcf", "urdf"]

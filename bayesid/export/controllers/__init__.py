@@ -4,7 +4,7 @@
 of the motion alone: nothing here looks at limits or collisions, so each says in its head what its caller has checked.
 """
 
-from bayesid.results.controllers.planned import PlannedMotion
-from bayesid.results.controllers.programs import PROGRAM_FILES, PROGRAM_FOLDERS, Programs, check_programs, save_programs
+from bayesid.export.controllers.planned import PlannedMotion
+from bayesid.export.controllers.programs import PROGRAM_FILES, PROGRAM_FOLDERS, Programs, check_programs, save_programs
 
 __all__ = ["PROGRAM_FILES", "PROGRAM_FOLDERS", "PlannedMotion", "Programs", "check_programs", "save_programs"]

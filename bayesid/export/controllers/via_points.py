@@ -10,8 +10,8 @@ import scipy
 
 from bayesid.arrays import Array
 from bayesid.errors import InputError
+from bayesid.export.controllers.planned import PlannedMotion
 from bayesid.motion import Motion
-from bayesid.results.controllers.planned import PlannedMotion
 
 Between = Callable[[Motion, Array], Array]
 """Gives the positions (N, n) at instants (N,) that a controller makes between points."""

@@ -6,8 +6,8 @@ import json
 
 import numpy as np
 
-from bayesid.results.controllers.planned import PlannedMotion
-from bayesid.results.controllers.via_points import quintic, via_points
+from bayesid.export.controllers.planned import PlannedMotion
+from bayesid.export.controllers.via_points import quintic, via_points
 
 _ARGUMENT = 120_000
 """Bytes of the file, about: Linux passes 128 KiB (MAX_ARG_STRLEN) as one argument, which "$(cat FILE)" is."""

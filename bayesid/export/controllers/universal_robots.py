@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from bayesid.errors import InputError
-from bayesid.results.controllers.planned import PlannedMotion
+from bayesid.export.controllers.planned import PlannedMotion
 
 _JOINTS = 6
 """Of every robot of the maker's; positions are lists of six."""

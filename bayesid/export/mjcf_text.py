@@ -10,7 +10,7 @@ import scipy
 
 from bayesid.arrays import Array, frozen
 from bayesid.effects.model import Model
-from bayesid.results.export.content import (
+from bayesid.export.content import (
     Body,
     Part,
     add_comment,

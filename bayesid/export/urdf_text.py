@@ -9,7 +9,7 @@ import numpy as np
 
 from bayesid.arrays import Array, frozen
 from bayesid.effects.model import Model
-from bayesid.results.export.content import (
+from bayesid.export.content import (
     Body,
     add_comment,
     bodies,

@@ -10,8 +10,8 @@ from oracles import assert_close, dh_chain, joint_torques, parameters_of, random
 from bayesid.effects import RigidBody, ViscousFriction
 from bayesid.effects.catalogue import make_effect
 from bayesid.effects.model import Model
+from bayesid.export import mjcf, urdf
 from bayesid.motion import Motion
-from bayesid.results.export import mjcf, urdf
 from bayesid.robot import BUILT_IN, load_robot, robot_from_table
 from bayesid.simulation.parameters import random_parameters
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from bayesid.errors import InputError
+from bayesid.export.controllers import PROGRAM_FILES, PlannedMotion, check_programs, save_programs
+from bayesid.export.controllers.kuka import krl_axes, krl_program, rsi_table
+from bayesid.export.controllers.ros import joint_trajectory
+from bayesid.export.controllers.universal_robots import urscript
+from bayesid.export.controllers.via_points import ViaPoints, cubic, quintic, via_points
 from bayesid.motion import Motion
-from bayesid.results.controllers import PROGRAM_FILES, PlannedMotion, check_programs, save_programs
-from bayesid.results.controllers.kuka import krl_axes, krl_program, rsi_table
-from bayesid.results.controllers.ros import joint_trajectory
-from bayesid.results.controllers.universal_robots import urscript
-from bayesid.results.controllers.via_points import ViaPoints, cubic, quintic, via_points
 
 DURATION = 2.05
 CENTRE = np.array([0.3, -1.7, 0.9, 2.2, -0.4, 1.1])
