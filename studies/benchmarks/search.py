@@ -36,7 +36,6 @@ from bayesid.log.segments import find_segments
 from bayesid.log.signals import prepare
 from bayesid.robot import load_robot
 from bayesid.signs.search.beam import beam, turn_joints
-from bayesid.signs.search.pbpr import AnnealedLeastSquares, Annealing, feasible_inertia, make_bounds, total_mass
 from bayesid.signs.search.result import SearchResult
 from bayesid.studies.benchmarks.memory import hour_in_new_process
 from bayesid.studies.benchmarks.nodes_through_cvxpy import tree_through_cvxpy
@@ -55,6 +54,7 @@ from bayesid.studies.benchmarks.problems import (
     timed,
 )
 from bayesid.studies.benchmarks.scip import against_scip, scip_installed
+from bayesid.studies.pbpr import AnnealedLeastSquares, Annealing, feasible_inertia, make_bounds, total_mass
 from bayesid.studies.real import DATA, LOGS, STRONG
 from bayesid.study.record import Row
 

@@ -10,7 +10,8 @@ from bayesid.effects.model import Model
 from bayesid.errors import InputError
 from bayesid.regression.solver import solve_precisely
 from bayesid.robot import load_robot
-from bayesid.signs.search.pbpr import (
+from bayesid.simulation.parameters import random_parameters
+from bayesid.studies.pbpr import (
     TOLERANCE,
     AnnealedLeastSquares,
     Annealing,
@@ -25,7 +26,6 @@ from bayesid.signs.search.pbpr import (
     retrieve_by_annealing,
     total_mass,
 )
-from bayesid.simulation.parameters import random_parameters
 
 QUICK = Annealing(evaluations=500)
 
