@@ -12,8 +12,7 @@ from bayesid.errors import InputError
 from bayesid.robot import load_robot, robot_from_table
 from bayesid.robot.collision import Capsules, collision_model
 from bayesid.robot.collision import clearance as clearances
-from bayesid.robot.collision.distances import PairDistances
-from bayesid.robot.collision.frames import line_distances
+from bayesid.robot.collision.distances import PairDistances, line_distances
 from bayesid.robot.collision.shapes import capsules
 
 WIDTHS = (0.05, 0.04, 0.03, 0.06, 0.035, 0.045, 0.025)
