@@ -10,9 +10,9 @@ import pytest
 from bayesid.errors import InputError
 from bayesid.export.controllers import PROGRAM_FILES, PlannedMotion, check_programs, save_programs
 from bayesid.export.controllers.kuka import krl_axes, krl_program, rsi_table
+from bayesid.export.controllers.planned import cubic, quintic
 from bayesid.export.controllers.ros import joint_trajectory
 from bayesid.export.controllers.universal_robots import urscript
-from bayesid.export.controllers.via_points import ViaPoints, cubic, quintic, via_points
 from bayesid.motion import Motion
 
 DURATION = 2.05
@@ -65,30 +65,15 @@ def test_a_slowed_motion_has_the_same_path_and_the_derivatives_of_its_own_time()
     assert slow.slowed(0.5).share == pytest.approx(0.5 * share)
 
 
-def test_what_cannot_be_run_is_refused():
-    good = planned()
-    with pytest.raises(InputError, match="does not start and end at rest"):
-        PlannedMotion("arm", good.joint_names, good.prismatic, at(), 0.7 * DURATION, 100.0)
-    with pytest.raises(InputError, match="names and 6 kinds"):
-        PlannedMotion("arm", ("a", "a", "b", "c", "d", "e"), good.prismatic, at(), DURATION, 100.0)
-    for duration, rate in ((0.0, 100.0), (DURATION, -1.0), (np.nan, 100.0), (DURATION, np.inf)):
-        with pytest.raises(InputError, match=r"is no (duration|rate)"):
-            PlannedMotion("arm", good.joint_names, good.prismatic, at(), duration, rate)
-    for share in (0.0, 1.1, np.nan):
-        with pytest.raises(InputError, match="no share"):
-            good.slowed(share)
-
-
 def test_via_points_tell_the_motion_between_them():
     t = np.linspace(0.0, DURATION, 4001)
     for between in (cubic, quintic):
-        points = via_points(planned(), 500, between)
-        assert isinstance(points, ViaPoints)
-        truth = np.abs(between(points.motion, t) - formula(t, 6)).max()
+        points, deviation = planned().points(500, between)
+        truth = np.abs(between(points, t) - formula(t, 6)).max()
         assert truth <= 1.2e-5
-        assert points.deviation == pytest.approx(truth, rel=0.2)
+        assert deviation == pytest.approx(truth, rel=0.2)
     with pytest.raises(InputError, match="do not tell the motion"):
-        via_points(planned(), 3, cubic)
+        planned().points(3, cubic)
 
 
 def poses(text, command):

@@ -12,20 +12,15 @@ import numpy as np
 
 from bayesid.arrays import Array
 from bayesid.errors import InputError
-from bayesid.export.controllers.planned import PlannedMotion
-from bayesid.export.controllers.via_points import cubic, via_points
+from bayesid.export.controllers.planned import PlannedMotion, cubic, decimals
+from bayesid.export.tuning import TUNING
 
 _AXIS = re.compile(r"(?:.*_)?([AE][1-6])", re.IGNORECASE)
 """A joint's name that says which axis it is: A1, e1, joint_a1."""
 _ROBOT_AXES = 6
 """A1 to A6 of a robot in KRL; E1 to E6 are external axes."""
-_MOST = 500
-"""Intervals of a spline block. KRL has no limit but memory; blocks are planned as a whole before they begin, which
-takes seconds of some hundred segments, and so the number is kept to these."""
 _CYCLES = 0.004, 0.012
 """s, interpolation cycles of RSI: IPO_FAST and IPO."""
-_APPROACH = 10
-"""% of the axes' speed on the way to the start pose: slow. A round number."""
 
 
 def krl_program(planned: PlannedMotion) -> str:
@@ -35,15 +30,15 @@ def krl_program(planned: PlannedMotion) -> str:
         InputError: KRL has no names for the joints (`krl_axes`), or too few points for the motion.
     """
     axes = krl_axes(planned)
-    points = via_points(planned, _MOST, cubic)
-    values = krl_units(planned, points.motion.q)
-    poses = [f"{{{', '.join(f'{axis} {value:.6f}' for axis, value in zip(axes, row, strict=True))}}}" for row in values]
-    deviation = krl_units(planned, np.full((1, planned.n_joints), points.deviation)).max()
+    points, deviation = planned.points(TUNING.krl_intervals, cubic)
+    units = krl_units(planned)
+    poses = [f"{{{_named(axes, row)}}}" for row in decimals(points.q * units)]
     head = planned.head(
         ";",
-        "KRL program of the motion, axes in degrees (mm of prismatic ones), made by bayesid; not run on a controller",
-        f"between its points a cubic spline is {deviation:.2g} degrees (mm) from the motion at most; the controller "
-        "fills them in in its own way, and takes longer than TIME_BLOCK END says where an axis cannot follow",
+        "KRL program of the motion, axes in degrees (mm of prismatic ones)",
+        f"between its points a cubic spline is {(deviation * units).max():.2g} degrees (mm) from the motion at most; "
+        "the controller fills them in in its own way, and takes longer than TIME_BLOCK END says where an axis cannot "
+        "follow",
         "set the load data of what the flange carries before; run it in T1 first",
     )
     part = 100.0 / (len(poses) - 1)
@@ -52,8 +47,8 @@ def krl_program(planned: PlannedMotion) -> str:
         "DEF motion( )",
         *head,
         "BAS(#INITMOV,0)",
-        f"BAS(#VEL_PTP,{_APPROACH})",
-        f"BAS(#ACC_PTP,{_APPROACH})",
+        f"BAS(#VEL_PTP,{TUNING.krl_approach})",
+        f"BAS(#ACC_PTP,{TUNING.krl_approach})",
         f"PTP {poses[0]}",
         "WAIT SEC 1.0",
         "BAS(#VEL_PTP,100)",
@@ -77,16 +72,15 @@ def rsi_table(planned: PlannedMotion) -> str:
     """
     axes = krl_axes(planned)
     cycle = min(_CYCLES, key=lambda one: abs(one - 1.0 / planned.rate))
-    motion = planned.sampled(cycle)
-    values = np.round(krl_units(planned, motion.q - motion.q[0]), 6) + 0.0  # no -0
-    start = krl_units(planned, motion.q[:1])[0]
+    q = planned.sampled(cycle).q
+    start = decimals(q[:1] * krl_units(planned))[0]
     head = planned.head(
         "#",
         f"table of axis corrections for RSI: a row each {1e3 * cycle:g} ms, degrees (mm of prismatic axes)",
         "corrections count from the start pose (absolute mode), not from the row before; move there first:",
-        ", ".join(f"{axis} {value:.6f}" for axis, value in zip(axes, start, strict=True)),
+        _named(axes, start),
     )
-    rows = [",".join(f"{value:.6f}" for value in row) for row in values.tolist()]
+    rows = [",".join(row) for row in decimals((q - q[0]) * krl_units(planned))]
     return "\n".join([*head, ",".join(axes), *rows]) + "\n"
 
 
@@ -106,6 +100,10 @@ def krl_axes(planned: PlannedMotion) -> list[str]:
     return [f"A{j}" for j in range(1, planned.n_joints + 1)]
 
 
-def krl_units(planned: PlannedMotion, q: Array) -> Array:
-    """(N, n) positions in degrees, of prismatic joints in mm, from rad and m."""
-    return q * np.where(planned.prismatic, 1e3, np.degrees(1.0))
+def krl_units(planned: PlannedMotion) -> Array:
+    """(n,) degrees a rad, or mm a m of prismatic joints."""
+    return np.where(planned.prismatic, 1e3, np.degrees(1.0))
+
+
+def _named(axes: list[str], row: list[str]) -> str:
+    return ", ".join(f"{axis} {value}" for axis, value in zip(axes, row, strict=True))

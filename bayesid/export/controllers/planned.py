@@ -1,21 +1,23 @@
-"""A motion that a robot is to run: known at every instant, at rest at both ends, and slower on demand."""
+"""A planned motion, and the tables of its instants that the modules of controllers write in their languages."""
 
 from __future__ import annotations
 
 import textwrap
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 
 from bayesid.arrays import Array
 from bayesid.errors import InputError, printable
-from bayesid.motion import SLOWEST, Motion
+from bayesid.export.tuning import TUNING
+from bayesid.motion import Motion
 
 MotionAt = Callable[[Array], Motion]
 """Gives a motion at instants t (N,), s, with exact derivatives."""
-_ROUNDING = 1e-6
-"""Share of a cycle by which a duration may exceed a whole number of cycles and still count as that number: rounding."""
+Between = Callable[[Motion, Array], Array]
+"""Gives the positions (N, n) at instants (N,) that a controller makes between points."""
 _LINE = 100
 """Characters of a comment, at most: all editors and pendants show it whole."""
 ALWAYS_UNCHECKED = ("the way to the start pose", "the controller's own limits")
@@ -24,7 +26,7 @@ ALWAYS_UNCHECKED = ("the way to the start pose", "the controller's own limits")
 
 @dataclass(frozen=True)
 class PlannedMotion:
-    """What a robot is to run.
+    """What a robot is to run: a motion from rest to rest, known at every instant, and slower on demand.
 
     Attributes:
         robot: its name.
@@ -36,10 +38,6 @@ class PlannedMotion:
         checked: what was checked, a few words each, as "collisions of links"; for the heads of files.
         not_checked: what was not; `ALWAYS_UNCHECKED` is added in the files.
         share: of the planned speed at which `at` goes; 1 unless `slowed`.
-
-    Raises:
-        InputError: a duration or rate that is not positive, names for another number of joints or twice the same, or a
-            motion that does not start and end at rest.
     """
 
     robot: str
@@ -50,20 +48,7 @@ class PlannedMotion:
     rate: float
     checked: tuple[str, ...] = ()
     not_checked: tuple[str, ...] = ()
-    share: float = field(default=1.0)
-
-    def __post_init__(self) -> None:
-        for name, value, unit in (("duration", self.duration, "s"), ("rate", self.rate, "Hz")):
-            if not 0.0 < value < np.inf:
-                raise InputError(f"{value} {unit} is no {name} of a motion", name, "give a positive number")
-        ends = self.at(np.array([0.0, self.duration]))
-        names = set(self.joint_names)
-        if not len(names) == len(self.joint_names) == len(self.prismatic) == ends.n_joints:
-            said = f"{len(names)} names and {len(self.prismatic)} kinds of {ends.n_joints} joints"
-            raise InputError(said, "joint_names", "give each joint a name of its own, and whether it is prismatic")
-        if not np.all(np.abs(ends.dq) <= SLOWEST):
-            said = "the motion does not start and end at rest"
-            raise InputError(said, self.robot, "plan one whose velocities are zero at both ends")
+    share: float = 1.0
 
     @property
     def n_joints(self) -> int:
@@ -71,16 +56,7 @@ class PlannedMotion:
         return len(self.joint_names)
 
     def slowed(self, share: float) -> PlannedMotion:
-        """The same path at a share of the speed.
-
-        With s the share, q(t) = q(s t), so velocities are s and accelerations s^2 times as large, and the duration is
-        1 / s times as long.
-
-        Raises:
-            InputError: the share is not above 0 and at most 1.
-        """
-        if not 0.0 < share <= 1.0:
-            raise InputError(f"{share} is no share of the speed", "share", "give one above 0, at most 1")
+        """The same path at a share of the speed, above 0 and at most 1: q(t) = q(share t)."""
         full = self.at
 
         def at(t: Array) -> Motion:
@@ -92,9 +68,37 @@ class PlannedMotion:
     def sampled(self, cycle: float | None = None) -> Motion:
         """The motion once a cycle, s, 1 / rate by default; the last row, at or after the end, is the end's pose."""
         step = 1.0 / self.rate if cycle is None else cycle
-        t = step * np.arange(int(np.ceil(self.duration / step - _ROUNDING)) + 1, dtype=np.float64)
+        cycles = int(np.ceil(self.duration / step - 1e-6))  # a duration of whole cycles, but for rounding
+        t = step * np.arange(cycles + 1, dtype=np.float64)
         motion = self.at(np.minimum(t, self.duration))
         return Motion(t, motion.q, motion.dq, motion.ddq)
+
+    def points(self, most: int, between: Between) -> tuple[Motion, float]:
+        """As few instants, equally far apart, as tell the motion, as many at any speed; for controllers that fill in.
+
+        Args:
+            most: intervals, at most.
+            between: how a controller is thought to fill them in.
+
+        Returns:
+            The motion at the points, and how far what `between` makes of them is from it at most, rad (m).
+
+        Raises:
+            InputError: even so many points do not tell it.
+        """
+        intervals = min(TUNING.fewest_intervals, most)
+        while True:
+            t = np.linspace(0.0, self.duration, intervals + 1)
+            looks = np.linspace(0.0, self.duration, TUNING.looks * intervals + 1)
+            motion = self.at(t)
+            deviation = float(np.abs(between(motion, looks) - self.at(looks).q).max())
+            if deviation <= TUNING.fine or intervals == most:
+                break
+            intervals = min(2 * intervals, most)
+        if not deviation <= TUNING.coarse:
+            said = f"{intervals} points do not tell the motion: between them it is {deviation:.2g} rad (m) away"
+            raise InputError(said, self.robot, "plan a shorter or a slower one")
+        return Motion(t, motion.q, motion.dq, motion.ddq), deviation
 
     def head(self, mark: str, *said: str) -> list[str]:
         """Lines of comment: robot, duration, what was checked and what was not, and what else is said of a file."""
@@ -104,9 +108,31 @@ class PlannedMotion:
             f"checked: {'; '.join(self.checked) or 'nothing'}",
             f"NOT checked: {'; '.join(dict.fromkeys((*self.not_checked, *ALWAYS_UNCHECKED)))}",
             "positions count as in the log and the model that the motion was planned with: compare one pose first",
+            "made by bayesid; not run on a controller",
             *said,
         ]
         return [f"{mark} {part}" for line in lines for part in textwrap.wrap(ascii_text(line), _LINE)]
+
+
+def cubic(points: Motion, t: Array) -> Array:
+    """Positions of the cubic spline through points, at rest at both ends.
+
+    It stands in for a controller's own spline, which is not published.
+    """
+    values: Array = scipy.interpolate.CubicSpline(points.t, points.q, bc_type="clamped")(t)
+    return values
+
+
+def quintic(points: Motion, t: Array) -> Array:
+    """Positions of the quintics that meet positions, velocities and accelerations at both ends of each interval."""
+    table = np.stack([points.q, points.dq, points.ddq], axis=1)
+    values: Array = scipy.interpolate.BPoly.from_derivatives(points.t, table)(t)
+    return values
+
+
+def decimals(values: Array) -> list[list[str]]:
+    """Rows of numbers (N, n) with six decimals, none of them -0."""
+    return [[f"{value:.6f}" for value in row] for row in (np.round(values, 6) + 0.0).tolist()]
 
 
 def ascii_text(text: str) -> str:

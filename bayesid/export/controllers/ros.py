@@ -4,18 +4,11 @@ from __future__ import annotations
 
 import json
 
-import numpy as np
+from bayesid.export.controllers.planned import PlannedMotion, decimals, quintic
+from bayesid.export.tuning import TUNING
 
-from bayesid.export.controllers.planned import PlannedMotion
-from bayesid.export.controllers.via_points import quintic, via_points
-
-_ARGUMENT = 120_000
-"""Bytes of the file, about: Linux passes 128 KiB (MAX_ARG_STRLEN) as one argument, which "$(cat FILE)" is."""
 _NUMBER, _AROUND = 11, 100
 """Bytes of a number and of what stands around those of a point, at most."""
-_LEAD = 10.0
-"""s, to get to the start pose, which a controller does from wherever the robot is: half a turn then peaks at 0.6 rad/s,
-as a quintic from rest to rest peaks at 15 / 8 of its mean. A round number."""
 _NANO = 1_000_000_000
 
 
@@ -27,12 +20,12 @@ def joint_trajectory(planned: PlannedMotion) -> str:
     Raises:
         InputError: as many points as one argument of a command holds do not tell the motion.
     """
-    most = _ARGUMENT // (_AROUND + 3 * planned.n_joints * _NUMBER)
-    points = via_points(planned, most, quintic)
+    points, deviation = planned.points(TUNING.ros_bytes // (_AROUND + 3 * planned.n_joints * _NUMBER), quintic)
     head = planned.head(
         "#",
-        f"between its points, which quintics join, it is {points.deviation:.2g} rad (m) from the motion at most",
-        f"the first {_LEAD:g} s bring the robot to the start pose from wherever it is: move it near by hand before",
+        f"between its points, which quintics join, it is {deviation:.2g} rad (m) from the motion at most",
+        f"the first {TUNING.ros_lead:g} s bring the robot to the start pose from wherever it is: move it near by hand "
+        "before",
     )
     lines = [
         *head,
@@ -42,12 +35,11 @@ def joint_trajectory(planned: PlannedMotion) -> str:
         f"joint_names: {json.dumps(planned.joint_names)}",
         "points:",
     ]
-    motion = points.motion
-    for t, *rows in zip(motion.t, motion.q, motion.dq, motion.ddq, strict=True):
-        seconds, nanoseconds = divmod(round((_LEAD + t) * _NANO), _NANO)
-        q, dq, ddq = ([f"{value:.6f}" for value in (np.round(row, 6) + 0.0).tolist()] for row in rows)
+    for t, *rows in zip(points.t, decimals(points.q), decimals(points.dq), decimals(points.ddq), strict=True):
+        seconds, nanoseconds = divmod(round((TUNING.ros_lead + t) * _NANO), _NANO)
+        q, dq, ddq = (", ".join(row) for row in rows)
         lines.append(
-            f"- {{positions: [{', '.join(q)}], velocities: [{', '.join(dq)}], accelerations: [{', '.join(ddq)}], "
+            f"- {{positions: [{q}], velocities: [{dq}], accelerations: [{ddq}], "
             f"time_from_start: {{sec: {seconds}, nanosec: {nanoseconds}}}}}"
         )
     return "\n".join(lines) + "\n"

@@ -5,21 +5,16 @@ Functions and their arguments: The URScript Programming Language, Universal Robo
 
 from __future__ import annotations
 
-import numpy as np
-
 from bayesid.errors import InputError
-from bayesid.export.controllers.planned import PlannedMotion
+from bayesid.export.controllers.planned import PlannedMotion, decimals
+from bayesid.export.tuning import TUNING
 
 _JOINTS = 6
 """Of every robot of the maker's; positions are lists of six."""
 _CYCLE = 0.002
 """s, of the controller since version 5; four of them are one of version 3."""
-_LOOKAHEAD, _GAIN = 0.1, 300
-"""Of servoj: the manual's defaults."""
-_APPROACH = "a=0.3, v=0.2"
-"""rad/s^2 and rad/s of movej on the way to the start pose: slow. Round numbers."""
-_STOP = 2.0
-"""rad/s^2 of stopj at the end, where the robot rests already: the manual's default is as high."""
+_LOOKAHEAD, _GAIN, _STOP = 0.1, 300, 2.0
+"""Of servoj, s and 1, and of stopj, rad/s^2: the manual's defaults."""
 
 
 def urscript(planned: PlannedMotion) -> str:
@@ -34,11 +29,10 @@ def urscript(planned: PlannedMotion) -> str:
         said = f"{planned.n_joints} joints{', some prismatic,' if any(planned.prismatic) else ''} are none of a UR"
         raise InputError(said, planned.robot, "use joint_trajectory.yaml or motion.csv")
     cycle = _CYCLE * max(1, round(1.0 / (planned.rate * _CYCLE)))
-    q = np.round(planned.sampled(cycle).q, 6) + 0.0  # no -0
-    poses = [f"[{','.join(f'{value:.6f}' for value in row)}]" for row in q.tolist()]
+    poses = [f"[{','.join(row)}]" for row in decimals(planned.sampled(cycle).q)]
     head = planned.head(
         "#",
-        "URScript program of the motion, rad, made by bayesid; not run on a controller",
+        "URScript program of the motion, rad",
         f"a servoj each {1e3 * cycle:g} ms, which takes that long (t); the path lags by its lookahead time, "
         f"{_LOOKAHEAD:g} s",
         "set the payload before; keep the speed slider at 100 %",
@@ -49,7 +43,7 @@ def urscript(planned: PlannedMotion) -> str:
         "  def to(q):",
         f"    servoj(q, 0, 0, {cycle:.3f}, {_LOOKAHEAD:g}, {_GAIN})",
         "  end",
-        f"  movej({poses[0]}, {_APPROACH})",
+        f"  movej({poses[0]}, {TUNING.urscript_approach})",
         "  sleep(1.0)",
         *(f"  to({pose})" for pose in poses),
         f"  stopj({_STOP:g})",
