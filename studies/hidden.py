@@ -21,8 +21,7 @@ from bayesid.effects.coefficients import BaseCoefficients, base_coefficients
 from bayesid.effects.model import Model
 from bayesid.log.log import Log
 from bayesid.motion import Motion
-from bayesid.regression.knowledge import Beliefs
-from bayesid.regression.selection.kinematics import KinematicTolerance
+from bayesid.regression.knowledge import Beliefs, KinematicTolerance
 from bayesid.robot import Robot, robot_from_table
 from bayesid.studies.discrepancy import generator
 from bayesid.studies.readings import READINGS

@@ -14,10 +14,9 @@ from bayesid.effects.torque_offset import TorqueOffset
 from bayesid.log.signals import Signals
 from bayesid.regression.selection.added_effect import AddedEffect
 from bayesid.regression.selection.columns import Columns
-from bayesid.regression.selection.explanation import LN10
+from bayesid.regression.selection.explanation import LN10, Thresholds
 from bayesid.regression.selection.hypotheses import Hypothesis
 from bayesid.regression.selection.scores import Score
-from bayesid.regression.selection.thresholds import Thresholds
 
 N_JOINTS, COULOMB, NOISE = 3, 1.9, 0.3
 EMPTY = Columns({}, {}, np.zeros(0), np.zeros(0, dtype=bool))

@@ -22,8 +22,7 @@ from bayesid.effects.coefficients import BaseCoefficients, base_coefficients
 from bayesid.effects.model import Model
 from bayesid.effects.parameters import Cone
 from bayesid.log.segments import Segments
-from bayesid.regression.hessians import Hessians
-from bayesid.regression.moments import Moments, moments
+from bayesid.regression.moments import Hessians, Moments, moments
 from bayesid.regression.solver import ConeLeastSquares
 from bayesid.robot import robot_from_table
 from bayesid.robot.inertia import from_pseudo_inertia

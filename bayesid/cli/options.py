@@ -22,8 +22,7 @@ from bayesid.log.gains import Gains
 from bayesid.log.log import Log, read_log
 from bayesid.log.motions import RecordedMotion, read_motion
 from bayesid.posterior.sampler import Sampling
-from bayesid.regression.knowledge import Beliefs, Links, read_nominal
-from bayesid.regression.selection.kinematics import KinematicTolerance
+from bayesid.regression.knowledge import Beliefs, KinematicTolerance, Links, read_nominal
 from bayesid.robot import Robot, load_robot
 
 Recording = TypeVar("Recording", Log, RecordedMotion)

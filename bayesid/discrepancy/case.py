@@ -18,16 +18,15 @@ from bayesid.log.log import Log
 from bayesid.log.segments import find_segments
 from bayesid.log.signals import prepare
 from bayesid.regression.evidence import Evidence
-from bayesid.regression.knowledge import Information, Knowledge
+from bayesid.regression.knowledge import Information, KinematicTolerance, Knowledge
 from bayesid.regression.least_squares import fit_signed
 from bayesid.regression.noise import Noise
 from bayesid.regression.selection.columns import Columns, Whitening
-from bayesid.regression.selection.explanation import Explanation, Observations
-from bayesid.regression.selection.extension import Extension
-from bayesid.regression.selection.held_back import HeldBackErrors, blocks_of
+from bayesid.regression.selection.explanation import Explanation, Observations, Thresholds
 from bayesid.regression.selection.hypotheses import Hypothesis
-from bayesid.regression.selection.kinematics import KinematicTolerance, kinematic_columns
-from bayesid.regression.selection.thresholds import Thresholds
+from bayesid.regression.selection.products import HeldBackErrors, blocks_of
+from bayesid.regression.selection.refinement import Extension
+from bayesid.regression.selection.unseen import kinematic_columns
 from bayesid.signs.averaging import with_standard_terms
 from bayesid.signs.search.protocol import Search
 from bayesid.signs.settling import Settled, restored, settle_signs

@@ -13,7 +13,7 @@ from bayesid.log.segments import find_segments
 from bayesid.log.signals import Signals
 from bayesid.motion import Motion
 from bayesid.regression.noise import Noise, residual_noise
-from bayesid.regression.selection.thresholds import Thresholds
+from bayesid.regression.selection.explanation import Thresholds
 from bayesid.signs.smoothing import sign_probabilities
 
 ENCODER_RANGE = 1e-3

@@ -10,8 +10,8 @@ from bayesid.errors import InputError
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.validation import check_joints
 from bayesid.log.log import Log
-from bayesid.regression.selection.held_back import SHORTEST_LOG
-from bayesid.regression.selection.thresholds import Thresholds
+from bayesid.regression.selection.explanation import Thresholds
+from bayesid.regression.selection.products import SHORTEST_LOG
 from bayesid.robot import Robot
 
 _PLACES = 20

@@ -20,21 +20,22 @@ from bayesid.discrepancy.unnamed import learn_effects
 from bayesid.discrepancy.worth import costs
 from bayesid.parallel import in_parallel
 from bayesid.progress import SILENT, Progress
-from bayesid.regression.selection.added_effect import AddedEffect, weigh
+from bayesid.regression.selection.added_effect import AddedEffect, Cost, all_along, was_there, weigh
 from bayesid.regression.selection.error_model import ErrorModel
-from bayesid.regression.selection.explanation import LN10, Explanation, Observations
-from bayesid.regression.selection.extension import Extension, extend
-from bayesid.regression.selection.forward import Candidate, Products, Rules, select_forward
-from bayesid.regression.selection.held_back import HeldBackErrors, bears_out, log_density, surely_better
+from bayesid.regression.selection.explanation import LN10, Explanation, Observations, Thresholds
+from bayesid.regression.selection.forward import Rules, bears_out, log_density, select_forward, surely_better
 from bayesid.regression.selection.hypotheses import EffectKey, Hypothesis, Library, hypotheses
-from bayesid.regression.selection.joint_sets import joint_sets
-from bayesid.regression.selection.refinement import refined
-from bayesid.regression.selection.relinearisation import sharpened
-from bayesid.regression.selection.scores import Score, assess, at_blunt_floor, best_forms, explain_with
-from bayesid.regression.selection.screening import Screening
-from bayesid.regression.selection.table_errors import all_along, was_there
-from bayesid.regression.selection.thresholds import Thresholds
-from bayesid.regression.selection.worth import Cost
+from bayesid.regression.selection.products import Candidate, HeldBackErrors, Products
+from bayesid.regression.selection.refinement import Extension, extend, refined, sharpened
+from bayesid.regression.selection.scores import (
+    Score,
+    Screening,
+    assess,
+    at_blunt_floor,
+    best_forms,
+    explain_with,
+    joint_sets,
+)
 
 MOST_SETS = 48
 """Sets of effects that are looked at closely in the search; most logs need fewer. A round number: bounds the time."""

@@ -16,12 +16,9 @@ from bayesid.effects.catalogue import main_forms
 from bayesid.effects.effect import Effect
 from bayesid.effects.learned_effect import LearnedEffect
 from bayesid.regression.selection.explanation import Explanation, Observations
-from bayesid.regression.selection.extension import Extension, extend
 from bayesid.regression.selection.hypotheses import EffectKey, Hypothesis, Library, forms_of, maker
-from bayesid.regression.selection.refinement import refined
-from bayesid.regression.selection.relinearisation import effort_of_terms, sharpened
-from bayesid.regression.selection.scores import best_forms, explain_with, plain_errors
-from bayesid.regression.selection.screening import Screening
+from bayesid.regression.selection.refinement import Extension, effort_of_terms, extend, refined, sharpened
+from bayesid.regression.selection.scores import Screening, best_forms, explain_with, plain_errors
 
 EQUIVALENT_ODDS = 10.0
 """Odds up to which one set is about as likely as another: "strong" begins there (Jeffreys 1961, appendix B)."""

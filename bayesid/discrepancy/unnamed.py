@@ -14,9 +14,10 @@ from bayesid.discrepancy.sets import EffectSet
 from bayesid.effects.learned_effect import LearnedEffect
 from bayesid.regression.selection.added_effect import AddedEffect
 from bayesid.regression.selection.explanation import LN10, Explanation
-from bayesid.regression.selection.held_back import HeldBackErrors, bears_out
+from bayesid.regression.selection.forward import bears_out
 from bayesid.regression.selection.hypotheses import Hypothesis, maker
 from bayesid.regression.selection.learned import Finder, Learned
+from bayesid.regression.selection.products import HeldBackErrors
 from bayesid.regression.selection.scores import explain_with
 from bayesid.robot import Robot
 

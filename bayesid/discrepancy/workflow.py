@@ -31,11 +31,10 @@ from bayesid.parallel import one_blas_thread
 from bayesid.posterior.sampler import Sampling
 from bayesid.progress import SILENT, Progress
 from bayesid.regression.selection.added_effect import AddedEffect, Quantity, not_testable
-from bayesid.regression.selection.explanation import Explanation
-from bayesid.regression.selection.held_back import HeldBackErrors
+from bayesid.regression.selection.explanation import Explanation, Thresholds
 from bayesid.regression.selection.hypotheses import EffectKey, Hypothesis
+from bayesid.regression.selection.products import HeldBackErrors
 from bayesid.regression.selection.scores import Score
-from bayesid.regression.selection.thresholds import Thresholds
 from bayesid.signs.search.protocol import Search
 
 

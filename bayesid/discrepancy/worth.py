@@ -12,8 +12,8 @@ from bayesid.discrepancy.sets import EffectSet, EffectSets
 from bayesid.effects.distortion import Distortion
 from bayesid.effects.model import Model
 from bayesid.motion import Motion
+from bayesid.regression.selection.added_effect import LARGEST_READING, RATED, Cost, EffortSize
 from bayesid.regression.selection.hypotheses import Hypothesis
-from bayesid.regression.selection.worth import LARGEST_READING, RATED, Cost, EffortSize
 
 _TINY = 1e-300
 """Guard of a division."""

@@ -15,10 +15,9 @@ from bayesid.log.log import Log
 from bayesid.posterior.links import usual_links
 from bayesid.regression.evidence import Evidence
 from bayesid.regression.gains import DECIDED, GainFit, GainPrior, fit_gains, likely_gains, prior_of, signed_moments
-from bayesid.regression.knowledge import Beliefs
+from bayesid.regression.knowledge import Beliefs, inverse_of
 from bayesid.regression.least_squares import Fit
 from bayesid.regression.noise import Noise
-from bayesid.regression.selection.relevance import inverse_of
 
 _STILL = 0.3
 """Posterior standard deviations by which gains may still want to move when they are left where they are."""

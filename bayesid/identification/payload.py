@@ -40,7 +40,7 @@ from bayesid.parallel import one_blas_thread
 from bayesid.posterior.inference import Posterior
 from bayesid.posterior.sampler import Sampling
 from bayesid.progress import SILENT, Progress
-from bayesid.regression.selection.thresholds import Thresholds
+from bayesid.regression.selection.explanation import Thresholds
 from bayesid.robot.inertia import about_centre_of_mass
 from bayesid.signs.search.protocol import Search
 

@@ -14,7 +14,7 @@ from bayesid.effects.model import Model
 from bayesid.identification.identification import Identification
 from bayesid.regression.knowledge import Knowledge, scale_of
 from bayesid.regression.noise import Noise
-from bayesid.regression.selection.thresholds import Thresholds
+from bayesid.regression.selection.explanation import Thresholds
 
 _UNKNOWN = 1e-9
 """Eigenvalue of a precision with a diagonal of 1 below which a direction is one that no log has shown."""

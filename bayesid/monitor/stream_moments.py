@@ -21,8 +21,7 @@ from bayesid.effects.felt import FeltColumns
 from bayesid.effects.model import CHUNK, LOOK_AHEAD, LOOK_BACK, Model
 from bayesid.monitor.stretches import MERGED, PAUSE, Edge, StreamSamples, joined, numbered, runs
 from bayesid.motion import Motion
-from bayesid.regression.hessians import HessianSums
-from bayesid.regression.moments import Moments
+from bayesid.regression.moments import HessianSums, Moments
 
 _LEAST_DOUBT = 1e-3
 """No sign that a tracker takes is surer than this. By expected energy of wrong sign the strong stretches then come

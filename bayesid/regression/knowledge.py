@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+from scipy.linalg.lapack import dpotrf, dpotri
 
 from bayesid.arrays import Array
 from bayesid.effects.coefficients import BaseCoefficients, base_coefficients, embedding
@@ -16,7 +17,6 @@ from bayesid.effects.model import Model
 from bayesid.effects.parameters import Parameter
 from bayesid.errors import InputError
 from bayesid.files.bounded import LARGEST, read_source
-from bayesid.regression.selection.kinematics import KinematicTolerance
 from bayesid.robot.inertia import from_pseudo_inertia
 
 _TYPICAL = 0.3
@@ -30,6 +30,10 @@ _LIGHTEST, _HEAVIEST = 0.01, 30.0
 """Least and largest mass of all bodies over the scale of a link's: windows that no arm of some ten links comes near."""
 _NOTHING = 1e-12
 """Share of the largest diagonal entry below which an entry is rounding. A round number; not studied."""
+
+
+RIDGE = 1e-10
+"""Of a scaled matrix, against rounding."""
 
 
 @dataclass(frozen=True)
@@ -126,6 +130,20 @@ def scale_of(precision: Array) -> Array:
     return scale
 
 
+def inverse_of(matrix: Array) -> Array:
+    """Of a positive matrix in mixed units; zero where its diagonal is."""
+    diagonal = np.diag(matrix)
+    seen = diagonal > np.finfo(float).tiny
+    scale = np.where(seen, 1.0 / np.sqrt(np.where(seen, diagonal, 1.0)), 0.0)
+    scaled = matrix * np.outer(scale, scale) + RIDGE * np.eye(len(scale))
+    factor, failed = dpotrf(scaled, lower=True)
+    if failed:  # by rounding
+        return np.asarray(np.linalg.pinv(scaled, hermitian=True) * np.outer(scale, scale))
+    lower = np.tril(dpotri(factor, lower=True)[0])
+    inverse: Array = (lower + np.tril(lower, -1).T) * np.outer(scale, scale)
+    return inverse
+
+
 @dataclass(frozen=True)
 class Links:
     """What is believed of any link before the data: two scales, and all else in proportion to them.
@@ -214,6 +232,31 @@ class Nominal:
 
     mean: Array
     sd: Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class KinematicTolerance:
+    """How far a robot's geometry may be from its table, as standard deviations.
+
+    Attributes:
+        length: m, of each joint's place.
+        angle: rad, of each joint's direction.
+        stated: whether somebody has said so: a log may then show that it is more, but not that it is less.
+
+    Example:
+        >>> tolerance = bayesid.KinematicTolerance(length=2e-3, angle=np.radians(0.2))
+        >>> beliefs = bayesid.Beliefs(kinematics=tolerance)  # for bayesid.identify(..., beliefs=beliefs)
+        >>> beliefs.kinematics.stated
+        True
+    """
+
+    length: float = 1e-3
+    angle: float = float(np.deg2rad(0.1))
+    stated: bool = True
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.length) and np.isfinite(self.angle) and min(self.length, self.angle) >= 0.0):
+            raise ValueError(f"a kinematic tolerance of {self.length:g} m, {self.angle:g} rad")
 
 
 @dataclass(frozen=True, kw_only=True)

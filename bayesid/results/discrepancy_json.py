@@ -11,10 +11,9 @@ import numpy as np
 from bayesid.discrepancy.comparison import EffectHistory, LogComparison
 from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.effects.catalogue import forms
-from bayesid.regression.selection.added_effect import AddedEffect, Quantity
+from bayesid.regression.selection.added_effect import AddedEffect, Cost, EffortSize, Quantity
 from bayesid.regression.selection.explanation import LN10
 from bayesid.regression.selection.scores import Score
-from bayesid.regression.selection.worth import Cost, EffortSize
 from bayesid.report.timeline_text import Moved, columns, moved_parameters, timeline_rule
 
 

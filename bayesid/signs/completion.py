@@ -21,16 +21,15 @@ from bayesid.log.segments import Cutting, Segments, find_segments
 from bayesid.log.signals import Signals
 from bayesid.progress import SILENT, Progress
 from bayesid.regression.evidence import Evidence
+from bayesid.regression.knowledge import KinematicTolerance
 from bayesid.regression.least_squares import POOR_FIT, Fit, fit_signed, widened
-from bayesid.regression.selection.confounded import TooNarrow, geometry_far_off, too_narrow
 from bayesid.regression.selection.explanation import LN10
 from bayesid.regression.selection.hypotheses import EffectKey
-from bayesid.regression.selection.kinematics import KINEMATICS, KinematicTolerance
-from bayesid.regression.selection.signed_log import SignedLog
-from bayesid.regression.selection.unseen import find_unseen
+from bayesid.regression.selection.unseen import KINEMATICS, TooNarrow, find_unseen, geometry_far_off, too_narrow
 from bayesid.regression.selection.wanted import (
     NEEDED,
     EnteredEffect,
+    SignedLog,
     Wanted,
     borne_out,
     consistent_with_nothing,

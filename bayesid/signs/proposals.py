@@ -17,9 +17,9 @@ import numpy as np
 from bayesid.arrays import Array, Integers
 from bayesid.effects.effect import Effect
 from bayesid.parallel import in_parallel
+from bayesid.regression.knowledge import inverse_of
 from bayesid.regression.selection.hypotheses import Hypothesis
-from bayesid.regression.selection.relevance import inverse_of
-from bayesid.regression.selection.signed_log import SignedLog
+from bayesid.regression.selection.wanted import SignedLog
 
 _MOST_TURNS = 40
 """Of coefficients and signs; a round number, a fit of 60 coefficients takes some ten."""

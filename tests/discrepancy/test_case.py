@@ -10,8 +10,7 @@ from bayesid.effects.catalogue import make_terms
 from bayesid.effects.delay import Delay
 from bayesid.effects.hysteresis import Hysteresis
 from bayesid.effects.model import Model
-from bayesid.regression.knowledge import Knowledge
-from bayesid.regression.selection.kinematics import KinematicTolerance
+from bayesid.regression.knowledge import KinematicTolerance, Knowledge
 from bayesid.simulation.parameters import random_parameters
 
 N = 3

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from bayesid.regression.hessians import Hessians, HessianSums
+from bayesid.regression.moments import Hessians, HessianSums
 
 FELT = {0: [0, 1, 2, 4], 1: [2, 4], 2: [3]}
 

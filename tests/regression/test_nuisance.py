@@ -12,9 +12,8 @@ from bayesid.effects.coefficients import base_coefficients
 from bayesid.effects.model import Model
 from bayesid.log.segments import Segments
 from bayesid.log.signals import Signals
-from bayesid.regression.evidence import Evidence
+from bayesid.regression.evidence import Evidence, make_nuisance
 from bayesid.regression.least_squares import fit_signed
-from bayesid.regression.nuisance import make_nuisance
 from bayesid.simulation.parameters import random_parameters
 
 COUNT, JOINTS, FREE, SUMMED = 90, 2, 4, 3

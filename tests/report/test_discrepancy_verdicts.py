@@ -18,7 +18,7 @@ from bayesid.effects.learned_effect import LearnedEffect
 from bayesid.effects.payload import CarriedPayload, Payload
 from bayesid.effects.thermal_drift import ThermalDrift
 from bayesid.effects.torque_offset import TorqueOffset
-from bayesid.regression.selection.worth import Cost, EffortSize
+from bayesid.regression.selection.added_effect import Cost, EffortSize
 from bayesid.report.discrepancy_verdicts import discrepancy_checks, lead
 from bayesid.report.words import quantity, rounded
 

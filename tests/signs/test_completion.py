@@ -12,8 +12,7 @@ from bayesid.log.segments import Cutting, find_segments
 from bayesid.log.signals import prepare
 from bayesid.posterior.inference import widened
 from bayesid.posterior.sampler import Sampling
-from bayesid.regression.knowledge import Beliefs
-from bayesid.regression.selection.kinematics import KinematicTolerance
+from bayesid.regression.knowledge import Beliefs, KinematicTolerance
 from bayesid.signs.averaging import AveragedSigns
 from bayesid.signs.completion import Completing, complete
 from bayesid.signs.search.certified import Certified

@@ -9,7 +9,7 @@ from completion_problems import BASE, RIPPLE, identified, log_with, true_signs
 from bayesid.effects.catalogue import make_effect
 from bayesid.log.segments import Cutting, find_segments
 from bayesid.log.signals import prepare
-from bayesid.regression.selection.signed_log import SignedLog
+from bayesid.regression.selection.wanted import SignedLog
 from bayesid.signs.proposals import PoorJoint, propose
 from bayesid.signs.search.certified import Certified
 from bayesid.signs.settling import settle_signs

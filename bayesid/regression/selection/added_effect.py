@@ -1,4 +1,9 @@
-"""An effect that was added, weighed against all that could stand in its place; and what a log could not show."""
+"""An effect that was added, weighed against all that could stand in its place; and what a log could not show.
+
+What an added effect is worth to an engineer: how large its effort is, and what leaving it out costs.
+
+Errors of the robot's table that were there all along: the earlier log shows them too, and has bent the model.
+"""
 
 from __future__ import annotations
 
@@ -11,11 +16,9 @@ from scipy.special import logsumexp
 from bayesid.effects.catalogue import main_forms
 from bayesid.effects.formula import Description
 from bayesid.regression.selection.columns import NO_COLUMNS, Columns
-from bayesid.regression.selection.explanation import LN10, Explanation, Observations
+from bayesid.regression.selection.explanation import LN10, Explanation, Observations, Thresholds
 from bayesid.regression.selection.hypotheses import EffectKey, Hypothesis, Library
 from bayesid.regression.selection.scores import Score, assess, explain_with, plain_first
-from bayesid.regression.selection.thresholds import Thresholds
-from bayesid.regression.selection.worth import Cost, EffortSize
 
 Quantity = tuple[float, float, str]
 """Value, standard deviation (NaN where none is known) and unit."""
@@ -176,3 +179,113 @@ def not_testable(scores: Sequence[Score], n_joints: int, thresholds: Thresholds 
     testable, needed = thresholds.testable * LN10, thresholds.log10_bayes_factor * LN10
     invisible = {key for key, score in tried.items() if score.expected_gain < testable and score.gain < needed}
     return sorted(untried | invisible)
+
+
+RATED, LARGEST_READING = "rated effort", "largest effort in this log"
+"""What an effect's largest effort is held against: the first where the robot's file tells it, else the second."""
+
+
+@dataclass(frozen=True)
+class EffortSize:
+    """How large an effect's own effort is on held-back data, in the joint where that is largest.
+
+    Attributes:
+        joint: from 1.
+        rms: N m.
+        largest: absolute value, N m.
+        reference: effort that the largest is held against, N m.
+        of: what that is, `RATED` or `LARGEST_READING`.
+
+    Example:
+        >>> EffortSize(2, 1.2, 3.0, 60.0, RATED).share
+        0.05
+    """
+
+    joint: int
+    rms: float
+    largest: float
+    reference: float
+    of: str
+
+    @property
+    def share(self) -> float:
+        """Of the reference that the largest effort is; NaN where the reference is zero."""
+        return _ratio(self.largest, self.reference)
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What the error of the efforts on held-back data is without an effect, in the joint where that matters most.
+
+    Attributes:
+        joint: from 1, of those that the effect acts in: where the mean squared error rises most, as a share of the mean
+            squared effort, for neither N m and N nor a shoulder's N m and a wrist's are alike.
+        before: RMS error without the effect, all others kept and their numbers found anew, N m.
+        after: RMS error with it, N m.
+        effort: RMS effort of the joint there, N m.
+
+    Example:
+        >>> cost = Cost(2, 3.0, 0.5, 50.0)
+        >>> cost.share_before, cost.share_after
+        (0.06, 0.01)
+    """
+
+    joint: int
+    before: float
+    after: float
+    effort: float
+
+    @property
+    def share_before(self) -> float:
+        """Error without the effect over the joint's effort; NaN where that is zero."""
+        return _ratio(self.before, self.effort)
+
+    @property
+    def share_after(self) -> float:
+        """Error with it over the joint's effort; NaN where that is zero."""
+        return _ratio(self.after, self.effort)
+
+
+def _ratio(part: float, whole: float) -> float:
+    return part / whole if whole > 0.0 else np.nan
+
+
+def all_along(
+    data: Observations, without: Explanation, library: Sequence[Sequence[Hypothesis]]
+) -> frozenset[EffectKey]:
+    """Errors of the table that cannot have come since the earlier log: they do not show above the noise floor.
+
+    The floor holds what the earlier model left of its own log. An error that was there already is a part of it, however
+    well it explains what this log leaves; one that is new adds to it, most of all in the joint where it is largest.
+
+    Args:
+        data: what is to be explained.
+        without: the explanation by the model alone.
+        library: all hypotheses.
+    """
+    limits = data.thresholds
+    most = np.where(data.sharp, limits.above_floor, limits.above_blunt_floor)
+    above = data.mean_square(without.residual) > most**2
+    return frozenset(h.key for group in library for h in group if h.source.of_table and not above[_strongest(data, h)])
+
+
+def was_there(data: Observations, with_it: Explanation, without: Explanation) -> bool:
+    """Whether the earlier log speaks against an error of the table, as surely as an effect must be found.
+
+    A model that was bent by the error fits it badly: its coefficients have to move far from what that log showed.
+    Those of a model that was right then stay, and without the error they would have to move.
+
+    Args:
+        data: what is explained.
+        with_it: the explanation with the error.
+        without: the same without it.
+    """
+    against = 0.5 * (data.information.misfit(with_it.beta) - data.information.misfit(without.beta))
+    return against > data.thresholds.log10_bayes_factor * LN10
+
+
+def _strongest(data: Observations, hypothesis: Hypothesis) -> int:
+    """The (0-based) joint in which an effect is largest beside the noise."""
+    rows, used = hypothesis.columns.rows, data.used
+    size = {j: float(np.mean(x[used[:, j]] ** 2)) / data.floor[j] ** 2 for j, x in rows.items() if used[:, j].any()}
+    return max(size, key=lambda j: size[j]) if size else 0

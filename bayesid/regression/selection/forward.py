@@ -1,357 +1,83 @@
-"""Forward selection by evidence over products of columns: many effects, one after the other, in little time.
-
-All candidates are whitened together and multiplied once; what a candidate adds to a set is then linear algebra of its
-own few columns (:eq:`forward-gain`)::
-
-    gain = q' (Q + L)^-1 q / 2 - log det(1 + L^-1 Q) / 2,   Q = G_cc - G_cS P G_Sc,   q = g_c - G_cS P g_S,
-
-with G, g the products of whitened columns and efforts, P the inverse of G_SS with what is known of the set before
-(an earlier log's information of coefficients, amplitudes' own prior precisions), and L the precisions of the
-candidate (Tipping and Faul 2003, for groups of columns). Noise is estimated anew, and the joints that
-changed are whitened anew, whenever an effect has been added.
-"""
+"""Cross-validation over blocks of the log itself: what effects do to the error on data that had no say."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence, Set
-from dataclasses import dataclass, field
-from functools import cached_property
+from collections.abc import Callable, Collection, Mapping, Sequence, Set
+from dataclasses import dataclass
 from itertools import islice
-from typing import Generic, Protocol, TypeVar
+from typing import Generic
 
 import numpy as np
-from scipy.special import log_ndtr
 
-from bayesid.arrays import Array, Integers, Mask
-from bayesid.regression.selection.columns import NO_COLUMNS, Columns
-from bayesid.regression.selection.error_model import ErrorModel, bridged, fit_error
-from bayesid.regression.selection.explanation import Observations
-from bayesid.regression.selection.held_back import FOLDS, HeldBackErrors, bears_out, blocks_of, harmed
+from bayesid.arrays import Array, Mask
 from bayesid.regression.selection.hypotheses import EffectKey
-from bayesid.regression.selection.relevance import RIDGE, inverse_of
-
-Kind = TypeVar("Kind", bound="Explaining")
-
+from bayesid.regression.selection.products import (
+    _DEGREES,
+    _HARM,
+    _SURE,
+    _TINY,
+    HELP,
+    Candidate,
+    HeldBackErrors,
+    Kind,
+    Products,
+)
 
 EQUIVALENT = float(np.log(10.0))
 """Log Bayes factor below which two effects cannot be told apart (Jeffreys 1961, appendix B)."""
-
-
 _AT_ONCE = 16
 """Candidates at most whose predictions of held-back blocks are made together; a round number."""
 
 
-class Explaining(Protocol):
-    """What may explain efforts: a form of an effect, or how they change with the geometry."""
+def bears_out(after: HeldBackErrors, before: HeldBackErrors, joints: Collection[int], least: float = HELP) -> bool:
+    """Whether an effect in some (0-based) joints surely helps there, and all joints together do not lose by it.
 
-    @property
-    def columns(self) -> Columns:
-        """What it adds to the efforts."""
-
-    @property
-    def key(self) -> EffectKey:
-        """Effect and joints."""
-
-
-@dataclass(frozen=True, eq=False)
-class Candidate(Generic[Kind]):
-    """What may explain efforts, and its place among all columns.
-
-    Attributes:
-        hypothesis: one form of an effect.
-        place: indices of its columns.
-        change: index of the change that it makes by itself; -1 where it makes none.
+    It must lower the joints' mean squared errors, as shares of what they were and added up, by `least`. The standard
+    error is that of the blocks which it helps less than on average: what helps a lot where it acts, and does nothing
+    where it does not, is no luck.
     """
-
-    hypothesis: Kind
-    place: slice
-    change: int = -1
-
-
-@dataclass(frozen=True, eq=False)
-class _Solved:
-    """The least squares of some columns, for given G and g.
-
-    Attributes:
-        hessian: (m, m) G of all columns.
-        precision: (m,) of what is known of each before.
-        slope: (m,) g, what is known added, and what changes take away.
-        index: (s,) of the columns that are solved for.
-        changes: of the changes that are made.
-        inverse: (s, s) P.
-    """
-
-    hessian: Array
-    precision: Array
-    slope: Array
-    index: Integers
-    changes: Integers
-    inverse: Array
-
-    @cached_property
-    def best(self) -> Array:
-        """(m,) coefficients and amplitudes, one for changes, zero for what is not chosen."""
-        best = np.zeros(len(self.slope))
-        best[self.changes] = 1.0
-        best[self.index] = self.inverse @ self.slope[self.index]
-        return best
-
-    def best_with(self, more: Candidate[Kind]) -> Array:
-        """(m,) the same with one more candidate: its own few columns are all that is solved for anew."""
-        own, slope, best = np.arange(more.place.start, more.place.stop), self.slope, self.best.copy()
-        if more.change >= 0:
-            slope = slope - self.hessian[:, more.change]
-            best[self.index] = self.inverse @ slope[self.index]
-            best[more.change] = 1.0
-        if not len(own):
-            return best
-        across = self.hessian[np.ix_(own, self.index)]
-        moved = across @ self.inverse
-        inner = self.hessian[np.ix_(own, own)] + np.diag(self.precision[own])
-        inner += RIDGE * np.diag(np.diag(inner)) - moved @ across.T
-        best[own] = np.linalg.solve(inner, slope[own] - across @ best[self.index])
-        best[self.index] -= moved.T @ best[own]
-        return best
+    relative = (after.squares - before.squares) / np.maximum(before.squares.sum(axis=0), _TINY)
+    of_blocks = relative[:, sorted(joints)].sum(axis=1)
+    return bool(_surely_more(-of_blocks, least) and relative.sum() < 0.0)
 
 
-@dataclass(eq=False)
-class Products(Generic[Kind]):
-    """Whitened columns of model and candidates, multiplied: G and g, joint by joint.
+def harmed(after: HeldBackErrors, before: HeldBackErrors) -> Mask:
+    """(n,) whether a joint's mean squared error has risen by more than its standard error, and visibly."""
+    rise, error = after.rise(before)
+    risen: Mask = (rise > error) & (rise > _HARM * before.rms**2)
+    return risen
+
+
+def log_density(residual: Array, used: Mask, sd: Array) -> Array:
+    """(N,) log predictive density of residuals (N, n), joints added up, up to a constant that all predictions share.
+
+    Student's t of four degrees: a few samples where friction turns round, which no term claims to know, decide nothing.
 
     Args:
-        data: what is to be explained.
-        hypotheses: the candidates, linear about their own numbers.
-        errors: of each joint.
-        uncertain: columns that the model may be wrong by in any case, beside those of every set of candidates.
-        predicting: whether these may take part in predictions of held-back blocks. What evidence tells from them by
-            their prior alone, such as an offset from an error of the geometry fifty times its tolerance, predictions
-            do not.
-
-    Attributes:
-        candidates: the hypotheses and their places among all m columns.
-        blocks: that the log is cut into.
-        hessian: (m, m) G of all joints and folds.
-        gradient: (m,) g of all joints and folds.
+        residual: N m.
+        used: (N, n) samples that count.
+        sd: (n,) scale of the errors, N m.
     """
-
-    data: Observations
-    hypotheses: Sequence[Kind]
-    errors: list[ErrorModel]
-    uncertain: Columns = NO_COLUMNS
-    predicting: bool = True
-    candidates: list[Candidate[Kind]] = field(init=False)
-    blocks: int = field(init=False)
-    hessian: Array = field(init=False)
-    gradient: Array = field(init=False)
-    _always: int = field(init=False)
-    _precision: Array = field(init=False)
-    _known: Array = field(init=False)
-    _hessian: list[Array] = field(init=False)
-    _gradient: list[Array] = field(init=False)
-    _by_others: tuple[Array, Array] = field(init=False)
-    _starts: Integers = field(init=False)
-    _columns: list[tuple[Integers, Array]] = field(init=False)
-
-    def __post_init__(self) -> None:
-        r = self.data.columns.shape[2]
-        self._always = r + len(self.uncertain.sd)
-        self.candidates, end = [], self._always
-        for hypothesis in self.hypotheses:
-            start, end = end, end + len(hypothesis.columns.sd)
-            change = end if hypothesis.columns.shift else -1
-            self.candidates.append(Candidate(hypothesis, slice(start, end), change))
-            end += change >= 0
-        known, own = self.data.information, np.zeros(end)
-        own[r : self._always] = 1.0 / self.uncertain.sd**2
-        for candidate in self.candidates:
-            own[candidate.place] = 1.0 / candidate.hypothesis.columns.sd**2
-        self._precision, self._known = np.diag(own), np.zeros(end)
-        self._precision[:r, :r], self._known[:r] = known.hessian, known.gradient
-        samples = len(self.data.used)
-        self.blocks = blocks_of(samples / self.data.rate)
-        self._starts = -(-np.arange(self.blocks + 1) * samples // self.blocks)
-        self._columns = [self._of_joint(j) for j in range(len(self.errors))]
-        products = [self._multiplied(j) for j in range(len(self.errors))]
-        self._hessian, self._gradient = [p[0] for p in products], [p[1] for p in products]
-        self._add_up()
-
-    def _add_up(self) -> None:
-        weights = [error.scale**-2.0 for error in self.errors]
-        by_fold = [np.tensordot(weights, products, axes=1) for products in (self._hessian, self._gradient)]
-        self.hessian, self.gradient = (products.sum(axis=0) for products in by_fold)
-        self._by_others = self.hessian - by_fold[0], self.gradient - by_fold[1]
-
-    def _rows(self, block: int) -> slice:
-        return slice(self._starts[block], self._starts[block + 1])
-
-    def _of_joint(self, joint: int) -> tuple[Integers, Array]:
-        """Indices (m,) of the columns that show in a joint, and (N, m) these columns."""
-        r, used, own = self.data.columns.shape[2], self.data.used[:, joint, None], self.data.columns[:, joint]
-        shows = np.flatnonzero(own.any(axis=0))  # no link shows in the joints behind it
-        index, parts = [shows], [own[:, shows]]
-        if joint in self.uncertain.rows:
-            index.append(np.arange(r, self._always))
-            parts.append(self.uncertain.rows[joint] * used)
-        for candidate in self.candidates:
-            columns = candidate.hypothesis.columns
-            if joint in columns.rows:
-                index.append(np.arange(candidate.place.start, candidate.place.stop))
-                parts.append(columns.rows[joint] * used)
-            if candidate.change >= 0 and joint in columns.shift:
-                index.append(np.array([candidate.change]))
-                parts.append(columns.shift[joint][:, None] * used)
-        return np.concatenate(index), np.asfortranarray(np.concatenate(parts, axis=1))
-
-    def _multiplied(self, joint: int) -> tuple[Array, Array]:
-        index, columns = self._columns[joint]
-        used = self.data.used[:, joint]
-        white = self.errors[joint].innovations(
-            bridged(np.column_stack([columns, self.data.effort[:, joint]]), used), used
-        )
-        size = len(self._known)
-        hessian, gradient = np.zeros((FOLDS, size, size)), np.zeros((FOLDS, size))
-        products = np.zeros((FOLDS, white.shape[1], white.shape[1]))
-        for block in range(self.blocks):
-            rows = white[self._rows(block)]
-            products[block % FOLDS] += rows.T @ rows
-        hessian[:, index[:, None], index], gradient[:, index] = products[:, :-1, :-1], products[:, :-1, -1]
-        return hessian, gradient
-
-    def indices(self, chosen: Sequence[Candidate[Kind]], *, uncertain: bool = True) -> Integers:
-        """Of the columns that are always there, uncertain ones among them or not, and of those of some candidates."""
-        always = self._always if uncertain else self.data.columns.shape[2]
-        return np.concatenate([np.arange(always), *(np.arange(c.place.start, c.place.stop) for c in chosen)]).astype(
-            int
-        )
-
-    def best(self, chosen: Sequence[Candidate[Kind]]) -> Array:
-        """(m,) coefficients and amplitudes, one for changes, zero for what is not chosen."""
-        return self._solved(self.hessian, self.gradient, chosen).best
-
-    def _solved(
-        self, hessian: Array, gradient: Array, chosen: Sequence[Candidate[Kind]], *, uncertain: bool = True
-    ) -> _Solved:
-        """The same for given G and g, and P."""
-        index = self.indices(chosen, uncertain=uncertain)
-        changes = np.array([c.change for c in chosen if c.change >= 0], dtype=np.int64)
-        inverse = inverse_of(hessian[np.ix_(index, index)] + self._precision[np.ix_(index, index)])
-        slope = gradient + self._known - hessian[:, changes].sum(axis=1)
-        return _Solved(hessian, np.diag(self._precision), slope, index, changes, inverse)
-
-    def residual(self, chosen: Sequence[Candidate[Kind]]) -> Array:
-        """(N, n) what these leave, N m."""
-        best, left = self.best(chosen)[:, None], np.empty_like(self.data.effort)
-        for j in range(left.shape[1]):
-            index, columns = self._showing(j, best)
-            left[:, j] = self.data.effort[:, j] - columns[0] @ best[index[0], 0] - columns[1] @ best[index[1], 0]
-        return left * self.data.used
-
-    def _showing(self, joint: int, best: Array) -> tuple[list[Integers], list[Array]]:
-        """Which columns count in a joint, those that are always there and others, and both kinds of columns.
-
-        Args:
-            joint: 0-based.
-            best: (m, ...) coefficients and amplitudes; what is zero in all of them is left out.
-        """
-        index, columns = self._columns[joint]
-        counts: Mask = np.any(best.reshape(len(best), -1), axis=1)[index]
-        always = int(np.searchsorted(index, self._always))
-        last = int(np.flatnonzero(counts[:always]).max(initial=-1)) + 1
-        others = np.asarray(always + np.flatnonzero(counts[always:]), dtype=np.int64)
-        return [index[:last], index[others]], [columns[:, :last], columns[:, others]]
-
-    def held_back(self, chosen: Sequence[Candidate[Kind]]) -> HeldBackErrors:
-        """Every block predicted by a fit of some candidates to the folds that it is not in."""
-        return self.held_back_each([chosen])[0]
-
-    def held_back_each(
-        self, sets: Sequence[Sequence[Candidate[Kind]]], base: Sequence[Candidate[Kind]] | None = None
-    ) -> list[HeldBackErrors]:
-        """The same of k sets of candidates, which takes far less time than one by one.
-
-        Args:
-            sets: of candidates.
-            base: what most of the sets are but for one more at the end, if so.
-        """
-        best = np.stack([self._without_fold(*others, sets, base) for others in zip(*self._by_others, strict=True)])
-        squares = np.empty((self.blocks, self.data.effort.shape[1], len(sets)))
-        for j in range(squares.shape[1]):
-            index, columns = self._showing(j, best.transpose(1, 0, 2))
-            used = self.data.used[:, j]
-            for b in range(self.blocks):
-                rows, fold = self._rows(b), best[b % FOLDS]
-                left = self.data.effort[rows, j, None] - columns[0][rows] @ fold[index[0]]
-                left = (left - columns[1][rows] @ fold[index[1]]) * used[rows, None]
-                squares[b, j] = np.einsum("ik,ik->k", left, left)
-        counts = np.stack([self.data.used[self._rows(b)].sum(axis=0) for b in range(self.blocks)])
-        return [HeldBackErrors(squares[:, :, k].copy(), counts) for k in range(len(sets))]
-
-    def _without_fold(
-        self,
-        hessian: Array,
-        gradient: Array,
-        sets: Sequence[Sequence[Candidate[Kind]]],
-        base: Sequence[Candidate[Kind]] | None,
-    ) -> Array:
-        """(m, k) coefficients and amplitudes of k sets of candidates, from given G and g."""
-        of_base = None if base is None else self._solved(hessian, gradient, base, uncertain=self.predicting)
-        best = np.empty((len(gradient), len(sets)))
-        for k, some in enumerate(sets):
-            if of_base is not None and base is not None and _is_one_more(some, base):
-                best[:, k] = of_base.best_with(some[-1])
-            else:
-                best[:, k] = self._solved(hessian, gradient, some, uncertain=self.predicting).best
-        return best
-
-    def with_forms(
-        self, forms: Mapping[int, Kind], chosen: Sequence[Candidate[Kind]]
-    ) -> tuple[Products[Kind], list[Candidate[Kind]]]:
-        """The same with other forms of some hypotheses, by the ids of the old ones, and the chosen among them."""
-        if not forms:
-            return self, list(chosen)
-        hypotheses = [forms.get(id(h), h) for h in self.hypotheses]
-        products = Products(self.data, hypotheses, self.errors, self.uncertain, self.predicting)
-        of_old = {id(old): new for old, new in zip(self.hypotheses, products.candidates, strict=True)}
-        return products, [of_old[id(candidate.hypothesis)] for candidate in chosen]
-
-    def with_noise_of(self, chosen: Sequence[Candidate[Kind]], joints: Iterable[int]) -> None:
-        """Whitens some (0-based) joints anew, by the errors that a set of candidates leaves there."""
-        residual = self.residual(chosen)
-        for j in joints:
-            before = self.errors[j]
-            self.errors[j] = fit_error(residual[:, j], self.data.used[:, j], self.data.rate)[0]
-            if self.errors[j].shape != before.shape:
-                self._hessian[j], self._gradient[j] = self._multiplied(j)
-        self._add_up()
-
-    def gains(self, chosen: Sequence[Candidate[Kind]], tried: Sequence[Candidate[Kind]]) -> Array:
-        """Log Bayes factors of candidates on top of a set (:eq:`forward-gain`)."""
-        index, hessian, gradient = self.indices(chosen), self.hessian, self.gradient
-        solved = self._solved(hessian, gradient, chosen)
-        best, inverse = solved.best, solved.inverse
-        gains = np.empty(len(tried))
-        for k, candidate in enumerate(tried):
-            own = np.arange(candidate.place.start, candidate.place.stop)
-            own = own if candidate.change < 0 else np.append(own, candidate.change)
-            across = hessian[np.ix_(own, index)]
-            inner = hessian[np.ix_(own, own)] - across @ inverse @ across.T
-            slope = gradient[own] - hessian[own] @ best
-            gains[k] = _gain(inner, slope, candidate.hypothesis.columns)
-        return gains
+    density = -0.5 * (_DEGREES + 1.0) * np.log1p((residual / sd) ** 2 / _DEGREES)
+    of_rows: Array = (density * used).sum(axis=1)
+    return of_rows
 
 
-def _gain(inner: Array, slope: Array, columns: Columns) -> float:
-    """Log Bayes factor of some columns, and of a change if there is one more than these (:eq:`forward-gain`)."""
-    sd, p, base = columns.sd, len(columns.sd), 0.0
-    if len(slope) > p:
-        base = float(slope[p] - 0.5 * inner[p, p])
-        slope = slope[:p] - inner[:p, p]
-    scaled = inner[:p, :p] * np.outer(sd, sd) + np.eye(p)
-    covariance = np.linalg.inv(scaled)
-    amplitude = covariance @ (slope * sd)
-    outside = amplitude[columns.positive] / np.sqrt(np.diag(covariance))[columns.positive]
-    sides = float(np.sum(np.log(2.0) + log_ndtr(outside)))
-    return base + float(0.5 * (slope * sd) @ amplitude - 0.5 * np.linalg.slogdet(scaled)[1]) + sides
+def surely_better(one: Array, other: Array, least: float) -> bool:
+    """Whether log densities (blocks,) of one set of effects are above those of another, as surely as `bears_out`.
+
+    Args:
+        one: of the one.
+        other: of the other.
+        least: by which they are at least, in sum.
+    """
+    return _surely_more(one - other, least)
+
+
+def _surely_more(of_blocks: Array, least: float) -> bool:
+    """Whether gains of blocks add up to more than `least`, and than their scatter on the side of less explains."""
+    less = np.minimum(of_blocks - of_blocks.mean(), 0.0)
+    return bool(of_blocks.sum() > max(least, _SURE * float(np.sqrt(2.0 * np.sum(less**2)))))
 
 
 @dataclass(frozen=True)
@@ -433,11 +159,6 @@ def _first_borne_out(
                 return more
         count = min(2 * count, _AT_ONCE)
     return None
-
-
-def _is_one_more(some: Sequence[Candidate[Kind]], base: Sequence[Candidate[Kind]]) -> bool:
-    """Whether candidates are those of a base, and one more at the end."""
-    return len(some) == len(base) + 1 and all(one is other for one, other in zip(some, base, strict=False))
 
 
 def _exchanged(products: Products[Kind], chosen: list[Candidate[Kind]]) -> list[Candidate[Kind]]:

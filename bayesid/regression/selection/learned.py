@@ -25,8 +25,7 @@ from bayesid.regression.selection.columns import NO_COLUMNS, Columns
 from bayesid.regression.selection.error_model import ErrorModel
 from bayesid.regression.selection.explanation import LN10, Explanation, Observations, Regression
 from bayesid.regression.selection.hypotheses import Curve, Hypothesis
-from bayesid.regression.selection.scores import explain_with
-from bayesid.regression.selection.screening import Screening, integrated
+from bayesid.regression.selection.scores import Screening, explain_with, integrated
 
 Variable = tuple[Quantity, int]
 """What it is, and of which joint (from 1); 0 for the time."""

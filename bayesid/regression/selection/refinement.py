@@ -1,15 +1,26 @@
-"""Nonlinear numbers of terms, between those that the library holds."""
+"""Nonlinear numbers of terms, between those that the library holds.
+
+Distortions about the numbers that were found: they are linear in these near them alone.
+
+A model, what is known of it, and the effects that explain a log, as one model again.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, replace
 
+import numpy as np
 import scipy
 
-from bayesid.regression.selection.explanation import Observations, Regression
+from bayesid.arrays import Array
+from bayesid.effects.coefficients import BaseCoefficients
+from bayesid.effects.effect import Scene
+from bayesid.effects.model import Model
+from bayesid.regression.knowledge import Knowledge
+from bayesid.regression.selection.explanation import Explanation, Observations, Regression
 from bayesid.regression.selection.hypotheses import Hypothesis, Library
-from bayesid.regression.selection.scores import explain_with
-from bayesid.regression.selection.screening import Screening
+from bayesid.regression.selection.scores import Screening, explain_with
 
 _EVALUATIONS = 12
 """In the search for a nonlinear number: golden sections narrow its bracket to a hundredth or better."""
@@ -65,3 +76,118 @@ def _grid(effect: Hypothesis, library: Library) -> tuple[str, Sequence[float]] |
         if len(effect.source.shape[key]) == 1 and len(tried) > 2:
             return key, sorted(value for (value,) in tried)
     return None
+
+
+_RELINEARISATIONS = 3
+"""Of distortions about their own numbers: Newton's method, whose error falls with the square each time."""
+_STILL = 1e-4
+"""Of an amplitude's prior standard deviation, up to which a number does not move: nobody would see it."""
+
+
+def sharpened(
+    data: Observations, effects: Sequence[Hypothesis], columns: Array, scene_of: Callable[[Array], Scene]
+) -> tuple[list[Hypothesis], Explanation]:
+    """The effects linearised about the numbers that were found, and the explanation by them.
+
+    Args:
+        data: what is to be explained.
+        effects: some of them distortions, or none.
+        columns: (N, n, r) of the model, at samples that are not used too.
+        scene_of: what effects may look at, given the efforts (N, n) of model and terms, N m.
+    """
+    effects = list(effects)
+    _, explanation = explain_with(data, effects)
+    for _ in range(_RELINEARISATIONS):
+        if not _moves(effects, explanation):
+            break
+        shifted = moved(effects, explanation)
+        scene = scene_of(
+            columns @ explanation.beta + effort_of_terms(effects, explanation.amplitudes, data.effort.shape)
+        )
+        effects = about(shifted, scene)
+        _, explanation = explain_with(data, effects, explanation)
+    return effects, explanation
+
+
+def _moves(effects: Sequence[Hypothesis], explanation: Explanation) -> bool:
+    """Whether a distortion is still on its way, by more than nobody would see, or what it does may be."""
+    pairs = zip(effects, explanation.amplitudes, strict=True)
+    distortions = [(effect, amplitude) for effect, amplitude in pairs if not effect.source.linear]
+    if any(effect.source.of_effort for effect, _ in distortions):
+        return True
+    return any(np.any(np.abs(amplitude) > _STILL * effect.columns.sd) for effect, amplitude in distortions)
+
+
+def about(effects: Sequence[Hypothesis], scene: Scene) -> list[Hypothesis]:
+    """The effects linearised where a scene is, about their own numbers."""
+    return [_relinearised(effect, scene) for effect in effects]
+
+
+def effort_of_terms(effects: Sequence[Hypothesis], amplitudes: Sequence[Array], shape: tuple[int, ...]) -> Array:
+    """(N, n) efforts of the terms among the effects, N m, of an amplitude (p,) each."""
+    effort = np.zeros(shape)
+    for effect, amplitude in zip(effects, amplitudes, strict=True):
+        if effect.source.linear:
+            for j, rows in effect.columns.rows.items():
+                effort[:, j] += rows @ amplitude
+    return effort
+
+
+def _relinearised(effect: Hypothesis, scene: Scene) -> Hypothesis:
+    if effect.source.linear:
+        return effect
+    shift, columns = effect.source.change(scene)
+    acting = sorted(effect.columns.joints)
+    rows = {j: columns[:, j] for j in acting} if columns.shape[2] else {}
+    return replace(effect, columns=replace(effect.columns, rows=rows, shift={j: shift[:, j] for j in acting}))
+
+
+@dataclass(frozen=True)
+class Extension:
+    """A model with effects added.
+
+    Attributes:
+        model: robot, terms and distortions.
+        knowledge: of its parameters, from the earlier log; wider where an effect is a change of what was there.
+        theta: (P,) parameters of the explanation; not feasible in general, but with its efforts.
+    """
+
+    model: Model
+    knowledge: Knowledge
+    theta: Array
+
+
+def extend(
+    knowledge: Knowledge, coefficients: BaseCoefficients, chosen: Sequence[Hypothesis], explanation: Explanation
+) -> Extension:
+    """The model of an explanation.
+
+    Args:
+        knowledge: of the model without the effects.
+        coefficients: its base coefficients.
+        chosen: the effects that explain.
+        explanation: by these, in this order.
+    """
+    model, names = knowledge.model, [parameter.name for parameter in knowledge.model.parameters]
+    theta = coefficients.lift(explanation.beta)
+    theta = theta + _without_trace(coefficients, knowledge.theta)
+    added: list[Array] = []
+    for hypothesis, amplitude in zip(chosen, explanation.amplitudes, strict=True):
+        if hypothesis.changes:
+            theta[[names.index(name) for name in hypothesis.changes]] += amplitude
+            knowledge = knowledge.widened(hypothesis.changes, hypothesis.columns.sd, coefficients)
+        else:
+            model = model.extend(hypothesis.source.moved(amplitude))
+            added.append(amplitude[: len(hypothesis.source.parameters(model.robot))])
+    return Extension(model, knowledge, np.concatenate([theta, *added]))
+
+
+def moved(chosen: Sequence[Hypothesis], explanation: Explanation) -> list[Hypothesis]:
+    """The same effects, their own numbers where the explanation puts them."""
+    pairs = zip(chosen, explanation.amplitudes, strict=True)
+    return [h if h.source.linear else replace(h, source=h.source.moved(amplitude)) for h, amplitude in pairs]
+
+
+def _without_trace(coefficients: BaseCoefficients, theta: Array) -> Array:
+    """(P,) the part of parameters that leaves no trace in the efforts."""
+    return theta - coefficients.lift(coefficients.project(theta))

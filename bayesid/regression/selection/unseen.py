@@ -1,26 +1,54 @@
-"""Effects that may be there, unseen: of the size that the log makes likeliest, they widen what is uncertain."""
+"""Effects that may be there, unseen: of the size that the log makes likeliest, they widen what is uncertain.
+
+Automatic relevance determination: how large the effects that did not enter may be, group by group.
+
+The amplitudes of a group are normal about zero; their common variance is the one under which the log is likeliest, all
+amplitudes and coefficients integrated out (MacKay 1994; Tipping 2001; :eq:`relevance`)::
+
+    s^2  <-  |mu|^2 / (p - tr(Sigma) / s^2 + h),
+
+with mu, Sigma the amplitudes' posterior, in units of what is usual, and h the weight of a belief that most effects are
+absent: what the log cannot show at all vanishes. What is there in any robot, a geometry that is not quite its table's,
+is believed to be about as large as usual, and has the mean that the log leaves of this belief (:eq:`relevance-there`)::
+
+    s^2 = E[s^2 | log],   p(s) ~ (1 + s^2 / 2)^(-5/2) before it: Student's t, E[s^2] = 1.
+
+Coefficients whose intervals are too narrow if the robot has what the log cannot tell from them.
+
+A counterbalance that balances gravity well is gravity to a log: whatever share of an effect the model's columns stand
+for, its coefficients take, and no residual shows it. Of a geometry that is far off its table the derivatives are no
+longer enough.
+
+How efforts change with the robot's geometry: derivatives by the place of every joint.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 import scipy
+from scipy.linalg import block_diag
 
-from bayesid.arrays import Array
+from bayesid.arrays import Array, Integers, Mask
+from bayesid.effects.displaced import is_distal, shift, turn, with_joint, with_link
 from bayesid.effects.effect import Scene
-from bayesid.regression.evidence import Evidence
+from bayesid.motion import Motion
+from bayesid.parallel import in_parallel
+from bayesid.regression.evidence import Evidence, Nuisance, make_nuisance
+from bayesid.regression.knowledge import KinematicTolerance, inverse_of
 from bayesid.regression.least_squares import Fit
-from bayesid.regression.nuisance import Nuisance, make_nuisance
 from bayesid.regression.selection.columns import Columns
-from bayesid.regression.selection.forward import Products
 from bayesid.regression.selection.hypotheses import EffectKey, Hypothesis
-from bayesid.regression.selection.kinematics import KINEMATICS, KinematicTolerance, kinematic_columns
-from bayesid.regression.selection.relevance import Group, Relevance, inverse_of, learn_scales
+from bayesid.regression.selection.products import Products
 from bayesid.regression.selection.scores import explain_with
-from bayesid.regression.selection.signed_log import SignedLog
+from bayesid.regression.selection.wanted import SignedLog
+from bayesid.robot import Robot
+
+KINEMATICS: tuple[str, tuple[int, ...]] = ("kinematics", ())
+"""Where effects are named: the robot's geometry."""
 
 
 @dataclass(frozen=True)
@@ -151,3 +179,245 @@ def _on_all_rows(group: Hypothesis | _Geometry, turn: Array, case: SignedLog, sc
 
 def _at(spline: Callable[[Array], Array], t: Array, place: slice) -> Array:
     return spline(t[place])
+
+
+_ROUNDS = 60
+"""Of the fixed point; it has settled to a few per cent by then. Not studied."""
+_START = 0.3
+"""Of s, in units of what was believed before: the fixed point only ever leaves large values slowly."""
+_ABSENT = 0.5
+"""h: half an observation of nothing, as of Jeffreys's prior of a variance."""
+_SCALES = np.geomspace(1e-3, 1e2, 501)
+"""Grid of s that the mean is summed over: far finer than what a log tells of a scale, and as far as it matters."""
+_OWN = 1e-2
+"""Share of a direction's square that the model's columns must not explain. A round number; not studied."""
+_GONE = 1e-3
+"""Of s, below which a group is left out."""
+
+
+@dataclass(frozen=True)
+class Group:
+    """Columns whose amplitudes share a scale.
+
+    Attributes:
+        place: indices among all columns.
+        sd: (p,) usual sizes of the amplitudes.
+        there: whether the effect is there in any case, also in directions that the model's columns stand for.
+        least: the scale never falls below it: 1 for what was stated.
+    """
+
+    place: slice
+    sd: Array
+    there: bool = False
+    least: float = 0.0
+
+
+@dataclass(frozen=True)
+class Relevance:
+    """What a log says of groups of columns.
+
+    Attributes:
+        scales: (groups,) of each, relative to what is usual; 0 where it is left out.
+        turns: of each, (p, p') the directions of its amplitudes that count.
+        stood_for: of each, (p, p - p') those that the model's columns stand for.
+        moments: (p', p') second moments of the amplitudes of all groups in these directions, given the log.
+    """
+
+    scales: Array
+    turns: tuple[Array, ...]
+    stood_for: tuple[Array, ...]
+    moments: Array
+
+
+def learn_scales(hessian: Array, gradient: Array, groups: Sequence[Group], free: int) -> Relevance:
+    """How large groups of columns are likely to be.
+
+    What the model's columns stand for themselves, up to a hundredth of a column's square, is left to them: kinetic
+    friction is Coulomb friction, whatever else an effect has.
+
+    Args:
+        hessian: (m, m) products of whitened columns.
+        gradient: (m,) products with the whitened efforts.
+        groups: of the columns that are not the model's.
+        free: number of the model's columns, which come first and have no prior.
+    """
+    of_model = inverse_of(hessian[:free, :free])
+    directions = [_directions(hessian, of_model, group, free) for group in groups]
+    turns, stood_for = tuple(own for own, _ in directions), tuple(others for _, others in directions)
+    turn = block_diag(*turns)
+    columns = np.concatenate([np.arange(g.place.start, g.place.stop) for g in groups]).astype(int)
+    inner, across = hessian[np.ix_(columns, columns)], hessian[np.ix_(columns, np.arange(free))]
+    reduced = turn.T @ (inner - across @ of_model @ across.T) @ turn
+    slope = turn.T @ (gradient[columns] - across @ of_model @ gradient[:free])
+    owner = np.repeat(np.arange(len(groups)), [own.shape[1] for own in turns])
+    there, least = np.array([g.there for g in groups]), np.array([g.least for g in groups])
+    scales = np.where(there, 1.0, _START)
+    for _ in range(2 if there.any() else 1):
+        scales = _likeliest(reduced, slope, owner, scales, ~there)
+        for k in np.flatnonzero(there).tolist():
+            scales[k] = max(_expected(reduced, slope, owner == k, scales[owner]), least[k])
+    mean, covariance = _amplitudes(reduced, slope, scales[owner])
+    spread = covariance * np.outer(scales[owner], scales[owner])
+    return Relevance(scales, turns, stood_for, spread + np.outer(mean, mean))
+
+
+def _likeliest(reduced: Array, slope: Array, owner: Integers, scales: Array, learned: Array) -> Array:
+    """(groups,) scales after the fixed point, of those that are learned."""
+    for _ in range(_ROUNDS):
+        mean, covariance = _amplitudes(reduced, slope, scales[owner])
+        decided = np.bincount(owner, 1.0 - np.diag(covariance), len(scales))
+        likelier = np.sqrt(np.bincount(owner, mean**2, len(scales)) / (decided + _ABSENT))
+        scales = np.where(learned, np.where(likelier < _GONE, 0.0, likelier), scales)
+    return scales
+
+
+def _expected(reduced: Array, slope: Array, own: Mask, sd: Array) -> float:
+    """Root mean square of one group's scale given the log, the others' sd (p,) being known."""
+    others = ~own & (sd > 0.0)
+    inner = reduced[np.ix_(others, others)] + np.diag(sd[others] ** -2.0)
+    across = np.linalg.solve(inner, np.column_stack([reduced[np.ix_(others, own)], slope[others]]))
+    left = reduced[np.ix_(own, own)] - reduced[np.ix_(own, others)] @ across[:, :-1]
+    values, vectors = np.linalg.eigh(0.5 * (left + left.T))
+    pull = vectors.T @ (slope[own] - reduced[np.ix_(own, others)] @ across[:, -1])
+    square = _SCALES[:, None] ** 2
+    growth = 1.0 + square * np.maximum(values, 0.0)
+    log_density = 0.5 * np.sum(square * pull**2 / growth - np.log(growth), axis=1) - 2.5 * np.log1p(0.5 * square[:, 0])
+    weight = _SCALES * np.exp(log_density - log_density.max())  # the grid is even in the logarithm
+    return float(np.sqrt(weight @ square[:, 0] / weight.sum()))
+
+
+def _directions(hessian: Array, of_model: Array, group: Group, free: int) -> tuple[Array, Array]:
+    """(p, p') amplitudes, in their usual sizes, that the model's columns cannot stand for, and (p, p - p') others."""
+    if group.there:
+        return np.diag(group.sd), np.zeros((len(group.sd), 0))
+    place, sd = group.place, np.diag(group.sd)
+    across = hessian[place, :free]
+    whole = sd @ hessian[place, place] @ sd
+    own = sd @ (hessian[place, place] - across @ of_model @ across.T) @ sd
+    values, vectors = np.linalg.eigh(own)
+    kept = values > _OWN * np.einsum("ij,ik,kj->j", vectors, whole, vectors)
+    return sd @ vectors[:, kept], sd @ vectors[:, ~kept]
+
+
+def _amplitudes(reduced: Array, slope: Array, scale: Array) -> tuple[Array, Array]:
+    """(p,) mean of the amplitudes, and (p, p) covariance in units of their scales (p,)."""
+    precision: Array = np.eye(len(scale)) + reduced * np.outer(scale, scale)
+    covariance = np.asarray(np.linalg.inv(precision), dtype=np.float64)
+    return scale * (covariance @ (slope * scale)), covariance
+
+
+_MOVED = 2.0
+"""Standard deviations, half an interval of 95 %, by which an effect moves a coefficient."""
+_FAR_OFF = 2.0
+"""Times the tolerance from which on the geometry is not what it was believed to be: two standard deviations."""
+
+
+@dataclass(frozen=True)
+class TooNarrow:
+    """Coefficients whose intervals are too narrow if one of several effects is there.
+
+    Attributes:
+        effects: any of which would look like these coefficients.
+        joints: from 1; none: the whole robot.
+        coefficients: those that would be off, the most first.
+        times: as far as believed, if the log shows that it is there: the geometry.
+    """
+
+    effects: tuple[str, ...]
+    joints: tuple[int, ...]
+    coefficients: tuple[str, ...]
+    times: float | None = None
+
+
+def too_narrow(
+    stood_for: Sequence[tuple[EffectKey, Array]], names: Sequence[str], sd: Array, of_links: Mask
+) -> tuple[TooNarrow, ...]:
+    """Effects that would mostly look like the links, joint by joint: those of friction only share its name.
+
+    Args:
+        stood_for: effects and by how much they move the r coefficients.
+        names: (r,) of the coefficients.
+        sd: (r,) their standard deviations.
+        of_links: (r,) whether links have a part in them.
+    """
+    moved: dict[tuple[int, ...], tuple[list[str], Array]] = {}
+    known = np.isfinite(sd) & (sd > 0.0)
+    for (effect, joints), size in stood_for:
+        times = np.where(known, size / np.where(known, sd, 1.0), 0.0)
+        if times.max(initial=0.0) <= _MOVED or not of_links[times.argmax()]:
+            continue
+        effects, most = moved.setdefault(joints, ([], np.zeros(len(names))))
+        effects.append(effect)
+        np.maximum(most, times, out=most)
+    return tuple(
+        TooNarrow(tuple(sorted(set(effects))), joints, _named(names, most)) for joints, (effects, most) in moved.items()
+    )
+
+
+def geometry_far_off(scale: float, by_geometry: Array, names: Sequence[str], sd: Array) -> tuple[TooNarrow, ...]:
+    """What a geometry off by `scale` times what was believed makes doubtful; nothing where it is as believed.
+
+    Args:
+        scale: of the geometry's error.
+        by_geometry: (r,) sd that this adds to the coefficients.
+        names: (r,) of the coefficients.
+        sd: (r,) their standard deviations without anything unseen.
+    """
+    if scale <= _FAR_OFF:
+        return ()
+    known = np.isfinite(sd) & (sd > 0.0)
+    times = np.where(known, by_geometry / np.where(known, sd, 1.0), 0.0)
+    named = _named(names, times)
+    return (TooNarrow((KINEMATICS[0],), (), named, scale),) if named else ()
+
+
+def _named(names: Sequence[str], times: Array) -> tuple[str, ...]:
+    order = np.argsort(-times, kind="stable")
+    return tuple(names[k] for k in order.tolist() if times[k] > _MOVED)
+
+
+_STEP = 1e-5
+"""m and rad, of the central differences: their error is its square, and rounding 1e-10 of the effort."""
+
+
+def kinematic_columns(
+    robot: Robot, motion: Motion, links: Array, tolerance: KinematicTolerance, *, known: bool = False
+) -> Array:
+    """(N, n, k) efforts of one standard deviation of each place and direction of the robot's geometry, N m.
+
+    Those are of each joint, along the axes of its frame; in the standard convention, where a link's frame stands at the
+    next joint and its parameters are about that, of the base, and the numbers d, theta, a and alpha of each row.
+
+    Args:
+        robot: as its table has it.
+        motion: N samples.
+        links: (10 n,) parameters of the links.
+        tolerance: the standard deviations.
+        known: whether base and parameters are known by another log of the robot: then they do not go along.
+    """
+
+    def column(move: _Move, axis: Array, moved: Callable[[Array], Robot], sd: float) -> Array:
+        there, back = (moved(move(axis, step)).inverse_dynamics(motion, links) for step in (_STEP, -_STEP))
+        return sd * (there - back) / (2.0 * _STEP)
+
+    sds: dict[_Move, float] = {shift: tolerance.length, turn: tolerance.angle}
+    places = [place for place in _displacements(robot, known=known) if sds[place[0]] > 0.0]
+    columns = in_parallel([partial(column, *place, sds[place[0]]) for place in places])
+    return np.stack(columns, axis=2) if columns else np.zeros((len(motion), robot.n_joints, 0))
+
+
+_Move = Callable[[Array, float], Array]
+"""A step along or about an axis (3,), as a matrix (4, 4)."""
+
+
+def _displacements(robot: Robot, *, known: bool) -> Iterator[tuple[_Move, Array, Callable[[Array], Robot]]]:
+    """Shifts and turns, their axes, and the robot of which one part is moved so."""
+    distal = not known and is_distal(robot)
+    for i in range(1 if known else 0, 1 if distal else robot.n_joints):
+        for move in (shift, turn):
+            for axis in np.eye(3):
+                yield move, axis, partial(with_joint, robot, i)
+    for i in range(robot.n_joints if distal else 0):
+        for axis, first in ((robot.joints[i].axis, True), (np.array([1.0, 0.0, 0.0]), False)):
+            for move in (shift, turn):
+                yield move, axis, partial(with_link, robot, i, first=first)

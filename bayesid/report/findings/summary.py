@@ -17,7 +17,7 @@ from bayesid.identification.payload import Estimate, PayloadBody
 from bayesid.identification.provenance import Provenance
 from bayesid.log.log import Log
 from bayesid.posterior.inference import Posterior
-from bayesid.regression.selection.confounded import TooNarrow
+from bayesid.regression.selection.unseen import TooNarrow
 from bayesid.regression.selection.wanted import EnteredEffect
 
 _MOST_DIFFERENT = 3

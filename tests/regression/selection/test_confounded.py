@@ -6,7 +6,7 @@ import pytest
 from bayesid.effects.catalogue import make_effect, make_terms
 from bayesid.effects.model import Model
 from bayesid.identification.pipeline import identify
-from bayesid.regression.selection.confounded import TooNarrow, geometry_far_off, too_narrow
+from bayesid.regression.selection.unseen import TooNarrow, geometry_far_off, too_narrow
 from bayesid.robot import robot_from_table
 from bayesid.signs.search.certified import Certified
 from bayesid.simulation.logs import simulate

@@ -13,8 +13,7 @@ from bayesid.regression.selection import explanation as evidence
 from bayesid.regression.selection.columns import Columns
 from bayesid.regression.selection.error_model import ErrorModel, fit_error
 from bayesid.regression.selection.explanation import Regression
-from bayesid.regression.selection.scores import BestOfGroup, best_groups
-from bayesid.regression.selection.screening import Screening
+from bayesid.regression.selection.scores import BestOfGroup, Screening, best_groups
 
 ERRORS = (ErrorModel(0.3, 0.5, 0.1, RATE), ErrorModel(1.1, 0.7, 0.3, RATE))
 

@@ -10,8 +10,8 @@ from bayesid.effects.effect import Scene
 from bayesid.effects.model import Model
 from bayesid.regression.knowledge import Knowledge
 from bayesid.regression.selection.explanation import Explanation
-from bayesid.regression.selection.extension import extend
 from bayesid.regression.selection.hypotheses import hypotheses
+from bayesid.regression.selection.refinement import extend
 from bayesid.simulation.parameters import random_parameters
 
 JOINTS = 3

@@ -14,7 +14,7 @@ from scipy.stats import multivariate_normal, norm
 from bayesid.regression.knowledge import Information
 from bayesid.regression.selection.columns import Columns
 from bayesid.regression.selection.error_model import ErrorModel, fit_error
-from bayesid.regression.selection.forward import Products
+from bayesid.regression.selection.products import Products
 
 ERRORS = (ErrorModel(0.3, 0.5, 0.1, RATE), ErrorModel(1.1, 0.7, 0.3, RATE))
 SMALL = 160  # samples, of which every one of the 16 blocks has ten

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from bayesid.regression.selection.held_back import BLOCKS, HeldBackErrors, bears_out, blocks_of, harmed
+from bayesid.regression.selection.forward import bears_out, harmed
+from bayesid.regression.selection.products import BLOCKS, HeldBackErrors, blocks_of
 
 COUNT = 25
 """Samples a block."""

@@ -9,7 +9,7 @@ from scipy.stats import multivariate_normal, norm
 
 from bayesid.regression.knowledge import Information
 from bayesid.regression.selection.columns import Columns
-from bayesid.regression.selection.joint_sets import JointForms, joint_sets
+from bayesid.regression.selection.scores import JointForms, joint_sets
 
 COUNT, JOINT = 120, 1
 FLOOR = np.array([0.7, 0.4])

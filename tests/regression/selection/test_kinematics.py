@@ -18,7 +18,8 @@ from oracles import (
 )
 from scipy.spatial.transform import Rotation
 
-from bayesid.regression.selection.kinematics import KinematicTolerance, kinematic_columns
+from bayesid.regression.knowledge import KinematicTolerance
+from bayesid.regression.selection.unseen import kinematic_columns
 from bayesid.robot import robot_from_table
 
 JOINTS = 3

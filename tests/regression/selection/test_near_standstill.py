@@ -7,7 +7,7 @@ from bayesid.effects import STANDARD
 from bayesid.effects.catalogue import make_terms
 from bayesid.effects.model import Model
 from bayesid.regression.selection.columns import NO_COLUMNS
-from bayesid.regression.selection.near_standstill import near_standstill
+from bayesid.regression.selection.hypotheses import near_standstill
 
 USED = np.ones(MOTION.dq.shape, dtype=bool)
 

@@ -8,7 +8,8 @@ from scipy.linalg import null_space, solve_triangular
 from scipy.optimize import approx_fprime
 from scipy.stats import t
 
-from bayesid.regression.selection.relevance import Group, inverse_of, learn_scales
+from bayesid.regression.knowledge import inverse_of
+from bayesid.regression.selection.unseen import Group, learn_scales
 
 COUNT, FREE = 120, 3
 ABSENT = 0.5

@@ -10,9 +10,9 @@ from bayesid.effects.coefficients import base_coefficients
 from bayesid.effects.delay import Delay
 from bayesid.log.segments import Cutting, find_segments
 from bayesid.log.signals import prepare
-from bayesid.regression.selection.forward import Products
+from bayesid.regression.selection.products import Products
 from bayesid.regression.selection.scores import plain_errors
-from bayesid.regression.selection.signed_log import SignedLog
+from bayesid.regression.selection.wanted import SignedLog
 from bayesid.signs.search.certified import Certified
 from bayesid.signs.settling import settle_signs
 

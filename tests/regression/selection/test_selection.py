@@ -9,7 +9,8 @@ from scipy.signal import lfilter
 
 from bayesid.regression.selection import forward
 from bayesid.regression.selection.error_model import ErrorModel, fit_error
-from bayesid.regression.selection.forward import Products, Rules, select_forward
+from bayesid.regression.selection.forward import Rules, select_forward
+from bayesid.regression.selection.products import Products
 
 NEEDED = 12.0
 RULES = Rules(NEEDED, 16)

@@ -7,11 +7,11 @@ import pytest
 
 from bayesid.effects.catalogue import make_effect
 from bayesid.regression.knowledge import Information
+from bayesid.regression.selection.added_effect import all_along, was_there
 from bayesid.regression.selection.columns import Columns
 from bayesid.regression.selection.explanation import Observations
 from bayesid.regression.selection.hypotheses import Hypothesis
 from bayesid.regression.selection.scores import explain_with
-from bayesid.regression.selection.table_errors import all_along, was_there
 
 N, SD = 400, np.array([0.2, 3.0])
 

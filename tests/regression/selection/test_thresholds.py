@@ -8,10 +8,9 @@ import pytest
 from bayesid.discrepancy.compare import NoiseFloor
 from bayesid.effects.joint_spring import JointSpring
 from bayesid.regression.selection.columns import NO_COLUMNS
-from bayesid.regression.selection.explanation import LN10
+from bayesid.regression.selection.explanation import LN10, Thresholds
 from bayesid.regression.selection.hypotheses import Hypothesis
 from bayesid.regression.selection.scores import Score
-from bayesid.regression.selection.thresholds import Thresholds
 
 USUAL = Thresholds()
 
