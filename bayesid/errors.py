@@ -6,49 +6,11 @@ A numerical stage that ends without an answer raises `SolverError`, which carrie
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from difflib import SequenceMatcher, get_close_matches
 
 _NEAR = 0.5
 """Likeness, by `difflib`, from which on a name is suggested: half the letters of both are shared."""
-PYTHON_NAMES: Mapping[str, str] = {
-    "--beam-width": "Beam(width=...)",
-    "--degrees": "degrees=True",
-    "--effect": "effects",
-    "--harmonics": "TrajectoryShape(harmonics=...)",
-    "--initial-segments": "Beam(initial_segments=...)",
-    "--links": "Beliefs(links=...)",
-    "--log": "Log.carrying(label)",
-    "--max-memory": "Preparation(max_memory=...)",
-    "--mode": "Sampling(mode=...)",
-    "--no-degrees": "degrees=False",
-    "--no-posterior": "posterior=False",
-    "--nominal": "Beliefs(nominal=...)",
-    "--out": "",
-    "--payload": "Log.carrying(label)",
-    "--periods": "TrajectoryShape(periods=...)",
-    "--posterior-budget": "Sampling(budget=...)",
-    "--search-budget": "Certified(budget=...)",
-    "--time-limit": "Certified(time_limit=...), Sampling(time_limit=...)",
-    "--without-noise": "noise=False",
-}
-"""What an option of the command line is in Python, where it is no argument of the same name. Folders and files have an
-argument of another name in every function, so they are not named."""
-_OPTION = re.compile(r"`[^`\s]+\s[^`]*`|(?<![\w-])(--[a-z][a-z-]*)( ?)")
-"""An option; or a whole command in backticks, which stays as it is."""
-
-
-def in_python(text: str) -> str:
-    """A sentence that speaks of options of the command line, with the arguments of the Python interface instead."""
-
-    def argument(found: re.Match[str]) -> str:
-        if found[1] is None:
-            return found[0]
-        name = PYTHON_NAMES.get(found[1], found[1].removeprefix("--").replace("-", "_"))
-        return name + found[2] if name else ""
-
-    return _OPTION.sub(argument, text)
 
 
 def printable(text: str) -> str:
@@ -91,36 +53,28 @@ class BayesidError(Exception):
 class InputError(BayesidError, ValueError):
     """The user's input cannot be used.
 
-    What raises it speaks of options as the command line does, as in `--terms`; as text it has the names of Python's
-    arguments, and `on_command_line` keeps the options.
+    Arguments that a sentence names stand in backticks, as `cutoff` or `Sampling.budget`. The command line puts its own
+    options in their place.
 
     Args:
         what: what is wrong, in a few words.
-        where: file and row, column or key, or the option.
+        where: file and row, column or key.
         remedy: what the user can do about it.
+        field: the argument that it is about, if it is about one.
 
     Example:
-        >>> bayesid.InputError("no such robot", "ur99", "give ur10e").remedy
-        'give ur10e'
+        >>> error = bayesid.InputError("3 joints, but 2 gains", "log.csv", "give one a joint", field="gains")
+        >>> error.field, str(error)
+        ('gains', '`gains` log.csv: 3 joints, but 2 gains; give one a joint')
     """
 
-    def __init__(self, what: str, where: str, remedy: str) -> None:
-        self.what, self.where, self.remedy = what, where, remedy
-        super().__init__(what, where, remedy)
+    def __init__(self, what: str, where: str = "", remedy: str = "", field: str = "") -> None:
+        self.what, self.where, self.remedy, self.field = what, where, remedy, field
+        super().__init__(what, where, remedy, field)
 
     def __str__(self) -> str:
-        return printable(f"{in_python(self.where)}: {self.what}; {in_python(self.remedy)}")
-
-    @property
-    def on_command_line(self) -> str:
-        """The line for those who gave options.
-
-        Example:
-            >>> error = bayesid.InputError("3 joints, but 2 gains", "log.csv", "correct --gains")
-            >>> str(error), error.on_command_line
-            ('log.csv: 3 joints, but 2 gains; correct gains', 'log.csv: 3 joints, but 2 gains; correct --gains')
-        """
-        return printable(f"{self.where}: {self.what}; {self.remedy}")
+        place = " ".join(filter(None, (f"`{self.field}`" if self.field else "", self.where)))
+        return printable(f"{place}: {self.what}; {self.remedy}")
 
 
 class SolverError(BayesidError, RuntimeError):

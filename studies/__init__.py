@@ -34,6 +34,6 @@ def load(name: str, *, floor: bool = False) -> Study:
         raise InputError(f"{name!r} is no study", "study", f"choose from {', '.join(STUDIES)}")
     if floor and name not in WITH_FLOOR:
         remedy = f"leave it out, or choose from {', '.join(WITH_FLOOR)}"
-        raise InputError(f"the study {name!r} has no floors", "--floor", remedy)
+        raise InputError(f"the study {name!r} has no floors", field="floor", remedy=remedy)
     study: Study = import_module(f"bayesid.studies.{name}{'_floor' * floor}").STUDY
     return study

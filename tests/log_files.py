@@ -11,6 +11,7 @@ import pytest
 from pyarrow import parquet
 from scipy.io import savemat
 
+from bayesid.cli.terminal import in_options
 from bayesid.errors import InputError
 from bayesid.log.log import read_log
 
@@ -163,6 +164,6 @@ def refusal(source, *arguments, **options):
     """The one line that refuses a log, for those who gave options."""
     with pytest.raises(InputError) as caught:
         read_log(source, *arguments, **options)
-    assert "\n" not in caught.value.on_command_line
+    assert "\n" not in in_options(str(caught.value))
     assert caught.value.remedy
-    return caught.value.on_command_line
+    return in_options(str(caught.value))

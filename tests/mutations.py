@@ -14,6 +14,7 @@ import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
+from bayesid.cli.terminal import in_options
 from bayesid.errors import InputError
 
 BUDGETS = pytest.mark.parametrize(
@@ -75,7 +76,7 @@ def check_reader(read: Callable[[], object]) -> bool:
     if refusal is not None:
         assert refusal.what
         assert refusal.remedy
-        assert "\n" not in refusal.on_command_line
+        assert "\n" not in in_options(str(refusal))
     foreign = [f"{one.filename}:{one.lineno}: {one.message}" for one in caught if not _is_note(one)]
     assert not foreign, foreign
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - memory < MOST_MEMORY

@@ -8,7 +8,8 @@ from conftest import small_robot, smooth_motion
 
 import bayesid
 from bayesid.cli.parser import make_parser
-from bayesid.errors import PYTHON_NAMES, InputError
+from bayesid.cli.terminal import OPTIONS, in_options
+from bayesid.errors import InputError
 from bayesid.log.log import Log, write_log
 
 
@@ -26,47 +27,49 @@ def refusal(call, *arguments, **options):
     return str(caught.value)
 
 
-def test_an_argument_stands_in_place_of_an_option():
-    error = InputError("a budget of -1 s", "--search-budget", "give --terms fewer, or --out a new folder")
-    assert str(error) == "Certified(budget=...): a budget of -1 s; give terms fewer, or a new folder"
-    assert error.on_command_line == "--search-budget: a budget of -1 s; give --terms fewer, or --out a new folder"
+def test_an_option_stands_in_place_of_an_argument():
+    error = InputError("a budget of -1 s", remedy="give fewer `terms`, or `none`", field="Certified.budget")
+    assert str(error) == "`Certified.budget`: a budget of -1 s; give fewer `terms`, or `none`"
+    assert in_options(str(error)) == "--search-budget: a budget of -1 s; give fewer --terms, or `none`"
+    assert str(InputError("what", "a.toml", "remedy", "columns")) == "`columns` a.toml: what; remedy"
 
 
 def test_an_error_survives_the_way_from_a_worker():
-    error = pickle.loads(pickle.dumps(InputError("what", "--cutoff", "remedy")))
-    assert (str(error), error.on_command_line) == ("cutoff: what; remedy", "--cutoff: what; remedy")
+    error = pickle.loads(pickle.dumps(InputError("what", "where", "remedy", "cutoff")))
+    assert (error.field, str(error)) == ("cutoff", "`cutoff` where: what; remedy")
 
 
-def test_every_name_is_of_an_option_there_is():
+def test_every_argument_has_an_option_there_is():
     options = {name for command in make_parser().commands.values() for name in command.options}
-    assert set(PYTHON_NAMES) <= options
+    robot = {name for action in make_parser().commands["robot"].commands.values() for name in action.options}
+    assert set(OPTIONS.values()) <= options | robot
 
 
 def test_terms_and_options_are_named_as_arguments(log):
     robot = small_robot(2)
-    assert refusal(bayesid.identify, robot, log, ["rigid"]).startswith("terms: unknown term 'rigid'")
-    assert refusal(bayesid.identify, robot, log, "rigid_body").startswith("terms: 'rigid_body' is no list")
-    assert refusal(bayesid.identify, robot, log, complete="no").startswith("complete: ")
-    assert refusal(bayesid.Certified, budget=-1.0).startswith("Certified(budget=...): ")
-    assert refusal(bayesid.Beam, width=0).startswith("Beam(width=...): ")
-    assert refusal(bayesid.Sampling, mode=0).startswith("Sampling(mode=...): ")
-    assert refusal(bayesid.Links, mass=-1.0).startswith("Beliefs(links=...): ")
+    assert refusal(bayesid.identify, robot, log, ["rigid"]).startswith("`terms`: unknown term 'rigid'")
+    assert refusal(bayesid.identify, robot, log, "rigid_body").startswith("`terms`: 'rigid_body' is no list")
+    assert refusal(bayesid.identify, robot, log, complete="no").startswith("`complete`: ")
+    assert refusal(bayesid.Certified, budget=-1.0).startswith("`Certified.budget`: ")
+    assert refusal(bayesid.Beam, width=0).startswith("`Beam.width`: ")
+    assert refusal(bayesid.Sampling, mode=0).startswith("`Sampling.mode`: ")
+    assert refusal(bayesid.Links, mass=-1.0).startswith("`Beliefs.links`: ")
     assert refusal(bayesid.identify, robot, log, search="beam").startswith("search: 'beam' is no search")
     assert refusal(bayesid.identify, robot, log, posterior=60.0).startswith("posterior: 60.0 is no sampling")
     assert refusal(bayesid.identify, robot, log, beliefs={"m2": (1.0, 0.1)}).startswith("beliefs: dict are no")
     fast = bayesid.Preparation(cutoff=99.0)
-    assert refusal(bayesid.identify, robot, log, preparation=fast).startswith("cutoff: ")
+    assert refusal(bayesid.identify, robot, log, preparation=fast).startswith("`cutoff`: ")
 
 
 @pytest.mark.parametrize("stated", [0.7, (0.7,), (0.7, 0.1, 2.0), "0.7", None, ("a", "b")])
 def test_a_nominal_value_without_its_sd_is_refused(log, stated):
     said = refusal(bayesid.identify, small_robot(2), log, beliefs=bayesid.Beliefs(nominal={"m2": stated}))
-    assert said.startswith(f"Beliefs(nominal=...): m2 = {stated!r} is no mean with its sd")
+    assert said.startswith(f"`Beliefs.nominal`: m2 = {stated!r} is no mean with its sd")
     assert "{'m2': (0.7, 0.1)}" in said
 
 
 def test_numbers_in_place_of_lists_are_refused(log, tmp_path):
     write_log(tmp_path / "log.csv", log)
-    assert refusal(bayesid.read_log, tmp_path / "log.csv", gains=14.0).startswith("gains: 14.0 is no list")
-    assert refusal(bayesid.read_log, tmp_path / "log.csv", joints=7).startswith("joints: 7 is no list")
+    assert refusal(bayesid.read_log, tmp_path / "log.csv", gains=14.0).startswith("`gains`: 14.0 is no list")
+    assert refusal(bayesid.read_log, tmp_path / "log.csv", joints=7).startswith("`joints`: 7 is no list")
     assert "joints=[7]" in refusal(bayesid.plot.style.each_joint, 7, 7, None, 1.0)

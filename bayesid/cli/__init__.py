@@ -65,7 +65,7 @@ def _run(arguments: Sequence[str] | None, terminated: Sequence[int]) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # nor shall Python complain when it ends
         return 141
     except InputError as error:
-        return _complain(error.on_command_line, 2)
+        return _complain(str(error), 2)
     except (OSError, BayesidError) as error:
         return _complain(str(error), 1)
     except KeyboardInterrupt as stop:

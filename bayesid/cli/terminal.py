@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 from collections.abc import Collection, Iterable, Sequence
 from functools import cache
@@ -13,6 +14,42 @@ from rich.text import Text
 
 from bayesid.errors import printable
 
+OPTIONS = {
+    name: f"--{name.rpartition('.')[2].replace('_', '-')}"
+    for name in (
+        *("about", "between", "capsules", "changes", "columns", "complete", "criterion", "cutoff", "duration", "each"),
+        *(
+            "effort_limits",
+            "false_alarms",
+            "floor",
+            "gains",
+            "hold",
+            "holdout",
+            "joints",
+            "known_mass",
+            "lag",
+            "limits",
+        ),
+        *("margin", "noise", "payload", "q", "rate", "resume", "scheduler", "seed", "start", "terms", "tip", "tool"),
+        *("topic", "trials", "unsigned", "validation", "workers", "Beam.initial_segments", "Beam.time_limit"),
+        *("Beliefs.links", "Beliefs.nominal", "Certified.time_limit", "Preparation.max_memory", "Sampling.mode"),
+        *("Sampling.time_limit", "TrajectoryShape.duration", "TrajectoryShape.harmonics", "TrajectoryShape.periods"),
+        *("TrajectoryShape.rate",),
+    )
+} | {
+    "Beam.budget": "--search-budget",
+    "Beam.width": "--beam-width",
+    "Certified.budget": "--search-budget",
+    "Log.carrying": "--payload",
+    "Sampling.budget": "--posterior-budget",
+    "degrees=False": "--no-degrees",
+    "degrees=True": "--degrees",
+    "effects": "--effect",
+    "folder": "--out",
+    "noise=False": "--without-noise",
+}
+"""The option of the command line for each argument that an error names."""
+_ARGUMENT = re.compile("`([^` ]+)`")
 _UNWRAPPED = 10_000
 """Columns of what is no terminal: a file's or a pipe's lines are as long as they are."""
 
@@ -58,6 +95,11 @@ def table(headings: Sequence[str], rows: Iterable[Sequence[str]], left: Collecti
     return drawn
 
 
+def in_options(text: str) -> str:
+    """A sentence of the library, with options in place of the arguments that it names in backticks."""
+    return _ARGUMENT.sub(lambda found: OPTIONS.get(found[1], found[0]), text)
+
+
 def note(message: str) -> None:
     """What ends a command whose stdout belongs to another program, on stderr."""
     console(stderr=True).print(printable(message), soft_wrap=True)
@@ -65,12 +107,12 @@ def note(message: str) -> None:
 
 def warn(message: str) -> None:
     """What the user should know, in one line."""
-    _print_message("warning", message, "bold yellow")
+    _print_message("warning", in_options(message), "bold yellow")
 
 
 def complain(message: str, name: str = "bayesid") -> None:
     """Why a command ends without what was asked for, in one line."""
-    _print_message(name, message, "bold red")
+    _print_message(name, in_options(message), "bold red")
 
 
 def _print_message(head: str, message: str, style: str) -> None:

@@ -76,7 +76,7 @@ def check_holdout(robot: Robot, log: Log, holdout: Log) -> None:
     same = len(log) == len(holdout) and np.array_equal(log.q, holdout.q)
     if same or _contains(log.q, holdout.q) or _contains(holdout.q, log.q):
         problem = "holds the same motion as the log: it cannot score what the log has chosen"
-        raise InputError(problem, holdout.source, "give --holdout another log, or none: then stretches are held back")
+        raise InputError(problem, holdout.source, "give `holdout` another log, or none: then stretches are held back")
 
 
 def _contains(whole: Array, part: Array) -> bool:

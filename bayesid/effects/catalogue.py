@@ -87,7 +87,7 @@ def make_terms(chosen: Iterable[str | Term], robot: Robot, motion: Motion) -> tu
     names = [parameter.name for term in made for parameter in term.parameters(robot)]
     if twice := sorted({name for name in names if names.count(name) > 1}):
         remedy = "name each effect once, and give the parameters of your own other symbols"
-        raise InputError(f"two terms have a parameter {twice[0]}", "--terms", remedy)
+        raise InputError(f"two terms have a parameter {twice[0]}", field="terms", remedy=remedy)
     return tuple(made)
 
 
@@ -99,17 +99,17 @@ def check_terms(chosen: Iterable[str | Term]) -> tuple[str | Term, ...]:
     """
     if isinstance(chosen, str) or not isinstance(chosen, Iterable):
         said = f"{chosen!r} is no list of names or terms"
-        raise InputError(said, "--terms", f"give one, as in [{effects.STANDARD[0]!r}]")
+        raise InputError(said, field="terms", remedy=f"give one, as in [{effects.STANDARD[0]!r}]")
     listed = tuple(chosen)
     for one in listed:
         if isinstance(one, type) and issubclass(one, Effect):
-            raise InputError(f"{one.__name__} is a class", "--terms", f"give a term: {one.__name__}()")
+            raise InputError(f"{one.__name__} is a class", field="terms", remedy=f"give a term: {one.__name__}()")
         if not isinstance(one, str | Term):
             remedy = "give a name of the catalogue or a bayesid.effects.Term"
-            raise InputError(f"{one!r} is neither the name of a term nor a term", "--terms", remedy)
+            raise InputError(f"{one!r} is neither the name of a term nor a term", field="terms", remedy=remedy)
         if listed.count(one) > 1:
             said = f"term {one if isinstance(one, Term) else repr(one)} comes twice"
-            raise InputError(said, "--terms", "name each term once")
+            raise InputError(said, field="terms", remedy="name each term once")
     return listed
 
 
@@ -117,7 +117,7 @@ def _term_class(name: str) -> type[Term]:
     known = {key: kind for key, kind in forms().items() if issubclass(kind, Term)}
     if name not in known:
         remedy = f"{near_names(name, known)} choose from {', '.join(known)}".strip()
-        raise InputError(f"unknown term {name!r}", "--terms", remedy)
+        raise InputError(f"unknown term {name!r}", field="terms", remedy=remedy)
     return known[name]
 
 

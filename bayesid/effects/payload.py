@@ -115,8 +115,8 @@ class CarriedPayload(BodyOnFlange):
     @classmethod
     def for_motion(cls, actuators: Motion) -> Self:
         """None for all of a motion: logs say what they carry."""
-        remedy = "leave it out, and say which log carries something by --payload"
-        raise InputError(f"{cls.name} is no term of every log", "--terms", remedy)
+        remedy = "leave it out, and say which log carries something by `Log.carrying`"
+        raise InputError(f"{cls.name} is no term of every log", field="terms", remedy=remedy)
 
     @classmethod
     def variants(cls, scene: Scene) -> Iterable[Self]:

@@ -41,7 +41,7 @@ class Term(Effect):
         shape = cls.shape_of_motion(actuators)
         if missing := [field.name for field in fields(cls) if field.name not in ("joints", *shape)]:
             message = f"{cls.name} has numbers that no motion shows ({', '.join(missing)})"
-            raise InputError(message, "--terms", "have `bayesid discrepancy` find it")
+            raise InputError(message, field="terms", remedy="have `bayesid discrepancy` find it")
         arguments: dict[str, Any] = dict(shape)
         return cls(**arguments)
 

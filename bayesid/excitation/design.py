@@ -95,17 +95,21 @@ class TrajectoryShape:
         shortest, longest = _DURATIONS
         if not shortest <= self.duration <= longest:
             remedy = f"give {shortest:g} to {longest:g} s"
-            raise InputError(f"{self.duration:g} s cannot be used", "--duration", remedy)
+            raise InputError(f"{self.duration:g} s cannot be used", field="TrajectoryShape.duration", remedy=remedy)
         fewest, most = _HARMONICS
         if not fewest <= self.harmonics <= most:
             remedy = f"give {fewest} to {most}: one alone cannot start and end at rest"
-            raise InputError(f"{self.harmonics} harmonics cannot be used", "--harmonics", remedy)
+            raise InputError(
+                f"{self.harmonics} harmonics cannot be used", field="TrajectoryShape.harmonics", remedy=remedy
+            )
         if self.periods < 1:
-            raise InputError(f"{self.periods} periods cannot be used", "--periods", "give 1 or more")
+            raise InputError(
+                f"{self.periods} periods cannot be used", field="TrajectoryShape.periods", remedy="give 1 or more"
+            )
         slowest, fastest = _OVERSAMPLING * self.harmonics * self.periods / self.duration, _MOST_SAMPLES / self.duration
         if not slowest <= self.rate <= fastest:
             remedy = f"give {slowest:.3g} Hz, twice the Nyquist rate of the highest harmonic, to {fastest:.3g} Hz"
-            raise InputError(f"{self.rate:g} Hz cannot be used", "--rate", remedy)
+            raise InputError(f"{self.rate:g} Hz cannot be used", field="TrajectoryShape.rate", remedy=remedy)
 
     @property
     def frequency(self) -> float:

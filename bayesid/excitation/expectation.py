@@ -115,4 +115,6 @@ def check_noise(noise: float) -> None:
         InputError: it cannot.
     """
     if not 0.0 < noise <= _LOUDEST:
-        raise InputError(f"a noise of {noise:g} cannot be used", "--noise", "give a share of the RMS effort, as 0.05")
+        raise InputError(
+            f"a noise of {noise:g} cannot be used", field="noise", remedy="give a share of the RMS effort, as 0.05"
+        )

@@ -114,7 +114,7 @@ def _joined(known: Known, parts: Sequence[_Part]) -> Goal:
                 wanted.append(size)
     never = tuple(dict.fromkeys(sentence for part in parts for sentence in part.never))
     if not names:
-        raise InputError("; ".join(never), "--about", "name something that a motion can tell")
+        raise InputError("; ".join(never), field="about", remedy="name something that a motion can tell")
     return Goal(tuple(names), np.array(forms).reshape(-1, len(known)), np.array(wanted), never)
 
 
@@ -141,7 +141,7 @@ def _named(known: Known, name: str, payload: str) -> _Part:
     near = near_names(name, [*known.coefficients.names, *parameters, *(t.effect for t in known.model.terms), *special])
     alike = [one for one in known.coefficients.names if one[:2] == name[:2]][:6] or known.coefficients.names[:6]
     remedy = f"name coefficients ({', '.join(alike)}, ..), effects, {GAINS}, {PAYLOAD} or {SIGNS}"
-    raise InputError(f"{name!r} is nothing of the model", "--about", f"{near} {remedy}".strip())
+    raise InputError(f"{name!r} is nothing of the model", field="about", remedy=f"{near} {remedy}".strip())
 
 
 def _sum_behind(known: Known, name: str) -> tuple[str, ...]:
@@ -190,7 +190,8 @@ def _payload(known: Known, payload: str) -> _Part:
     labels = known.model.payloads
     if labels and not payload:
         said = f"is known as {', '.join(labels)}, and the motion carries nothing"
-        raise InputError(said, "--about payload", f"give the payload that is recorded with it, as {labels[0]}")
+        remedy = f"give the payload that is recorded with it, as {labels[0]}"
+        raise InputError(said, "payload", remedy, field="about")
     places = [
         k
         for term, place in zip(known.model.terms, known.model.places, strict=True)

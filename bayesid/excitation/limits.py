@@ -75,7 +75,7 @@ def check_limits(limits: MotionLimits | None, robot: Robot) -> MotionLimits:
     sliding = [j for j, joint in enumerate(robot.joints, start=1) if joint.prismatic]
     if limits is None and sliding:
         problem = f"joint {sliding[0]} slides, and there are no limits for it"
-        raise InputError(problem, "--limits", "give a file with the limits of the joints")
+        raise InputError(problem, field="limits", remedy="give a file with the limits of the joints")
     limits = INDUSTRIAL_ARM if limits is None else limits
     each = {}
     for key in _KEYS:
@@ -84,7 +84,7 @@ def check_limits(limits: MotionLimits | None, robot: Robot) -> MotionLimits:
         values = np.atleast_1d(getattr(limits, key))
         if len(values) not in (1, n):
             problem = f"{len(values)} numbers for '{key}', robot {robot.name} has {n} joints"
-            raise InputError(problem, "--limits", "give one number, or one a joint")
+            raise InputError(problem, field="limits", remedy="give one number, or one a joint")
         each[key] = tuple(np.broadcast_to(values, n).tolist())
     return MotionLimits(**each)
 

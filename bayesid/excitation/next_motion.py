@@ -107,14 +107,15 @@ class RunSettings:
 
     def __post_init__(self) -> None:
         for value, (least, most), name, unit in (
-            (self.duration, _DURATIONS, "--duration", "s"),
-            (self.rate, _RATES, "--rate", "Hz"),
+            (self.duration, _DURATIONS, "duration", "s"),
+            (self.rate, _RATES, "rate", "Hz"),
         ):
             if not least <= value <= most:
-                raise InputError(f"{value:g} {unit} cannot be used", name, f"give {least:g} to {most:g} {unit}")
+                remedy = f"give {least:g} to {most:g} {unit}"
+                raise InputError(f"{value:g} {unit} cannot be used", field=name, remedy=remedy)
         if self.clearance is not None and not self.clearance.margin >= 0.0:
             said = f"{self.clearance.margin:g} m would let the robot touch itself"
-            raise InputError(said, "--margin", "give a distance of 0 m or more")
+            raise InputError(said, field="margin", remedy="give a distance of 0 m or more")
 
 
 @dataclass(frozen=True)
@@ -351,15 +352,17 @@ def _usual_changes(design: Design, goal: Goal | None) -> int:
 
 def _check_search(criterion: str, changes: int | None) -> None:
     if criterion not in CRITERIA:
-        raise InputError(f"{criterion!r} cannot be used", "--criterion", f"give {' or '.join(CRITERIA)}")
+        raise InputError(f"{criterion!r} cannot be used", field="criterion", remedy=f"give {' or '.join(CRITERIA)}")
     if changes is not None and changes < 1:
-        raise InputError(f"{changes} changes cannot be tried", "--changes", f"give 1 or more, as {CHANGES}")
+        raise InputError(f"{changes} changes cannot be tried", field="changes", remedy=f"give 1 or more, as {CHANGES}")
 
 
 def _check_payload(known: Known, payload: str) -> None:
     if payload and payload not in known.model.payloads:
         labels = ", ".join(known.model.payloads) or "none"
-        raise InputError(f"the result knows no {payload!r:.60}", "--payload", f"give one that it knows: {labels}")
+        raise InputError(
+            f"the result knows no {payload!r:.60}", field="payload", remedy=f"give one that it knows: {labels}"
+        )
 
 
 def _taken(
@@ -371,7 +374,7 @@ def _taken(
     """The model, the motion of its log, and the hypotheses."""
     named = between if isinstance(between, Hypotheses) else _one_class(between)
     if named.classes and about:
-        raise InputError("asks for coefficients and for hypotheses", "--between", "leave it or --about out")
+        raise InputError("asks for coefficients and for hypotheses", field="between", remedy="leave it or `about` out")
     if isinstance(result, Discrepancy):
         changed, classes = _changes(result), named.classes
         if not about and not classes:
@@ -461,7 +464,9 @@ def _settled(run: RunSettings, known: Known, recorded: Motion | None) -> RunSett
         efforts = np.asarray(run.effort_limits, dtype=float)
         if efforts.shape not in ((1,), (robot.n_joints,)) or not (efforts > 0.0).all():
             said = f"{', '.join(f'{value:g}' for value in efforts.ravel()[:_SAID])} for {robot.n_joints} joints"
-            raise InputError(said, "--effort-limits", "give a positive number for each joint, or one for all, N m")
+            raise InputError(
+                said, field="effort_limits", remedy="give a positive number for each joint, or one for all, N m"
+            )
         limits = check_limits(replace(limits, effort=run.effort_limits), robot)
     if run.start is not None:
         start = np.array(run.start, dtype=float)
@@ -471,7 +476,7 @@ def _settled(run: RunSettings, known: Known, recorded: Motion | None) -> RunSett
         start = 0.5 * (np.asarray(limits.lower) + np.asarray(limits.upper))
     if start.shape != (robot.n_joints,) or not np.isfinite(start).all():
         said = f"{start.size} numbers, robot {robot.name} has {robot.n_joints} joints"
-        raise InputError(said, "--start", "give one position for each joint, in rad (m)")
+        raise InputError(said, field="start", remedy="give one position for each joint, in rad (m)")
     return replace(run, limits=limits, start=tuple(start.tolist()))
 
 
@@ -481,20 +486,20 @@ def _check_start(feasibility: Feasibility, still: SplineTrajectory) -> None:
     for j, (at, lower, upper) in enumerate(zip(pose, feasibility.lower, feasibility.upper, strict=True), start=1):
         if not lower <= at <= upper:
             said = f"joint {j} starts at {at:.4g}, its limits are {lower:.4g} to {upper:.4g}"
-            raise InputError(said, "--start", "give a pose within the limits, or --limits that hold it")
+            raise InputError(said, field="start", remedy="give a pose within the limits, or `limits` that hold it")
     mean, sd = feasibility.effort_band(still.motion(np.linspace(0.0, still.duration, 3)))
     for j, (value, spread, limit) in enumerate(zip(mean[0], sd[0], feasibility.effort, strict=True), start=1):
         if abs(value) + BAND * spread > limit:
             needed = f"{value:.3g} +- {BAND * spread:.3g} N m"
             said = f"joint {j} may need {needed} at the start, its limit is {limit:.3g} N m"
-            remedy = "give another --start, or state what is known (--nominal) when the log is identified"
-            raise InputError(said, "--effort-limits", remedy)
+            remedy = "give another `start`, or state what is known (`Beliefs.nominal`) when the log is identified"
+            raise InputError(said, field="effort_limits", remedy=remedy)
     if not feasibility.clear(still, 0.0, still.duration):
         assert feasibility.clearance is not None
         distance = float(feasibility.clearance.distance(pose[None])[0])
         margin = f"the margin is {feasibility.clearance.margin:g} m"
         said = f"the robot is {distance:.3f} m from itself or the floor at the start, {margin}"
-        raise InputError(said, "--start", "give another pose, or a smaller --margin")
+        raise InputError(said, field="start", remedy="give another pose, or a smaller `margin`")
 
 
 def _instants(run: RunSettings) -> Array:

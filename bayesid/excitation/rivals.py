@@ -214,7 +214,9 @@ def make_rivals(
         InputError: an effect is not in the catalogue, or has no form in these joints.
     """
     if len(set(keys)) < 2:
-        raise InputError("takes two different hypotheses", "--between", "as in stribeck_friction:3,thermal_drift:3")
+        raise InputError(
+            "takes two different hypotheses", field="between", remedy="as in stribeck_friction:3,thermal_drift:3"
+        )
     bare, found = _without(known, [key for key in keys if key not in changed])
     prior = None if earlier is None else _before(known, bare, earlier)
     bare, steps = _as_before(bare.undelayed, {key: changed[key] for key in keys if key in changed})
@@ -231,7 +233,7 @@ def make_rivals(
         if own is not None:
             hypotheses = [make(own[0]), *hypotheses]
         if not hypotheses:
-            raise InputError(f"{key[0]!r} has no form in {_joints(key)}", "--between", _remedy())
+            raise InputError(f"{key[0]!r} has no form in {_joints(key)}", field="between", remedy=_remedy())
         forms = []
         for one in hypotheses:
             shift = any(np.any(values) for values in one.columns.shift.values())
@@ -362,11 +364,11 @@ def parse_key(text: str) -> EffectKey:
     effect, *joints = text.strip().split(":")
     known = {kind.name.split(".")[0] for kind in catalogue.forms().values()}
     if effect not in known:
-        raise InputError(f"{effect!r} is no effect of the catalogue", "--between", _remedy())
+        raise InputError(f"{effect!r} is no effect of the catalogue", field="between", remedy=_remedy())
     try:
         return effect, tuple(int(joint) for joint in joints if joint)
     except ValueError:
-        raise InputError(f"{text!r}: joints are whole numbers", "--between", _remedy()) from None
+        raise InputError(f"{text!r}: joints are whole numbers", field="between", remedy=_remedy()) from None
 
 
 def _remedy() -> str:

@@ -119,7 +119,7 @@ def check_folder(folder: str | Path, files: Set[str], marker: str) -> Path:
     tidy(folder.resolve())
     for name in files:
         tidy(folder.resolve() / name)
-    remedy = "give --out a new folder"
+    remedy = "give `folder` a new folder"
     if folder.is_dir():
         names = {path.name for path in folder.iterdir()}
         foreign = names if marker not in names else names - files
@@ -142,7 +142,7 @@ def check_place(path: Path) -> None:
     above = next(parent for parent in check_name(path).absolute().parents if parent.exists())
     if not above.is_dir() or not os.access(above, os.W_OK | os.X_OK):
         said = f"cannot be written ({above} is {'write-protected' if above.is_dir() else 'not a folder'})"
-        raise InputError(said, str(path), "give --out another place")
+        raise InputError(said, str(path), "give `folder` another place")
 
 
 def save_folder(folder: str | Path, files: Set[str], marker: str, write: Callable[[Path], None]) -> Path:
@@ -242,7 +242,7 @@ def _locked(lock: Path, path: Path) -> TextIO:
             file.seek(0)
             owner = file.read() or "unknown"
             file.close()
-            remedy = "wait for its end, or give --out another place"
+            remedy = "wait for its end, or give `folder` another place"
             raise InputError(f"another run is writing there (process {owner})", str(path), remedy) from None
 
 
@@ -252,7 +252,7 @@ def _input_error(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise InputError(f"cannot be written ({error.strerror})", str(path), "give --out another place") from None
+        raise InputError(f"cannot be written ({error.strerror})", str(path), "give `folder` another place") from None
 
 
 def write_json(path: Path, content: dict[str, Any] | list[dict[str, Any]]) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from bayesid.arrays import TINY, Array, Integers, Mask
 from bayesid.effects.coefficients import BaseCoefficients
 from bayesid.effects.model import Model
-from bayesid.errors import InputError, in_python
+from bayesid.errors import InputError
 from bayesid.identification.gains import IdentifiedGains
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.other_readings import BetterReading
@@ -134,7 +134,7 @@ class Identification:
             f"posterior     {self._about_posterior}",
             f"effects       {self._about_effects}",
             f"warnings      {len(self.warnings) or 'none'}",
-            *(f"  - {in_python(warning)}" for warning in self.warnings[:_SHOWN]),
+            *(f"  - {warning}" for warning in self.warnings[:_SHOWN]),
             *(["  - .warnings has all"] if len(self.warnings) > _SHOWN else []),
             "checks        bayesid.check_findings(bayesid.find_findings(result))",
             "go on with    .coefficient(NAME), .segments_table(), .predict(motion), .validate(log)",

@@ -173,7 +173,7 @@ class IdentifiedModel:
         known = self._knows_parameters
         if not known and not noise:
             said = "nothing is known of how certain the model's parameters are"
-            raise InputError(said, "--without-noise", "leave it out: the noise is known")
+            raise InputError(said, field="noise=False", remedy="leave it out: the noise is known")
         of_noise = self.noise.sigma if self.draws is None else np.sqrt(np.mean(self.draws.sigma**2, axis=0))
         return PredictedEfforts(
             t=motion.t,

@@ -37,7 +37,9 @@ def check_memory(log: Log, limit: float | None) -> None:
         said = (
             f"{len(log)} rows of {log.n_joints} joints need about {needed:.2g} GB of memory, {allowed:.2g} are allowed"
         )
-        raise InputError(said, log.source, "give more --max-memory, resample the log at a lower rate, or cut it")
+        raise InputError(
+            said, log.source, "give more `Preparation.max_memory`, resample the log at a lower rate, or cut it"
+        )
 
 
 def memory_needed(log: Log) -> float:

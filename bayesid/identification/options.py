@@ -23,7 +23,7 @@ def check_completeness(value: str) -> str:
         InputError: it is none of those there are.
     """
     if value not in COMPLETENESS:
-        raise InputError(f"complete = {value!r}", "--complete", f"give one of {', '.join(COMPLETENESS)}")
+        raise InputError(f"complete = {value!r}", field="complete", remedy=f"give one of {', '.join(COMPLETENESS)}")
     return value
 
 
@@ -51,7 +51,9 @@ class Preparation:
 
     def __post_init__(self) -> None:
         if self.max_memory is not None and not self.max_memory > 0.0:
-            raise InputError(f"a memory of {self.max_memory:g} GB", "--max-memory", "give more than 0")
+            raise InputError(
+                f"a memory of {self.max_memory:g} GB", field="Preparation.max_memory", remedy="give more than 0"
+            )
 
 
 def plain_options(options: Mapping[str, object]) -> dict[str, object]:

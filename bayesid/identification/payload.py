@@ -398,9 +398,9 @@ def _stated(known_mass: float | tuple[float, float]) -> tuple[float, float]:
     try:
         mass, sd = (float(known_mass), 0.0) if np.ndim(known_mass) == 0 else map(float, known_mass)  # type: ignore
     except (TypeError, ValueError):
-        raise InputError(f"{known_mass!r} is no mass", "--known-mass", _REMEDY_OF_MASS) from None
+        raise InputError(f"{known_mass!r} is no mass", field="known_mass", remedy=_REMEDY_OF_MASS) from None
     if not (0.0 < mass <= LARGEST and 0.0 <= sd < mass / 3.0):
-        raise InputError(f"a mass of {mass:g} kg, give or take {sd:g}", "--known-mass", _REMEDY_OF_MASS)
+        raise InputError(f"a mass of {mass:g} kg, give or take {sd:g}", field="known_mass", remedy=_REMEDY_OF_MASS)
     return mass, sd
 
 

@@ -572,4 +572,4 @@ def _check_amount(segments: Segments, coefficients: BaseCoefficients, log: Log) 
     if samples < _SAMPLES_A_COEFFICIENT * len(coefficients):
         which = "in motion" if np.array_equal(segments.fitted, segments.moving) else "in motion above the threshold"
         counts = f"{samples} samples {which} for {len(coefficients)} coefficients"
-        raise InputError(counts, log.source, "record a longer log or name fewer --terms")
+        raise InputError(counts, log.source, "record a longer log or name fewer `terms`")

@@ -54,10 +54,10 @@ class Gains:
     def __post_init__(self) -> None:
         value, sd = np.array(self.value, dtype=float), np.array(self.sd, dtype=float)
         if not np.all((np.abs(value) < ABSURD) & (value != 0.0)):
-            raise InputError("a gain is zero or not finite", "--gains", "give one gain per joint, N m/A")
+            raise InputError("a gain is zero or not finite", field="gains", remedy="give one gain per joint, N m/A")
         object.__setattr__(self, "value", frozen(value, (None,), "gains"))
         if sd.shape != self.value.shape or not np.all(sd >= 0.0):
-            raise InputError("the gains' sd are not one number a joint, 0 or more", "--gains", _REMEDY)
+            raise InputError("the gains' sd are not one number a joint, 0 or more", field="gains", remedy=_REMEDY)
         sd.setflags(write=False)
         object.__setattr__(self, "sd", sd)
 
@@ -136,7 +136,9 @@ def gains_of(stated: Gains | Sequence[float] | str | Path, n: int) -> Gains:
     else:
         gains = Gains(np.array(stated, dtype=float), np.zeros(len(stated)))
     if len(gains.value) != n:
-        raise InputError(f"{len(gains.value)} gains for {n} joints", "--gains", "give one gain per joint, N m/A")
+        raise InputError(
+            f"{len(gains.value)} gains for {n} joints", field="gains", remedy="give one gain per joint, N m/A"
+        )
     return gains
 
 
@@ -167,14 +169,14 @@ def _pair(word: str, text: str) -> tuple[float, float]:
         if uncertain:
             relative = float(spread[:-1]) / 100.0 if spread.endswith("%") else float(spread) / abs(value)
     except (ValueError, ZeroDivisionError):
-        raise InputError(f"{text!r} is not a list of gains", "--gains", _REMEDY) from None
+        raise InputError(f"{text!r} is not a list of gains", field="gains", remedy=_REMEDY) from None
     return value, _checked(relative, word)
 
 
 def _checked(relative: float, word: str) -> float:
     if not 0.0 <= relative <= _MOST:
         said = f"{word} is uncertain by {100.0 * relative:.3g} %"
-        raise InputError(said, "--gains", f"give 0 to {100.0 * _MOST:.0f} %, or {UNKNOWN}")
+        raise InputError(said, field="gains", remedy=f"give 0 to {100.0 * _MOST:.0f} %, or {UNKNOWN}")
     return relative
 
 

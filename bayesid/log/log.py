@@ -474,13 +474,13 @@ def _check_fit(first: Log, log: Log) -> None:
         raise InputError(said, log.source, "join logs of one robot")
     if not np.array_equal(log.signed, first.signed):
         said = f"other joints are signed than in {first.source}"
-        raise InputError(said, log.source, "say which with --unsigned, or rectify both")
+        raise InputError(said, log.source, "say which with `unsigned`, or rectify both")
     if (log.dq is None) != (first.dq is None):
         said = f"only one of it and {first.source} has measured velocities"
         raise InputError(said, log.source, "leave the columns dq1..dqn out of the other")
     if _as_text(log.gains) != _as_text(first.gains):
         said = f"was read with gains {_as_text(log.gains)}, {first.source} with {_as_text(first.gains)}"
-        raise InputError(said, log.source, "read both with the same --gains")
+        raise InputError(said, log.source, "read both with the same `gains`")
     rate, expected = 1.0 / log.period, 1.0 / first.period
     if abs(rate / expected - 1.0) > _SAME_RATE:
         said = f"{rate:.4g} Hz, {first.source} has {expected:.4g} Hz"
@@ -535,7 +535,7 @@ def _check_blocks(table: Table, q: Array, effort: Array) -> None:
         raise InputError("all efforts are zero in every row", table.source, "check that the sensors were read")
     for j in np.flatnonzero(np.abs(effort).max(axis=0) > _STRONGEST):
         said = f"the effort of joint {j + 1} reaches {np.abs(effort[:, j]).max():.3g} N m"
-        remedy = "say the unit of currents or torques in the header, as in i1[mA], or correct --gains"
+        remedy = "say the unit of currents or torques in the header, as in i1[mA], or correct `gains`"
         raise InputError(said, table.source, remedy)
 
 
@@ -544,7 +544,7 @@ def _check_no_velocities(table: Table, q: Array, effort: Array) -> None:
     step = np.median(np.diff(table.t)[np.diff(table.t) > 0.0])
     speeds = ((np.abs(np.gradient(joint)) / step, force) for joint, force in zip(q.T, effort.T, strict=True))
     if all(np.linalg.norm(np.abs(force) - speed) < _SAME * np.linalg.norm(speed) for speed, force in speeds):
-        remedy = "name the columns of torques or currents by --columns"
+        remedy = "name the columns of torques or currents by `columns`"
         raise InputError("the efforts are the joints' velocities", table.source, remedy)
 
 
@@ -562,8 +562,8 @@ def angle_unit(table: Table, degrees: bool | None) -> float:
         said = f"positions reach {max(far):.4g}: are they degrees?"
         if max(far) * DEGREE > _MANY_TURNS:
             said = f"positions reach {max(far):.4g}: neither rad nor degrees, are they counts of an encoder?"
-            raise InputError(said, table.source, "give them in rad or degrees (--no-degrees if they are rad)")
-        raise InputError(said, table.source, "give --degrees, or --no-degrees if they are rad")
+            raise InputError(said, table.source, "give them in rad or degrees (`degrees=False` if they are rad)")
+        raise InputError(said, table.source, "give `degrees=True`, or `degrees=False` if they are rad")
     return DEGREE if degrees else 1.0
 
 
@@ -577,7 +577,7 @@ def gains_of_table(table: Table, stated: Sequence[float] | Gains | str | None) -
     if stated is None:
         if torques:
             return Gains(np.ones(n), np.zeros(n), of_torques=True)
-        remedy = "give --gains K1,..,Kn in N m/A, as in 12~20%,16,10 where they are uncertain, or --gains unknown"
+        remedy = "give `gains` K1,..,Kn in N m/A, as in 12~20%,16,10 where they are uncertain, or `gains` unknown"
         raise InputError("the log holds currents but no gains are given", where, remedy)
     if isinstance(stated, Gains) and stated.exact.all():  # of an earlier result
         if torques and not stated.of_torques:
@@ -585,10 +585,10 @@ def gains_of_table(table: Table, stated: Sequence[float] | Gains | str | None) -
             return Gains(np.ones(n), np.zeros(n), of_torques=True)
         if not torques and stated.of_torques:
             said = "the log holds currents, the gains are factors on torques"
-            raise InputError(said, where, "give the gains of currents with --gains")
+            raise InputError(said, where, "give the gains of currents with `gains`")
     elif torques and is_exact(stated):
         pattern = pattern_of(table.columns["tau1"].label)
-        remedy = f'drop --gains, or give --columns i="{pattern}" if they are currents'
+        remedy = f'drop `gains`, or give `columns` i="{pattern}" if they are currents'
         raise InputError("gains are given but the log holds torques tau1..taun", where, remedy)
     return replace(gains_of(stated, n), of_torques=torques, unit="N m" if torques else _unit_of_currents(table))
 
@@ -603,7 +603,7 @@ def _check_lists(**given: object) -> None:
     """What has an entry for every joint is a list, where it is given."""
     for name, values in given.items():
         if not isinstance(values, Sequence | np.ndarray | None) or isinstance(values, str):
-            raise InputError(f"{values!r} is no list", f"--{name}", "give one entry a joint, as in [1, 2, 3]")
+            raise InputError(f"{values!r} is no list", field=name, remedy="give one entry a joint, as in [1, 2, 3]")
 
 
 def signed_joints(measured: Array, unsigned: str | None, n: int) -> Mask:
@@ -622,6 +622,6 @@ def signed_joints(measured: Array, unsigned: str | None, n: int) -> Mask:
         joint = whole_number(word.strip())
         if joint is None or not 1 <= joint <= n:
             remedy = f"give all, none or joints from 1 to {n}"
-            raise InputError(f"{word.strip()!r:.60} is not a joint", "--unsigned", remedy)
+            raise InputError(f"{word.strip()!r:.60} is not a joint", field="unsigned", remedy=remedy)
         signed[joint - 1] = False
     return signed

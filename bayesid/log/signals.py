@@ -308,7 +308,9 @@ class _EvenMotion:
         cutoff = _choose_cutoff(self.joints(), self.rate) if asked is None else asked
         if not 0.0 < cutoff < self.rate / 2:
             remedy = f"give a value between 0 and {self.rate / 2:g} Hz, half the log's rate"
-            raise InputError(f"a cut-off of {cutoff:g} Hz does not suit a log of {self.rate:g} Hz", "--cutoff", remedy)
+            raise InputError(
+                f"a cut-off of {cutoff:g} Hz does not suit a log of {self.rate:g} Hz", field="cutoff", remedy=remedy
+            )
         return cutoff
 
     def smooth(self, cutoff: float, kept: slice = slice(None)) -> Motion:

@@ -94,7 +94,7 @@ def replay(tracker: SignTracker, log: Log, progress: Progress = SILENT) -> Repla
     """
     if contradicts(tracker.rate, log.period):
         said = f"the log has rows at {1.0 / log.period:.4g} Hz, not at {tracker.rate:g} Hz"
-        raise InputError(said, "--rate", f"leave it out, or give at most {FARTHEST:g} times more or less")
+        raise InputError(said, field="rate", remedy=f"leave it out, or give at most {FARTHEST:g} times more or less")
     n, rows = log.n_joints, len(log)
     figures, seen = StreamFigures.of_joints(n), 0
     t, parts = np.empty(rows), {name: np.empty((rows, n)) for name in _PARTS}

@@ -559,13 +559,15 @@ def _check(identified: IdentifiedModel, rate: float, lag: float, payload: str, f
     if not (np.isfinite(rate) and 1.0 <= rate <= _FASTEST):
         raise InputError(f"a rate of {rate:g} Hz", "rate", f"give the samples' rate in Hz, 1 to {_FASTEST:g}")
     if not (np.isfinite(lag) and 0.0 <= lag <= 1.0):
-        raise InputError(f"a lag of {lag:g} s", "--lag", "give 0 to 1, in seconds")
+        raise InputError(f"a lag of {lag:g} s", field="lag", remedy="give 0 to 1, in seconds")
     if not 0.0 < false_alarms <= _MOST_ALARMS:
         remedy = f"give more than 0, and {_MOST_ALARMS:g} at most"
-        raise InputError(f"{false_alarms:g} false alarms an hour", "--false-alarms", remedy)
+        raise InputError(f"{false_alarms:g} false alarms an hour", field="false_alarms", remedy=remedy)
     if payload and payload not in identified.model.payloads:
         known = ", ".join(identified.model.payloads) or "none"
-        raise InputError(f"the model knows no payload {payload!r}", "--payload", f"give one that it knows: {known}")
+        raise InputError(
+            f"the model knows no payload {payload!r}", field="payload", remedy=f"give one that it knows: {known}"
+        )
 
 
 def _signed(signed: Sequence[bool] | None, n: int) -> Mask:

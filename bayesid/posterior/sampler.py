@@ -88,11 +88,15 @@ class Sampling:
 
     def __post_init__(self) -> None:
         if self.mode < 1:
-            raise InputError(f"there is no mode {self.mode}", "--mode", "give 1, the heaviest, or 2, 3, ..")
+            raise InputError(
+                f"there is no mode {self.mode}", field="Sampling.mode", remedy="give 1, the heaviest, or 2, 3, .."
+            )
         if not 0.0 <= self.budget < np.inf:
-            raise InputError(f"a budget of {self.budget:g} s", "--posterior-budget", "give 0 or more seconds")
+            raise InputError(f"a budget of {self.budget:g} s", field="Sampling.budget", remedy="give 0 or more seconds")
         if not self.time_limit >= 0.0:
-            raise InputError(f"a time limit of {self.time_limit:g} s", "--time-limit", "give 0 or more seconds")
+            raise InputError(
+                f"a time limit of {self.time_limit:g} s", field="Sampling.time_limit", remedy="give 0 or more seconds"
+            )
 
     @property
     def wanted_ess(self) -> float:

@@ -167,7 +167,11 @@ class Links:
     def __post_init__(self) -> None:
         for value, unit in ((self.mass, "kg"), (self.reach, "m")):
             if not 0.0 < value < np.inf:
-                raise InputError(f"links of {value:g} {unit}", "--links", "give two positive numbers, as in 30,0.5")
+                raise InputError(
+                    f"links of {value:g} {unit}",
+                    field="Beliefs.links",
+                    remedy="give two positive numbers, as in 30,0.5",
+                )
 
     @property
     def typical_mass(self) -> float:
@@ -296,10 +300,12 @@ class Beliefs:
         mean, sd = np.full(len(places), np.nan), np.full(len(places), np.nan)
         for name, stated in self.nominal.items():
             if name not in places:
-                raise InputError(f"the model has no parameter {name!r}", "--nominal", _REMEDY)
+                raise InputError(f"the model has no parameter {name!r}", field="Beliefs.nominal", remedy=_REMEDY)
             value, spread = _pair(name, stated)
             if not (abs(value) <= LARGEST and 1.0 / LARGEST**2 <= spread <= LARGEST**2):
-                raise InputError(f"{name} = {value:g} +- {spread:g} cannot be used", "--nominal", _REMEDY)
+                raise InputError(
+                    f"{name} = {value:g} +- {spread:g} cannot be used", field="Beliefs.nominal", remedy=_REMEDY
+                )
             mean[places[name]], sd[places[name]] = value, spread
         return Nominal(mean, sd)
 
@@ -313,7 +319,7 @@ def _pair(name: str, stated: object) -> tuple[float, float]:
             f"{name} = {stated!r} is no mean with its sd",
             f"give two numbers, as in {{{name!r}: (0.7, 0.1)}}",
         )
-        raise InputError(said, "--nominal", remedy) from None
+        raise InputError(said, field="Beliefs.nominal", remedy=remedy) from None
     return mean, sd
 
 

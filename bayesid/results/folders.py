@@ -112,7 +112,7 @@ def save_or_rescue(save: Callable[[Path], object], folder: Path) -> None:
             place.rmdir()
             raise error from None
         remedy = f"{error.remedy}; meanwhile the result stands in {place / folder.name}/"
-        raise InputError(error.what, error.where, remedy) from None
+        raise InputError(error.what, error.where, remedy, error.field) from None
 
 
 @dataclass(frozen=True)
@@ -224,13 +224,13 @@ def make_report(
     findings = read_findings(folder)
     path = Path(folder) / _REPORT if out is None else Path(out)
     if path.is_dir():
-        raise InputError("is a folder", str(path), "give --out the name of a file")
+        raise InputError("is a folder", str(path), "give `folder` the name of a file")
     check_place(path)
     if validation is not None:
         kept = findings.prediction
         if validation.seen and kept is not None and not kept.seen:
             said = f"is a log that the model was identified from, and would take the place of {kept.source}"
-            raise InputError(said, validation.log.source, "give --validation a log that the model has not seen")
+            raise InputError(said, validation.log.source, "give `validation` a log that the model has not seen")
         findings = findings.with_validation(validation)
         replace_file(Path(folder) / FINDINGS, lambda aside: write_findings(findings, aside))
     replace_file(path, lambda aside: _write_report(findings, aside, progress))

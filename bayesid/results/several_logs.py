@@ -28,7 +28,7 @@ from bayesid.study.runner import Outcome, Tally, no_tally, run
 
 RUNS, AGREEMENT = "runs.csv", "agreement.csv"
 """Files beside the results' folders."""
-_REMEDY = "give --out a new folder"
+_REMEDY = "give `folder` a new folder"
 
 
 @dataclass(frozen=True)
@@ -157,7 +157,7 @@ def _identify(job: _Job) -> Run:
         with collect_incomplete() as incomplete:
             save_identification(result, job.folder, report=job.report)
     except InputError as error:
-        return Run(job.log, job.folder, error.on_command_line, bad_input=True)
+        return Run(job.log, job.folder, str(error), bad_input=True)
     said = [*result.warnings, *incomplete]
     return Run(job.log, job.folder, figures=_figures(result), coefficients=coefficient_rows(result), warnings=said)
 
@@ -196,7 +196,7 @@ def _check(place: Path, folders: Sequence[Path], logs: Sequence[Path]) -> None:
     for log in logs:
         if is_stream(log):
             said = "is a stream, which only one process can read, and once"
-            raise InputError(said, str(log), "save it as a file, or identify from it alone, without --each")
+            raise InputError(said, str(log), "save it as a file, or identify from it alone, without `each`")
     if place.exists() and not place.is_dir():
         raise InputError("is not a folder", str(place), _REMEDY)
     files = {path.name for path in place.iterdir() if not path.is_dir()} if place.is_dir() else set()

@@ -79,15 +79,15 @@ def hold_joints(tree: UrdfTree, tip: str | None, hold: Mapping[str, float], wher
 def _position(tree: UrdfTree, name: str, value: object, where: str) -> float:
     movable = [joint.name for joint in tree.joints if joint.moves]
     if name not in movable:
-        raise InputError(f"has no moving joint {name!r}", where, f"--hold takes {_nearest(name, movable)}")
-    return float(given_numbers(value, (), name, "--hold"))
+        raise InputError(f"has no moving joint {name!r}", where, f"`hold` takes {_nearest(name, movable)}")
+    return float(given_numbers(value, (), name, "`hold`"))
 
 
 def _nothing_moves(tree: UrdfTree, tip: str | None, positions: Collection[str], where: str) -> InputError:
     but = f" but {_listed(list(positions))}, held" if positions else ""
     if tip is None or not positions:
         return InputError(f"has no moving joint{but}", where, "give a URDF of an arm")
-    return InputError(f"no joint moves on the chain to {tip}", where, f"--tip takes {_nearest(tip, (), _ends(tree))}")
+    return InputError(f"no joint moves on the chain to {tip}", where, f"`tip` takes {_nearest(tip, (), _ends(tree))}")
 
 
 def _ends(tree: UrdfTree) -> list[str]:
@@ -102,7 +102,7 @@ def _chain(tree: UrdfTree, tip: str, where: str) -> list[UrdfJoint]:
         return tree.path(tip)
     if tip in tree.named:
         return tree.path(tree.named[tip].child)
-    remedy = f"--tip takes {_nearest(tip, [*links, *tree.named], _ends(tree))}"
+    remedy = f"`tip` takes {_nearest(tip, [*links, *tree.named], _ends(tree))}"
     raise InputError(f"has no link or joint {tip!r}", where, remedy)
 
 
@@ -162,7 +162,7 @@ def _mimic_notes(
     for joint in dragged:
         if carried := [other.name for other in tree.beyond(joint) if other in identified]:
             said = f"follows joint {joint.leader} (<mimic>) and carries {_listed(carried)}"
-            remedy = "bayesid identifies joints that move by themselves; choose a chain that ends before it by --tip"
+            remedy = "bayesid identifies joints that move by themselves; choose a chain that ends before it by `tip`"
             raise InputError(said, f"{where}, joint {joint.name}", remedy)
     still = _sentence([joint.name for joint in mimics if joint not in dragged], "mimic joints are not identified")
     return [

@@ -106,7 +106,7 @@ def pose(robot: Robot, q: ArrayLike | None = None) -> Pose:
         positions = frozen(np.zeros(robot.n_joints) if q is None else q, (robot.n_joints,), "q")
     except (TypeError, ValueError):
         remedy = f"give {robot.n_joints} finite numbers, one a joint"
-        raise InputError(f"are no positions of the joints of {robot.name}", "--q", remedy) from None
+        raise InputError(f"are no positions of the joints of {robot.name}", field="q", remedy=remedy) from None
     return Pose(robot, positions)
 
 

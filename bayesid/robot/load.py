@@ -53,9 +53,9 @@ def load_robot(source: str | Path, tip: str | None = None, hold: Mapping[str, fl
 
 
 def _from_table(text: str, where: str, chosen: Origin) -> Robot:
-    for option, value in (("--tip", chosen.tip), ("--hold", chosen.hold)):
+    for name, value in (("tip", chosen.tip), ("hold", chosen.hold)):
         if value:
-            raise InputError("is a table of one chain, whose joints are all identified", where, f"leave {option} out")
+            raise InputError("is a table of one chain, whose joints are all identified", where, f"leave `{name}` out")
     return _loaded(robot_from_table(toml_of(text, where, "correct the file"), where), chosen)
 
 

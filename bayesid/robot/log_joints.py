@@ -28,7 +28,7 @@ def check_joints(robot: Robot, count: int, source: str) -> None:
     remedy = "give the log and the robot that belong together"
     if count > robot.n_joints:
         said += f" ({', '.join(robot.notes)})" if robot.notes else ""
-        remedy += " (or, with --columns, those of the robot's joints alone)"
+        remedy += " (or, with `columns`, those of the robot's joints alone)"
     elif chains := chains_of(robot, count):
         remedy += f", or choose its chain of {count} joints by {', or by '.join(chains[:_NAMED])}"
     raise InputError(said, source, remedy)
@@ -56,7 +56,7 @@ def chains_of(robot: Robot, count: int) -> list[str]:
     limbs = limbs or [([], path[-1]) for path in paths if len(path) == count]
     held = [",".join(f"{names[k]}=0" for k in before) for before, _ in limbs]
     options = [
-        f"--tip {names[last]}{f' --hold {joints}' if joints else ''}"
+        f"`tip` {names[last]}{f' `hold` {joints}' if joints else ''}"
         for (_, last), joints in zip(limbs, held, strict=True)
     ]
     return options if all(names) else []

@@ -48,5 +48,5 @@ def check_count(n_joints: int, where: str) -> None:
         InputError: it has.
     """
     if n_joints > MOST_JOINTS:
-        remedy = f"give a robot of {MOST_JOINTS} joints at most, or the chain to identify (--tip)"
+        remedy = f"give a robot of {MOST_JOINTS} joints at most, or the chain to identify (`tip`)"
         raise InputError(f"has {n_joints} moving joints", where, remedy)

@@ -23,7 +23,7 @@ from bayesid.simulation.exciting import exciting_trajectory
 from bayesid.simulation.paper import nominal_parameters
 from bayesid.simulation.parameters import random_body, random_parameters, rms
 
-_RANGES = {"--duration": (1.0, 1e5), "--rate": (10.0, 1e4), "--noise": (0.0, 1e2)}
+_RANGES = {"duration": (1.0, 1e5), "rate": (10.0, 1e4), "noise": (0.0, 1e2)}
 """s, Hz, and a share of the effort: from too few samples for a motion to a day; wide, to catch slips of the pen."""
 _MOST_SAMPLES = 1e7
 """Of a log: 1.4 GB of memory for six joints."""
@@ -131,13 +131,13 @@ def parse_effect(text: str, robot: Robot) -> SimulatedEffect:
         name, joint, level = text.split(":")
         effect = SimulatedEffect(name, int(joint), float(level))
     except ValueError:
-        raise InputError(f"{text!r} is not NAME:JOINT:LEVEL", "--effect", remedy) from None
+        raise InputError(f"{text!r} is not NAME:JOINT:LEVEL", field="effects", remedy=remedy) from None
     possible = 1 <= effect.joint <= robot.n_joints and 0.0 <= effect.level <= _LARGEST_LEVEL
     if effect.name not in main_forms():
         remedy = f"{near_names(effect.name, main_forms())} {remedy}".strip()
-        raise InputError(f"{text!r} names no effect of the catalogue", "--effect", remedy)
+        raise InputError(f"{text!r} names no effect of the catalogue", field="effects", remedy=remedy)
     if not possible:
-        raise InputError(f"{text!r} names no effect of this robot", "--effect", remedy)
+        raise InputError(f"{text!r} names no effect of this robot", field="effects", remedy=remedy)
     return effect
 
 
@@ -162,11 +162,11 @@ def simulate_log(
         >>> len(log), bool(log.signed.any()), bool(truth.signed.all())
         (201, False, True)
     """
-    for value, (option, (least, most)) in zip((duration, rate, noise), _RANGES.items(), strict=True):
+    for value, (name, (least, most)) in zip((duration, rate, noise), _RANGES.items(), strict=True):
         if not least <= value <= most:
-            raise InputError(f"{value:g} cannot be used", option, f"give {least:g} to {most:g}")
+            raise InputError(f"{value:g} cannot be used", field=name, remedy=f"give {least:g} to {most:g}")
     if duration * rate > _MOST_SAMPLES:
-        raise InputError(f"{duration * rate:g} samples", "--duration", f"ask for at most {_MOST_SAMPLES:g}")
+        raise InputError(f"{duration * rate:g} samples", field="duration", remedy=f"ask for at most {_MOST_SAMPLES:g}")
     rng = np.random.default_rng(seed)
     model = Model(robot, (RigidBody(),))
     known = robot.same_kinematics(load_robot("kr5"))
@@ -214,7 +214,9 @@ def _form(effect: SimulatedEffect, scene: Scene, rng: np.random.Generator) -> Te
 
 
 def _unreachable(effect: SimulatedEffect, why: str) -> InputError:
-    return InputError(f"{str(effect)!r} cannot be had: {why}", "--effect", "give another level, joint or seed")
+    return InputError(
+        f"{str(effect)!r} cannot be had: {why}", field="effects", remedy="give another level, joint or seed"
+    )
 
 
 def _scaled_term(term: Term, effect: SimulatedEffect, scene: Scene, rng: np.random.Generator) -> Array:

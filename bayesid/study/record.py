@@ -24,7 +24,7 @@ TIMINGS = "timings"
 _FILE = "rows.parquet"
 _SHARE = 50.0
 """Time between two writings over the time that one takes: writing costs at most 2 % of a study."""
-_REMEDY = "give --out a new folder"
+_REMEDY = "give `folder` a new folder"
 
 
 class MisfitError(ValueError):
@@ -86,7 +86,7 @@ class Record:
     def _take_over(self, resume: bool) -> None:
         rows, marks = _read(self._folder / _FILE)
         if not resume:
-            said, remedy = f"holds {len(rows)} rows of an earlier run", f"go on with it by --resume, or {_REMEDY}"
+            said, remedy = f"holds {len(rows)} rows of an earlier run", f"go on with it by `resume`, or {_REMEDY}"
             raise InputError(said, str(self._folder / _FILE), remedy)
         for key, value in self._marks.items():
             if marks.get(key) != value:

@@ -17,7 +17,7 @@ def check_results(folder: Path) -> None:
     Raises:
         InputError: something else is, or nothing can be written.
     """
-    remedy = "give --out a new folder"
+    remedy = "give `folder` a new folder"
     if folder.exists() and not folder.is_dir():
         raise InputError("is not a folder", str(folder), remedy)
     foreign = {path.name for path in folder.iterdir()} - _FILES if folder.is_dir() else set()

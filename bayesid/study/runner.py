@@ -98,7 +98,7 @@ def run(
         LostSchedulerError: it did answer once.
     """
     if workers is not None and workers < 0:
-        raise InputError(f"{workers} workers", "--workers", "give 1 or more")
+        raise InputError(f"{workers} workers", field="workers", remedy="give 1 or more")
     if not tasks or (scheduler is None and workers == 0):
         return ([_outcome(index, attempt(function, task))] for index, task in enumerate(tasks))
     if scheduler is not None:
@@ -316,14 +316,16 @@ def connect(address: str, patience: float = _PATIENCE) -> Cluster:
     try:
         from distributed import Client
     except ModuleNotFoundError:
-        raise InputError("Dask is not installed", "--scheduler", "pip install 'bayesid[distributed]'") from None
+        raise InputError(
+            "Dask is not installed", field="scheduler", remedy="pip install 'bayesid[distributed]'"
+        ) from None
     if not re.fullmatch(_ADDRESS, address):
-        raise InputError(f"{address!r} is no address of a scheduler", "--scheduler", "give tcp://HOST:PORT")
+        raise InputError(f"{address!r} is no address of a scheduler", field="scheduler", remedy="give tcp://HOST:PORT")
     try:
         cluster = Cluster(Client(address, timeout=patience, set_as_default=False))
     except (OSError, TimeoutError, ValueError) as error:
         said = f"no scheduler answers at {address} ({error or type(error).__name__})".replace("\n", " ")
-        raise InputError(said, "--scheduler", _START) from None
+        raise InputError(said, field="scheduler", remedy=_START) from None
     try:
         cluster.check_version(version("bayesid"))
     except InputError:
@@ -388,7 +390,9 @@ class Cluster:
         try:
             versions = self._client.run(version, "bayesid")
         except ModuleNotFoundError as error:
-            raise InputError(f"a worker has no bayesid ({error})", "--scheduler", "install it there") from None
+            raise InputError(
+                f"a worker has no bayesid ({error})", field="scheduler", remedy="install it there"
+            ) from None
         different = next((f"{address} has {its}" for address, its in versions.items() if its != here), None)
         if different is not None:
-            raise InputError(f"worker {different}, here is {here}", "--scheduler", "install the same there")
+            raise InputError(f"worker {different}, here is {here}", field="scheduler", remedy="install the same there")

@@ -138,9 +138,9 @@ def run_study(
     """
     trials = study.trials if trials is None else trials
     if trials < 1:
-        raise InputError(f"{trials} trials", "--trials", "give 1 or more")
+        raise InputError(f"{trials} trials", field="trials", remedy="give 1 or more")
     if not 0 <= seed <= _LARGEST_SEED:
-        raise InputError(f"{seed} is no seed", "--seed", f"give a whole number from 0 to {_LARGEST_SEED}")
+        raise InputError(f"{seed} is no seed", field="seed", remedy=f"give a whole number from 0 to {_LARGEST_SEED}")
     plan = study.plan(trials, seed)
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()) if out is None else out)
@@ -151,7 +151,7 @@ def run_study(
         except (KeyboardInterrupt, LostSchedulerError) as stop:
             done = sum(k in record.rows for k in range(trials))
             kept = (
-                f"{done} of {trials} trials stand in {folder}; --resume goes on"
+                f"{done} of {trials} trials stand in {folder}; `resume` goes on"
                 if out and done
                 else "nothing was written"
             )
@@ -217,7 +217,7 @@ def _check_resumed(record: Record, plan: Sequence[tuple[Scenario, int]], folder:
             changed = next((name for name, value in wanted.items() if record.rows[k].get(name) != _kept(value)), None)
             if changed is not None:
                 said = f"holds rows of another run ({changed} of trial {k} was {record.rows[k].get(changed)!r})"
-                raise InputError(said, str(folder), "give the same --seed (and --trials), or --out a new folder")
+                raise InputError(said, str(folder), "give the same `seed` (and `trials`), or `folder` a new folder")
     record.forget([k for k, row in record.rows.items() if row[DIED]])
 
 

@@ -156,7 +156,7 @@ def test_shape_that_no_motion_tells_is_asked_for(robot, motion):
     for name in NEED_A_SHAPE:
         with pytest.raises(InputError, match=r"bayesid discrepancy|carrying") as caught:
             make_terms(["rigid_body", name], robot, motion)
-        assert caught.value.where == "--terms"
+        assert caught.value.field == "terms"
         assert caught.value.what.startswith(f"{name} ")
 
 

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
+from bayesid.cli.terminal import in_options
 from bayesid.effects import RigidBody, ViscousFriction
 from bayesid.effects.coefficients import base_coefficients
 from bayesid.effects.model import Model
@@ -191,7 +192,7 @@ def test_options_that_cannot_be_used_are_named(model):
         noise = {key: options.pop(key) for key in {"noise"} & options.keys()}
         with pytest.raises(InputError) as caught:
             design_excitation(model.robot, shape=TrajectoryShape(**shape), objective=Objective(**noise), **options)
-        assert where in caught.value.on_command_line
+        assert where in in_options(str(caught.value))
 
 
 def test_a_folder_holds_the_motion_and_the_series_that_makes_it(design, tmp_path):

@@ -7,6 +7,7 @@ import pytest
 from conftest import smooth_motion
 from open_results import open_known
 
+from bayesid.cli.terminal import in_options
 from bayesid.effects.payload import CarriedPayload
 from bayesid.errors import InputError
 from bayesid.excitation.goals import CRITERIA, Goal, goal_of, information_gain, open_coefficients
@@ -127,7 +128,7 @@ def test_a_name_of_nothing_is_refused_with_those_near_it(known):
     for name, other in {"Fc9": "Fc1", "viscous_frictoin": "viscous_friction", "mc3": "mc3x"}.items():
         with pytest.raises(InputError) as caught:
             goal_of(known, ["Fc1", name])
-        said = caught.value.on_command_line
+        said = in_options(str(caught.value))
         assert said.startswith("--about")
         assert repr(name) in said
         assert other in said

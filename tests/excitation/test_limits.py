@@ -3,6 +3,7 @@ import pytest
 from conftest import small_robot
 from open_results import open_known
 
+from bayesid.cli.terminal import in_options
 from bayesid.errors import InputError
 from bayesid.excitation.feasible import Feasibility
 from bayesid.excitation.limits import check_limits, read_limits
@@ -59,7 +60,7 @@ def test_values_that_cannot_be_used_are_refused_in_one_line(tmp_path):
     ):
         with pytest.raises(InputError) as caught:
             read_limits(table(tmp_path, text))
-        said = caught.value.on_command_line
+        said = in_options(str(caught.value))
         assert "limits.toml" in said
         assert "\n" not in said
     with pytest.raises(InputError, match=r"none\.toml"):

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from open_results import LIMITS, TERMS, earlier_motion, open_result
 
+from bayesid.cli.terminal import in_options
 from bayesid.effects.payload import CarriedPayload
 from bayesid.errors import InputError
 from bayesid.excitation.feasible import BAND
@@ -212,7 +213,7 @@ def test_speeds_at_which_efforts_keep_their_limits(truth, design):
 def assert_refused(call, where, *words):
     with pytest.raises(InputError) as caught:
         call()
-    said = caught.value.on_command_line
+    said = in_options(str(caught.value))
     assert said.startswith(where)
     assert "\n" not in said
     assert all(word in said for word in words)

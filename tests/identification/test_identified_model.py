@@ -125,7 +125,7 @@ def test_where_nothing_is_known_the_noise_is_alone(noise):
     predicted = nominal.predict(motion_of(7))
     np.testing.assert_allclose(predicted.sd, np.broadcast_to(noise.sigma, predicted.sd.shape))
     assert predicted.holds == predicted.basis == "noise alone"
-    with pytest.raises(InputError, match="noise=False: nothing is known"):
+    with pytest.raises(InputError, match="`noise=False`: nothing is known"):
         nominal.predict(motion_of(7), noise=False)
 
 
@@ -291,7 +291,7 @@ def test_a_log_of_another_robot_and_a_cutoff_out_of_range_are_refused():
     with pytest.raises(InputError, match=r"2 joints.*arm3 has 3"):
         validate(two)
     assert validate(NEW, cutoff=12.0).signals.cutoff == 12.0
-    with pytest.raises(InputError, match="cutoff: "):
+    with pytest.raises(InputError, match="`cutoff`: "):
         validate(NEW, cutoff=60.0)
 
 

@@ -86,5 +86,5 @@ def test_logs_with_different_gains_are_not_joined():
     log = read_log(CURRENTS, gains="12~20%,16")
     assert join_logs([log, log]).gains == log.gains
     for other in ("12~10%,16", [12.0, 16.0]):
-        with pytest.raises(InputError, match="read both with the same gains"):
+        with pytest.raises(InputError, match="read both with the same `gains`"):
             join_logs([log, read_log(CURRENTS, gains=other)])

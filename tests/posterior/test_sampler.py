@@ -73,4 +73,4 @@ def test_a_budget_that_is_no_time_is_refused():
     for budget in (-1.0, np.nan, np.inf):
         with pytest.raises(InputError) as error:
             Sampling(budget=budget)
-        assert error.value.where == "--posterior-budget"
+        assert error.value.field == "Sampling.budget"

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from bayesid.cli.terminal import in_options
 from bayesid.errors import InputError
 from bayesid.robot import installed, load_robot
 
@@ -77,7 +78,7 @@ def refusal(name):
     with pytest.raises(InputError) as caught:
         load_robot(name)
     assert caught.value.where == name
-    return caught.value.on_command_line
+    return in_options(str(caught.value))
 
 
 def test_names_of_files_and_of_loaders(packages, tmp_path, monkeypatch):

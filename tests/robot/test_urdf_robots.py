@@ -9,6 +9,7 @@ import pytest
 from oracles import assert_close, random_motion
 
 import bayesid
+from bayesid.cli.terminal import in_options
 from bayesid.errors import InputError
 from bayesid.robot import check_joints, load_robot, robot_from_table, robot_from_urdf, robot_table
 
@@ -160,7 +161,7 @@ def test_a_follower_on_the_chain_is_refused_but_not_beyond_the_tip():
         joint("j2", "revolute", "l1", "l2", extra='<mimic joint="j1" multiplier="-1"/>'),
         joint("j3", "revolute", "l2", "l3"),
     )
-    with pytest.raises(InputError, match=r"joint j2: follows joint j1 .* carries joint j3; .*by tip"):
+    with pytest.raises(InputError, match=r"joint j2: follows joint j1 .* carries joint j3; .*by `tip`"):
         robot_from_urdf(text, "test")
     assert held(text, tip="l1") == ["j2", "j3"]
 
@@ -177,12 +178,12 @@ def test_a_base_that_may_move_is_told():
 
 def test_choices_that_cannot_be_are_refused():
     for chosen, said in (
-        ({"tip": "left_3"}, "no link or joint 'left_3'; tip takes left3"),
-        ({"tip": "xyz"}, "no link or joint 'xyz'; tip takes lc, rb, tip_of_tail"),
-        ({"hold": {"lift2": 0.0}}, "no moving joint 'lift2'; hold takes lift"),
+        ({"tip": "left_3"}, "no link or joint 'left_3'; `tip` takes left3"),
+        ({"tip": "xyz"}, "no link or joint 'xyz'; `tip` takes lc, rb, tip_of_tail"),
+        ({"hold": {"lift2": 0.0}}, "no moving joint 'lift2'; `hold` takes lift"),
         ({"hold": {"weld": 0.0}}, "no moving joint 'weld'"),
         ({"hold": {"lift": np.nan}}, "'lift'"),
-        ({"tip": "trunk"}, "no joint moves on the chain to trunk; tip takes lc, rb, tip_of_tail"),
+        ({"tip": "trunk"}, "no joint moves on the chain to trunk; `tip` takes lc, rb, tip_of_tail"),
     ):
         with pytest.raises(InputError, match=said):
             robot_from_urdf(TORSO, "test", **chosen)
@@ -230,15 +231,17 @@ def test_effort_limits_are_rated_efforts_where_they_can_be_meant():
 
 def test_a_table_is_one_chain():
     for chosen in ({"tip": "l3"}, {"hold": {"j": 0.0}}):
-        with pytest.raises(InputError, match=f"built-in robot kr5: .* leave {next(iter(chosen))} out"):
+        with pytest.raises(InputError, match=f"built-in robot kr5: .* leave `{next(iter(chosen))}` out"):
             load_robot("kr5", **chosen)
 
 
 def test_other_numbers_of_joints_are_refused_with_the_way_out():
     robot = robot_from_urdf(TORSO, "test")
-    with pytest.raises(InputError, match="or choose its chain of 3 joints by tip left3 hold lift=0,bend=0") as caught:
+    with pytest.raises(
+        InputError, match="or choose its chain of 3 joints by `tip` left3 `hold` lift=0,bend=0"
+    ) as caught:
         check_joints(robot, 3, "log.csv")
-    assert caught.value.on_command_line.endswith("by --tip left3 --hold lift=0,bend=0")
+    assert in_options(str(caught.value)).endswith("by --tip left3 --hold lift=0,bend=0")
     hand = robot_from_urdf(HAND, "test")
     with pytest.raises(InputError, match=r"5 joints, robot stranger has 3 \(joints finger1, finger2 are held"):
         check_joints(hand, 5, "log.csv")

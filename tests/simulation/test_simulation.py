@@ -247,7 +247,7 @@ def test_levels_out_of_reach_are_refused():
         with pytest.raises(InputError, match="cannot be had") as refusal:
             efforts(text)
         assert repr(text) in str(refusal.value)
-        assert refusal.value.where == "--effect"
+        assert refusal.value.field == "effects"
         assert "\n" not in str(refusal.value)
 
 

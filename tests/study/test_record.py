@@ -5,6 +5,7 @@ import pyarrow as pa
 import pytest
 from pyarrow import parquet
 
+from bayesid.cli.terminal import in_options
 from bayesid.errors import InputError
 from bayesid.study.record import MisfitError, Record, read_rows
 
@@ -33,7 +34,7 @@ def refusal(of, *arguments):
         of(*arguments)
     assert "\n" not in str(error.value)
     assert error.value.remedy
-    return error.value.on_command_line
+    return in_options(str(error.value))
 
 
 def test_rows_come_back_in_order_with_their_timings(tmp_path):

@@ -13,6 +13,7 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 from toy_study import alive, dask_client, dask_cluster, leave_mark, marks_in, wait_until
 
+from bayesid.cli.terminal import in_options
 from bayesid.errors import InputError
 from bayesid.study import runner
 from bayesid.study.runner import Cluster, LostSchedulerError, connect, run
@@ -143,7 +144,7 @@ def refusal(call=None, **where):
     with pytest.raises(InputError) as error:
         run(do, SAFE, **where) if call is None else call()
     assert "\n" not in str(error.value)
-    return error.value.on_command_line
+    return in_options(str(error.value))
 
 
 def test_places_that_there_are_none_of_are_refused(monkeypatch):

@@ -27,6 +27,7 @@ from toy_study import (
 )
 
 from bayesid import cli, studies
+from bayesid.cli.terminal import in_options
 from bayesid.errors import InputError
 from bayesid.studies import load, real, real_discrepancy
 from bayesid.study import runner
@@ -58,7 +59,7 @@ def refusal(*arguments, **options):
         run_study(*arguments, **options)
     assert "\n" not in str(error.value)
     assert error.value.remedy
-    return error.value.on_command_line
+    return in_options(str(error.value))
 
 
 def test_a_row_a_trial_and_a_failing_trial_is_one(undisturbed):
@@ -303,4 +304,4 @@ def test_without_real_logs_a_study_of_them_names_the_variable_of_their_folder(na
     monkeypatch.setattr(REAL[name], "DATA", tmp_path / "nowhere")
     with pytest.raises(InputError) as error:
         load(name).plan(5, 0)
-    assert "$BAYESID_DATA" in error.value.on_command_line
+    assert "$BAYESID_DATA" in in_options(str(error.value))

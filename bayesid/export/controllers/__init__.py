@@ -91,4 +91,4 @@ def check_programs(folder: Path) -> None:
         inside = folder / name
         foreign = {path.name for path in inside.iterdir()} - PROGRAM_FILES if inside.is_dir() else set()
         if foreign:
-            raise InputError(f"holds other files ({min(foreign)})", str(inside), "give --out a new folder")
+            raise InputError(f"holds other files ({min(foreign)})", str(inside), "give `folder` a new folder")

@@ -85,7 +85,7 @@ def _check_options(path: Path, reader: Format, options: Options) -> None:
             "motion",
             "part",
         }:
-            raise InputError(f"is {reader.name}, which has no {field.name}", str(path), f"leave --{field.name} out")
+            raise InputError(f"is {reader.name}, which has no {field.name}", str(path), f"leave `{field.name}` out")
 
 
 def _head(path: Path) -> bytes:

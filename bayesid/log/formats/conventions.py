@@ -92,7 +92,7 @@ CONVENTIONS = (
         },
         lacking="record a topic with efforts",
         says="joints in the order of field.name0.., often alphabetical: if it is not from base to tip, say q1.. and "
-        "tau1.. with --columns",
+        "tau1.. with `columns`",
     ),
     Convention(  # the same of franka_msgs/FrankaState
         "rostopic's table of Franka's states",
@@ -120,7 +120,7 @@ CONVENTIONS = (
         },
         part="episode_index",
         lacking="record observation.effort too; action holds commands, no efforts",
-        says="it states no units, so rad, rad/s and N m are taken; --columns says others, or leaves a gripper out",
+        says="it states no units, so rad, rad/s and N m are taken; `columns` says others, or leaves a gripper out",
     ),
 )
 

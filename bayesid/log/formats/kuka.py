@@ -39,7 +39,7 @@ _AXIS = re.compile(
     re.IGNORECASE,
 )
 _UNIT = re.compile(r"(?P<name>.*?)\s*[\[(](?P<unit>[^])]+)[\])]")
-_NEEDED = "needed are IPOC or Time, AIPos.A1.. and MACur.A1.. or Torque.A1.., or --columns"
+_NEEDED = "needed are IPOC or Time, AIPos.A1.. and MACur.A1.. or Torque.A1.., or `columns`"
 _SHOWN = 30
 """Names of a header that a message shows."""
 

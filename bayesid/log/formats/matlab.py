@@ -20,7 +20,7 @@ from bayesid.log.formats.labels import WORDS, has_any_positions, kind_of, time_a
 from bayesid.log.formats.table import Table
 from bayesid.log.formats.variables import table_of
 
-_NEEDED = "save t (N x 1), q (N x n) and tau or i (N x n), or one struct that holds them, or give --columns"
+_NEEDED = "save t (N x 1), q (N x n) and tau or i (N x n), or one struct that holds them, or give `columns`"
 _HDF5 = b"MATLAB 7.3"
 
 

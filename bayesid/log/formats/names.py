@@ -290,7 +290,7 @@ def _check_units(header: Sequence[str], where: str, kinds: Sequence[str]) -> Non
             kind, unit = found
             remedy = f"give it in {', '.join(list(UNITS[kind])[:_SHOWN])}"
             if kind == "tau":
-                remedy += f', or give gains that turn it into N m: --gains with {OPTION} i="{pattern_of(label)}"'
+                remedy += f', or give gains that turn it into N m: `gains` with {OPTION} i="{pattern_of(label)}"'
             raise InputError(f"column {label} is in {unit}, which is no known unit of {kind}", where, remedy)
 
 

@@ -83,7 +83,7 @@ def _read(path: Path, options: Options) -> Table:
     if not messages:
         known = dict.fromkeys(name for message in topics[topic] for name in message.names)
         said = f"no message holds all of the joints {', '.join(names)}"
-        raise InputError(said, where, f"give --joints those of {', '.join(known)}")
+        raise InputError(said, where, f"give `joints` those of {', '.join(known)}")
 
     def place(row: int) -> str:
         return f"{where}, message {row + 1}"
@@ -108,7 +108,7 @@ def _read(path: Path, options: Options) -> Table:
     notes = []
     if options.joints is None and not _numbered(names):
         order = f"joints are taken in the order {', '.join(names)}"
-        notes.append(f"{where}: {order}; if that is not from base to tip, give --joints")
+        notes.append(f"{where}: {order}; if that is not from base to tip, give `joints`")
     if not stamped:
         notes.append(f"{where}: the stamps are zero; time is when the bag received the messages, which jitters more")
     return Table(columns, str(path), place, tuple(notes))
@@ -148,14 +148,16 @@ def _choose_topic(topics: dict[str, list[_Message]], topic: str | None, where: s
         raise InputError(f"holds no message of {_TYPE}", where, "record the topic of the joint states")
     if topic is not None:
         if topic not in topics:
-            raise InputError(f"{topic!r} is no topic of joint states", "--topic", f"give {', '.join(topics)}")
+            raise InputError(
+                f"{topic!r} is no topic of joint states", field="topic", remedy=f"give {', '.join(topics)}"
+            )
         return topic
     chosen = [name for name, messages in topics.items() if any(len(message.effort) for message in messages)]
     if len(topics) == 1:
         return next(iter(topics))
     if len(chosen) != 1:
         said = f"{len(chosen) or 'none'} of the topics {', '.join(topics)} {'have' if chosen else 'has'} efforts"
-        raise InputError(said, where, "say which with --topic" if chosen else "record one with efforts")
+        raise InputError(said, where, "say which with `topic`" if chosen else "record one with efforts")
     return chosen[0]
 
 
@@ -163,13 +165,13 @@ def _names(messages: Sequence[_Message], joints: Sequence[str] | None, where: st
     """Which joints, in their order."""
     if joints is not None:
         if len(set(joints)) < len(joints):
-            raise InputError("a joint is named twice", "--joints", "name every joint once")
+            raise InputError("a joint is named twice", field="joints", remedy="name every joint once")
         return tuple(joints)
     first = messages[0].names
     for message in messages:
         if set(message.names) != set(first):
             said = f"there are messages of {', '.join(first)}, and of {', '.join(message.names)}"
-            raise InputError(said, where, "say which joints with --joints, from base to tip")
+            raise InputError(said, where, "say which joints with `joints`, from base to tip")
     return tuple(sorted(first, key=_numbers)) if _numbered(first) else first
 
 

@@ -110,7 +110,7 @@ def follow_rows(lines: Iterator[bytes], options: Options, source: str) -> tuple[
     for field in fields(options):
         said = getattr(options, field.name) not in (None, False)
         if said and field.name not in {*CsvFile.options, "currents"}:
-            raise InputError(f"is {CsvFile.name}, which has no {field.name}", source, f"leave --{field.name} out")
+            raise InputError(f"is {CsvFile.name}, which has no {field.name}", source, f"leave `{field.name}` out")
     head: list[bytes] = []
     layout = Layout("utf-8")
     for line in lines:

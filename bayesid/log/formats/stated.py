@@ -17,7 +17,7 @@ from bayesid.files.bounded import read_source, toml_of
 from bayesid.log.formats.table import SourceColumn
 from bayesid.log.formats.units import UNITS, factor_of, split_brackets
 
-OPTION = "--columns"
+OPTION = "`columns`"
 EXAMPLE = 't="Zeit [ms]",q="Achse{} [Grad]",i="Strom{} [A]"'
 _KEY = re.compile(r"(?P<kind>t|q|dq|tau|i)(?P<joint>(?<!t)[1-9][0-9]{0,2})?")
 _PLACEHOLDER = re.compile(r"\{(?:(?P<first>[0-9]{1,3})-(?P<last>[0-9]{1,3}))?\}")
@@ -46,7 +46,7 @@ def parse_columns(text: str) -> dict[str, str]:
         key, _, pattern = (word.strip() for word in part.partition("="))
         quoted = len(pattern) > 1 and pattern[0] == pattern[-1] and pattern[0] in "\"'"
         if key in columns:
-            raise InputError(f"{key} is given twice", OPTION, "give it once")
+            raise InputError(f"{key} is given twice", field="columns", remedy="give it once")
         columns[key] = pattern[1:-1] if quoted else pattern
     return check_columns(columns)
 
@@ -60,13 +60,15 @@ def check_columns(columns: Mapping[str, str]) -> dict[str, str]:
     for key, pattern in columns.items():
         if not isinstance(key, str) or not _KEY.fullmatch(key):
             remedy = f"give t, q, dq, tau or i, or one joint's as q1: {EXAMPLE}"
-            raise InputError(f"{key!r} is no column of a log", OPTION, remedy)
+            raise InputError(f"{key!r} is no column of a log", field="columns", remedy=remedy)
         if not isinstance(pattern, str) or not pattern.strip():
-            raise InputError(f"{key} has no name of a column", OPTION, f"give it as in {EXAMPLE}")
+            raise InputError(f"{key} has no name of a column", field="columns", remedy=f"give it as in {EXAMPLE}")
         if len(_PLACEHOLDER.findall(pattern)) > 1:
-            raise InputError(f"{pattern} has more than one number", OPTION, f"put one {{}} into it, as in {EXAMPLE}")
+            raise InputError(
+                f"{pattern} has more than one number", field="columns", remedy=f"put one {{}} into it, as in {EXAMPLE}"
+            )
     if {_kind(key) for key in columns} >= {"tau", "i"}:
-        raise InputError("tau and i are both given", OPTION, "give torques or currents")
+        raise InputError("tau and i are both given", field="columns", remedy="give torques or currents")
     return dict(columns)
 
 

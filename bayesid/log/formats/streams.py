@@ -52,7 +52,7 @@ def read_stream(path: Path, read: Callable[[Path], Table]) -> Table:
             table = read(copy)
         except InputError as error:
             said = (text.replace(str(copy), name) for text in (error.what, error.where, error.remedy))
-            raise InputError(*said) from None
+            raise InputError(*said, error.field) from None
     notes = tuple(note.replace(str(copy), name) for note in table.notes)
     return replace(table, source=name, place=rows_of(name), notes=notes)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from markupsafe import Markup
 
-from bayesid.errors import in_python
 from bayesid.identification.identification import Identification
 from bayesid.parallel import one_at_a_time
 from bayesid.report.findings import find_findings
@@ -32,7 +31,7 @@ def identification_view(identification: Identification) -> str:
     return fragment(
         "notebook.html.jinja",
         text=repr(identification),
-        checks=[(check, in_python(check.remedy), _COLOURS[check.state]) for check in check_findings(findings)],
+        checks=[(check, check.remedy, _COLOURS[check.state]) for check in check_findings(findings)],
         joint=joint,
         figure=Markup(figure.svg(name, alt)),
     )

@@ -236,7 +236,9 @@ def collision_model(
         return NoShapes(f"the URDF of robot {robot.name} has no collision shapes")
     found = _Making(robot, shapes, np.atleast_2d(rest), floor, margin).model(source)
     if isinstance(found, NoShapes) and found.too_near and capsules is not None:
-        raise InputError(found.reason, "--capsules", "give narrower ones or a smaller --margin, or leave it out")
+        raise InputError(
+            found.reason, field="capsules", remedy="give narrower ones or a smaller `margin`, or leave it out"
+        )
     return found
 
 
@@ -320,7 +322,7 @@ class _Making:
         side = "below" if distance < 0.0 else "above"
         said = f"{self._apart[lowest][0].name} is {abs(distance):.3f} m {side} the floor where the robot has been"
         remedy = f"give the floor's height over the base's origin, {lower:g} or less, or none, or narrower capsules"
-        raise InputError(said, f"--floor {height:g}", remedy)
+        raise InputError(said, f"{height:g}", remedy, field="floor")
 
 
 def _up(robot: Robot) -> Array:

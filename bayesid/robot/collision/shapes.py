@@ -75,7 +75,9 @@ def capsules(robot: Robot, radii: float | Sequence[float], tool: Sequence[float]
     """
     widths, end = _widths(robot, radii), np.asarray(tool, dtype=float)
     if end.shape != (3,) or not np.isfinite(end).all():
-        raise InputError(f"{end.size} numbers", "--tool", "give x,y,z of its end in the last link's frame, m")
+        raise InputError(
+            f"{end.size} numbers", field="tool", remedy="give x,y,z of its end in the last link's frame, m"
+        )
     standard = any(not np.array_equal(joint.link_frame, np.eye(4)) for joint in robot.joints)
     found = []
     for body in range(BASE, robot.n_joints):
@@ -94,9 +96,9 @@ def _widths(robot: Robot, radii: float | Sequence[float]) -> list[float]:
     given = given * robot.n_joints if len(given) == 1 else given
     remedy = f"give one radius in m, or {robot.n_joints} from base to tip"
     if len(given) != robot.n_joints:
-        raise InputError(f"{len(given)} radii, but {robot.n_joints} links", "--capsules", remedy)
+        raise InputError(f"{len(given)} radii, but {robot.n_joints} links", field="capsules", remedy=remedy)
     if not all(0.0 < one <= 10.0 for one in given):  # a larger one was given in other units
-        raise InputError("a radius is not between 0 and 10 m", "--capsules", remedy)
+        raise InputError("a radius is not between 0 and 10 m", field="capsules", remedy=remedy)
     return given
 
 
@@ -202,7 +204,7 @@ class _Meshes:
                     return path
             except (OSError, ValueError):  # no name of a file
                 continue
-        remedy = "set ROS_PACKAGE_PATH to the folder that holds its package, or give radii by --capsules"
+        remedy = "set ROS_PACKAGE_PATH to the folder that holds its package, or give radii by `capsules`"
         raise InputError(f"mesh {printable(name)} is not found", self.where, remedy)
 
     def _candidates(self, name: str) -> Iterator[Path]:
@@ -225,7 +227,7 @@ class _Meshes:
         scale = given_numbers(element.get("scale", "1 1 1").split(), (3,), "mesh scale", self.where)
         shown = printable(str(path))
         if path.stat().st_size > MOST_MESH_BYTES:
-            remedy = "give a coarser mesh, or radii by --capsules"
+            remedy = "give a coarser mesh, or radii by `capsules`"
             raise InputError(f"mesh {shown} is longer than {MOST_MESH_BYTES >> 20} MiB", self.where, remedy)
         try:
             mesh = coal.MeshLoader().load(str(path), np.array(scale))
@@ -233,7 +235,7 @@ class _Meshes:
         except (ValueError, RuntimeError):
             points = np.zeros((0, 3))
         if not len(points) or not (np.abs(points) < LONGEST).all():
-            remedy = "give an STL, OBJ or DAE file in m, or radii by --capsules"
+            remedy = "give an STL, OBJ or DAE file in m, or radii by `capsules`"
             raise InputError(f"mesh {shown} cannot be read", self.where, remedy)
         return _hull(points), points
 
@@ -277,4 +279,4 @@ def _shapes(element: ET.Element, name: str, body: int, place: Array, meshes: _Me
             hull, points = meshes.hull(found)
             yield shape(*enclosing_capsule(points), hull)
         else:
-            raise InputError(f"a shape <{printable(found.tag)}> is not known", meshes.where, "give radii by --capsules")
+            raise InputError(f"a shape <{printable(found.tag)}> is not known", meshes.where, "give radii by `capsules`")

@@ -59,14 +59,16 @@ class Beam(Search):
 
     def __post_init__(self) -> None:
         if not self.budget >= 0.0:
-            raise InputError(f"a budget of {self.budget:g} s", "--search-budget", "give 0 or more seconds")
+            raise InputError(f"a budget of {self.budget:g} s", field="Beam.budget", remedy="give 0 or more seconds")
         if not self.time_limit >= 0.0:
-            raise InputError(f"a time limit of {self.time_limit:g} s", "--time-limit", "give 0 or more seconds")
+            raise InputError(
+                f"a time limit of {self.time_limit:g} s", field="Beam.time_limit", remedy="give 0 or more seconds"
+            )
         if self.width < 1:
-            raise InputError(f"a beam of width {self.width}", "--beam-width", "give at least 1")
+            raise InputError(f"a beam of width {self.width}", field="Beam.width", remedy="give at least 1")
         if not 1 <= self.initial_segments <= _MOST_INITIAL:
             what = f"{self.initial_segments} initial segments"
-            raise InputError(what, "--initial-segments", f"give 1 to {_MOST_INITIAL} (2^s nodes)")
+            raise InputError(what, field="Beam.initial_segments", remedy=f"give 1 to {_MOST_INITIAL} (2^s nodes)")
 
     @property
     def any_model(self) -> bool:

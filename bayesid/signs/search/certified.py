@@ -75,9 +75,13 @@ class Certified(Search):
             remedy = "search with a beam to price nodes otherwise"
             raise InputError("a certificate holds for least squares in the cone only", "node_cost", remedy)
         if not 0.0 <= self.budget < np.inf:
-            raise InputError(f"a budget of {self.budget:g} s", "--search-budget", "give 0 or more seconds")
+            raise InputError(
+                f"a budget of {self.budget:g} s", field="Certified.budget", remedy="give 0 or more seconds"
+            )
         if not self.time_limit >= 0.0:
-            raise InputError(f"a time limit of {self.time_limit:g} s", "--time-limit", "give 0 or more seconds")
+            raise InputError(
+                f"a time limit of {self.time_limit:g} s", field="Certified.time_limit", remedy="give 0 or more seconds"
+            )
         if not 0.0 < self.missed_mass < 1.0:
             raise InputError(f"a missed mass of {self.missed_mass:g}", "missed_mass", "give a number between 0 and 1")
 
