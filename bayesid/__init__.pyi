@@ -75,10 +75,10 @@ from .robot.collision import collision_model as collision_model
 from .signs.search.beam import Beam as Beam
 from .signs.search.certified import Certified as Certified
 from .signs.search.protocol import Search as Search
-from .simulation.exciting import exciting_trajectory as exciting_trajectory
 from .simulation.logs import simulate as simulate
 from .simulation.logs import simulate_log as simulate_log
 from .simulation.parameters import random_parameters as random_parameters
+from .simulation.trajectories import exciting_trajectory as exciting_trajectory
 from .simulation.trajectories import random_trajectory as random_trajectory
 
 __version__: str

@@ -34,9 +34,9 @@ from bayesid.log.log import Log
 from bayesid.posterior.sampler import Sampling
 from bayesid.robot import load_robot
 from bayesid.signs.search.certified import Certified
-from bayesid.simulation.exciting import exciting_trajectory
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters
+from bayesid.simulation.trajectories import exciting_trajectory
 from bayesid.studies.calibration_report import EDGES, draw, report
 from bayesid.studies.discrepancy import generator
 from bayesid.studies.hidden import Case, Simulated, make_case

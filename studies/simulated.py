@@ -28,10 +28,9 @@ from bayesid.robot import Robot, load_robot
 from bayesid.signs.search.beam import Beam
 from bayesid.signs.search.certified import Certified
 from bayesid.signs.search.protocol import Search
-from bayesid.simulation.exciting import exciting_trajectory
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters
-from bayesid.simulation.trajectories import FourierTrajectory, MotionLimits, random_trajectory
+from bayesid.simulation.trajectories import FourierTrajectory, MotionLimits, exciting_trajectory, random_trajectory
 from bayesid.study.record import Row
 
 ROBOTS = ("kr5", "ur10e", "panda", "tx40")

@@ -23,10 +23,9 @@ from bayesid.regression.noise import relative_rms
 from bayesid.results.folders import check_result_folder, save_identification
 from bayesid.signs.search.certified import Certified
 from bayesid.signs.search.protocol import Search
-from bayesid.simulation.exciting import exciting_trajectory
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.paper import TABLE_II, nominal_parameters, paper_model
-from bayesid.simulation.trajectories import random_trajectory
+from bayesid.simulation.trajectories import exciting_trajectory, random_trajectory
 
 _SAMPLES = 667
 """Of each joint, as in the paper."""

@@ -43,13 +43,14 @@ from bayesid.parallel import one_blas_thread
 from bayesid.progress import SILENT, Progress
 from bayesid.regression.knowledge import Beliefs
 from bayesid.robot import Robot, load_robot
-from bayesid.simulation.exciting import condition_number, log_condition_of
 from bayesid.simulation.trajectories import (
     HARMONICS,
     FourierTrajectory,
     MotionLimits,
+    condition_number,
     from_rest,
     instants,
+    log_condition_of,
     random_shape,
     within_limits,
 )

@@ -27,7 +27,7 @@ from bayesid.log.signals import Signals, prepare
 from bayesid.parallel import one_blas_thread
 from bayesid.regression.moments import moments
 from bayesid.robot import Robot, check_joints, load_robot
-from bayesid.simulation.exciting import UNEXCITED, log_condition_of
+from bayesid.simulation.trajectories import UNEXCITED, log_condition_of
 
 _LITTLE = 0.2
 """rad (m): a joint that covers less hardly moves; a round number, not studied."""

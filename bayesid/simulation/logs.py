@@ -19,28 +19,10 @@ from bayesid.errors import InputError, near_names
 from bayesid.log.log import Log
 from bayesid.motion import Motion
 from bayesid.robot import Robot, load_robot
-from bayesid.simulation.exciting import exciting_trajectory
 from bayesid.simulation.paper import nominal_parameters
 from bayesid.simulation.parameters import random_body, random_parameters, rms
-
-_RANGES = {"duration": (1.0, 1e5), "rate": (10.0, 1e4), "noise": (0.0, 1e2)}
-"""s, Hz, and a share of the effort: from too few samples for a motion to a day; wide, to catch slips of the pen."""
-_MOST_SAMPLES = 1e7
-"""Of a log: 1.4 GB of memory for six joints."""
-_LARGEST_LEVEL = 1e3
-"""Of an effect, relative to the effort; wide, to catch slips of the pen."""
-_TRACE = 1e-4
-"""Share of an effect on the joint where it acts most, below which it does not act on another."""
-_CLOSE = 0.01
-"""How far from the level that is asked for an effect may end, relative to it."""
-_SMALLEST = 1.0 / 64.0
-"""Of the largest magnitude of a distortion, where the search for its level begins; it is doubled from there."""
-_XTOL = 1e-6
-"""Of a magnitude, relative to it, in that search."""
-_GRIP = 0.2
-"""m, how far a simulated payload reaches from the flange; a gripper with a workpiece."""
-_GIRTH = 0.04
-"""m, its radius."""
+from bayesid.simulation.trajectories import exciting_trajectory
+from bayesid.simulation.tuning import TUNING
 
 
 def simulate(
@@ -132,7 +114,7 @@ def parse_effect(text: str, robot: Robot) -> SimulatedEffect:
         effect = SimulatedEffect(name, int(joint), float(level))
     except ValueError:
         raise InputError(f"{text!r} is not NAME:JOINT:LEVEL", field="effects", remedy=remedy) from None
-    possible = 1 <= effect.joint <= robot.n_joints and 0.0 <= effect.level <= _LARGEST_LEVEL
+    possible = 1 <= effect.joint <= robot.n_joints and 0.0 <= effect.level <= 1e3
     if effect.name not in main_forms():
         remedy = f"{near_names(effect.name, main_forms())} {remedy}".strip()
         raise InputError(f"{text!r} names no effect of the catalogue", field="effects", remedy=remedy)
@@ -162,11 +144,12 @@ def simulate_log(
         >>> len(log), bool(log.signed.any()), bool(truth.signed.all())
         (201, False, True)
     """
-    for value, (name, (least, most)) in zip((duration, rate, noise), _RANGES.items(), strict=True):
+    ranges = (duration, "duration", 1.0, 1e5), (rate, "rate", 10.0, 1e4), (noise, "noise", 0.0, 1e2)
+    for value, name, least, most in ranges:  # wide, to catch slips of the pen
         if not least <= value <= most:
             raise InputError(f"{value:g} cannot be used", field=name, remedy=f"give {least:g} to {most:g}")
-    if duration * rate > _MOST_SAMPLES:
-        raise InputError(f"{duration * rate:g} samples", field="duration", remedy=f"ask for at most {_MOST_SAMPLES:g}")
+    if duration * rate > 1e7:  # 1.4 GB of memory for six joints
+        raise InputError(f"{duration * rate:g} samples", field="duration", remedy="ask for at most 1e+07")
     rng = np.random.default_rng(seed)
     model = Model(robot, (RigidBody(),))
     known = robot.same_kinematics(load_robot("kr5"))
@@ -225,7 +208,7 @@ def _scaled_term(term: Term, effect: SimulatedEffect, scene: Scene, rng: np.rand
     size = rms(Model(scene.robot, (term,)).effort(scene.motion, unit))
     j = effect.joint - 1
     wanted = effect.level * rms(scene.effort)[j]
-    if not (size[j] > _TRACE * size.max() and wanted > 0.0):
+    if not (size[j] > TUNING.trace * size.max() and wanted > 0.0):
         raise _unreachable(effect, "it does not act on this joint, or nothing else does")
     return unit * (wanted / size[j])
 
@@ -234,8 +217,8 @@ def _inside_cone(term: Term, robot: Robot, rng: np.random.Generator) -> Array:
     """(p,) a point inside the term's cone, no parameter near zero: 1 if there is but one, a tool of 1 kg for a body."""
     cone = term.cone(robot)
     if len(cone.bodies):
-        towards = rng.standard_normal(3)
-        return random_body(np.outer([0.0, _GRIP], towards / np.linalg.norm(towards)), 1.0, _GIRTH, rng)
+        towards, (reach, radius) = rng.standard_normal(3), TUNING.grip
+        return random_body(np.outer([0.0, reach], towards / np.linalg.norm(towards)), 1.0, radius, rng)
     if cone.size == 1:
         return np.ones(1)
     values = rng.uniform(0.5, 1.0, cone.size) * rng.choice([-1.0, 1.0], cone.size)
@@ -271,15 +254,17 @@ def _scaled_distortion(
         return float(rms(after - before)[j] / whole)
 
     largest = form.largest_magnitude(scene)
-    low, high = 0.0, _SMALLEST * largest
+    low, high = 0.0, TUNING.smallest * largest
     while whole > 0.0 and level(high) < effect.level and high < largest:
         low, high = high, min(2.0 * high, largest)
     if not (whole > 0.0 and level(high) >= effect.level):
         raise _unreachable(effect, f"{form.name} does not change this joint's effort as much")
-    root = scipy.optimize.brentq(lambda x: level(x) - effect.level, low, high, xtol=_XTOL * high, rtol=_XTOL)
-    near = (root - 2.0 * _XTOL * high, root, root + 2.0 * _XTOL * high)  # the level may jump at the root
+    root = scipy.optimize.brentq(
+        lambda x: level(x) - effect.level, low, high, xtol=TUNING.xtol * high, rtol=TUNING.xtol
+    )
+    near = (root - 2.0 * TUNING.xtol * high, root, root + 2.0 * TUNING.xtol * high)  # the level may jump at the root
     missed, best = min((abs(level(x) - effect.level), x) for x in near)
-    if missed > _CLOSE * effect.level:
+    if missed > TUNING.close * effect.level:
         raise _unreachable(effect, f"the samples of this joint make it change in steps, as to {level(best):.4g}")
     return distorted(best)
 

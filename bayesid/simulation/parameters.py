@@ -7,25 +7,8 @@ import numpy as np
 from bayesid.arrays import Array
 from bayesid.effects.model import Model
 from bayesid.motion import Motion
-from bayesid.robot import Robot
 from bayesid.robot.inertia import from_pseudo_inertia
-
-_KG_PER_M = 25.0
-"""Mass of an arm per metre of stretched length: about 20 for the UR10e and the Panda, 32 for the KR5."""
-_SLENDERNESS = 0.1
-"""Radius of the first link relative to the reach."""
-_SHORTEST_REACH = 0.1
-"""m, of an arm whose joints all lie in one place."""
-_LIGHTEST = 0.7
-"""Least mass of a random arm, relative to the usual."""
-_HEAVIEST = 1.4
-"""Largest mass of a random arm, relative to the usual."""
-_TAPER = (0.55, 0.9)
-"""Mass of a link over that of the one before it: links grow lighter towards the tip."""
-_OF_EITHER_SIGN = (0.01, 0.05)
-"""Share of the bodies' effort that a parameter without a sign of its own makes, as offsets do."""
-_OF_ONE_SIGN = (0.05, 0.25)
-"""The same where it cannot be negative, as friction and rotor inertia."""
+from bayesid.simulation.tuning import TUNING
 
 
 def random_parameters(model: Model, rng: np.random.Generator) -> Array:
@@ -41,15 +24,16 @@ def random_parameters(model: Model, rng: np.random.Generator) -> Array:
         True
     """
     theta, cone = np.zeros(len(model.parameters)), model.cone
-    ends, masses = model.robot.link_ends, _random_masses(model.robot, rng)
-    radii = _SLENDERNESS * _reach(model.robot) * np.cbrt(masses / masses[0])
+    reach = max(TUNING.shortest_reach, model.robot.stretched)
+    ends, masses = model.robot.link_ends, _random_masses(model.robot.n_joints, reach, rng)
+    radii = TUNING.slenderness * reach * np.cbrt(masses / masses[0])
     for body in cone.bodies:
         link = model.parameters[body[0]].joint - 1
         theta[body] = random_body(ends[link], masses[link], radii[link], rng)
     columns = model.columns(_random_motion(model.robot.n_joints, rng))  # without payloads, which are all bodies
     others = np.setdiff1d(np.arange(cone.size), cone.bodies)
-    shares = rng.uniform(*_OF_EITHER_SIGN, cone.size) * rng.choice([-1.0, 1.0], cone.size)
-    shares[cone.nonnegative] = rng.uniform(*_OF_ONE_SIGN, len(cone.nonnegative))
+    shares = rng.uniform(*TUNING.of_either_sign, cone.size) * rng.choice([-1.0, 1.0], cone.size)
+    shares[cone.nonnegative] = rng.uniform(*TUNING.of_one_sign, len(cone.nonnegative))
     theta[others] = shares[others] * _whole(rms(columns @ theta), rms(columns[:, :, others]))
     return theta
 
@@ -74,15 +58,10 @@ def _random_motion(n_joints: int, rng: np.random.Generator) -> Motion:
     return Motion(np.arange(200.0), q, dq, ddq)
 
 
-def _reach(robot: Robot) -> float:
-    """Length of the stretched arm, m."""
-    return max(_SHORTEST_REACH, robot.stretched)
-
-
-def _random_masses(robot: Robot, rng: np.random.Generator) -> Array:
+def _random_masses(n_joints: int, reach: float, rng: np.random.Generator) -> Array:
     """(n,) masses, kg, each link lighter than the one before it."""
-    total = _KG_PER_M * _reach(robot) * rng.uniform(_LIGHTEST, _HEAVIEST)
-    relative = np.cumprod(rng.uniform(*_TAPER, robot.n_joints))
+    total = TUNING.kg_per_m * reach * rng.uniform(*TUNING.weight)
+    relative = np.cumprod(rng.uniform(*TUNING.taper, n_joints))
     masses: Array = total * relative / relative.sum()
     return masses
 

@@ -28,10 +28,9 @@ from bayesid.log.segments import Segments
 from bayesid.regression.moments import moments
 from bayesid.results.designs import save_design
 from bayesid.robot import robot_from_table
-from bayesid.simulation.exciting import condition_number
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters
-from bayesid.simulation.trajectories import FourierTrajectory, MotionLimits, random_trajectory
+from bayesid.simulation.trajectories import FourierTrajectory, MotionLimits, condition_number, random_trajectory
 from tests.conftest import real_log, small_robot, smooth_motion
 
 LIMITS = MotionLimits(

@@ -2,9 +2,14 @@ import numpy as np
 import pytest
 
 from bayesid.effects.coefficients import base_coefficients
-from bayesid.simulation.exciting import condition_number, exciting_trajectory
 from bayesid.simulation.paper import paper_model
-from bayesid.simulation.trajectories import FourierTrajectory, MotionLimits, random_trajectory
+from bayesid.simulation.trajectories import (
+    FourierTrajectory,
+    MotionLimits,
+    condition_number,
+    exciting_trajectory,
+    random_trajectory,
+)
 
 DURATION = 13.33
 TIMES = np.linspace(0.0, DURATION, 667)

@@ -12,9 +12,9 @@ from bayesid.effects.model import Model
 from bayesid.identification.pipeline import identify
 from bayesid.robot import load_robot
 from bayesid.signs.search.certified import Certified
-from bayesid.simulation.exciting import exciting_trajectory
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters
+from bayesid.simulation.trajectories import exciting_trajectory
 from bayesid.studies.calibration import CLASSES, bins, trial
 from bayesid.studies.calibration_report import EDGES, at_least, calibration_error, coverage, modesty, quantiles
 from bayesid.studies.hidden import make_case
