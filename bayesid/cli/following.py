@@ -10,7 +10,7 @@ import numpy as np
 
 from bayesid.cli.terminal import warn
 from bayesid.errors import InputError
-from bayesid.files.writing import plain
+from bayesid.files.tables import plain
 from bayesid.log.rows import Row, RowReader
 from bayesid.monitor.figures import StreamFigures, looked_at
 from bayesid.monitor.replay import contradicts, timed

@@ -19,8 +19,7 @@ from bayesid.errors import InputError
 from bayesid.excitation.limits import read_limits
 from bayesid.excitation.next_motion import Hypotheses, NextMotion, RunSettings, design_next, equivalent_classes
 from bayesid.excitation.rivals import parse_key
-from bayesid.files.bounded import json_of, read_source
-from bayesid.files.writing import reserved
+from bayesid.files.tables import read_json
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.motion import Motion
 from bayesid.progress import Progress
@@ -40,7 +39,7 @@ _BEEN = 300
 def design_for_result(options: argparse.Namespace) -> str:
     """The next motion's folder; what there is to say of it."""
     folder = check_next_folder(options.out)
-    with reserved(folder), StageBars(options.quiet) as bars:
+    with StageBars(options.quiet) as bars:
         bars.show("read", 0, 1)
         identified = load_model(options.result)
         recorded = recorded_motion(options.result)
@@ -99,7 +98,7 @@ def _found(folder: Path) -> Hypotheses:
     if not os.path.exists(path):
         return Hypotheses()
     remedy = "give a folder that `bayesid discrepancy` wrote"
-    content = json_of(read_source(path, remedy), str(path), remedy)
+    content = read_json(path, dict[str, Any], remedy)
     try:
         classes = equivalent_classes(
             [(one["effect"], tuple(one["joints"]), _equivalents(one)) for one in content["found"]]

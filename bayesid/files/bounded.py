@@ -1,11 +1,11 @@
 """Text from outside, read within bounds: its size, depth and digits are checked before anything else looks at it.
 
-What passes here raises `InputError` and nothing else, whatever the bytes are.
+What passes here raises `InputError` and nothing else, whatever the bytes are. Files that bayesid itself wrote are read
+without these bounds.
 """
 
 from __future__ import annotations
 
-import json
 import os
 import re
 import tomllib
@@ -27,8 +27,6 @@ MOST_DIGITS = 18
 """Of a whole number in a name or an option: what counts joints, rows or seeds has fewer, and 64 bits hold it."""
 LARGEST = 1e6
 """Size of a number that a robot's file may hold, in SI units: no robot is so large, fast, strong or geared."""
-_SHOWN = 200
-"""Letters of a parser's complaint that are passed on: it may repeat the file."""
 _BETWEEN_NAMES = re.compile(r"[=,\n]")
 """In TOML; the time of its parser grows with the square of the dots of a name."""
 
@@ -44,10 +42,6 @@ def read_source(path: str | Path, remedy: str, where: str = "", most: int = MOST
 
     Raises:
         InputError: it cannot be read, is longer, or no text.
-
-    Example:
-        >>> read_source("robot.toml", "give a text file").splitlines()[0]
-        'name = "arm"'
     """
     where = where or printable(str(path))
     try:
@@ -67,10 +61,6 @@ def toml_of(text: str, where: str, remedy: str) -> dict[str, Any]:
 
     Raises:
         InputError: it is none, too deep, or has a number with too many digits.
-
-    Example:
-        >>> toml_of("velocity = 2.5", "limits.toml", "correct the file")
-        {'velocity': 2.5}
     """
     deep = InputError(f"has tables or lists in more than {DEEPEST} others", where, remedy)
     if max(part.count(".") for part in _BETWEEN_NAMES.split(text)) > 2 * DEEPEST:
@@ -86,38 +76,12 @@ def toml_of(text: str, where: str, remedy: str) -> dict[str, Any]:
     return table
 
 
-def json_of(text: str, where: str, remedy: str) -> Any:
-    """What a text in JSON holds.
-
-    Raises:
-        InputError: as `toml_of`.
-
-    Example:
-        >>> json_of('{"n_samples": 301}', "summary.json", "identify again")
-        {'n_samples': 301}
-    """
-    deep = InputError(f"has objects or lists in more than {DEEPEST} others", where, remedy)
-    try:
-        content = json.loads(text)
-    except RecursionError:
-        raise deep from None
-    except ValueError as error:
-        raise InputError(f"is not valid JSON ({_said(error)})", where, remedy) from None
-    if not _is_flat(content):
-        raise deep
-    return content
-
-
 def xml_of(text: str, where: str) -> ET.Element:
     """The root of a text in XML.
 
     Raises:
         InputError: it is too deep.
         xml.etree.ElementTree.ParseError: it is none.
-
-    Example:
-        >>> xml_of("<robot name='arm'/>", "arm.urdf").get("name")
-        'arm'
     """
     try:
         return ET.fromstring(text, ET.XMLParser(target=_Shallow(where)))
@@ -163,16 +127,11 @@ def _inner(content: Any) -> Iterator[Any]:
 def _said(error: Exception) -> str:
     """A parser's complaint in one line."""
     text = error.strerror if isinstance(error, OSError) and error.strerror else str(error) or type(error).__name__
-    return printable(" ".join(text.split()))[:_SHOWN]
+    return printable(" ".join(text.split()))[:200]  # it may repeat the file
 
 
 def whole_number(text: str) -> int | None:
-    """The whole number of a word of digits 0 to 9; None of all else, and of more digits than `MOST_DIGITS`.
-
-    Example:
-        >>> whole_number("12"), whole_number("9" * 5000), whole_number("-1")
-        (12, None, None)
-    """
+    """The whole number of a word of digits 0 to 9; None of all else, and of more digits than `MOST_DIGITS`."""
     digits = text.isascii() and text.isdecimal() and len(text) <= MOST_DIGITS
     return int(text) if digits else None
 
@@ -182,27 +141,17 @@ def check_name(path: str | Path) -> Path:
 
     Raises:
         InputError: its name is too long, holds a NUL, or leads through links in a circle.
-
-    Example:
-        >>> check_name("robot.toml").name
-        'robot.toml'
     """
     try:
         os.stat(path)
     except (FileNotFoundError, NotADirectoryError, PermissionError):
         pass
     except (OSError, ValueError) as error:
-        shown = printable(str(path))
-        shown = shown if len(shown) <= _SHOWN else f"{shown[:_SHOWN]}.."
-        raise InputError(f"cannot be the name of a file ({_said(error)})", shown, "give another path") from None
+        said = f"cannot be the name of a file ({_said(error)})"
+        raise InputError(said, printable(str(path))[:200], "give another path") from None
     return Path(path)
 
 
 def fits_memory(n_values: int, n_bytes: int = 8) -> bool:
-    """Whether so many values of so many bytes are no more than `MOST_UNPACKED`.
-
-    Example:
-        >>> fits_memory(1_000_000), fits_memory(10**12)
-        (True, False)
-    """
+    """Whether so many values of so many bytes are no more than `MOST_UNPACKED`."""
     return n_values * n_bytes <= MOST_UNPACKED

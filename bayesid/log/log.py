@@ -22,7 +22,8 @@ import numpy as np
 from bayesid.arrays import Array, Integers, Labels, Mask, frozen
 from bayesid.errors import InputError, printable
 from bayesid.files.bounded import whole_number
-from bayesid.files.writing import numbered, replace_file, write_columns
+from bayesid.files.tables import numbered, write_columns
+from bayesid.files.writing import replace_file
 from bayesid.log.formats import Options, Table, is_log_folder, read_table
 from bayesid.log.formats.labels import pattern_of
 from bayesid.log.formats.memory import Variables, read_variables

@@ -11,7 +11,7 @@ import numpy as np
 
 from bayesid.arrays import Array, Integers, Labels, frozen
 from bayesid.errors import InputError
-from bayesid.files.writing import numbered
+from bayesid.files.tables import numbered
 from bayesid.log.formats import Column, Options, Table, read_table
 from bayesid.log.formats.memory import Variables, read_variables
 from bayesid.log.formats.table import check, rows_of

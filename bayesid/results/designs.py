@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from bayesid.excitation.design import ExcitationDesign, Quality
-from bayesid.files.writing import save_folder, write_motion
+from bayesid.files.tables import write_motion
+from bayesid.files.writing import save_folder
 from bayesid.simulation.trajectories import MotionLimits
 
 DESIGN_FILES = frozenset({"design.json", "trajectory.csv", "excitation.svg"})

@@ -24,16 +24,8 @@ import tomli_w
 from bayesid.arrays import Array
 from bayesid.errors import InputError, printable
 from bayesid.export import mjcf, urdf
-from bayesid.files.writing import (
-    check_folder,
-    check_place,
-    numbered,
-    replace_file,
-    save_folder,
-    write_columns,
-    write_json,
-    write_table,
-)
+from bayesid.files.tables import numbered, write_columns, write_json, write_table
+from bayesid.files.writing import check_folder, check_place, replace_file, save_folder
 from bayesid.identification.identification import Identification
 from bayesid.identification.payload import PayloadReading
 from bayesid.identification.validation import Validation

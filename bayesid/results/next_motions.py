@@ -12,7 +12,8 @@ from bayesid.arrays import Array
 from bayesid.excitation.feasible import BAND
 from bayesid.excitation.next_motion import NextMotion, PredictedKnowledge
 from bayesid.export.controllers import PROGRAM_FOLDERS, PlannedMotion, Programs, check_programs, save_programs
-from bayesid.files.writing import check_folder, save_folder, write_table
+from bayesid.files.tables import write_table
+from bayesid.files.writing import check_folder, save_folder
 
 NEXT_MARKER = "next_motion.json"
 NEXT_FILES = frozenset({NEXT_MARKER, "next_motion.svg", "predicted.csv"}) | PROGRAM_FOLDERS

@@ -10,7 +10,8 @@ from typing import Any, TextIO
 import numpy as np
 
 from bayesid.arrays import Array
-from bayesid.files.writing import numbered, save_folder, write_columns, write_json
+from bayesid.files.tables import numbered, write_columns, write_json
+from bayesid.files.writing import save_folder
 from bayesid.monitor.alarms import Alarm
 from bayesid.monitor.figures import StreamFigures
 from bayesid.monitor.replay import Agreement, Replay

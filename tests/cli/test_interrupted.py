@@ -12,7 +12,6 @@ import pytest
 from command_line import TWO_JOINTS
 
 from bayesid.cli import main
-from bayesid.files.writing import reserved
 from bayesid.results import several_logs
 from bayesid.results.several_logs import identify_separately
 
@@ -84,21 +83,3 @@ def test_interrupted_between_logs(place, monkeypatch):
         identify_separately("arm.toml", ["a.csv", "b.csv"], "each", workers=0, report=False, posterior=False)
     assert left_in(place / "each") == ["a"]
     shutil.rmtree(place / "each")
-
-
-def test_a_place_where_another_run_writes_is_refused(place, capfd):
-    """At once, and the neighbour's folder is not touched."""
-    before = left_in(place)
-    with reserved(place / "result"):
-        held = left_in(place)
-        for command in (
-            "identify a.csv --robot arm.toml",
-            "identify a.csv b.csv --each --robot arm.toml",
-            "excite --robot arm.toml",
-            "study noise --trials 1",
-            "demo",
-        ):
-            assert main([*command.split(), "--out", "result", "--quiet"]) == 2
-            assert f"another run is writing there (process {os.getpid()})" in capfd.readouterr().err
-            assert left_in(place) == held
-    assert left_in(place) == before

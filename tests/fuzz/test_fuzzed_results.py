@@ -1,9 +1,7 @@
 """Result folders, tampered with: what reads them or reports on them says in one line what is wrong."""
 
-import io
 import json
 import tomllib
-import zipfile
 from functools import reduce
 
 import numpy as np
@@ -22,7 +20,6 @@ from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.regression.noise import Noise
 from bayesid.report.findings import as_json, read_findings
 from bayesid.report.findings.store import write_findings
-from bayesid.report.pages.identification_page import identification_page
 from bayesid.results.folders import make_report
 from bayesid.results.model_file import load_model, model_table
 
@@ -73,22 +70,8 @@ def test_bytes(folder, sample, examples):
     fuzz(mutated_files({name: ("", content) for name, content in sample.items()}), reads, 3 * examples)
 
 
-@pytest.fixture
-def check_report(folder):
-    """Reads the folder, and makes a report of every tenth that is read."""
-    read = [0]
-
-    def report():
-        findings = read_findings(folder)
-        read[0] += 1
-        if read[0] % 10 == 0:
-            identification_page(findings)
-
-    return lambda: check_reader(report)
-
-
 @BUDGETS
-def test_tables_of_the_model_and_the_summary(folder, sample, check_report, examples):
+def test_tables_of_the_model_and_the_summary(folder, sample, examples):
     def check_model(table):
         try:
             (folder / "model.toml").write_bytes(tomli_w.dumps(table).encode())
@@ -98,7 +81,7 @@ def test_tables_of_the_model_and_the_summary(folder, sample, check_report, examp
 
     def check_summary(table):
         (folder / "summary.json").write_text(json.dumps(table), encoding="utf-8")
-        check_report()
+        check_reader(lambda: read_findings(folder))
 
     fuzz(mutated_tree(tomllib.loads(sample["model.toml"].decode())), check_model, examples)
     fuzz(mutated_tree(json.loads(sample["summary.json"])), check_summary, examples)
@@ -108,32 +91,15 @@ def test_a_summary_of_something_else(folder):
     path = folder / "summary.json"
     whole = path.read_text(encoding="utf-8")
     for place, key, value, said in (
-        ((), "warnings", 3, "3 is of another kind"),
-        (("noise",), "sd", [0.1], "noise.sd has shape"),
-        (("search",), "seconds", "long", "'long' is of another kind"),
-        ((), "n_samples", 10**30, "no number that bayesid writes"),
+        ((), "warnings", 3, r"Expected `array`, got `int` - at `\$.warnings`"),
+        (("search",), "seconds", "long", r"Expected `float`, got `str` - at `\$.search.seconds`"),
     ):
         content = json.loads(whole)
         reduce(dict.__getitem__, place, content)[key] = value
         path.write_text(json.dumps(content), encoding="utf-8")
         with pytest.raises(InputError, match=said):
             make_report(folder)
-    for content, said in (("[" * 100_000, "in more than 32 others"), (f"[{'9' * 5001}]", "is not valid JSON")):
-        path.write_text(content, encoding="utf-8")
-        with pytest.raises(InputError, match=said):
-            read_findings(folder)
     assert not (folder / "report.html").exists()
-
-
-def test_an_archive_that_claims_more_than_it_holds(folder):
-    """2 TB of zeros in a header, and a member that says it unpacks to 2 GB and does."""
-    header = io.BytesIO()
-    np.lib.format.write_array_header_1_0(header, {"descr": "<f8", "fortran_order": False, "shape": (1 << 38,)})
-    path = folder / "findings.npz"
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("samples.t.npy", header.getvalue() + bytes(80))
-    with pytest.raises(InputError, match="holds less than it says"):
-        read_findings(folder)
 
 
 @pytest.mark.filterwarnings("error")

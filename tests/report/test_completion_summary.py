@@ -5,7 +5,8 @@ import json
 import pytest
 from completion_problems import identified
 
-from bayesid.report.findings import Summary, as_json, find_findings, from_json
+from bayesid.files.tables import read_json
+from bayesid.report.findings import Summary, as_json, find_findings
 from bayesid.report.findings.summary import EffectSummary
 from bayesid.results.folders import save_identification
 
@@ -66,6 +67,6 @@ def test_numbers_are_those_of_the_model():
 def test_summaries_come_back(case):
     result, folder = case
     summary = find_findings(result).summary
-    back = from_json(Summary, json.loads((folder / "summary.json").read_text()))
+    back = read_json(folder / "summary.json", Summary, "again")
     assert back == summary
     assert all(isinstance(effect, EffectSummary) for effect in back.complete.effects)

@@ -8,7 +8,6 @@ from bayesid.cli.demo import run_demo
 from bayesid.cli.options import end_with
 from bayesid.cli.progress import StageBars
 from bayesid.cli.terminal import show
-from bayesid.files.writing import reserved
 from bayesid.posterior.sampler import Sampling
 from bayesid.progress import Progress
 from bayesid.results.folders import collect_incomplete
@@ -16,7 +15,7 @@ from bayesid.results.folders import collect_incomplete
 
 def run(options: argparse.Namespace) -> None:
     """A result folder, and what there is to say of it."""
-    with reserved(options.out), StageBars(options.quiet) as bars:
+    with StageBars(options.quiet) as bars:
         sampling = Sampling(budget=options.posterior_budget, seed=options.seed)
         with collect_incomplete() as incomplete:
             parts = run_demo(options.out, options.seed, sampling, Progress(bars.show))

@@ -15,7 +15,6 @@ from bayesid.cli.terminal import show, warn
 from bayesid.discrepancy.comparison import LogComparison, compare_logs
 from bayesid.discrepancy.workflow import Discrepancy, find_discrepancy
 from bayesid.errors import InputError
-from bayesid.files.writing import reserved
 from bayesid.identification.options import Preparation
 from bayesid.log.formats import is_log_folder
 from bayesid.log.log import find_logs
@@ -63,7 +62,7 @@ def _compare_with_result(options: argparse.Namespace) -> None:
     identified = load_model(options.result)
     reading = reading_options(options, identified)
     logs = [path] if options.holdout is None else [path, options.holdout]
-    with reserved(folder), StageBars(options.quiet) as bars:
+    with StageBars(options.quiet) as bars:
         bars.show("read", 0, 1)
         log, *holdout = [read(path, reading) for path in logs]
         result = find_discrepancy(
@@ -95,7 +94,7 @@ def _compare_logs(options: argparse.Namespace) -> None:
     folder, reading = _folder(options, paths), reading_options(options)
     terms = term_names(argparse.Namespace(terms=TERMS if options.terms is None else options.terms))
     robot = robot_of(options)
-    with reserved(folder), StageBars(options.quiet) as bars:
+    with StageBars(options.quiet) as bars:
         bars.show("read", 0, 1)
         logs = [read(path, reading) for path in paths]
         result = compare_logs(

@@ -13,7 +13,7 @@ from bayesid.errors import InputError
 from bayesid.excitation.design import ExcitationDesign, Objective, TrajectoryShape, design_excitation
 from bayesid.excitation.judgement import judge_log
 from bayesid.excitation.limits import read_limits
-from bayesid.files.writing import check_folder, reserved
+from bayesid.files.writing import check_folder
 from bayesid.progress import Progress
 from bayesid.report.excitation_text import design_text, judgement_text
 from bayesid.results.designs import DESIGN_FILES, DESIGN_MARKER, save_design
@@ -72,9 +72,8 @@ def _judge(robot: Robot, options: argparse.Namespace, bars: StageBars) -> str:
 
 def _design(robot: Robot, options: argparse.Namespace, bars: StageBars) -> str:
     folder = check_folder(options.out, DESIGN_FILES, DESIGN_MARKER)
-    with reserved(folder):
-        design = _designed(robot, options, bars)
-        save_design(design, folder)
+    design = _designed(robot, options, bars)
+    save_design(design, folder)
     return f"{design_text(design)}\nwritten to {folder}/"
 
 

@@ -14,7 +14,6 @@ from bayesid.cli.recordings import Recording, is_list, known_masses, recordings
 from bayesid.cli.tables import identification_parts, separate_parts
 from bayesid.cli.terminal import complain, show, warn
 from bayesid.errors import BayesidError, InputError
-from bayesid.files.writing import reserved
 from bayesid.identification.options import Preparation
 from bayesid.identification.pipeline import identify
 from bayesid.log.log import Log, join_logs
@@ -40,7 +39,7 @@ def run(options: argparse.Namespace) -> None:
     if any(folder.resolve() in (one.path.resolve(), one.path.resolve().parent) for one in logs):  # a bag is a folder
         raise InputError("holds the log, which the result would replace", str(folder), "give --out a new folder")
     robot, reading, replaced = robot_of(options), reading_options(options), folder.is_dir() and any(folder.iterdir())
-    with reserved(folder), StageBars(options.quiet) as bars:
+    with StageBars(options.quiet) as bars:
         bars.show("read", 0, 1)
         log = join_logs([_read(one, reading) for one in logs])
         result = identify(robot, log, **settings, progress=Progress(bars.show))
@@ -91,7 +90,7 @@ def _identify_each(options: argparse.Namespace, logs: Sequence[Recording], setti
             said = f"{one.path} carries a payload, which only a log without it tells from the last link"
             raise InputError(said, "--each", "leave --each out, or name the log without its payload")
     folder, robot = options.out or Path(f"bayesid-each-{_stem(options, logs)}"), robot_of(options)
-    with reserved(folder), CountBar("logs", options.quiet) as bar:
+    with CountBar("logs", options.quiet) as bar:
         settings = {**settings, "reading": reading_options(options), "report": not options.no_report}
         settings |= {"workers": options.workers, "scheduler": options.scheduler, "progress": bar.show}
         separate = identify_separately(robot, [one.path for one in logs], folder, **settings)

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import argparse
-from contextlib import nullcontext
 
 from bayesid.cli.options import read, reading_options
 from bayesid.cli.progress import StageBars
 from bayesid.cli.tables import payload_parts
 from bayesid.cli.terminal import show, warn
 from bayesid.errors import InputError
-from bayesid.files.writing import check_folder, reserved
+from bayesid.files.writing import check_folder
 from bayesid.identification.options import Preparation
 from bayesid.identification.payload import PayloadReading, identify_payload
 from bayesid.identification.pipeline import QUICK
@@ -24,11 +23,10 @@ from bayesid.signs.search.certified import Certified
 def run(options: argparse.Namespace) -> None:
     """A table, and a folder where one is asked for."""
     folder = None if options.out is None else check_folder(options.out, PAYLOAD_FILES, PAYLOAD)
-    with nullcontext() if folder is None else reserved(folder):
-        with StageBars(options.quiet) as bars:
-            result = _payload(options, bars)
-        if folder is not None:
-            save_payload(result, folder)
+    with StageBars(options.quiet) as bars:
+        result = _payload(options, bars)
+    if folder is not None:
+        save_payload(result, folder)
     for warning in result.warnings:
         warn(warning)
     if not options.quiet:

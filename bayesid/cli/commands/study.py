@@ -8,7 +8,6 @@ from pathlib import Path
 from bayesid.cli.progress import CountBar
 from bayesid.cli.terminal import show, warn
 from bayesid.errors import BayesidError, InputError
-from bayesid.files.writing import reserved
 from bayesid.studies import load
 from bayesid.study.results import check_results, save_results
 from bayesid.study.study import run_study
@@ -20,7 +19,7 @@ def run(options: argparse.Namespace) -> None:
         raise InputError("--floor runs all logs", "--trials", "leave it out")
     study, folder = load(options.name, floor=options.floor), options.out or Path(f"bayesid-study-{options.name}")
     check_results(folder)
-    with reserved(folder), CountBar("trials", options.quiet) as bar:
+    with CountBar("trials", options.quiet) as bar:
         finished = run_study(
             study,
             options.trials,

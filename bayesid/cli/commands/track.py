@@ -16,7 +16,7 @@ from bayesid.cli.progress import StageBars
 from bayesid.cli.tables import line_of
 from bayesid.cli.terminal import note, show, table, warn
 from bayesid.errors import BayesidError, InputError
-from bayesid.files.writing import check_folder, reserved, save_folder
+from bayesid.files.writing import check_folder, save_folder
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.validation import Validation, check_joints
 from bayesid.log.formats.base import Options
@@ -63,7 +63,7 @@ def _replay(options: argparse.Namespace) -> None:
     from_input = str(options.log) == STANDARD_INPUT
     folder = options.out or Path(f"bayesid-track-{'stream' if from_input else options.log.stem}")
     folder = check_folder(folder, STREAM_FILES, STREAM)
-    with reserved(folder), StageBars(options.quiet) as bars:
+    with StageBars(options.quiet) as bars:
         bars.show("read", 0, 1)
         identified = load_model(options.result)
         log = read(options.log, reading_options(options, identified))
@@ -191,11 +191,7 @@ def _follow(options: argparse.Namespace) -> None:
     try:
         reader = _reader(options, identified)
         tracker = _tracker(options, identified, options.rate, reader.signed.tolist())
-        if folder is None:
-            figures = follow(tracker, reader, None)
-        else:
-            with reserved(folder):
-                figures = _follow_into(folder, tracker, reader)
+        figures = follow(tracker, reader, None) if folder is None else _follow_into(folder, tracker, reader)
     except NobodyReadsError:
         raise BrokenPipeError from None
     if not options.quiet:

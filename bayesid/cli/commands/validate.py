@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import argparse
-from contextlib import nullcontext
 from pathlib import Path
 
 from bayesid.cli.options import read, reading_options
 from bayesid.cli.progress import StageBars
 from bayesid.cli.tables import validation_parts
 from bayesid.cli.terminal import show
-from bayesid.files.writing import reserved
 from bayesid.identification.validation import Validation
 from bayesid.results.folders import VALIDATION_FILES, check_result_folder, save_validation
 from bayesid.results.model_file import load_model
@@ -19,11 +17,10 @@ from bayesid.results.model_file import load_model
 def run(options: argparse.Namespace) -> None:
     """A table, and a folder where one is asked for."""
     folder = None if options.out is None else check_result_folder(options.out, VALIDATION_FILES)
-    with nullcontext() if folder is None else reserved(folder):
-        with StageBars(options.quiet) as bars:
-            result = validation_of(options, options.log, bars)
-        if folder is not None:
-            save_validation(result, folder)
+    with StageBars(options.quiet) as bars:
+        result = validation_of(options, options.log, bars)
+    if folder is not None:
+        save_validation(result, folder)
     if not options.quiet:
         show(*validation_parts(result), *([] if folder is None else [f"written to {folder}/"]))
 

@@ -16,7 +16,7 @@ from bayesid.export.controllers.kuka import krl_program, rsi_table
 from bayesid.export.controllers.planned import PlannedMotion
 from bayesid.export.controllers.ros import joint_trajectory
 from bayesid.export.controllers.universal_robots import urscript
-from bayesid.files.writing import write_motion
+from bayesid.files.tables import write_motion
 
 __all__ = ["PROGRAM_FILES", "PROGRAM_FOLDERS", "PlannedMotion", "Programs", "check_programs", "save_programs"]
 

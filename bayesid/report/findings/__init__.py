@@ -17,7 +17,7 @@ from bayesid.report.findings.content import (
     SegmentTable,
 )
 from bayesid.report.findings.store import FILE, read_findings, write_findings
-from bayesid.report.findings.summary import Summary, as_json, from_json, log_parts, summarise
+from bayesid.report.findings.summary import Summary, as_json, log_parts, summarise
 
 __all__ = [
     "AMBIGUOUS",
@@ -33,7 +33,6 @@ __all__ = [
     "Summary",
     "as_json",
     "find_findings",
-    "from_json",
     "log_parts",
     "read_findings",
     "summarise",

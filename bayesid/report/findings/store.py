@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import io
-import math
 import os
 from collections.abc import Mapping
 from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any
-from zipfile import ZipFile
 
 import numpy as np
 
 from bayesid.arrays import Array
 from bayesid.errors import InputError, printable
-from bayesid.files.bounded import fits_memory, json_of, read_source
+from bayesid.files.tables import read_json
 from bayesid.report.findings.content import (
     Alternatives,
     CoefficientTable,
@@ -25,8 +22,7 @@ from bayesid.report.findings.content import (
     Samples,
     SegmentTable,
 )
-from bayesid.report.findings.sizes import check_sizes
-from bayesid.report.findings.summary import Summary, from_json
+from bayesid.report.findings.summary import Summary
 
 FILE = "findings.npz"
 _REMEDY = "give a folder that `bayesid identify` wrote, or identify again to write it anew"
@@ -38,7 +34,6 @@ _PARTS: Mapping[str, type] = {
     "alternatives": Alternatives,
     "prediction": Prediction,
 }
-_NEEDED = _PARTS.keys() - {"prediction"}
 _BULKY = ("samples", "prediction")
 """Whose arrays of samples and joints are kept in single precision: nobody sees the rest of a curve's digits."""
 _WORDS = ("effort_unit", "position_unit", "prior_parameters")
@@ -69,65 +64,25 @@ def read_findings(folder: str | Path) -> Findings:
         ('arm', 3)
     """
     place = Path(folder)
+    for name in ("summary.json", FILE):
+        if not os.path.exists(place / name):
+            raise InputError(f"holds no {name}", printable(str(folder)), _REMEDY)
+    summary = read_json(place / "summary.json", Summary, _REMEDY)
     try:
-        for name in ("summary.json", FILE):
-            if not os.path.exists(place / name):
-                raise InputError(f"holds no {name}", printable(str(folder)), _REMEDY)
-        content = json_of(read_source(place / "summary.json", _REMEDY), str(place / "summary.json"), _REMEDY)
-        summary = from_json(Summary, _mapping(content))
-        arrays = _arrays(place / FILE)
-        kept_parts = _NEEDED | {name.partition(".")[0] for name in arrays}
-        parts: dict[str, Any] = {name: _part(_PARTS[name], name, arrays) for name in _PARTS if name in kept_parts}
-        parts |= {name: tuple(arrays[name].tolist()) for name in _WORDS}
-        findings = Findings(summary=summary, **parts, draws=_read_draws(place / "posterior.nc"), folder=str(folder))
-        check_sizes(findings)
-        return findings
-    except KeyError as error:
-        said = f"holds no {error}: another version wrote it, or it is damaged"
-        raise InputError(said, str(folder), _REMEDY) from None
-    except InputError:  # of one of its files
-        raise
-    except (ValueError, TypeError) as error:
-        raise InputError(f"cannot be read ({error})", str(folder), _REMEDY) from None
-
-
-def _mapping(content: Any) -> Mapping[str, Any]:
-    if not isinstance(content, Mapping):
-        raise TypeError("summary.json holds no object")
-    return content
-
-
-def _arrays(path: Path) -> dict[str, Any]:
-    """The arrays of the file, none of which says that it is larger than what is there.
-
-    Raises:
-        ValueError: it is damaged, or unpacks to too much.
-    """
-    try:
-        with ZipFile(path) as archive:
-            if not fits_memory(sum(member.file_size for member in archive.infolist()), 1):
-                raise ValueError("it unpacks to too much")
-            for member in archive.infolist():
-                file = io.BytesIO(archive.read(member))
-                version = np.lib.format.read_magic(file)
-                header = np.lib.format.read_array_header_1_0 if version == (1, 0) else _later_header
-                shape, _, kind = header(file)
-                if kind.hasobject or math.prod(shape) * kind.itemsize > member.file_size:
-                    raise ValueError(f"{member.filename} holds less than it says")
-        with np.load(path, allow_pickle=False) as kept:
-            return {name: kept[name] for name in kept.files}
+        with np.load(place / FILE, allow_pickle=False) as arrays:
+            parts: dict[str, Any] = {
+                name: _part(name, arrays) for name in _PARTS if name != "prediction" or "prediction.t" in arrays
+            }
+            parts |= {name: tuple(arrays[name].tolist()) for name in _WORDS}
+        return Findings(summary=summary, **parts, draws=_draws(place / "posterior.nc"), folder=str(folder))
     except Exception as error:  # a damaged archive raises whatever its parser stumbles over
-        said = " ".join(str(error).split()) or type(error).__name__
-        raise ValueError(f"{path.name}: {said:.80}") from None
+        said = " ".join(printable(str(error)).split()) or type(error).__name__
+        raise InputError(f"cannot be read ({said})", str(folder), _REMEDY) from None
 
 
-def _later_header(file: Any) -> Any:
-    return np.lib.format.read_array_header_2_0(file)
-
-
-def _part(kind: type, name: str, arrays: Mapping[str, Any]) -> Any:
+def _part(name: str, arrays: Mapping[str, Any]) -> Any:
     values: dict[str, Any] = {}
-    for entry in fields(kind):
+    for entry in fields(_PARTS[name]):
         if f"{name}.{entry.name}" not in arrays and entry.default is not MISSING:
             continue  # of an earlier version
         value = arrays[f"{name}.{entry.name}"]
@@ -137,10 +92,10 @@ def _part(kind: type, name: str, arrays: Mapping[str, Any]) -> Any:
             values[entry.name] = tuple(value.tolist())
         else:
             values[entry.name] = value.astype(np.float64) if value.dtype == np.float32 else value
-    return kind(**values)
+    return _PARTS[name](**values)
 
 
-def _read_draws(path: Path) -> Array | None:
+def _draws(path: Path) -> Array | None:
     if not path.exists():
         return None
     from bayesid.posterior.stored import read_coefficients

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import MISSING, asdict, dataclass, field, fields, is_dataclass
-from types import UnionType
-from typing import Any, TypeVar, cast, get_args, get_origin, get_type_hints
+from dataclasses import asdict, dataclass, field, fields, is_dataclass
+from typing import Any
 
 import numpy as np
 
 from bayesid.arrays import Array
-from bayesid.files.writing import plain
+from bayesid.files.tables import plain, typed
 from bayesid.identification.identification import Identification
 from bayesid.identification.other_readings import BetterReading
 from bayesid.identification.payload import Estimate, PayloadBody
@@ -23,10 +22,6 @@ from bayesid.regression.selection.wanted import EnteredEffect
 _MOST_DIFFERENT = 3
 """Coefficients of another mode that are named; a round number."""
 
-_MOST = 2**63
-"""Of whole numbers: more than 64 bits hold."""
-
-Kind = TypeVar("Kind")
 Number = float | None
 """None where it is not finite: JSON has no infinity."""
 Numbers = tuple[Number, ...]
@@ -447,7 +442,7 @@ def summarise(identification: Identification) -> Summary:
         gains=_gains(identification),
         payloads=_payloads(identification),
     )
-    return from_json(Summary, as_json(summary))  # so that it is what a file gives: None for what is not finite
+    return typed(as_json(summary), Summary)  # so that it is what a file gives: None for what is not finite
 
 
 def log_parts(log: Log) -> tuple[LogPart, ...]:
@@ -706,43 +701,3 @@ def _json(value: Any) -> Any:
     if is_dataclass(value):
         return as_json(value)
     return [_json(item) for item in value] if isinstance(value, tuple) else plain(value)
-
-
-def from_json(kind: type[Kind], content: Mapping[str, Any]) -> Kind:
-    """The reverse of `as_json`; what the dataclass does not know is left out.
-
-    Raises:
-        KeyError: a field is missing.
-        TypeError: something is not what it should be.
-    """
-    hints = get_type_hints(kind)
-    chosen = [one for one in fields(cast(Any, kind)) if one.name in content or one.default is MISSING]
-    return kind(**{one.name: _typed(hints[one.name], content[one.name]) for one in chosen})
-
-
-def _typed(kind: Any, value: Any) -> Any:
-    if isinstance(kind, UnionType):  # with None
-        return None if value is None else _typed(get_args(kind)[0], value)
-    if is_dataclass(kind):
-        return from_json(cast(type[Any], kind), _checked(value, Mapping))
-    if get_origin(kind) is tuple:
-        return tuple(_typed(get_args(kind)[0], item) for item in _checked(value, list | tuple))
-    if get_origin(kind) is Mapping:
-        return {str(key): _typed(get_args(kind)[1], item) for key, item in _checked(value, Mapping).items()}
-    if kind in (int, float):
-        return _number(kind, value)
-    return _checked(value, kind) if kind in (bool, str) else value
-
-
-def _checked(value: Any, kind: Any) -> Any:
-    if not isinstance(value, kind):
-        raise TypeError(f"{value!r:.40} is of another kind")
-    return value
-
-
-def _number(kind: type, value: Any) -> Any:
-    """A number that is neither endless nor too large for 64 bits."""
-    allowed = int if kind is int else int | float
-    if isinstance(value, bool) or not abs(_checked(value, allowed)) < (_MOST if isinstance(value, int) else np.inf):
-        raise TypeError(f"{value!r:.40} is no number that bayesid writes")
-    return value
