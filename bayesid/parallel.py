@@ -1,30 +1,34 @@
-"""The process: settings that all its threads share, and copies of it that share its work.
+"""Work in other processes, and settings that all threads of a process share.
 
-Settings (warnings, matplotlib's, BLAS) that are changed for a while and put back are torn where two threads overlap:
-the second keeps what the first had changed as if it had always been so. Here one at a time changes them, and the last
-one puts them back.
+`in_parallel` shares independent tasks between this process and copies of it (`fork`): tasks need not be pickled, only
+what they return. `WorkerPool` is a `ProcessPoolExecutor` whose workers end with this process.
 
-Copies of the process (`os.fork`) do some of a computation's independent tasks beside it: a copy has all that the
-process knows, costs a few milliseconds, and hands back nothing but results. Where a process must not be copied, it does
-all tasks by itself: results are the same.
+Warnings, matplotlib's settings and the number of BLAS threads belong to the whole process: `ALONE` is held while they
+are changed, so that two threads never put back each other's changes.
+
+Limits: `in_parallel` works in this process alone where forking is unsafe: not on Linux, not in the main thread, beside
+other threads, or within a task. A worker that is killed, by a lack of memory for example, ends the computation with a
+`WorkerDiedError`; its tasks are not done again.
 """
 
 from __future__ import annotations
 
-import io
 import os
-import pickle
 import signal
 import sys
 import threading
 import warnings
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ContextDecorator, contextmanager, suppress
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import ContextDecorator, contextmanager
 from functools import wraps
-from typing import Any, ParamSpec, TypeVar, cast
+from multiprocessing import get_context, parent_process
+from typing import Any, ParamSpec, TypeVar
 
 from threadpoolctl import threadpool_limits
 
+from bayesid.errors import BayesidError
 from bayesid.progress import Steps, no_steps
 
 Given = ParamSpec("Given")
@@ -32,10 +36,6 @@ Result = TypeVar("Result")
 
 ALONE = threading.RLock()
 """Held while settings of the process are changed, by whoever changes them."""
-_NUMBER = 4
-"""Bytes of a task's number: a pipe hands them over whole."""
-_MOST = 10_000
-"""Tasks whose numbers a pipe holds."""
 
 
 def one_at_a_time(function: Callable[Given, Result]) -> Callable[Given, Result]:
@@ -86,52 +86,99 @@ one_blas_thread = _OneBlasThread()
 
 
 # ---------------------------------------------------------------------------------------------------------------
-# Copies
+# Worker processes
 # ---------------------------------------------------------------------------------------------------------------
+_BLAS_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
+
+class WorkerDiedError(BayesidError, RuntimeError):
+    """A worker process ended in the middle of its work."""
+
+
+class WorkerPool(ProcessPoolExecutor):
+    """Worker processes that leave Ctrl-C to this process and end with it.
+
+    A `with` block that ends by an exception kills them.
+
+    Args:
+        workers: how many, at most.
+        method: how they are started: "fork" or "spawn".
+    """
+
+    def __init__(self, workers: int, method: str) -> None:
+        super().__init__(workers, mp_context=get_context(method), initializer=_settle_in)
+
+    def submit(self, function: Callable[Given, Result], /, *given: Given.args, **named: Given.kwargs) -> Future[Result]:
+        """Hands out a task; a worker that is started for it inherits that Ctrl-C is blocked."""
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            return super().submit(function, *given, **named)
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if kind is not None:
+            for worker in list((self._processes or {}).values()):  # kill_workers() from Python 3.14 on
+                worker.kill()
+        self.shutdown()
+
+
+def _settle_in() -> None:
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_DFL)
+    os.environ.update(dict.fromkeys(_BLAS_THREADS, "1"))  # for a BLAS that is loaded later
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = parent_process()
+    assert parent is not None
+    parent.join()
+    os._exit(1)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Tasks of this process
+# ---------------------------------------------------------------------------------------------------------------
+_tasks: Sequence[Callable[[], Any]] = ()
+"""Those that this process is sharing at the moment; workers inherit them."""
 _onlookers: set[threading.Thread] = set()
-_sharing = False
-"""Whether this process is sharing its work at the moment, or is a copy."""
 
 
-def in_parallel(
-    tasks: Sequence[Callable[[], Result]], done: Steps = no_steps, *, known: Sequence[object] = ()
-) -> list[Result]:
+def in_parallel(tasks: Sequence[Callable[[], Result]], done: Steps = no_steps) -> list[Result]:
     """What every task returns, in their order.
-
-    The process is copied on Linux, from its main thread, while no other thread runs (`onlookers` apart): a lock that
-    another thread holds would be held in the copy for ever. Tasks of tasks are done by whoever has the task.
 
     Args:
         tasks: that change nothing; what they return is pickled. Each should take far longer than 10 ms.
-        done: called as done(tasks done, tasks), as far as this process sees.
-        known: objects that results may hold: they are not pickled, but are the same ones again.
+        done: called as done(tasks done, tasks).
 
     Raises:
         Exception: whatever the first task that failed has raised.
+        WorkerDiedError: a worker was killed.
 
     Example:
         >>> from functools import partial
         >>> in_parallel([partial(pow, 2, 3), partial(pow, 3, 2)])
         [8, 9]
     """
-    copies = min(len(tasks), processors()) - 1 if len(tasks) <= _MOST and _may_be_copied() else 0
-    if copies < 1:
-        return _one_by_one(tasks, done)
-    with _numbers(len(tasks)) as numbers, _Copies(known) as others:
-        for _ in range(copies):
-            others.start(tasks, numbers)
-        answers = _work(tasks, numbers, done)
-        answers |= others.answers()
-    return [_result(task, answers.get(k)) for k, task in enumerate(tasks)]
+    global _tasks
+    workers = min(len(tasks), processors())
+    if workers < 2 or not _may_fork():
+        return list(_counted((task() for task in tasks), len(tasks), done))
+    _tasks = tasks
+    try:
+        with one_blas_thread, WorkerPool(workers, "fork") as pool:
+            with quiet(DeprecationWarning):  # of threads; see `_may_fork`
+                futures = [pool.submit(_run, k) for k in range(len(tasks))]
+            return list(_counted((future.result() for future in futures), len(tasks), done))
+    except BrokenProcessPool:
+        raise WorkerDiedError("a worker process was killed, perhaps for lack of memory") from None
+    finally:
+        _tasks = ()
 
 
 def processors() -> int:
-    """Processors that this process may use: those it is bound to, at most `OMP_NUM_THREADS` of them.
-
-    Example:
-        >>> processors() >= 1
-        True
-    """
+    """Processors that this process may use: those it is bound to, at most `OMP_NUM_THREADS` of them."""
     if not hasattr(os, "sched_getaffinity"):
         return 1
     wanted = os.environ.get("OMP_NUM_THREADS", "")
@@ -147,140 +194,19 @@ def onlookers() -> Iterator[None]:
     _onlookers.update(set(threading.enumerate()) - before)
 
 
-def _may_be_copied() -> bool:
+def _may_fork() -> bool:
+    """A lock that another thread holds would be held in the worker for ever."""
     here = threading.current_thread()
     others = set(threading.enumerate()) - {here}
     _onlookers.intersection_update(others)
-    return sys.platform == "linux" and not _sharing and here is threading.main_thread() and others <= _onlookers
+    return sys.platform == "linux" and not _tasks and here is threading.main_thread() and others <= _onlookers
 
 
-def _one_by_one(tasks: Sequence[Callable[[], Result]], done: Steps) -> list[Result]:
-    results = []
-    for task in tasks:
-        results.append(task())
-        done(len(results), len(tasks))
-    return results
+def _run(k: int) -> Any:
+    return _tasks[k]()
 
 
-@contextmanager
-def _numbers(count: int) -> Iterator[int]:
-    """Descriptor from which whoever is free reads the number of the next task."""
-    numbers, entrance = os.pipe()
-    try:
-        with os.fdopen(entrance, "wb") as file:
-            file.write(b"".join(k.to_bytes(_NUMBER, "little") for k in range(count)))
-        yield numbers
-    finally:
-        os.close(numbers)
-
-
-Answer = tuple[Any, Exception | None]
-Answers = dict[int, Answer]
-"""By a task's number, what it returned or raised."""
-
-
-def _result(task: Callable[[], Result], answer: Answer | None) -> Result:
-    """What a task returned, or returns now: the copy that had it was ended from outside."""
-    if answer is None:
-        return task()
-    result, error = answer
-    if error is not None:
-        raise error
-    return cast(Result, result)
-
-
-def _work(tasks: Sequence[Callable[[], Any]], numbers: int, done: Steps = no_steps) -> Answers:
-    """The tasks that nobody else has taken."""
-    answers: Answers = {}
-    while number := os.read(numbers, _NUMBER):
-        k = int.from_bytes(number, "little")
-        try:
-            answers[k] = tasks[k](), None
-        except Exception as error:
-            answers[k] = None, error
-        done(k + 1, len(tasks))
-    return answers
-
-
-class _Copies:
-    """Copies of this process at work; none is left behind.
-
-    Args:
-        known: see `in_parallel`.
-    """
-
-    def __init__(self, known: Sequence[object]) -> None:
-        self._known = known
-        self._ends: dict[int, int] = {}
-        """By process, the descriptor that its answers come from."""
-
-    def __enter__(self) -> _Copies:
-        global _sharing
-        _sharing = True
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        global _sharing
-        _sharing = False
-        for process, end in self._ends.items():
-            os.close(end)
-            with suppress(ProcessLookupError):
-                os.kill(process, signal.SIGKILL)
-            os.waitpid(process, 0)
-
-    def start(self, tasks: Sequence[Callable[[], Any]], numbers: int) -> None:
-        """One more."""
-        end, entrance = os.pipe()
-        with quiet(DeprecationWarning):  # of threads; see `_may_be_copied`
-            process = os.fork()
-        if process == 0:
-            os.close(end)
-            _be_a_copy(tasks, numbers, entrance, self._known)
-        os.close(entrance)
-        self._ends[process] = end
-
-    def answers(self) -> Answers:
-        """Of all copies, once they are done; what one could not hand over is missing."""
-        answers: Answers = {}
-        for end in self._ends.values():
-            with os.fdopen(os.dup(end), "rb") as file, suppress(EOFError, pickle.UnpicklingError):
-                answers |= _Known(io.BytesIO(file.read()), self._known).load()
-        return answers
-
-
-class _ByPlace(pickle.Pickler):
-    """Writes places instead of objects that are known."""
-
-    def __init__(self, file: io.BytesIO, known: Sequence[object]) -> None:
-        super().__init__(file, protocol=pickle.HIGHEST_PROTOCOL)
-        self._places = {id(one): place for place, one in enumerate(known)}
-
-    def persistent_id(self, one: object) -> int | None:
-        """Its place, of one that is known."""
-        return self._places.get(id(one))
-
-
-class _Known(pickle.Unpickler):
-    """Reads them."""
-
-    def __init__(self, file: io.BytesIO, known: Sequence[object]) -> None:
-        super().__init__(file)
-        self._known = known
-
-    def persistent_load(self, place: int) -> object:
-        """The one at a place."""
-        return self._known[place]
-
-
-def _be_a_copy(tasks: Sequence[Callable[[], Any]], numbers: int, entrance: int, known: Sequence[object]) -> None:
-    """Works, hands over, ends: nothing that the process does when it ends is done twice."""
-    try:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process, which then ends its copies
-        for number in (signal.SIGTERM, signal.SIGHUP):
-            signal.signal(number, signal.SIG_DFL)
-        answers = io.BytesIO()
-        _ByPlace(answers, known).dump(_work(tasks, numbers))
-        with os.fdopen(entrance, "wb") as file:
-            file.write(answers.getbuffer())
-    finally:
-        os._exit(0)
+def _counted(results: Iterable[Result], total: int, done: Steps) -> Iterator[Result]:
+    for count, result in enumerate(results, start=1):
+        done(count, total)
+        yield result

@@ -1,9 +1,10 @@
-"""Copies of a process that share its work: the same results, whoever does a task, whatever becomes of a copy.
+"""Tasks in worker processes: the same results, whoever does a task; errors and the end of a process reach all others.
 
-A process under pytest may have threads, and is not copied then; so every case is a process of its own.
+A process under pytest may have threads, and is not forked then; so most cases are a process of their own.
 """
 
 import os
+import signal
 import subprocess
 import sys
 import textwrap
@@ -12,6 +13,7 @@ from functools import partial
 
 import pytest
 from command_line import ARM
+from toy_study import PATIENCE, alive, wait_until
 
 from bayesid.parallel import in_parallel
 
@@ -70,38 +72,72 @@ def test_the_first_error_in_the_order_of_the_tasks_is_raised():
 
 
 @copies_only
-@pytest.mark.parametrize("fault", ["os.kill(os.getpid(), signal.SIGKILL)", "return lambda: k"])
-def test_what_a_copy_cannot_hand_over_is_done_again(fault):
-    assert said(f"""
+@pytest.mark.parametrize(
+    ("fault", "error"),
+    [("os.kill(os.getpid(), signal.SIGKILL)", "WorkerDiedError"), ("return lambda: k", "PicklingError AttributeError")],
+)
+def test_what_a_worker_cannot_hand_over_is_one_clear_error(fault, error):
+    (name,) = said(f"""
         first = os.getpid()
         def task(k):
-            time.sleep(0.05)
-            if os.getpid() != first:
+            if k == 3 and os.getpid() != first:
                 {fault}
             return k
-        print(*in_parallel([partial(task, k) for k in range(6)]))
-    """) == [*"012345"]
+        try:
+            in_parallel([partial(task, k) for k in range(6)])
+        except Exception as error:
+            print(type(error).__name__)
+    """)
+    assert name in error.split()
 
 
-def test_this_process_gets_back_what_it_knows_errors_and_what_a_copy_left(monkeypatch):
+def test_this_process_hears_of_every_task_and_of_errors(monkeypatch):
     monkeypatch.setenv("OMP_NUM_THREADS", "2")
-    things, told, here = [lambda: 0 for _ in range(8)], [], os.getpid()  # none can be pickled
+    told = []
 
-    def task(k, fails=-1, leaves=False):
+    def task(k, fails=-1):
         time.sleep(0.02)
         if k == fails:
             raise ValueError(f"task{k}")
-        if leaves and os.getpid() != here:
-            os._exit(1)
-        return things[k], [things[0]]
+        return k
 
-    for leaves in (False, True):
-        tasks = [partial(task, k, leaves=leaves) for k in range(8)]
-        found = in_parallel(tasks, lambda *counts: told.append(counts), known=things)
-        assert all(one is thing and held[0] is things[0] for thing, (one, held) in zip(things, found, strict=True))
-    assert {total for _, total in told} == {8}
+    tasks = [partial(task, k) for k in range(8)]
+    assert in_parallel(tasks, lambda *counts: told.append(counts)) == list(range(8))
+    assert told == [(k + 1, 8) for k in range(8)]
     with pytest.raises(ValueError, match="task5"):
         in_parallel([partial(task, k, 5) for k in range(8)])
+
+
+@copies_only
+@pytest.mark.parametrize("number", ["SIGINT", "SIGKILL"])
+def test_workers_end_with_this_process(number, tmp_path):
+    """Ctrl-C goes to all processes of the terminal, which say nothing."""
+    code = """
+        def task():
+            Path(f"worker{os.getpid()}").touch()
+            time.sleep(60)
+        try:
+            in_parallel([task] * 2)
+        except KeyboardInterrupt:
+            print("interrupted")
+    """
+    started = subprocess.Popen(
+        command(f"from pathlib import Path\n{textwrap.dedent(code)}"),
+        env=INHERITED,
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    wait_until(lambda: len(list(tmp_path.glob("worker*"))) == 2, "both work")
+    workers = [int(path.name.removeprefix("worker")) for path in tmp_path.glob("worker*")]
+    if number == "SIGINT":
+        os.killpg(started.pid, signal.SIGINT)
+    else:
+        started.kill()
+    assert started.communicate(timeout=PATIENCE) == ("interrupted\n" if number == "SIGINT" else "", "")
+    wait_until(lambda: not any(map(alive, workers)), "the workers have ended")
 
 
 @pytest.mark.long

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations
-from typing import Any
 
 import numpy as np
 from scipy.special import logsumexp
@@ -18,7 +17,6 @@ from bayesid.discrepancy.compare import NoiseFloor, Trial
 from bayesid.discrepancy.sets import EQUIVALENT_ODDS, EffectSet, EffectSets, Forms, WeighedSet, weighed
 from bayesid.discrepancy.unnamed import learn_effects
 from bayesid.discrepancy.worth import costs
-from bayesid.parallel import in_parallel
 from bayesid.progress import SILENT, Progress
 from bayesid.regression.selection.added_effect import AddedEffect, Cost, all_along, was_there, weigh
 from bayesid.regression.selection.error_model import ErrorModel
@@ -99,16 +97,14 @@ class Selection:
     def weighed(self, case: Case) -> Weighed:
         """Its effects, and those that were rejected, against all that could stand in their places."""
         data, explanation = self.data, self.explanation
-        of_chosen = [(data, self.hypotheses, explanation, effect) for effect in self.hypotheses]
-        of_others = [(some.data, some.effects, some.explanation, effect) for some, effect in self.rejected]
-        weigh_all: list[Callable[[], Any]] = [
-            partial(weigh, data, self.library, effects, explanation, effect, case.uncertain)
-            for data, effects, explanation, effect in [*of_chosen, *of_others]
+        added = [
+            weigh(data, self.library, self.hypotheses, explanation, one, case.uncertain) for one in self.hypotheses
         ]
-        known = [*_parts(self.library), *self.hypotheses, *(effect for _, effect in self.rejected)]
-        scores, *weighed = in_parallel([self._scores, *weigh_all], known=known)
-        added, refused = weighed[: len(self.hypotheses)], weighed[len(self.hypotheses) :]
-        return Weighed(tuple(scores), tuple(map(self._with_sets, added)), tuple(refused))
+        refused = [
+            weigh(some.data, self.library, some.effects, some.explanation, effect, case.uncertain)
+            for some, effect in self.rejected
+        ]
+        return Weighed(tuple(self._scores()), tuple(map(self._with_sets, added)), tuple(refused))
 
     def _with_sets(self, added: AddedEffect) -> AddedEffect:
         """An effect with its probability over all sets, and what stands in its place in sets about as likely."""
@@ -179,12 +175,6 @@ def _begin(case: Case) -> tuple[Observations, Library]:
     library = list(hypotheses(case.model, case.scene(predicted), case.trial.used))
     refit = case.standard_refit
     return case.data(predicted, None if refit is None else refit.probability), library
-
-
-def _parts(library: Library) -> list[object]:
-    """Hypotheses, and what makes others."""
-    together = [hypothesis for group in library for hypothesis in group]
-    return [*together, *{id(hypothesis.make): hypothesis.make for hypothesis in together}.values()]
 
 
 # ---------------------------------------------------------------------------------------------------------------
