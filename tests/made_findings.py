@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 
 from bayesid.identification.provenance import Provenance
-from bayesid.posterior.kept import MOST
 from bayesid.report.findings import (
     AMBIGUOUS,
     Alternatives,
@@ -213,7 +212,7 @@ def make_findings(n=2, count=300, per_joint=6, coefficients=8, draws=True, valid
         alternatives=Alternatives(
             np.array([812.5]), np.array([1.0]), *(np.zeros(0, np.int64),) * 2, np.zeros(0), np.zeros(0)
         ),
-        draws=table.mean + table.sd * rng.standard_normal((2, MOST // 16, coefficients)) if draws else None,
+        draws=table.mean + table.sd * rng.standard_normal((2, 256, coefficients)) if draws else None,
         prediction=make_prediction(make_samples(n, count, seed=5)) if validated else None,
     )
     return replace(made, **changes)

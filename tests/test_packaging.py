@@ -24,10 +24,10 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 EXTRAS = PROJECT["project"]["optional-dependencies"]
 SOURCES = {"bayesid": ROOT / "bayesid", "bayesid.studies": ROOT / "studies"}
 """Packages and the folders they are made from."""
-PROVIDES = {"pin": "pinocchio", "tomli-w": "tomli_w", "lazy-loader": "lazy_loader"}
+PROVIDES = {"pin": "pinocchio", "tomli-w": "tomli_w", "lazy-loader": "lazy_loader", "arviz-stats": "arviz_stats"}
 """What a distribution is imported as, where the names differ."""
-BY_NAME = {"example-robot-data", "robot_descriptions"}
-"""Never imported: their files are read."""
+BY_NAME = {"example-robot-data", "robot_descriptions", "h5netcdf"}
+"""Never imported: the files of two are read, and xarray takes the third by name."""
 TOOLS = {"test", "docs", "browser", "release"}
 """Extras of those who work on bayesid, not of those who use it."""
 FOLDERS = (".ci", "bayesid", "docs", "studies", "tests")

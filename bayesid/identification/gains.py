@@ -12,7 +12,7 @@ from bayesid.arrays import Array, Mask
 from bayesid.effects.load_dependent_friction import LoadDependentFriction
 from bayesid.log.gains import Gains
 from bayesid.log.log import Log
-from bayesid.posterior.links import usual_links
+from bayesid.posterior.prior import usual_links
 from bayesid.regression.evidence import Evidence
 from bayesid.regression.gains import DECIDED, GainFit, GainPrior, fit_gains, likely_gains, prior_of, signed_moments
 from bayesid.regression.knowledge import Beliefs, inverse_of

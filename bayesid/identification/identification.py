@@ -24,7 +24,8 @@ from bayesid.identification.validation import Validation
 from bayesid.log.log import Log, LogSource
 from bayesid.log.segments import Segments
 from bayesid.log.signals import Signals
-from bayesid.posterior.inference import OF_PRIOR, Posterior
+from bayesid.posterior.inference import Posterior
+from bayesid.posterior.tuning import TUNING
 from bayesid.regression.knowledge import Beliefs, Knowledge
 from bayesid.regression.least_squares import Fit
 from bayesid.regression.noise import Noise
@@ -281,7 +282,7 @@ class Identification:
         if self.posterior is None:
             return np.full(len(self.coefficients), np.nan), np.isfinite(self.sd)
         sd = np.linalg.norm(self.coefficients.projection * self.posterior.target.prior.sd, axis=1)
-        return sd, self.sd**2 <= OF_PRIOR * sd**2
+        return sd, self.sd**2 <= TUNING.of_prior * sd**2
 
     @property
     def nominal_beta(self) -> Array:

@@ -41,10 +41,11 @@ from bayesid.log.segments import Segments, find_segments
 from bayesid.log.signals import Signals, prepare, still_joints
 from bayesid.parallel import one_blas_thread
 from bayesid.posterior.blocks import SegmentBlocks, divide
-from bayesid.posterior.inference import DRAWS, Posterior, infer, widened, with_gains
-from bayesid.posterior.links import usual_links
-from bayesid.posterior.problem import PosteriorProblem
+from bayesid.posterior.inference import Posterior, infer, widened, with_gains
+from bayesid.posterior.prior import usual_links
 from bayesid.posterior.sampler import Sampling
+from bayesid.posterior.target import PosteriorProblem
+from bayesid.posterior.tuning import TUNING
 from bayesid.progress import SILENT, Progress
 from bayesid.regression.evidence import Evidence
 from bayesid.regression.gains import GainFit
@@ -447,8 +448,8 @@ def _identified(
         by_gains = None if gains is None else spread_by_gains(gains, evidence)
         return IdentifiedModel(model, fit.theta, fit.noise, precision, lacking=lacking, by_gains=by_gains)
     precision = of_base(model, evidence.coefficients, _inverse(posterior.covariance_of_log))
-    theta, log_scale = posterior.target.split(posterior.uncertain.spread(DRAWS))
-    log_gain = None if gains is None else posterior.gains_of(posterior.uncertain.places(DRAWS))
+    theta, log_scale = posterior.target.split(posterior.uncertain.spread(TUNING.few_draws))
+    log_gain = None if gains is None else posterior.gains_of(posterior.uncertain.places(TUNING.few_draws))
     draws = ParameterDraws(theta, posterior.target.likelihood.sigma * np.exp(log_scale), log_gain)
     return IdentifiedModel(model, posterior.theta, fit.noise, precision, draws)
 

@@ -25,7 +25,8 @@ from bayesid.regression.noise import Noise
 from bayesid.robot import Robot
 
 if TYPE_CHECKING:
-    from bayesid.posterior.labelled import DataFrame, Dataset  # pandas takes half a second to import
+    from pandas import DataFrame  # pandas and xarray take half a second to import
+    from xarray import Dataset
 
 MotionLike: TypeAlias = Motion | RecordedMotion | Log | str | Path | Sequence[object] | Variables
 """What efforts can be predicted of: a motion, a log, a file of either, arrays (t, q[, dq[, ddq]]), or by name."""
@@ -150,9 +151,9 @@ class PredictedEfforts:
             >>> predicted.to_dataframe().shape
             (201, 13)
         """
-        from bayesid.posterior.labelled import data_frame
+        from pandas import DataFrame
 
-        return data_frame(self.columns())
+        return DataFrame(self.columns())
 
     def to_xarray(self) -> Dataset:
         """An `xarray.Dataset` over time (s) and joint (from 1), and over draw where draws were asked for.
@@ -161,7 +162,7 @@ class PredictedEfforts:
             >>> predicted.to_xarray().upper.sel(joint=2).dims
             ('time',)
         """
-        from bayesid.posterior.labelled import dataset
+        from xarray import Dataset
 
         over, unit = ("time", "joint"), {"units": ", ".join(dict.fromkeys(self.units))}
         blocks = {"mean": self.mean, "sd": self.sd, "lower": self.lower, "upper": self.upper}
@@ -172,7 +173,7 @@ class PredictedEfforts:
             variables["draws"] = (("draw", *over), self.draws, unit)
         joints = np.arange(1, self.mean.shape[1] + 1)
         coordinates = {"time": self.t, "joint": joints, "unit": ("joint", list(self.units))}
-        return dataset(variables, coordinates, {"band": self.holds, "band_mass": 0.95})
+        return Dataset(variables, coordinates, {"band": self.holds, "band_mass": 0.95})
 
     def save(self, path: str | Path) -> Path:
         """Writes a CSV file with the columns of `to_dataframe`; one that is there is replaced as a whole.

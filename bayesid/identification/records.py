@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Generic, Protocol, TypeVar, overload
 from bayesid.errors import InputError, near_names
 
 if TYPE_CHECKING:
-    from bayesid.posterior.labelled import DataFrame  # pandas takes half a second to import
+    from pandas import DataFrame  # pandas takes half a second to import
 
 
 @dataclass(frozen=True)
@@ -119,9 +119,9 @@ class Records(Sequence[Record], Generic[Record]):
 
     def to_dataframe(self) -> DataFrame:
         """A `pandas.DataFrame` with a row a record, and a column a field."""
-        from bayesid.posterior.labelled import data_frame
+        from pandas import DataFrame
 
-        return data_frame({field.name: [getattr(row, field.name) for row in self.rows] for field in fields(self.kind)})
+        return DataFrame({field.name: [getattr(row, field.name) for row in self.rows] for field in fields(self.kind)})
 
 
 class Named(Protocol):

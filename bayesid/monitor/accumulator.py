@@ -20,7 +20,7 @@ from bayesid.monitor.stream_moments import Setting, StreamMoments, advanced, con
 from bayesid.monitor.stretches import StreamSamples
 from bayesid.monitor.tracked import MOVING, Tracked
 from bayesid.motion import SLOWEST, STANDSTILL, Motion
-from bayesid.posterior.inference import OF_PRIOR
+from bayesid.posterior.tuning import TUNING
 from bayesid.regression.least_squares import covariance_of
 from bayesid.regression.noise import Noise
 from bayesid.regression.solver import solve_precisely
@@ -199,7 +199,9 @@ class Accumulator:
                 self._lacking,
             )
         )
-        decided = np.where(now <= OF_PRIOR * before, _BY_DATA, np.where(np.isfinite(before), _BY_EARLIER, _BY_PRIOR))
+        decided = np.where(
+            now <= TUNING.of_prior * before, _BY_DATA, np.where(np.isfinite(before), _BY_EARLIER, _BY_PRIOR)
+        )
         decided = np.where(np.isfinite(now), decided, _BY_PRIOR)
         sd, told = np.sqrt(now + more), np.sqrt(np.where(np.isfinite(before), before + more, np.nan))
         words = zip(known.names, known.expressions, known.units, strict=True)

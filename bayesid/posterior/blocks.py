@@ -9,26 +9,17 @@ of a segment have only one likelihood together, and it is left out as a whole.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 
 from bayesid.arrays import Array, Integers, Mask
 from bayesid.log.segments import Segments
 from bayesid.posterior.likelihood import Likelihood
+from bayesid.posterior.tuning import TUNING
 from bayesid.regression.moments import Moments
-
-_SHORTEST = 8.0
-"""Autocorrelation times that a block lasts at least, so that neighbours say little of each other. On six real logs 1 to
-7 % of the blocks then have a Pareto k above 0.7, of whole segments 5 to 30 % (docs/posterior.md, section 7)."""
-_MOST = 64
-"""Blocks of a joint, but for those that are shorter because their segment is: each then holds a few hundredths of what
-a log says, whatever its length, and posterior.nc stays small. A round number; not studied."""
-_AGREED = 1e-3
-"""Nats that a draw may leave to the other sign of a segment on which draws agree: what summing it out would add to the
-segment's likelihood, and ArviZ's summaries have two digits."""
-_ROWS = 256
-"""Draws whose signs are looked at together: a thousand segments take 2 MB. A round number."""
 
 
 @dataclass(frozen=True)
@@ -64,19 +55,6 @@ class SegmentBlocks:
         np.maximum.at(end, into, self.end)
         return SegmentBlocks(self.moments.merged(into), self.segment[kept], self.start[kept], end)
 
-    def apart(self, likelihood: Likelihood, theta: Array, log_scale: Array) -> tuple[SegmentBlocks, Integers]:
-        """Blocks whose likelihoods multiply to that of the log, and their signs (B,): 0 where it is summed out.
-
-        Args:
-            likelihood: of the S segments.
-            theta: (W, P) draws of the parameters.
-            log_scale: (W, n) of the logarithms of the noise scales.
-        """
-        agreed = agreed_signs(likelihood, theta, log_scale)
-        blocks = self.whole(agreed == 0)
-        alone = np.bincount(blocks.segment) == 1
-        return blocks, np.where(alone, likelihood.fixed, agreed)[blocks.segment]
-
 
 def divide(segments: Segments, autocorrelation: Array) -> tuple[Segments, Integers]:
     """Segments cut into blocks of about the same length, as if of unknown sign, and the segment that each is a part of.
@@ -86,7 +64,10 @@ def divide(segments: Segments, autocorrelation: Array) -> tuple[Segments, Intege
         autocorrelation: (n,) integrated autocorrelation time of each joint's residual, samples.
     """
     size = np.maximum(segments.end - segments.start, 0)
-    least = np.maximum(_SHORTEST * autocorrelation, np.bincount(segments.joint, size, len(autocorrelation)) / _MOST)
+    least = np.maximum(
+        TUNING.block_length * autocorrelation,
+        np.bincount(segments.joint, size, len(autocorrelation)) / TUNING.most_blocks,
+    )
     number = np.maximum(size // least[segments.joint], 1.0).astype(np.int64)
     segment = np.repeat(np.arange(len(segments)), number)
     place = np.arange(len(segment)) - np.repeat(np.cumsum(number) - number, number)
@@ -98,9 +79,83 @@ def divide(segments: Segments, autocorrelation: Array) -> tuple[Segments, Intege
 def agreed_signs(likelihood: Likelihood, theta: Array, log_scale: Array) -> Integers:
     """(S,) the sign of each segment that all draws (W, P) and (W, n) are sure of; 0 where there is none."""
     least, most = np.full((2, len(likelihood.joint)), [[np.inf], [-np.inf]])
-    for first in range(0, len(theta), _ROWS):
-        push = likelihood.push(theta[first : first + _ROWS], log_scale[first : first + _ROWS])
+    for some in _stretches(len(theta), len(likelihood.joint)):
+        push = likelihood.push(theta[some], log_scale[some])
         least, most = np.minimum(least, push.min(axis=0)), np.maximum(most, push.max(axis=0))
-    needed = -0.5 * np.log(np.expm1(_AGREED))  # log(1 + exp(-2 push)) is what the other sign adds
+    needed = -0.5 * np.log(np.expm1(TUNING.agreed))  # log(1 + exp(-2 push)) is what the other sign adds
     agreed = np.where(least >= needed, 1, np.where(most <= -needed, -1, 0))
     return np.where(likelihood.fixed != 0, likelihood.fixed, agreed)
+
+
+def by_blocks(
+    blocks: SegmentBlocks, likelihood: Likelihood, theta: Array, log_scale: Array
+) -> tuple[SegmentBlocks, Likelihood]:
+    """Blocks whose likelihoods multiply to that of the log, and it in terms of them instead of segments.
+
+    Args:
+        blocks: of S segments.
+        likelihood: of the same segments.
+        theta: (W, P) draws of the parameters.
+        log_scale: (W, n) of the logarithms of the noise scales.
+    """
+    agreed = agreed_signs(likelihood, theta, log_scale)
+    blocks = blocks.whole(agreed == 0)
+    alone = np.bincount(blocks.segment) == 1
+    fixed = np.where(alone, likelihood.fixed, agreed)[blocks.segment]
+    moments = blocks.moments
+    scaled = moments.scaled(likelihood.sigma * np.sqrt(autocorrelation_times(likelihood, moments)))
+    return blocks, replace(likelihood, gradient=scaled.gradient, joint=moments.joint, fixed=fixed)
+
+
+def pointwise(likelihood: Likelihood, moments: Moments, theta: Array, log_scale: Array) -> Array:
+    """(W, K) log likelihood of each of the K parts of the moments' Hessian, signs summed out.
+
+    Of a block k of joint j, with N_k samples, autocorrelation time tau, w = exp(-2 u) and moments over sigma^2 tau:
+
+        -(N_k / tau) (u + log(2 pi sigma^2) / 2) - w (beta' H_k beta + c_k) / 2 + log(cosh(w g_k' beta)),
+
+    the mean over both signs of the normal density to the power 1 / tau, or s_k w g_k' beta for the last term where the
+    sign is fixed. A part that several blocks share has the sum of theirs. The sum over all parts is
+    `likelihood.log_likelihood` less log 2 for each unknown sign and sum_j (n_j / 2) log(2 pi sigma_j^2).
+
+    Args:
+        likelihood: of S blocks.
+        moments: of the same blocks, not scaled.
+        theta: (W, P) parameters.
+        log_scale: (W, n) logarithms of the noise scales.
+    """
+    autocorrelation = autocorrelation_times(likelihood, moments)
+    scaled = moments.scaled(likelihood.sigma * np.sqrt(autocorrelation))
+    size, joint = len(scaled.hessian), scaled.hessian.joint
+    energy = sums(moments, scaled.energy)
+    count = sums(moments, moments.count) / autocorrelation[joint]
+    normal = 0.5 * np.log(2.0 * np.pi * likelihood.sigma[joint] ** 2)
+    members = scipy.sparse.csr_array(
+        (np.ones(len(moments)), (np.arange(len(moments)), moments.part)), (len(moments), size)
+    )
+    terms = np.empty((len(theta), size))
+    for some in _stretches(len(theta), size * scaled.hessian.size + len(moments)):
+        beta, scale = theta[some] @ likelihood.projection.T, log_scale[some]
+        curvature = scaled.hessian.forms(beta)
+        signs = likelihood.pointwise(theta[some], scale) - np.log(2.0) * (likelihood.fixed == 0)
+        quadratic = 0.5 * np.exp(-2.0 * scale[:, joint]) * (curvature + energy)
+        terms[some] = signs @ members - quadratic - count * (scale[:, joint] + normal)
+    return terms
+
+
+def _stretches(rows: int, width: int) -> Iterator[slice]:
+    """Rows so many at once that an array of this width holds 32 MB."""
+    most = max(1, 2**22 // max(1, width))
+    for first in range(0, rows, most):
+        yield slice(first, first + most)
+
+
+def autocorrelation_times(likelihood: Likelihood, moments: Moments) -> Array:
+    """(n,) integrated autocorrelation time of each joint's residual, samples; NaN for a joint without segments."""
+    samples = np.bincount(moments.joint, weights=moments.count, minlength=likelihood.n_joints)
+    return samples / np.where(samples > 0, likelihood.count, np.nan)
+
+
+def sums(moments: Moments, values: Array | Integers) -> Array:
+    """(K,) sums of the segments' values (S,) over each part of the Hessian."""
+    return np.bincount(moments.part, weights=values, minlength=len(moments.hessian)).astype(np.float64)

@@ -23,36 +23,15 @@ from scipy.special import log_expit, logsumexp
 
 from bayesid.arrays import Array, Integers, Mask
 from bayesid.posterior.blocks import SegmentBlocks
-from bayesid.posterior.modes import find_modes
-from bayesid.posterior.problem import PosteriorProblem
-from bayesid.posterior.sampled_modes import SampledMode, mode_of_draws, pool, sample_modes
+from bayesid.posterior.modes import SampledMode, find_modes, mode_of_draws, pool, sample_modes
 from bayesid.posterior.sampler import Draws, Sampling
-from bayesid.posterior.target import Target
+from bayesid.posterior.target import PosteriorProblem, Target
+from bayesid.posterior.tuning import TUNING
 from bayesid.progress import SILENT, Progress
 from bayesid.regression.gains import GainFit
 from bayesid.regression.moments import Moments
 from bayesid.regression.noise import Noise
 from bayesid.signs.search.result import SearchResult
-
-DRAWS = 256
-"""Draws that stand for all where each costs time: as many as walkers by default."""
-_AVERAGED = 1024
-"""Draws from which probabilities of signs are averaged: their Monte Carlo error is below 0.5 / sqrt(1024) = 0.016."""
-_LEAST_WIDER = 1e-6
-"""Share of the largest variance, in units of what the log leaves uncertain, below which a direction is rounding."""
-_FROM_ZERO = 1.02
-"""Times the shortest interval that one from zero may be long: the place of the shortest is uncertain among draws. A
-round number; not studied."""
-_LAST = 0.9
-"""Share of a window from which on a draw is near its edge: in its last tenth."""
-_PRESSED = 0.2
-"""Share of such draws from which on a window decides: a density that grows in proportion up to the edge has
-1 - 0.9^2 = 0.19 there. On the logs of study `real` it is 0.09 at most."""
-_GAIN_DRAWS = 1
-"""Of the seed's streams, the one that gains are drawn from."""
-OF_PRIOR = 0.1
-"""Share of the prior's variance that the data leave at most where they decide a parameter: nine tenths of its precision
-are then theirs. A round number; docs/posterior.md, section 3, states it."""
 
 
 @dataclass(frozen=True)
@@ -135,8 +114,10 @@ class Posterior:
     def pressed(self) -> tuple[tuple[str, float], ...]:
         """Windows of the prior that hold the draws back: their names, and the share of draws in the last tenth."""
         theta = self.draws.theta
-        shares = ((window.name, np.mean(window.share(theta) > _LAST)) for window in self.target.prior.windows)
-        return tuple((name, float(share)) for name, share in shares if share > _PRESSED)
+        shares = (
+            (window.name, np.mean(window.share(theta) > TUNING.near_edge)) for window in self.target.prior.windows
+        )
+        return tuple((name, float(share)) for name, share in shares if share > TUNING.pressed)
 
     @property
     def max_rhat(self) -> float:
@@ -222,7 +203,7 @@ class Posterior:
         variance = np.diag(np.linalg.inv(precision * np.outer(sd, sd)))  # relative to the prior's
         if self.shift is not None:
             variance = variance + self.shift.var(axis=(0, 1, 2)) / sd**2
-        decided: Mask = variance <= OF_PRIOR
+        decided: Mask = variance <= TUNING.of_prior
         return decided
 
     def interval(self, mass: float) -> tuple[Array, Array]:
@@ -239,7 +220,7 @@ class Posterior:
             widths = beta[count - 1 :, k] - beta[: len(beta) - count + 1, k]
             first = int(widths.argmin())
             low[k], high[k] = beta[first, k], beta[first + count - 1, k]
-            if beta[count - 1, k] <= _FROM_ZERO * widths[first]:
+            if beta[count - 1, k] <= TUNING.from_zero * widths[first]:
                 low[k], high[k] = 0.0, beta[count - 1, k]
         return low, high
 
@@ -261,7 +242,7 @@ class Posterior:
         """(K, n) logarithms of the gains of draws at (K,) places in a list of all; None where all are exact."""
         return None if self.log_gain is None else self.log_gain.reshape(-1, self.log_gain.shape[-1])[places]
 
-    def spread(self, count: int = DRAWS) -> tuple[Array, Array]:
+    def spread(self, count: int = TUNING.few_draws) -> tuple[Array, Array]:
         """(K, P) parameters and (K, n) noise scales u of at most `count` draws, evenly spread over all of them."""
         return self.target.split(self.draws.spread(count))
 
@@ -297,7 +278,7 @@ def widened(posterior: Posterior, information: Array, lacking: Array) -> Posteri
 def with_gains(posterior: Posterior, gains: GainFit) -> Posterior:
     """The posterior with the gains drawn from theirs, and each draw as it is with its gains (:eq:`gain-draws`)."""
     theta, single = posterior.uncertain.theta, posterior.single_nonnegative
-    rng = np.random.default_rng([posterior.sampling.seed, _GAIN_DRAWS])
+    rng = np.random.default_rng([posterior.sampling.seed, 1])
     log = gains.draw(int(np.prod(theta.shape[:-1])), rng)
     moved = gains.scaled(theta.reshape(-1, theta.shape[-1]), log)
     moved[:, single] = np.maximum(moved[:, single], 0.0)
@@ -310,7 +291,7 @@ def _principal(information: Array, lacking: Array) -> Array:
     values, vectors = np.linalg.eigh(information)
     root = vectors * np.sqrt(np.maximum(values, 0.0))  # H = root root'
     sizes, turn = np.linalg.eigh(root.T @ lacking @ root)
-    return root @ (turn * np.sqrt(np.maximum(sizes, 0.0)))[:, sizes > _LEAST_WIDER * max(sizes[-1], 0.0)]
+    return root @ (turn * np.sqrt(np.maximum(sizes, 0.0)))[:, sizes > 1e-6 * max(sizes[-1], 0.0)]
 
 
 def infer(
@@ -335,7 +316,7 @@ def infer(
     weighed = sample_modes(target, modes, sampling, began, progress)
     progress("signs of segments", 0, 1)
     draws = pool(weighed)
-    theta, log_scale = target.split(draws.spread(_AVERAGED))
+    theta, log_scale = target.split(draws.spread(TUNING.sign_draws))
     mass = _branch_mass(target, theta, log_scale, search)
     plus = target.likelihood.plus_probability(theta, log_scale).mean(axis=0)
     return Posterior(

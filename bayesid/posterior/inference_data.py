@@ -1,21 +1,320 @@
-"""The posterior as ArviZ's InferenceData, of what is kept of it: see `bayesid.posterior.kept`."""
+"""The posterior as ArviZ takes it: groups of named arrays, which posterior.nc holds too.
+
+Groups and their dimensions, every one with named coordinates:
+
+- posterior (chain, draw): `beta` (coefficient), `theta` (parameter), `noise` (joint; sd of the residual, N m); the
+  coordinate `mode` (chain, draw) counts from 1, the heaviest.
+- sample_stats (chain, draw): `lp` (log density, not normalised), `walker`, `sweep` (index among all sweeps of the run).
+- log_likelihood (chain, draw, block): `effort`, see `bayesid.posterior.blocks.pointwise`, in single precision. Blocks
+  whose likelihood is the same in all draws, as of those without samples, are no observations (`az.loo` refuses them):
+  the attribute `left_out` counts them.
+- observed_data (block): `effort` (RMS, N m) and `effort_energy` (sum of squares), beside each block's joint, times,
+  samples and sign.
+- constant_data: the reference noise and its autocorrelation, the prior, and B of beta = B theta; units and expressions
+  of coefficients, units of parameters (beside the draws, `az.summary` of ArviZ 1.x fails on them). Where an earlier log
+  is known, also its `earlier_hessian` H and `earlier_gradient` g: in `lp`, minus (beta' H beta - 2 g' beta +
+  c) / 2 with c its `earlier_energy`.
+- nuisance (effect), where there is any: `scale`, the likely size of each effect that the model may lack, relative to
+  what is usual. They have no draws, but move those of `theta` and `beta`; `lp` and `effort` are theirs before.
+
+A chain is an ensemble. An entry of `block` is a part of the moments' Hessian: one block, or all the weak blocks of a
+joint that share a part, whose likelihoods cannot be separated draw by draw.
+
+`az.ess` of these draws is what it should be (see `_walker_major`), but `az.rhat` compares early with late walkers
+instead of early with late sweeps: whether the run has converged is in the attributes.
+"""
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
 import xarray
+from xarray import Dataset, DataTree
 
-from bayesid.parallel import one_at_a_time
-from bayesid.posterior.arviz_versions import InferenceData, joined
-from bayesid.posterior.kept import Kept
+from bayesid.arrays import Array, Integers
+from bayesid.effects.coefficients import BaseCoefficients
+from bayesid.effects.parameters import Parameter
+from bayesid.parallel import one_at_a_time, quiet
+from bayesid.posterior.blocks import SegmentBlocks, autocorrelation_times, by_blocks, pointwise, sums
+from bayesid.posterior.likelihood import Likelihood
+from bayesid.posterior.netcdf import LIBRARY
+from bayesid.posterior.sampler import Draws
+from bayesid.posterior.target import Target
+from bayesid.posterior.tuning import TUNING
+from bayesid.regression.moments import Moments
 
-__all__ = ["InferenceData", "as_inference_data"]
+_EFFORT = {"units": "N m"}
+_SAMPLED = ("chain", "draw")
+_POINTWISE = (
+    "log likelihood of each block under the sign that all draws give it, or with its sign summed out, tempered by the "
+    "autocorrelation; blocks that share a part of the Hessian are one entry"
+)
+
+
+@dataclass(frozen=True)
+class Labels:
+    """What things are called, when samples were taken, and what has no draws.
+
+    Attributes:
+        coefficients: the r base coefficients; their names, units and expressions.
+        parameters: (P,) with names and units.
+        joints: (n,) one each, all different.
+        time: (N,) s, of the samples that blocks count.
+        nuisance: effects that were summed out, with their joints, and their likely sizes.
+    """
+
+    coefficients: BaseCoefficients
+    parameters: Sequence[Parameter]
+    joints: Sequence[str]
+    time: Array
+    nuisance: Mapping[str, float] = field(default_factory=dict)
+
+
+class Moved(NamedTuple):
+    """What moves draws beyond the sampling.
+
+    Attributes:
+        shift: (D, E, W, P) of the parameters: by what the model may lack, and by gains that are unknowns.
+        log_gain: (D, E, W, n) logarithms of these gains, relative to those of the efforts; None where all are exact.
+    """
+
+    shift: Array
+    log_gain: Array | None = None
 
 
 @one_at_a_time
-def as_inference_data(kept: Kept) -> InferenceData:
-    """All that is kept, as one object of ArviZ."""
-    groups = {
-        name: xarray.Dataset(group.variables, coords=group.coordinates, attrs=group.attributes)
-        for name, group in kept.groups.items()
+def as_inference_data(kept: DataTree) -> Any:
+    """The groups as the installed ArviZ holds them: an `arviz.InferenceData`, from ArviZ 1.0 on the tree itself."""
+    with quiet(FutureWarning):  # ArviZ 0.x announces its next version on import
+        import arviz  # here, for it takes a second
+
+    if not hasattr(arviz, "InferenceData"):
+        return kept
+    groups = {name: group.to_dataset() for name, group in kept.children.items()}
+    with quiet(UserWarning):  # said of groups that ArviZ has no name for
+        return arviz.InferenceData(attrs=dict(kept.attrs), **groups)
+
+
+@one_at_a_time
+def keep(
+    draws: Draws,
+    target: Target,
+    blocks: SegmentBlocks,
+    labels: Labels,
+    attributes: Mapping[str, object],
+    most: int = TUNING.kept_draws,
+    mode: Integers | None = None,
+    moved: Moved | None = None,
+) -> DataTree:
+    """All that is known after sampling, by groups.
+
+    Args:
+        draws: from the target.
+        target: the posterior that they are of.
+        blocks: of the S segments in the target's likelihood. Each part of their Hessian takes 4 bytes a draw:
+            `moments.compact` bounds their number.
+        labels: names, units and times.
+        attributes: of the run: model, noise assumption, versions, seed, diagnostics. True and False become 1 and 0,
+            what is neither text nor a number becomes JSON.
+        most: draws to keep in all. Whole sweeps are left out, evenly, but never all of them.
+        mode: (D, E, W) index of the mode that each draw is from; by default there is but one.
+        moved: what moves the draws of `theta` and `beta` besides; `lp` and `effort` are theirs before.
+    """
+    every, kept = draws.kept_sweeps(most)
+    theta, log_scale, beta, density = (
+        _walker_major(values[kept]) for values in (draws.theta, draws.log_scale, draws.beta, draws.log_density)
+    )
+    chains, size = density.shape
+    of_mode = np.zeros((chains, size), dtype=np.int64) if mode is None else _walker_major(mode[kept])
+    drawn = {
+        "chain": np.arange(chains),
+        "draw": np.arange(size),
+        "mode": (_SAMPLED, of_mode + 1, {"long_name": "of the posterior, from 1, the heaviest"}),
     }
-    return joined(groups, kept.attributes)
+    flat = theta.reshape(chains * size, -1), log_scale.reshape(chains * size, -1)
+    blocks, likelihood = by_blocks(blocks, target.likelihood, *flat)
+    block = _block_coordinates(likelihood, blocks, labels)
+    terms = pointwise(likelihood, blocks.moments, *flat).reshape(chains, size, -1).astype(np.float32)
+    held = np.flatnonzero(np.ptp(terms, axis=(0, 1)))  # segments at a log's ends may have no samples
+    effort = Dataset(
+        {"effort": ((*_SAMPLED, "block"), terms)},
+        {**drawn, **block},
+        {"long_name": _POINTWISE, "left_out": terms.shape[2] - len(held)},
+    )
+    log_gain = None
+    if moved is not None:
+        theta = theta + _walker_major(moved.shift[kept])
+        beta = theta @ target.likelihood.projection.T
+        log_gain = None if moved.log_gain is None else _walker_major(moved.log_gain[kept])
+    noise = target.likelihood.sigma * np.exp(log_scale)
+    groups = {
+        "posterior": Dataset(_drawn_variables(beta, theta, noise, log_gain), {**drawn, **_names(labels)}),
+        "sample_stats": _sample_stats(density, kept, draws.theta.shape[2], drawn),
+        "log_likelihood": effort.isel(block=held),
+        "observed_data": _observed(blocks.moments, block).isel(block=held),
+        "constant_data": _constants(target, blocks.moments, labels),
+    }
+    if labels.nuisance:
+        groups["nuisance"] = _nuisance(labels.nuisance)
+    tree = xarray.DataTree.from_dict(groups)
+    tree.attrs.update({key: _plain(value) for key, value in {**_run(draws, every), **attributes}.items()})
+    return tree
+
+
+def _run(draws: Draws, every: int) -> dict[str, object]:
+    """Attributes of the sampling, of which each so many sweeps are kept."""
+    _, ensembles, walkers = draws.log_density.shape
+    return {
+        "inference_library": LIBRARY,
+        "ensembles": ensembles,
+        "walkers": walkers,
+        "sweeps": draws.sweeps,
+        "kept_every": every,
+        "draw_order": "all kept sweeps of an ensemble's first walker, then of the next",
+    }
+
+
+def _plain(value: object) -> str | int | float:
+    """What a netCDF attribute can hold: text, a number of 64 bits, 1 or 0 for a truth value, and JSON of all else."""
+    if isinstance(value, np.generic | np.ndarray):
+        value = value.tolist()
+    if isinstance(value, bool):
+        return int(value)
+    if isinstance(value, str | float) or (isinstance(value, int) and abs(value) < 2**63):
+        return value
+    return json.dumps(value, default=lambda part: part.tolist() if hasattr(part, "tolist") else str(part))
+
+
+def _walker_major(values: Any) -> Any:
+    """(E, W D, ...) of values (D, E, W, ...): all sweeps of a chain's first walker, then all of its second.
+
+    Laid end to end, walkers that know nothing of each other leave at lag t a share 1 - t / D of a walker's own
+    autocorrelation: just what the variance of a mean over D sweeps has. So `az.ess` is right, even for walkers that
+    never move (W). Interleaved (all walkers of the first sweep, then of the second), the autocorrelation sits W lags
+    away, where the estimator has long stopped looking, and the ESS comes out as D W.
+    """
+    moved = np.moveaxis(values, 0, 2)
+    return np.ascontiguousarray(moved).reshape(moved.shape[0], -1, *moved.shape[3:])
+
+
+def _drawn_variables(beta: Array, theta: Array, noise: Array, log_gain: Array | None) -> dict[str, Any]:
+    """Draws (E, D W, ...) of coefficients, parameters, noise and gains that are unknowns."""
+    variables = {
+        "beta": ((*_SAMPLED, "coefficient"), beta, {"long_name": "base coefficients"}),
+        "theta": ((*_SAMPLED, "parameter"), theta, {"long_name": "standard parameters"}),
+        "noise": ((*_SAMPLED, "joint"), noise, {"long_name": "sd of the residual", **_EFFORT}),
+    }
+    if log_gain is not None:
+        about = {"long_name": "logarithm of the gain over that of the efforts"}
+        variables["log_gain"] = ((*_SAMPLED, "joint"), log_gain, about)
+    return variables
+
+
+def _sample_stats(density: Array, kept: Integers, walkers: int, drawn: Mapping[str, Any]) -> Dataset:
+    """Each draw's log density (E, D W), walker and sweep."""
+    chains = len(density)
+    walker = np.tile(np.repeat(np.arange(walkers, dtype=np.int32), len(kept)), (chains, 1))
+    variables = {
+        "lp": (_SAMPLED, density, {"long_name": "log density, not normalised"}),
+        "walker": (_SAMPLED, walker),
+        "sweep": (_SAMPLED, np.tile(kept.astype(np.int32), (chains, walkers))),
+    }
+    return Dataset(variables, drawn)
+
+
+def _block_coordinates(likelihood: Likelihood, blocks: SegmentBlocks, labels: Labels) -> dict[str, Any]:
+    """The K entries of the dimension `block` and what belongs to each: joint, times, samples, sign.
+
+    An entry of several blocks begins with the first and ends with the last one; its sign is 0 unless all have the same
+    fixed one.
+    """
+    moments = blocks.moments
+    size = len(moments.hessian)
+    start, end = np.full(size, np.inf), np.full(size, -np.inf)
+    np.minimum.at(start, moments.part, labels.time[blocks.start])
+    np.maximum.at(end, moments.part, labels.time[np.maximum(blocks.end - 1, blocks.start)])
+    number = np.bincount(moments.part, minlength=size)
+    signs = sums(moments, likelihood.fixed)
+    fixed = np.where(np.abs(signs) == number, np.sign(signs), 0.0).astype(np.int64)
+    unknown = sums(moments, likelihood.fixed == 0).astype(np.int64)
+    joint = [labels.joints[j] for j in moments.hessian.joint]
+    known = sums(moments, np.abs(moments.known)) > 0
+    names = [
+        f"{j} {a:.2f}-{b:.2f} s" if m == 1 else f"{j} {m} blocks of {'known' if k else 'unknown'} sign"
+        for j, a, b, m, k in zip(joint, start, end, number, known, strict=True)
+    ]
+    return {
+        "block": _distinct(names),
+        "joint": ("block", joint),
+        "start": ("block", start, {"units": "s"}),
+        "end": ("block", end, {"units": "s"}),
+        "n_samples": ("block", sums(moments, moments.count).astype(np.int64)),
+        "n_blocks": ("block", number, {"long_name": "blocks in this entry"}),
+        "n_unknown": ("block", unknown, {"long_name": "of them with a sign summed out"}),
+        "fixed_sign": ("block", fixed, {"long_name": "0 if summed out"}),
+    }
+
+
+def _distinct(names: Sequence[str]) -> list[str]:
+    """The names, those that came before with a number behind: joined logs have blocks at the same times."""
+    seen: dict[str, int] = {}
+    distinct = []
+    for name in names:
+        seen[name] = seen.get(name, 0) + 1
+        distinct.append(name if seen[name] == 1 else f"{name} ({seen[name]})")
+    return distinct
+
+
+def _observed(moments: Moments, block: Mapping[str, Any]) -> Dataset:
+    """RMS effort and energy of each entry of `block`."""
+    energy = sums(moments, moments.energy)
+    rms = np.sqrt(energy / np.maximum(sums(moments, moments.count), 1.0))
+    variables = {
+        "effort": ("block", rms, {"long_name": "RMS effort", **_EFFORT}),
+        "effort_energy": ("block", energy, {"long_name": "sum of squared efforts", "units": "N2 m2"}),
+    }
+    return Dataset(variables, block)
+
+
+def _names(labels: Labels) -> dict[str, Any]:
+    """Coordinates of the dimensions: nothing else may stand beside draws, or `az.summary` of ArviZ 1.x fails."""
+    return {
+        "coefficient": list(labels.coefficients.names),
+        "parameter": [parameter.name for parameter in labels.parameters],
+        "joint": list(labels.joints),
+    }
+
+
+def _constants(target: Target, moments: Moments, labels: Labels) -> Dataset:
+    """Noise, prior and projection, and what an earlier log has shown."""
+    prior, likelihood, known = target.prior, target.likelihood, target.information
+    lasting = {"long_name": "integrated autocorrelation time of the residual", "units": "samples"}
+    uncut = {"long_name": "before the cut to what is physical"}
+    variables: dict[str, Any] = {
+        "sigma_ref": ("joint", likelihood.sigma, {"long_name": "reference noise", **_EFFORT}),
+        "autocorrelation": ("joint", autocorrelation_times(likelihood, moments), lasting),
+        "log_noise_sd": ("joint", prior.log_scale_sd, {"long_name": "prior sd of log(noise / sigma_ref)"}),
+        "prior_mean": ("parameter", prior.mean, uncut),
+        "prior_sd": ("parameter", prior.sd, uncut),
+        "projection": (("coefficient", "parameter"), likelihood.projection, {"long_name": "beta = B theta"}),
+    }
+    if known is not None:
+        square = "coefficient", "other_coefficient"
+        variables["earlier_hessian"] = (square, known.hessian, {"long_name": "H of an earlier log"})
+        variables["earlier_gradient"] = ("coefficient", known.gradient, {"long_name": "g of an earlier log"})
+        variables["earlier_energy"] = ((), known.energy, {"long_name": "c of an earlier log"})
+    described = {
+        "coefficient_unit": ("coefficient", list(labels.coefficients.units)),
+        "coefficient_expression": ("coefficient", list(labels.coefficients.expressions)),
+        "parameter_unit": ("parameter", [parameter.unit for parameter in labels.parameters]),
+    }
+    return Dataset(variables, {**_names(labels), **described})
+
+
+def _nuisance(scales: Mapping[str, float]) -> Dataset:
+    about = {"long_name": "likely size, relative to what is usual; of kinematics, to the stated tolerance"}
+    return Dataset({"scale": ("effect", np.array(list(scales.values())), about)}, {"effect": list(scales)})

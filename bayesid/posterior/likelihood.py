@@ -24,9 +24,6 @@ from bayesid.arrays import Array, Integers
 from bayesid.effects.coefficients import BaseCoefficients
 from bayesid.regression.moments import Moments
 
-_LEAST_RESIDUAL = 1e-12
-"""Share of the efforts' energy below which a sum of squared residuals is rounding (its root: `regression.moments`)."""
-
 
 @dataclass(frozen=True)
 class Likelihood:
@@ -110,7 +107,7 @@ class Likelihood:
         """(W, n) sum of squared residuals of each joint for coefficients (W, r) and the unknown signs (W, w)."""
         agreement = (signs * (beta @ self.open_gradient.T)) @ self.members + beta @ self.settled.T
         squares: Array = self.curvature(beta) - 2.0 * agreement + self.energy
-        return np.maximum(squares, _LEAST_RESIDUAL * self.energy)
+        return np.maximum(squares, 1e-12 * self.energy)  # less is rounding
 
     def pull(self, beta: Array, log_scale: Array, signs: Array) -> Array:
         """(W, r) gradient of log L in beta (W, r) for given unknown signs (W, w)."""

@@ -21,47 +21,18 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
+from numpy.random import RandomState
 from scipy.linalg import solve_triangular
 from scipy.special import expit, gammaln, logsumexp
 
 from bayesid.arrays import TINY, Array, Integers, Mask
-from bayesid.posterior.moves import Conditional, Random, sweep
+from bayesid.errors import SolverError
+from bayesid.posterior.moves import Conditional, sweep
 from bayesid.posterior.region import Region
 from bayesid.posterior.sampler import Draws
 from bayesid.posterior.start import barrier_minimum, body_blocks
 from bayesid.posterior.target import Target
-
-_MOST_LEVELS = 2000
-"""Of the splitting: as each keeps a share of 0.3, masses down to 1e-1000 are reached."""
-_ROUNDING = 1e-9
-"""A level lies this share behind the last walker that stays, so that rounding does not shut it out."""
-_BRIDGE_PRECISION = 1e-10
-"""Nats, of a logarithm of a ratio of integrals: nothing beside its standard error."""
-_WIDE = 50.0
-"""Nats beyond all ratios at which Bennett's equation has one sign for sure: no numbers of draws differ by exp(50)."""
-
-
-@dataclass(frozen=True)
-class Integration:
-    """How a mass is integrated: with how many walkers, and how they follow the levels. Round numbers; not studied.
-
-    Attributes:
-        groups: of walkers; at least 2.
-        walkers: in each group.
-        share: of the walkers that stays at a level.
-        sweeps: of hit-and-run at each level.
-        steps: from the first normal distribution to the second.
-        step_sweeps: of hit-and-run at each step.
-        seed: of all random numbers.
-    """
-
-    groups: int = 8
-    walkers: int = 64
-    share: float = 0.3
-    sweeps: int = 3
-    steps: int = 3
-    step_sweeps: int = 8
-    seed: int = 0
+from bayesid.posterior.tuning import TUNING
 
 
 @dataclass(frozen=True)
@@ -113,12 +84,12 @@ class Normal:
             (1.0 - share) * self.precision + share * other.precision, (1.0 - share) * self.linear + share * other.linear
         )
 
-    def draw(self, walkers: int, random: Random) -> Array:
+    def draw(self, walkers: int, random: RandomState) -> Array:
         """(W, P) draws over all space."""
         root = np.linalg.inv(np.linalg.cholesky(self.precision))
         return (root @ self.linear + random.standard_normal((walkers, len(root)))) @ root
 
-    def move(self, region: Region, theta: Array, lines: Conditional, sweeps: int, random: Random) -> Array:
+    def move(self, region: Region, theta: Array, lines: Conditional, sweeps: int, random: RandomState) -> Array:
         """(W, P) walkers after sweeps of hit-and-run inside the region, from theta (W, P)."""
         ones = np.ones((1, len(theta)))
         for _ in range(sweeps):
@@ -144,29 +115,38 @@ class TruncatedNormal:
     levels: int
 
 
-def integrate(target: Target, draws: Draws, options: Integration = Integration()) -> MarginalLikelihood:
+def integrate(
+    target: Target, draws: Draws, seed: int = 0, groups: int = TUNING.mass_groups, walkers: int = TUNING.mass_walkers
+) -> MarginalLikelihood:
     """The mass of a mode from its draws.
 
+    Args:
+        target: the posterior.
+        draws: of the mode.
+        seed: of all random numbers.
+        groups: of walkers; at least 2.
+        walkers: in each group.
+
     Raises:
-        RuntimeError: the levels do not come to an end.
+        SolverError: the levels do not come to an end.
     """
     began = time.perf_counter()
-    random = np.random.RandomState(options.seed)
+    random = np.random.RandomState(seed)
     centre, scale = target.split(draws.coordinates.mean(axis=0))
     signs = target.likelihood.likelier_signs(centre[None], scale[None])
     normal = Normal(*target.quadratic(centre, scale))
-    truncated = truncate(target.prior.region, normal, target.prior.inside, options, random)
+    truncated = truncate(target.prior.region, normal, target.prior.inside, random, groups, walkers)
 
     def log_ratio(coordinates: Array) -> Array:
         theta, log_scale = target.split(coordinates)
         return target.log_density(coordinates) - normal.log_density(theta) - _log_noise(target, theta, log_scale, signs)
 
     joined = np.concatenate([draws.theta, draws.log_scale], axis=-1)
-    groups = np.array_split(np.moveaxis(joined, 0, 2).reshape(-1, joined.shape[-1]), options.groups)
+    parts = np.array_split(np.moveaxis(joined, 0, 2).reshape(-1, joined.shape[-1]), groups)
     values = []
-    for group, theta, mass in zip(groups, truncated.theta, truncated.log_mass, strict=True):
+    for part, theta, mass in zip(parts, truncated.theta, truncated.log_mass, strict=True):
         proposed = np.concatenate([theta, _draw_noise(target, theta, signs, random)], axis=1)
-        values.append(mass + bridge(log_ratio(group), log_ratio(proposed)))
+        values.append(mass + bridge(log_ratio(part), log_ratio(proposed)))
     return MarginalLikelihood(
         log_value=float(np.mean(values)),
         standard_error=float(np.std(values, ddof=1) / np.sqrt(len(values))),
@@ -184,28 +164,31 @@ def mode_weights(log_values: Array) -> Array:
 # ---------------------------------------------------------------------------------------------------------------
 # The normal distribution inside the region
 # ---------------------------------------------------------------------------------------------------------------
-def truncate(region: Region, normal: Normal, inner: Array, options: Integration, random: Random) -> TruncatedNormal:
+def truncate(
+    region: Region, normal: Normal, inner: Array, random: RandomState, groups: int, walkers: int
+) -> TruncatedNormal:
     """Draws of a normal distribution inside the region, and its integral over it.
 
     Args:
         region: convex.
         normal: the distribution; nearly all of it may lie outside.
         inner: (P,) a point strictly inside the region.
-        options: see there.
         random: the random state.
+        groups: G of walkers.
+        walkers: W in each group.
 
     Raises:
-        RuntimeError: the levels do not come to an end.
+        SolverError: the levels do not come to an end.
     """
     centre = barrier_minimum(region, normal.precision, normal.linear, inner)
     precision = np.linalg.inv(centre.covariance)
     first = Normal(0.5 * (precision + precision.T), precision @ centre.theta)
-    fitting = truncate_by_splitting(region, first, centre.theta, options, random)
+    fitting = truncate_by_splitting(region, first, centre.theta, random, groups, walkers)
     lines = Conditional(centre.covariance, body_blocks(region))
     theta, log_mass, current = fitting.theta, fitting.log_mass, first
-    for k in range(options.steps):
-        following = first.toward(normal, (k + 1) / options.steps)
-        moved = following.move(region, theta.reshape(-1, region.size), lines, options.step_sweeps, random)
+    for k in range(TUNING.mass_steps):
+        following = first.toward(normal, (k + 1) / TUNING.mass_steps)
+        moved = following.move(region, theta.reshape(-1, region.size), lines, TUNING.step_sweeps, random)
         moved = moved.reshape(theta.shape)
         ratio = [
             bridge(*(following.log_density(points) - current.log_density(points) for points in pair))
@@ -216,33 +199,30 @@ def truncate(region: Region, normal: Normal, inner: Array, options: Integration,
 
 
 def truncate_by_splitting(
-    region: Region, normal: Normal, inner: Array, options: Integration, random: Random
+    region: Region, normal: Normal, inner: Array, random: RandomState, groups: int, walkers: int
 ) -> TruncatedNormal:
-    """The same by splitting alone, whose price grows with the log of the share; `inner` is best deep inside.
-
-    Raises:
-        RuntimeError: the levels do not come to an end.
-    """
-    block = body_blocks(region)
-    theta = normal.draw(options.groups * options.walkers, random)
-    log_share = np.zeros(options.groups)
-    for level in range(1, _MOST_LEVELS + 1):
-        excess = region.excess(theta.T, inner).reshape(options.groups, -1)
+    """The same by splitting alone, whose price grows with the log of the share; `inner` is best deep inside."""
+    block, most_levels = body_blocks(region), 2000  # each keeps a share of 0.3: masses down to 1e-1000
+    theta = normal.draw(groups * walkers, random)
+    log_share = np.zeros(groups)
+    for level in range(1, most_levels + 1):
+        excess = region.excess(theta.T, inner).reshape(groups, -1)
         second = float(np.sort(excess, axis=1)[:, 1].max())  # two walkers of each group stay at least
-        relaxation = max(float(np.quantile(excess, options.share)), second, 0.0)
+        relaxation = max(float(np.quantile(excess, TUNING.mass_share)), second, 0.0)
         stays = excess <= relaxation if relaxation > 0.0 else excess < 0.0
         log_share += np.log(stays.mean(axis=1))
         theta = theta[_resample(stays, random)]
-        relaxed = region.relaxed(relaxation * (1.0 + _ROUNDING), inner)
+        relaxed = region.relaxed(relaxation * (1.0 + 1e-9), inner)  # rounding must not shut out the last one that stays
         lines = Conditional(barrier_minimum(relaxed, normal.precision, normal.linear, inner).covariance, block)
-        theta = normal.move(relaxed, theta, lines, options.sweeps, random)
+        theta = normal.move(relaxed, theta, lines, TUNING.level_sweeps, random)
         if relaxation == 0.0:
-            shape = (options.groups, options.walkers, region.size)
+            shape = (groups, walkers, region.size)
             return TruncatedNormal(theta.reshape(shape), log_share + normal.log_integral, level)
-    raise RuntimeError(f"{_MOST_LEVELS} levels do not reach the mass inside the region")
+    status = f"{most_levels} levels do not reach the mass inside the region"
+    raise SolverError("marginal likelihoods of the modes", status)
 
 
-def _resample(stays: Mask, random: Random) -> Integers:
+def _resample(stays: Mask, random: RandomState) -> Integers:
     """(G W,) indices of walkers: in each group those that stay, each about equally often."""
     groups, walkers = stays.shape
     chosen = []
@@ -256,7 +236,7 @@ def _resample(stays: Mask, random: Random) -> Integers:
 # ---------------------------------------------------------------------------------------------------------------
 # Noise scales and bridge
 # ---------------------------------------------------------------------------------------------------------------
-def _draw_noise(target: Target, theta: Array, signs: Array, random: Random) -> Array:
+def _draw_noise(target: Target, theta: Array, signs: Array, random: RandomState) -> Array:
     """(W, n) noise scales u given theta (W, P) and the unknown signs (1, w), without their prior."""
     likelihood = target.likelihood
     residual = likelihood.residual(theta @ likelihood.projection.T, signs)
@@ -289,5 +269,5 @@ def bridge(of_target: Array, of_other: Array) -> float:
         return float(up - down)  # falls from N to -M
 
     values = np.concatenate([of_target, of_other])
-    low, high = float(values.min()) - _WIDE, float(values.max()) + _WIDE
-    return float(scipy.optimize.brentq(excess, low, high, xtol=_BRIDGE_PRECISION))
+    low, high = float(values.min()) - 50.0, float(values.max()) + 50.0  # no numbers of draws differ by exp(50)
+    return float(scipy.optimize.brentq(excess, low, high, xtol=1e-10))

@@ -1,4 +1,4 @@
-"""The modes of the posterior: where walkers must start, for none finds its way from one to another.
+"""The modes of the posterior: where walkers must start, for none finds its way from one to another; and their draws.
 
 All unknown signs are summed out, so a walker passes from an assignment of signs to its neighbours by itself. What it
 does not cross is the valley between assignments that differ in much, above all between the two sides of a joint's
@@ -9,33 +9,24 @@ pulls at all of them alike: it may rule one side out.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from bayesid.arrays import Array, Integers
+from bayesid.posterior.diagnostics import Diagnostics
+from bayesid.posterior.marginal_likelihood import MarginalLikelihood, integrate, mode_weights
+from bayesid.posterior.sampler import Draws, Sampling, nominal_sweep, sample
 from bayesid.posterior.start import find_centre
 from bayesid.posterior.target import Target
+from bayesid.posterior.tuning import TUNING
+from bayesid.progress import Progress
 from bayesid.regression.knowledge import Information
 from bayesid.regression.moments import Moments
 from bayesid.regression.solver import ConeLeastSquares, PreparedLeastSquares
 from bayesid.signs.search.result import SearchResult
-
-_MOST_BRANCHES = 32
-"""Assignments of the search's list, cheapest first, that are followed to their centres. A round number; not studied."""
-_MOST_MODES = 6
-"""Modes that are sampled: each takes its share of the budget. A round number; not studied."""
-_DEPTH = 10.0
-"""Nats below the best mode's centre under which a mode does not matter: exp(-10) is 5e-5."""
-_HOPELESS = 50.0
-"""Nats by which a start's best fit may lie below the best one of all. Five times the depth, for the centres inside the
-region may differ less."""
-_VALLEY = 3.0
-"""Nats that a valley between two modes is deep, at least: walkers cross one of exp(-3) = 5 % of the density."""
-_STEPS = 12
-"""Into which the straight way between two modes is divided to look for the valley. A round number; not studied."""
-_MOST_ROUNDS = 4
-"""In which signs and parameters are made to agree; more change little. A round number; not studied."""
 
 
 @dataclass(frozen=True)
@@ -69,10 +60,10 @@ def find_modes(target: Target, moments: Moments, solver: ConeLeastSquares, searc
     modes = sorted((_mode(target, signs, theta) for signs, theta in starts), key=lambda mode: -mode.log_density)
     kept: list[Mode] = []
     for mode in modes:
-        relevant = mode.log_density >= modes[0].log_density - _DEPTH
-        if relevant and all(_valley(target, mode, denser) >= _VALLEY for denser in kept):
+        relevant = mode.log_density >= modes[0].log_density - TUNING.mode_depth
+        if relevant and all(_valley(target, mode, denser) >= TUNING.valley for denser in kept):
             kept.append(mode)
-    return tuple(kept[:_MOST_MODES])
+    return tuple(kept[: TUNING.most_modes])
 
 
 def starting_points(
@@ -86,14 +77,14 @@ def starting_points(
     Raises:
         SolverError: a cone problem could not be solved.
     """
-    starts = [branch.signs for branch in search.branches[:_MOST_BRANCHES]] or [search.signs]
+    starts = [branch.signs for branch in search.branches[: TUNING.most_branches]] or [search.signs]
     prepared = solver.prepared()
     for joint in np.unique(moments.joint[moments.known == 0]):
         of_joint = (moments.joint == joint) & (moments.known == 0)
         starts.append(_settle(moments, information, prepared, np.where(of_joint, -search.signs, search.signs)))
     distinct = {signs.tobytes(): signs for signs in starts}.values()
     fits = [(signs, prepared.solve_precisely(_gradient(moments, information, signs))) for signs in distinct]
-    most = min(fit.cost for _, fit in fits) + 2.0 * _HOPELESS
+    most = min(fit.cost for _, fit in fits) + 2.0 * TUNING.hopeless
     return [(signs, fit.theta) for signs, fit in fits if fit.lower_bound <= most]
 
 
@@ -107,7 +98,7 @@ def _settle(
     moments: Moments, information: Information | None, prepared: PreparedLeastSquares, signs: Integers
 ) -> Integers:
     """Signs that their best parameters predict, after a few rounds of adapting one to the other."""
-    for _ in range(_MOST_ROUNDS):
+    for _ in range(TUNING.sign_rounds):
         theta = prepared.solve(_gradient(moments, information, signs)).theta
         predicted = np.where(moments.gradient @ prepared.project(theta) >= 0.0, 1, -1)
         settled = np.where(moments.known != 0, moments.known, predicted)
@@ -128,8 +119,140 @@ def _valley(target: Target, mode: Mode, other: Mode) -> float:
 
     The region is convex: the way lies inside.
     """
-    share = np.linspace(0.0, 1.0, _STEPS + 1)[1:-1, None]
+    share = np.linspace(0.0, 1.0, TUNING.valley_steps + 1)[1:-1, None]
     theta = (1.0 - share) * mode.theta + share * other.theta
     scale = np.zeros((len(theta), target.likelihood.n_joints))
     lowest = float(target.log_density(np.hstack([theta, scale])).min())
     return min(mode.log_density, other.log_density) - lowest
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Draws of several modes
+# ---------------------------------------------------------------------------------------------------------------
+@dataclass(frozen=True)
+class SampledMode:
+    """One mode and its draws.
+
+    Attributes:
+        mode: where the walkers started.
+        draws: of this mode alone.
+        marginal_likelihood: its mass; None where there is but one mode.
+        weight: its share of all modes' mass.
+    """
+
+    mode: Mode
+    draws: Draws
+    marginal_likelihood: MarginalLikelihood | None
+    weight: float
+
+
+def sample_modes(
+    target: Target, modes: Sequence[Mode], sampling: Sampling, began: float, progress: Progress
+) -> tuple[SampledMode, ...]:
+    """The modes with draws and, where there are several, with their weights, heaviest first.
+
+    Each mode has its share of the budget that remains, for its draws and its mass.
+
+    Args:
+        target: the posterior.
+        modes: where walkers start.
+        sampling: for all modes together.
+        began: when the time limit began, on the clock of `time.perf_counter`.
+        progress: called as progress(stage, sweeps done, sweeps expected).
+
+    Raises:
+        SolverError: the mass of a mode could not be computed.
+    """
+    draws: list[Draws] = []
+    masses: list[MarginalLikelihood] = []
+    several = len(modes) > 1
+    mass = TUNING.mass_sweeps * nominal_sweep(target, sampling.ensembles * sampling.walkers) * several
+    remaining = sampling.budget
+    for k, mode in enumerate(modes):
+        left = len(modes) - k
+        on_the_clock = max(0.0, sampling.time_limit - (time.perf_counter() - began)) / left
+        share = replace(sampling, budget=max(0.0, remaining / left), time_limit=on_the_clock)
+        of_all = f" of mode {k + 1} of {len(modes)}" if len(modes) > 1 else ""
+        progress(f"warm-up{of_all}", 0, 1)
+        draws.append(sample(target, mode.theta, share, progress.steps(f"posterior{of_all}"), mass))
+        remaining -= draws[-1].spent + mass
+        if several:
+            progress(f"weight{of_all}", 0, 1)
+            masses.append(integrate(target, draws[-1], sampling.seed))
+    if not masses:
+        return (SampledMode(modes[0], draws[0], None, 1.0),)
+    return weigh(modes, draws, masses)
+
+
+def weigh(
+    modes: Sequence[Mode], draws: Sequence[Draws], masses: Sequence[MarginalLikelihood]
+) -> tuple[SampledMode, ...]:
+    """Several modes with their weights, heaviest first."""
+    weights = mode_weights(np.array([mass.log_value for mass in masses])).tolist()
+    weighed = [SampledMode(*columns) for columns in zip(modes, draws, masses, weights, strict=True)]
+    return tuple(sorted(weighed, key=lambda sampled: -sampled.weight))
+
+
+def pool(modes: tuple[SampledMode, ...]) -> Draws:
+    """All modes' draws as one: first those of the heaviest mode, then of the next ones, as many as their weights ask.
+
+    The sweep at which one mode follows on another differs by one between walkers, so that shares finer than a sweep are
+    held.
+    """
+    if len(modes) == 1:
+        return modes[0].draws
+    heavy, place = _pooled(modes)
+    names = "theta", "log_scale", "beta", "log_density"
+    return replace(
+        heavy[0],
+        **{name: np.concatenate([getattr(draws, name) for draws in heavy])[place] for name in names},
+        diagnostics=_worst([sampled.draws.diagnostics for sampled in modes]),
+        parameters=_worst([sampled.draws.parameters for sampled in modes]),
+        converged=all(sampled.draws.converged for sampled in modes),
+        seconds=sum(sampled.draws.seconds for sampled in modes),
+        spent=sum(sampled.draws.spent for sampled in modes),
+        timed_out=any(sampled.draws.timed_out for sampled in modes),
+    )
+
+
+def mode_of_draws(modes: tuple[SampledMode, ...]) -> Integers:
+    """(D, E, W) index of the mode that each pooled draw is from."""
+    if len(modes) == 1:
+        return np.zeros(modes[0].draws.log_density.shape, dtype=np.int64)
+    heavy, place = _pooled(modes)
+    first = np.cumsum([draws.sweeps for draws in heavy])
+    return np.searchsorted(first, place[0], side="right")
+
+
+def _pooled(modes: tuple[SampledMode, ...]) -> tuple[list[Draws], tuple[Integers, ...]]:
+    """The draws of all modes that count, and the places of the pooled ones among them."""
+    heavy = [sampled for sampled in modes if sampled.weight >= TUNING.negligible_mode]
+    weights = np.array([sampled.weight for sampled in heavy])
+    return [sampled.draws for sampled in heavy], _places([sampled.draws for sampled in heavy], weights)
+
+
+def _places(heavy: Sequence[Draws], weight: Array) -> tuple[Integers, ...]:
+    """Indices (sweep, ensemble, walker) of the pooled draws among those of all modes, one mode's after the other's."""
+    sweeps = np.array([draws.sweeps for draws in heavy])
+    total = max(1, int(np.min(sweeps * weight.sum() / weight)))
+    ensembles, walkers = heavy[0].log_density.shape[1:]
+    late = (np.arange(ensembles * walkers).reshape(walkers, ensembles).T + 0.5) / (ensembles * walkers)
+    shares = np.cumsum(np.append(0.0, weight / weight.sum()))
+    bounds = np.floor(total * shares[:, None, None] + late).astype(int)  # where each walker's modes begin and end
+    bounds[-1] = total
+    sweep = np.arange(total)[:, None, None]
+    mode = np.sum(sweep >= bounds[1:-1, None], axis=0)
+    begin = np.take_along_axis(bounds, mode, axis=0)
+    count = np.take_along_axis(bounds, mode + 1, axis=0) - begin
+    chosen = (2 * (sweep - begin) + 1) * sweeps[mode] // (2 * count)  # of the mode's sweeps
+    first = np.cumsum(np.append(0, sweeps[:-1]))
+    return (first[mode] + chosen, *np.ogrid[:ensembles, :walkers])
+
+
+def _worst(of_modes: list[Diagnostics]) -> Diagnostics:
+    """The worst of any mode, of each quantity; NaN where there is one."""
+    return Diagnostics(
+        np.max([diagnostics.rhat for diagnostics in of_modes], axis=0),
+        np.min([diagnostics.bulk for diagnostics in of_modes], axis=0),
+        np.min([diagnostics.tail for diagnostics in of_modes], axis=0),
+    )

@@ -11,41 +11,43 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.random import RandomState
 from scipy.special import wrightomega
 
 from bayesid.arrays import TINY, Array, Integers
-from bayesid.posterior.factors import factor
-from bayesid.posterior.region import Region, Uniforms, draw_on_line
+from bayesid.posterior.region import Region, draw_on_line
 from bayesid.posterior.target import Target
+from bayesid.posterior.tuning import TUNING
 
 if TYPE_CHECKING:
     from emcee.state import State
-
-_IDLE = 0.05
-"""Share of the walkers that may stay on a line: the last few take as many tries as all others."""
-
-
-class Random(Uniforms, Protocol):
-    """The part of numpy's random state that the moves use."""
-
-    def standard_normal(self, size: int | tuple[int, ...]) -> Array:
-        """Normal variables."""
-
-    def standard_gamma(self, shape: Array, size: tuple[int, ...]) -> Array:
-        """Gamma variables of rate one."""
 
 
 # ---------------------------------------------------------------------------------------------------------------
 # Directions
 # ---------------------------------------------------------------------------------------------------------------
-class Directions(Protocol):
-    """Lines to search along, chosen without a look at the walkers that move."""
+def factor(matrix: Array) -> Array:
+    """(P, P) lower triangular L with L L' = matrix but for rounding.
 
-    def draw(self, random: Random) -> Array:
-        """(P, K) directions, in their order."""
+    Args:
+        matrix: (P, P) positive definite, in mixed units: its rows may differ by many orders of magnitude.
+
+    Raises:
+        LinAlgError: it is singular by more than rounding.
+    """
+    scale = np.sqrt(np.diag(matrix))
+    scaled, ridge = matrix / np.outer(scale, scale), 0.0
+    while True:
+        try:
+            lower: Array = scale[:, None] * np.linalg.cholesky(scaled + ridge * np.eye(len(matrix)))
+            return lower
+        except np.linalg.LinAlgError:
+            if ridge >= 1e-9:
+                raise
+        ridge = max(1e-15, 10.0 * ridge)  # from four roundings on
 
 
 @dataclass(frozen=True)
@@ -64,7 +66,7 @@ class Conditional:
     covariance: Array
     block: Integers
 
-    def draw(self, random: Random) -> Array:
+    def draw(self, random: RandomState) -> Array:
         """(P, P)."""
         size = len(self.covariance)
         place = random.random_sample(int(self.block.max()) + 1)[self.block]
@@ -81,7 +83,7 @@ class GibbsMove(ABC):
     """A move that draws from conditional distributions: every walker accepts."""
 
     @abstractmethod
-    def update(self, coordinates: Array, random: Random) -> Array:
+    def update(self, coordinates: Array, random: RandomState) -> Array:
         """(W, d) new coordinates of the walkers at (W, d), distributed as the target if those are."""
 
     def propose(self, model: object, state: State) -> tuple[State, Array]:
@@ -104,7 +106,7 @@ class InTurn(GibbsMove):
     def __init__(self, moves: Sequence[GibbsMove]) -> None:
         self.moves = tuple(moves)
 
-    def update(self, coordinates: Array, random: Random) -> Array:
+    def update(self, coordinates: Array, random: RandomState) -> Array:
         """See GibbsMove."""
         for move in self.moves:
             coordinates = move.update(coordinates, random)
@@ -120,12 +122,12 @@ class HitAndRun(GibbsMove):
         temperature: draws from the conditional density to the power of one over this.
     """
 
-    def __init__(self, target: Target, directions: Directions, temperature: float = 1.0) -> None:
+    def __init__(self, target: Target, directions: Conditional, temperature: float = 1.0) -> None:
         self.target = target
         self.directions = directions
         self.temperature = temperature
 
-    def update(self, coordinates: Array, random: Random) -> Array:
+    def update(self, coordinates: Array, random: RandomState) -> Array:
         """See GibbsMove."""
         likelihood, prior, information = self.target.likelihood, self.target.prior, self.target.information
         theta, log_scale = self.target.split(coordinates)
@@ -149,7 +151,7 @@ class HitAndRun(GibbsMove):
 
 
 def sweep(
-    region: Region, theta: Array, lines: Array, slopes: Array, curvature: Array, weights: Array, random: Random
+    region: Region, theta: Array, lines: Array, slopes: Array, curvature: Array, weights: Array, random: RandomState
 ) -> Array:
     """(K, W) steps along each of K lines in turn, each drawn from a normal distribution inside the region.
 
@@ -170,7 +172,7 @@ def sweep(
     slopes, steps = slopes.copy(), np.zeros_like(slopes)
     for k in range(lines.shape[1]):
         bend = curvature[:, k, k:].T @ weights  # (K - k, W)
-        t = draw_on_line(slack, matrices, rows[:, k], entries[:, :, k], slopes[k], bend[0], random, _IDLE)
+        t = draw_on_line(slack, matrices, rows[:, k], entries[:, :, k], slopes[k], bend[0], random, TUNING.idle)
         slopes[k + 1 :] -= t * bend[1:]
         state += t * change[:, k, None]  # slack and matrices are parts of it
         steps[k] = t
@@ -192,7 +194,7 @@ class NoiseScales(GibbsMove):
     def __init__(self, target: Target) -> None:
         self.target = target
 
-    def update(self, coordinates: Array, random: Random) -> Array:
+    def update(self, coordinates: Array, random: RandomState) -> Array:
         """See GibbsMove."""
         likelihood, variance = self.target.likelihood, self.target.prior.log_scale_sd**2
         theta, log_scale = self.target.split(coordinates)

@@ -21,14 +21,16 @@ from functools import cached_property
 import numpy as np
 
 from bayesid.arrays import TINY, Array
+from bayesid.effects.coefficients import BaseCoefficients
 from bayesid.effects.parameters import Cone
+from bayesid.motion import Motion
 from bayesid.posterior.likelihood import Likelihood
 from bayesid.posterior.region import Region
+from bayesid.posterior.tuning import TUNING
 from bayesid.regression.knowledge import Information, Links, Nominal
+from bayesid.regression.moments import Moments
+from bayesid.robot import Robot
 
-LOG_SCALE_SD = 0.5
-"""Sd of the logarithm of a joint's noise over its reference: a factor of 1.6 (docs/posterior.md). Set by hand,
-wide beside what a log leaves, 1 / sqrt(2 n_j)."""
 _SHOWS = 1e-9
 """Share of a parameter's curvature from which it counts as showing in a joint; less is rounding."""
 _VISIBLE = 1e-12
@@ -101,7 +103,7 @@ def make_prior(
     likelihood: Likelihood,
     links: Links,
     nominal: Nominal | None = None,
-    log_scale_sd: float = LOG_SCALE_SD,
+    log_scale_sd: float = TUNING.log_scale_sd,
     information: Information | None = None,
 ) -> Prior:
     """The stated prior for a model.
@@ -169,3 +171,40 @@ def _windows(cone: Cone, links: Links) -> tuple[Window, ...]:
     windows.append(Window("mass of all links, from above", total, 0.0, none, most))
     windows.append(Window("mass of all links, from below", none, least, total, 0.0))
     return tuple(windows)
+
+
+def usual_links(robot: Robot, motion: Motion, coefficients: BaseCoefficients, cone: Cone, moments: Moments) -> Links:
+    """The scales of a robot's links; the default of `Links` for what neither its lengths nor its efforts show.
+
+    Lengths are the arm's: a link's mass lies within a quarter of the stretched arm of its frame, give or take. The mass
+    is the one whose efforts are those of the log: under the prior N(mu, D^2) of the links alone, for masses of 1 kg,
+    the efforts of the log's motion have the expected energy tr(D B' H B D) + mu' B' H B mu. It grows with the square of
+    the mass, and so :eq:`link-mass`::
+
+        mass = 3 sqrt(c / (tr(D B' H B D) + mu' B' H B mu)),
+
+    with H and c of all joints, in N m: gravity's torques over lengths and, where there is no gravity, those of the
+    accelerations. Friction is in c too, so that the prior is rather wider than narrower. Scale a robot's masses,
+    lengths and efforts, and its prior scales with them.
+
+    Args:
+        robot: whose lengths count, and of its sliding joints the way they went.
+        motion: of the log.
+        coefficients: the r base coefficients.
+        cone: of the P parameters.
+        moments: of the log, in N m and N, not scaled.
+    """
+    sliding = np.array([joint.prismatic for joint in robot.joints])
+    span = robot.stretched + float(np.ptp(motion.q, axis=0)[sliding].sum())
+    usual = Links() if span <= 0.0 else Links(reach=TUNING.link_reach * span)
+    arm = np.where(sliding, usual.reach, 1.0)  # by which the force of a sliding joint is a torque
+    scaled = moments.scaled(1.0 / arm)
+    hessian, energy = scaled.hessian.total(), float(scaled.energy.sum())
+    sd, mean = np.zeros(cone.size), np.zeros(cone.size)
+    for body in cone.bodies:
+        sd[body], mean[body] = usual.sd, usual.centre
+    spread, middle = coefficients.projection * sd, coefficients.projection @ mean
+    expected = float(np.sum(spread * (hessian @ spread)) + middle @ hessian @ middle)
+    if expected <= 1e-12 * energy or energy <= TINY:
+        return usual
+    return Links(mass=TUNING.link_mass * usual.mass * np.sqrt(energy / expected), reach=usual.reach)

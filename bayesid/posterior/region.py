@@ -13,13 +13,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
+from numpy.random import RandomState
 from scipy.special import log_ndtr, ndtri_exp
 
 from bayesid.arrays import Array, Integers, Mask
 from bayesid.effects.parameters import Cone
+from bayesid.posterior.tuning import TUNING
 from bayesid.robot.inertia import PSEUDO_INERTIA_BASIS
 
 _TRIANGLE = ((0, 0), (1, 0), (2, 0), (3, 0), (1, 1), (2, 1), (3, 1), (2, 2), (3, 2), (3, 3))
@@ -28,15 +29,6 @@ _DIAGONAL = np.array([0, 4, 7, 9])
 """Places of the diagonal's entries in that order."""
 _BASIS = np.array([PSEUDO_INERTIA_BASIS[:, i, j] for i, j in _TRIANGLE])
 """(10, 10) change of a pseudo-inertia's entries, in that order, with each of a body's parameters."""
-_MOST_TRIES = 200
-"""A bracket that has shrunk this often is a point; the walker stays. A round number; not studied."""
-
-
-class Uniforms(Protocol):
-    """A source of uniform variables on [0, 1): emcee's random state, or any numpy one."""
-
-    def random_sample(self, size: int | tuple[int, ...]) -> Array:
-        """Draws of this shape."""
 
 
 @dataclass(frozen=True)
@@ -159,7 +151,7 @@ def draw_on_line(
     matrix: Array,
     slope: Array,
     curvature: Array,
-    random: Uniforms,
+    random: RandomState,
     idle: float = 0.0,
 ) -> Array:
     """(W,) steps t along one direction, drawn from exp(slope t - curvature t^2 / 2) inside the region (:eq:`chord`).
@@ -171,7 +163,7 @@ def draw_on_line(
         matrix: (10, b) change of the matrices per unit of t.
         slope: (W,) of the log density at t = 0.
         curvature: (W,) positive.
-        random: where uniform variables come from.
+        random: the random state.
         idle: share of the walkers that may stay (t = 0): the last, whose brackets are longest beside what lies inside.
             Whether a try lies inside depends on the line, not on where on it a walker stands; so those that stay leave
             the distribution of all as it is.
@@ -184,7 +176,7 @@ def draw_on_line(
         return step
     walkers, t = np.arange(len(slope)), step  # those that have not moved yet, and what they try
     with np.errstate(all="ignore"):  # as in `positive_definite`
-        for _ in range(_MOST_TRIES):
+        for _ in range(TUNING.most_tries):
             (outside,) = np.nonzero(~_all_pivots_positive(current + t * change))
             walkers = walkers[outside]
             if len(walkers) <= idle * len(slope):
@@ -227,7 +219,7 @@ class Brackets:
         first, last = np.minimum(low, high), np.maximum(low, high)
         return cls(np.array([first, last, log_ndtr(place + first / sd), log_ndtr(place + last / sd), place, sd, turn]))
 
-    def draw(self, random: Uniforms) -> tuple[Array, Array]:
+    def draw(self, random: RandomState) -> tuple[Array, Array]:
         """(W,) draws t by inversion, and the logs of the shares below them."""
         first, last, log_first, log_last, place, sd, turn = self.values
         upper = 1.0 - random.random_sample(len(place))

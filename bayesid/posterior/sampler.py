@@ -22,27 +22,12 @@ from bayesid.errors import InputError
 from bayesid.parallel import in_parallel
 from bayesid.posterior.diagnostics import Diagnostics, diagnose
 from bayesid.posterior.moves import Conditional, HitAndRun, InTurn, NoiseScales
-from bayesid.posterior.start import HOT_SWEEPS, Centre, body_blocks, find_centre, spread_walkers
+from bayesid.posterior.start import Centre, body_blocks, find_centre, spread_walkers
 from bayesid.posterior.target import Target
+from bayesid.posterior.tuning import TUNING
 from bayesid.progress import Steps, no_steps
 
 Result = TypeVar("Result")
-
-_FEWEST = 8
-"""Sweeps that are kept however little time remains: R-hat of split chains is defined from four on (ArviZ)."""
-_EARLY = 0.25
-"""Share of all sweeps, the warm-up among them, that is left out at least: half of what Gelman and Rubin (1992) leave
-out of chains whose warm-up is no part of them, and R-hat still compares early with late."""
-_GROWTH = 1.5
-"""The run grows by this factor between checks of its diagnostics: at most a third of it is more than was needed."""
-_OF_A_SWEEP = 0.2
-"""Work of the diagnostics, over that of the sweeps: 0.1 to 0.2 for arms of six and seven joints."""
-_AT_ONCE = 8
-"""Sweeps after which the clock is looked at, and progress told."""
-_LINE, _ENTRY, _PRODUCT = 2e-4, 1.5e-9, 1.5e-9
-"""Nominal seconds of a line, of an entry of the curvature and of a block's product with a coefficient."""
-_GOLDEN = 0.5 * (5.0**0.5 - 1.0)
-"""The golden section: its multiples spread evenly over the circle, however many they are (Knuth, TAOCP 3, 6.4)."""
 
 
 @dataclass(frozen=True)
@@ -151,19 +136,35 @@ class Draws:
     def spread(self, count: int) -> Array:
         """(K, P + n) coordinates of at most `count` different draws: all sweeps, ensembles and walkers alike.
 
-        A constant stride through the list would fall into step with the walkers, and take the draws of very few.
+        A constant stride through the list would fall into step with the walkers, and take the draws of very few. The
+        golden section's multiples spread evenly, however many they are (Knuth, TAOCP 3, 6.4).
         """
         return self.coordinates[self.places(count)]
 
     def places(self, count: int) -> Integers:
         """(K,) where these stand in a list of all draws."""
         chains = int(np.prod(self.log_density.shape[1:]))
-        stride = round(_GOLDEN * chains)
+        stride = round(0.5 * (5.0**0.5 - 1.0) * chains)
         while math.gcd(stride, chains) != 1:
             stride += 1
         k = np.arange(min(count, self.sweeps * chains))
         places: Integers = k * self.sweeps // len(k) * chains + k * stride % chains
         return places
+
+    def kept_sweeps(self, most: int) -> tuple[int, Integers]:
+        """The step and the sweeps kept, the last one among them, so that at most so many draws are; even steps."""
+        chains = int(np.prod(self.log_density.shape[1:]))
+        every = -(-self.sweeps // max(1, most // chains))
+        return every, np.arange((self.sweeps - 1) % every, self.sweeps, every)
+
+    def kept_coefficients(self) -> Array:
+        """(E, D W, r) coefficients of the draws that posterior.nc keeps, in the order of time, as traces want it.
+
+        All walkers of the first sweep come first, then those of the second; the file holds them walker by walker.
+        """
+        _, kept = self.kept_sweeps(TUNING.kept_draws)
+        beta = np.moveaxis(self.beta[kept], 1, 0)
+        return np.ascontiguousarray(beta).reshape(beta.shape[0], -1, beta.shape[3])
 
 
 def sample(
@@ -184,8 +185,8 @@ def sample(
     drawn: list[list[_Stretch]] = []
     next_check, sweeps = min(sampling.first_look, clock.allowed), 0
     while True:
-        while sweeps < next_check and not (sweeps >= _FEWEST and clock.timed_out):
-            count = min(next_check - sweeps, _AT_ONCE)
+        while sweeps < next_check and not (sweeps >= TUNING.fewest_sweeps and clock.timed_out):
+            count = min(next_check - sweeps, TUNING.sweeps_at_once)
             drawn.append(in_parallel([partial(_draw, target, moves, half, count) for half in halves]))
             halves, sweeps = [stretch.end for stretch in drawn[-1]], sweeps + count
             clock.swept(count)
@@ -207,7 +208,7 @@ def sample(
                 spent=clock.spent,
                 timed_out=clock.timed_out and not converged,
             )
-        next_check = max(next_check, min(int(np.ceil(_GROWTH * sweeps)), clock.allowed))
+        next_check = max(next_check, min(int(np.ceil(TUNING.growth * sweeps)), clock.allowed))
 
 
 def nominal_sweep(target: Target, walkers: int) -> float:
@@ -218,7 +219,9 @@ def nominal_sweep(target: Target, walkers: int) -> float:
     """
     parameters, (blocks, coefficients) = target.n_parameters, target.likelihood.gradient.shape
     noises = target.likelihood.n_joints + 1
-    return parameters * _LINE + walkers * (_ENTRY * noises * parameters**2 + _PRODUCT * blocks * coefficients)
+    return parameters * TUNING.line_seconds + walkers * (
+        TUNING.entry_seconds * noises * parameters**2 + TUNING.product_seconds * blocks * coefficients
+    )
 
 
 class _Clock:
@@ -235,9 +238,9 @@ class _Clock:
     """
 
     def __init__(self, sampling: Sampling, sweep: float, leave: float) -> None:
-        began_with = HOT_SWEEPS + sampling.warm_up
-        within = int((sampling.budget - leave) / ((1.0 + _OF_A_SWEEP) * sweep)) - began_with
-        self.allowed = max(_FEWEST, min(within, sampling.most_sweeps))
+        began_with = TUNING.hot_sweeps + sampling.warm_up
+        within = int((sampling.budget - leave) / ((1.0 + TUNING.diagnostics_work) * sweep)) - began_with
+        self.allowed = max(TUNING.fewest_sweeps, min(within, sampling.most_sweeps))
         self._began, self._sweep, self._done = time.perf_counter(), sweep, began_with
         self._limit, self.timed_out = sampling.time_limit, False
 
@@ -249,7 +252,7 @@ class _Clock:
     @property
     def spent(self) -> float:
         """Nominal seconds of the sweeps made, warm-up and diagnostics included."""
-        return (1.0 + _OF_A_SWEEP) * self._sweep * self._done
+        return (1.0 + TUNING.diagnostics_work) * self._sweep * self._done
 
     def swept(self, sweeps: int) -> None:
         """Counts sweeps, and looks at the clock."""
@@ -291,7 +294,7 @@ def _warmed_up(target: Target, theta: Array, sampling: Sampling, clock: _Clock) 
         if done == halfway:
             centre = find_centre(target, *target.split(np.concatenate([h.coordinates for h in halves]).mean(axis=0)))
             moves = _moves(target, Conditional(centre.covariance, block))
-        count = min((halfway if done < halfway else sampling.warm_up) - done, _AT_ONCE)
+        count = min((halfway if done < halfway else sampling.warm_up) - done, TUNING.sweeps_at_once)
         halves = in_parallel([partial(_move, moves, half, count) for half in halves])
         done += count
         clock.swept(0)
@@ -331,7 +334,7 @@ def _moves(target: Target, directions: Conditional) -> InTurn:
 
 def _too_early(sweeps: int, sampling: Sampling) -> int:
     """Sweeps to leave out besides the warm-up: what takes long to converge takes long to forget where it began."""
-    return max(0, math.ceil(_EARLY * (sampling.warm_up + sweeps)) - sampling.warm_up)
+    return max(0, math.ceil(TUNING.early * (sampling.warm_up + sweeps)) - sampling.warm_up)
 
 
 def _chains(

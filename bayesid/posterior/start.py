@@ -15,29 +15,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.random import RandomState
 from scipy.linalg import cho_solve
 
 from bayesid.arrays import Array, Integers
-from bayesid.posterior.factors import factor
-from bayesid.posterior.moves import Conditional, HitAndRun, InTurn, NoiseScales, Random
+from bayesid.posterior.moves import Conditional, HitAndRun, InTurn, NoiseScales, factor
 from bayesid.posterior.region import Region
 from bayesid.posterior.target import Target
-
-_MOST_STEPS = 300
-"""Of Newton's method, which needs some tens: an end to rounding, not a limit."""
-_DECREMENT = 1e-6
-"""Half the squared Newton decrement bounds the distance from the minimum (Boyd and Vandenberghe 2004, 9.6.3): less than
-1e-6 nats, where walkers spread over several."""
-_SUFFICIENT = 0.25
-"""Share of the linear decrease that a step must bring: alpha < 1/2 of the line search (the same, 9.2)."""
-_SHORTEST_STEP = 1e-12
-"""Share of a Newton step at which the line search gives up: rounding."""
-_HOT = 4.0
-"""Temperature at which walkers are spread: twice the posterior's sd, as R-hat wants it (Gelman and Rubin 1992)."""
-HOT_SWEEPS = 3
-"""Sweeps at that temperature. A round number; not studied."""
-_REACH = 0.9
-"""Of the ellipsoid's radius, in which walkers begin: short of 1, for rounding."""
+from bayesid.posterior.tuning import TUNING
 
 
 @dataclass(frozen=True)
@@ -78,15 +63,15 @@ def barrier_minimum(region: Region, precision: Array, linear: Array, start: Arra
         start: (P,) strictly inside.
     """
     theta, value = start, barrier_value(region, precision, linear, start)
-    for _ in range(_MOST_STEPS):
+    for _ in range(300):  # Newton's method needs some tens
         slope, curvature = barrier_derivatives(region, theta)
         gradient = precision @ theta - linear + slope
         step = -_inverse(precision + curvature) @ gradient
         decrement = -float(gradient @ step)
-        if decrement < _DECREMENT:
+        if decrement < 1e-6:  # twice the distance from the minimum, nats (Boyd and Vandenberghe 2004, 9.6.3)
             break
         length, lower = 1.0, barrier_value(region, precision, linear, theta + step)
-        while lower > value - _SUFFICIENT * length * decrement and length > _SHORTEST_STEP:
+        while lower > value - 0.25 * length * decrement and length > 1e-12:
             length *= 0.5
             lower = barrier_value(region, precision, linear, theta + length * step)
         if lower >= value:
@@ -124,7 +109,7 @@ def barrier_derivatives(region: Region, theta: Array) -> tuple[Array, Array]:
     return slope, scaled.T @ scaled + flat @ flat.T  # sums of squares: positive semidefinite however rounding goes
 
 
-def spread_walkers(target: Target, centre: Centre, directions: Conditional, walkers: int, random: Random) -> Array:
+def spread_walkers(target: Target, centre: Centre, directions: Conditional, walkers: int, random: RandomState) -> Array:
     """(W, P + n) starting points, spread wider than the posterior: a few sweeps at a higher temperature.
 
     They begin inside the ellipsoid that the barrier's Hessian spans about the centre, which lies in the region
@@ -133,10 +118,10 @@ def spread_walkers(target: Target, centre: Centre, directions: Conditional, walk
     root = factor(centre.covariance)
     noise = random.standard_normal((walkers, len(root)))
     radius = random.random_sample((walkers, 1)) / np.linalg.norm(noise, axis=1, keepdims=True)
-    theta = centre.theta + _REACH * radius * noise @ root.T
+    theta = centre.theta + TUNING.reach * radius * noise @ root.T
     coordinates = np.concatenate([theta, np.zeros((walkers, target.likelihood.n_joints))], axis=1)
-    hot = InTurn([HitAndRun(target, directions, _HOT), NoiseScales(target)])
-    for _ in range(HOT_SWEEPS):
+    hot = InTurn([HitAndRun(target, directions, TUNING.hot), NoiseScales(target)])
+    for _ in range(TUNING.hot_sweeps):
         coordinates = hot.update(coordinates, random)
     return coordinates
 

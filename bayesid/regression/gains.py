@@ -50,7 +50,7 @@ _MASS = 40.0
 _TAPER = 0.6
 """Mass of a link over that of the one before it. A round number."""
 _REACH = 0.25
-"""Scale of distances over the stretched arm, as in `bayesid.posterior.links`."""
+"""Scale of distances over the stretched arm, as in `bayesid.posterior.prior`."""
 _MOST_STEPS = 30
 """Newton steps: an end to rounding, not a limit; some five are needed."""
 _SETTLED = 1e-3

@@ -12,8 +12,7 @@ from bayesid.identification.validation import Validation
 from bayesid.report.findings import as_json, log_parts, summarise
 
 if TYPE_CHECKING:
-    from bayesid.posterior.inference_data import InferenceData  # ArviZ takes two seconds to import
-    from bayesid.posterior.kept import Kept
+    from xarray import DataTree  # takes half a second to import
 
 
 def segment_rows(identification: Identification) -> list[dict[str, object]]:
@@ -76,7 +75,7 @@ def _if_known(value: float) -> object:
     return value if np.isfinite(value) else ""
 
 
-def inference_data(identification: Identification) -> InferenceData:
+def inference_data(identification: Identification) -> Any:
     """The posterior as ArviZ takes it: what posterior.nc holds.
 
     An `arviz.InferenceData`, from ArviZ 1.0 on an `xarray.DataTree`.
@@ -94,7 +93,7 @@ def inference_data(identification: Identification) -> InferenceData:
     return as_inference_data(kept_draws(identification))
 
 
-def kept_draws(identification: Identification) -> Kept:
+def kept_draws(identification: Identification) -> DataTree:
     """What posterior.nc holds.
 
     Raises:
@@ -103,7 +102,7 @@ def kept_draws(identification: Identification) -> Kept:
     posterior = identification.posterior
     if posterior is None:
         raise ValueError("no posterior was sampled")
-    from bayesid.posterior.kept import Labels, Moved, keep  # and what writes files, for a posterior alone
+    from bayesid.posterior.inference_data import Labels, Moved, keep  # and xarray, for a posterior alone
 
     completion = identification.completion
     labels = Labels(

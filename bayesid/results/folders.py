@@ -359,7 +359,7 @@ def _write_identification(
         with missing.without(place / name):
             (place / name).write_text(export(identification.model, identification.theta), encoding="utf-8")
     if identification.posterior is not None:
-        from bayesid.posterior.kept import write as write_draws
+        from bayesid.posterior.netcdf import write as write_draws
 
         with missing.without(place / "posterior.nc"):
             write_draws(kept_draws(identification), place / "posterior.nc")

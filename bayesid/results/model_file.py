@@ -141,10 +141,9 @@ def _stored_covariance(table: dict[str, Any] | None, model: Model, key: str) -> 
 def _stored_draws(model: Model, path: Path) -> ParameterDraws | None:
     if not path.exists():
         return None
-    from bayesid.posterior.stored import read_draws, read_log_gains
+    from bayesid.posterior.netcdf import read_draws  # and xarray, for a posterior alone
 
-    theta, sigma = read_draws(path, [parameter.name for parameter in model.parameters])
-    return ParameterDraws(theta, sigma, read_log_gains(path))
+    return ParameterDraws(*read_draws(path, [parameter.name for parameter in model.parameters]))
 
 
 def _named(

@@ -55,8 +55,9 @@ from bayesid.log.log import read_log
 from bayesid.posterior.diagnostics import Diagnostics, diagnose
 from bayesid.posterior.moves import Conditional
 from bayesid.posterior.sampler import Sampling, sample
-from bayesid.posterior.start import HOT_SWEEPS, body_blocks, find_centre, spread_walkers
+from bayesid.posterior.start import body_blocks, find_centre, spread_walkers
 from bayesid.posterior.target import Target
+from bayesid.posterior.tuning import TUNING
 from bayesid.robot import load_robot
 from bayesid.robot.inertia import PSEUDO_INERTIA_BASIS, pseudo_inertia
 from bayesid.simulation.logs import simulate_log
@@ -222,7 +223,7 @@ def bayesid_sampler(problem: Problem, seconds: float, seed: int) -> Outcome:
     told: list[tuple[int, float]] = []
     clock, sampling = Clock(), Sampling(budget=seconds, seed=seed)
     draws = sample(problem.target, problem.theta, sampling, lambda done, _: told.append((done, clock.wall)))
-    spent, before, (done, wall) = (clock.wall, clock.cpu), HOT_SWEEPS + sampling.warm_up, told[0]
+    spent, before, (done, wall) = (clock.wall, clock.cpu), TUNING.hot_sweeps + sampling.warm_up, told[0]
     warm = wall * before / (before + done)  # sweeps of the warm-up take as long as those that count
     coordinates = np.concatenate([draws.theta, draws.log_scale], axis=-1)
     return _outcome("bayesid", problem.target, coordinates, (warm, *spent), f"{draws.sweeps} sweeps")

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from identified_arm import MODEL, NOISE, ROBOT, THETA, by_least_squares, log_of, motion_of
+from pandas import DataFrame
 
 from bayesid.effects.catalogue import make_effect
 from bayesid.effects.coefficients import base_coefficients
@@ -13,7 +14,6 @@ from bayesid.identification.identified_model import IdentifiedModel, ParameterDr
 from bayesid.identification.pipeline import identify
 from bayesid.identification.provenance import hashes
 from bayesid.log.log import join_logs
-from bayesid.posterior.labelled import DataFrame
 from bayesid.regression.noise import Noise
 from bayesid.results.folders import save_identification
 from bayesid.results.model_file import load_model

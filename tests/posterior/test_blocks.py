@@ -10,8 +10,7 @@ from sign_problems import moments_of
 import bayesid
 from bayesid.effects.coefficients import BaseCoefficients
 from bayesid.log.segments import Segments
-from bayesid.posterior.blocks import SegmentBlocks, agreed_signs, divide
-from bayesid.posterior.kept import by_blocks, pointwise
+from bayesid.posterior.blocks import SegmentBlocks, agreed_signs, by_blocks, divide, pointwise
 from bayesid.posterior.likelihood import make_likelihood
 from bayesid.simulation.logs import simulate_log
 
@@ -98,7 +97,8 @@ def test_draws_agree_about_strong_segments():
 
 def test_what_draws_leave_open_stays_whole():
     log = Log()
-    blocks, fixed = log.blocks.apart(log.likelihood, *log.draws)
+    blocks, likelihood = by_blocks(log.blocks, log.likelihood, *log.draws)
+    fixed = likelihood.fixed
     assert np.sum(blocks.segment == WEAK) == 1
     assert np.sum(log.blocks.segment == WEAK) > 1
     assert fixed[blocks.segment == WEAK].tolist() == [0]

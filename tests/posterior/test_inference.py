@@ -8,8 +8,7 @@ from scipy.special import expit
 from bayesid.errors import InputError
 from bayesid.posterior.diagnostics import Diagnostics
 from bayesid.posterior.marginal_likelihood import MarginalLikelihood
-from bayesid.posterior.modes import Mode
-from bayesid.posterior.sampled_modes import SampledMode, pool
+from bayesid.posterior.modes import Mode, SampledMode, pool
 from bayesid.posterior.sampler import Draws, Sampling, nominal_sweep
 from bayesid.progress import Progress
 from bayesid.signs.search.beam import beam

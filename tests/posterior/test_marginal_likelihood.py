@@ -5,7 +5,6 @@ from scipy import stats
 
 from bayesid.effects.parameters import Cone
 from bayesid.posterior.marginal_likelihood import (
-    Integration,
     Normal,
     bridge,
     integrate,
@@ -17,7 +16,7 @@ from bayesid.posterior.region import Region
 from bayesid.posterior.sampler import Sampling, sample
 from bayesid.robot.inertia import from_pseudo_inertia
 
-MANY = Integration(groups=10, walkers=400)
+MANY = {"groups": 10, "walkers": 400}
 
 
 def test_two_dimensions_match_quadrature(rng):
@@ -26,7 +25,7 @@ def test_two_dimensions_match_quadrature(rng):
     axes = [np.linspace(-1, 1, 400), np.linspace(-0.3, 1, 260), np.linspace(-1.2, 1.2, 20)]
     exact = quadrature(target, axes)[0]
     draws = sample(target, np.array(theta), Sampling(walkers=32))
-    mass = integrate(target, draws, MANY)
+    mass = integrate(target, draws, **MANY)
     assert abs(mass.log_value - exact) < max(4 * mass.standard_error, 0.06)
 
 
@@ -36,7 +35,7 @@ def test_share_of_a_half_line(mean):
     normal = Normal(np.array([[4.0]]), np.array([4.0 * mean]))
     exact = stats.norm.logcdf(2.0 * mean)
     for method in (truncate, truncate_by_splitting):
-        truncated = method(region, normal, np.ones(1), MANY, np.random.RandomState(0))
+        truncated = method(region, normal, np.ones(1), np.random.RandomState(0), **MANY)
         error = truncated.log_mass.std(ddof=1) / np.sqrt(10)
         assert abs(truncated.log_mass.mean() - normal.log_integral - exact) < max(4 * error, 0.03)
         assert np.all(truncated.theta > 0.0)
@@ -46,7 +45,7 @@ def test_share_of_a_rigid_body_matches_rejection(rng):
     region, body = Region.of(Cone.rigid_bodies(1)), from_pseudo_inertia(np.diag([0.3, 0.5, 0.8, 1.0]))
     share = region.contains((body + 0.5 * rng.standard_normal((400_000, 10))).T).mean()
     normal = Normal(4.0 * np.eye(10), 4.0 * body)
-    truncated = truncate(region, normal, body, MANY, np.random.RandomState(0))
+    truncated = truncate(region, normal, body, np.random.RandomState(0), **MANY)
     error = truncated.log_mass.std(ddof=1) / np.sqrt(10)
     assert abs(truncated.log_mass.mean() - normal.log_integral - np.log(share)) < max(4 * error, 0.05)
 

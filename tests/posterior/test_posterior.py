@@ -12,10 +12,9 @@ from bayesid.effects.parameters import Cone
 from bayesid.posterior.diagnostics import Diagnostics
 from bayesid.posterior.inference import Posterior, widened
 from bayesid.posterior.likelihood import Likelihood
-from bayesid.posterior.modes import Mode
+from bayesid.posterior.modes import Mode, SampledMode
 from bayesid.posterior.prior import Prior
 from bayesid.posterior.region import Region
-from bayesid.posterior.sampled_modes import SampledMode
 from bayesid.posterior.sampler import Draws, Sampling
 from bayesid.posterior.target import Target
 

@@ -59,11 +59,7 @@ def find_findings(identification: Identification) -> Findings:
 
 
 def _draws(identification: Identification) -> Array | None:
-    if identification.posterior is None:
-        return None
-    from bayesid.posterior.kept import kept_coefficients  # and what writes files, for a posterior alone
-
-    return kept_coefficients(identification.posterior.uncertain)
+    return None if identification.posterior is None else identification.posterior.uncertain.kept_coefficients()
 
 
 def _samples(identification: Identification) -> Samples:
