@@ -54,13 +54,11 @@ from bayesid.regression.least_squares import Fit, fit_signed
 from bayesid.regression.moments import Moments
 from bayesid.robot import Robot, check_joints, load_robot
 from bayesid.signs.after_rectifier import settle_unfiltered
-from bayesid.signs.averaging import AveragedSigns, average_over_models
+from bayesid.signs.averaging import AveragedSigns, average_over_models, structural_doubt, tempered_by_outliers
 from bayesid.signs.completion import CompletedSigns, Completing
 from bayesid.signs.completion import complete as complete_model
-from bayesid.signs.doubt import structural_doubt, tempered_by_outliers
-from bayesid.signs.search.budget import OneBudget
 from bayesid.signs.search.certified import Certified
-from bayesid.signs.search.protocol import Search
+from bayesid.signs.search.protocol import OneBudget, Search
 from bayesid.signs.settling import Earlier, Settled, restored, settle_signs
 from bayesid.signs.smoothing import sign_probabilities
 

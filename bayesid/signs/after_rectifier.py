@@ -26,38 +26,7 @@ from bayesid.progress import SILENT, Progress
 from bayesid.regression.noise import autocovariance
 from bayesid.signs.search.protocol import Search
 from bayesid.signs.settling import Earlier, Settled, settle_signs, settled_again
-
-_REACH = 0.06
-"""s before and after a zero crossing that count as around it: where a low-pass of a few Hz rounds off most. Of 0.06,
-0.08 and 0.12 the best on filtered dev logs and simulated ones; not studied on others."""
-_SETTLING = 0.4
-"""s before and after that, in which a low-pass of `_CUTOFFS` comes to rest. A round number; not studied."""
-_MOST_CROSSINGS = 240
-"""Crossings that are looked at, evenly over log and joints: far more than what decides."""
-_FALSE_ALARM = 0.05
-"""Bound on the probability of finding a low-pass where there is none (`significance`). By the normal limit of the same
-sum it is 0.007. At 0.01 the Panda's dev log behind 8 Hz was missed; not studied on other logs."""
-_CUTOFFS = 1.4 * 2.0 ** (0.5 * np.arange(9))
-"""Hz; cut-offs that are tried: from where hardly a motion is left to 22 Hz, which rounds off a sample or two."""
-_OF_NYQUIST = 0.5
-"""Of half the rate: a cut-off above is not tried, since resampling does as much. A round number."""
-_FINER = 2.0 ** (np.arange(-4, 5) / 8)
-"""Cut-offs that are tried about one that was found, relative to it."""
-_SHAPES = ((1, False), (2, False), (1, True), (2, True))
-"""Order, and whether there is no delay: an RC element, a usual low-pass, and both run forwards and backwards."""
-_BIAS = 4.0 * np.linspace(-1.0, 1.0, 41)
-"""Errors of the model that are tried at a crossing, in standard deviations of the residual."""
-_LONGEST_LAG = 0.5
-"""s; beyond this lag a residual's correlation is the motion's (`bayesid.regression.noise`)."""
-_MEMORIES = (0.05, 0.1, 0.2, 0.5, 2.0)
-"""s; correlation times of the model's error that are told apart. Round numbers; not studied."""
-_LEAST_TAKEN = 1.0
-"""Least noise taken, as a share of the residual's variance: as much as has passed. A low-pass is known only so well,
-and slow noise looks like noise that has passed. Of 0.1 and 1 the one with fewer wrong signs on eight filtered logs."""
-_PASSES = 3
-"""Fits behind a low-pass, each with the signs of the one before it. A round number; not studied."""
-_BLIND = 1e-9
-"""Share of the largest eigenvalue below which a direction is not seen: the root of rounding, cautiously."""
+from bayesid.signs.tuning import TUNING
 
 
 def settle_unfiltered(
@@ -70,15 +39,6 @@ def settle_unfiltered(
     earlier: Earlier | None = None,
 ) -> tuple[Settled, Segments]:
     """`settle_signs`, once more on efforts freed of a low-pass after the rectifier where there was one.
-
-    Args:
-        model: robot and terms.
-        signals: the log.
-        segments: where its signs are constant.
-        search: how to search.
-        cutting: how efforts are cut.
-        progress: of the searches.
-        earlier: what an earlier log says.
 
     Returns:
         The signs, whose evidence holds the signals freed of the low-pass, and the segments before any search.
@@ -100,14 +60,9 @@ def settle_unfiltered(
 
 
 def freed(settled: Settled, low_pass: LowPass, predicted: Array) -> Signals:
-    """The log with the efforts of its unsigned joints as they were before a low-pass, by what it does to the model's.
+    """The log with the efforts of its unsigned joints as they were before a low-pass, by what it does to `predicted`.
 
-    What the model leaves of the readings stays as it is, so that no noise is made larger.
-
-    Args:
-        settled: signs of the log.
-        low_pass: that |effort| has passed.
-        predicted: (N, n) the model's effort, N m.
+    What the model, (N, n) N m, leaves of the readings stays as it is, so that no noise is made larger.
     """
     signals, used = settled.evidence.signals, settled.evidence.used
     read = _read(signals)
@@ -128,13 +83,13 @@ def noise_taken(low_pass: LowPass, residual: Array, used: Mask, rate: float) -> 
     The residual's autocovariance is that of sensor noise behind the low-pass plus white noise and exponentially
     correlated ones before it, of variances that are not negative (Lawson and Hanson 1974, chapter 23).
     """
-    observed = autocovariance(residual, used, max(2, int(_LONGEST_LAG * rate)))
-    memories = np.exp(-1.0 / (np.array(_MEMORIES) * rate))
+    observed = autocovariance(residual, used, max(2, int(TUNING.longest_lag * rate)))
+    memories = np.exp(-1.0 / (np.array(TUNING.error_memories) * rate))
     passed = np.stack([low_pass.autocovariance(memory, len(observed), rate) for memory in (0.0, *memories)], axis=1)
     behind = np.eye(len(observed), 1)
     variance = scipy.optimize.nnls(np.hstack([behind, passed]), observed)[0][1:]
     taken = float(variance @ (1.0 - passed[0]))
-    return np.sqrt(max(taken, _LEAST_TAKEN * observed[0], TINY))
+    return np.sqrt(max(taken, TUNING.least_noise_taken * observed[0], TINY))
 
 
 def find_low_pass(settled: Settled) -> LowPass | None:
@@ -142,17 +97,18 @@ def find_low_pass(settled: Settled) -> LowPass | None:
 
     Where the crossings favour one, they are looked at once more after a fit to efforts freed of it: a fit to efforts
     that lag has crossings elsewhere.
-
-    Raises:
-        SolverError: an optimisation failed.
     """
     tried = _tried(settled.evidence.signals.rate)
     first = _Crossings.of(settled)
-    if not tried or significance(np.ones(len(first.joint))) > _FALSE_ALARM or first.contrast(tried).sum() <= 0.0:
+    if (
+        not tried
+        or significance(np.ones(len(first.joint))) > TUNING.low_pass_false_alarm
+        or first.contrast(tried).sum() <= 0.0
+    ):
         return None
     signals = freed(settled, first.best_after(tried), settled.predicted)
     again = _Crossings.of(settled_again(settled, signals, settled.predicted))
-    return again.best_after(tried) if significance(again.contrast(tried)) <= _FALSE_ALARM else None
+    return again.best_after(tried) if significance(again.contrast(tried)) <= TUNING.low_pass_false_alarm else None
 
 
 def significance(contrast: Array) -> float:
@@ -166,16 +122,20 @@ def significance(contrast: Array) -> float:
 
 
 def _tried(rate: float) -> list[LowPass]:
-    return [LowPass(order, float(f), both) for order, both in _SHAPES for f in _CUTOFFS if _may_be(f, rate)]
-
-
-def _may_be(cutoff: float, rate: float) -> bool:
-    return cutoff < 0.5 * _OF_NYQUIST * rate
+    """Half an octave apart."""
+    return _low_passes(TUNING.lowest_cutoff * 2.0 ** (0.5 * np.arange(TUNING.half_octaves)), rate)
 
 
 def _finer(low_pass: LowPass, rate: float) -> list[LowPass]:
-    cutoffs = [low_pass.cutoff * factor for factor in _FINER.tolist()]
-    return [LowPass(order, f, both) for order, both in _SHAPES for f in cutoffs if _may_be(f, rate)]
+    """Within half an octave of one that was found, an eighth apart."""
+    eighths: Array = 2.0 ** (np.arange(-4, 5) / 8)
+    return _low_passes(low_pass.cutoff * eighths, rate)
+
+
+def _low_passes(cutoffs: Array, rate: float) -> list[LowPass]:
+    """Of every shape and of those cut-offs, Hz, that a log of this rate shows."""
+    shown = cutoffs[cutoffs < 0.5 * TUNING.cutoff_of_nyquist * rate].tolist()
+    return [LowPass(order, cutoff, both) for order, both in TUNING.low_pass_shapes for cutoff in shown]
 
 
 def _read(signals: Signals) -> Array:
@@ -189,16 +149,11 @@ class _Rows:
 
     A model that was fitted to efforts which lag has taken up some of the lag; so the low-pass is chosen by what is left
     after a fit of its own.
-
-    Attributes:
-        settled: signs of the log.
-        columns: (N, n, r) of the coefficients.
-        sigma: (n,) sd of the residual, N m, by which joints are weighed.
     """
 
-    settled: Settled
-    columns: Array
-    sigma: Array
+    settled: Settled  # signs of the log
+    columns: Array  # (N, n, r) of the coefficients
+    sigma: Array  # (n,) sd of the residual, N m, by which joints are weighed
 
     @classmethod
     def of(cls, settled: Settled) -> _Rows:
@@ -210,7 +165,7 @@ class _Rows:
         signals, used, predicted = self.settled.evidence.signals, self.settled.evidence.used, self.settled.predicted
         read = np.where(signals.signed, signals.raw_effort, _read(signals))
         target = np.where(used, read, 0.0) / self.sigma
-        for _ in range(_PASSES):
+        for _ in range(TUNING.low_pass_fits):
             signs = np.where(predicted >= 0.0, 1.0, -1.0)
             filtered = low_pass.apply(signs[:, :, None] * self.columns, signals.rate)
             rows = np.where(signals.signed[:, None], self.columns, filtered)
@@ -226,40 +181,31 @@ def _least_squares(rows: Array, target: Array) -> Array:
     """(r,) of least length, columns scaled to the same one."""
     hessian = rows.T @ rows
     length = np.sqrt(np.maximum(np.diag(hessian), TINY))
-    inverse = np.linalg.pinv(hessian / np.outer(length, length), rcond=_BLIND, hermitian=True)
+    inverse = np.linalg.pinv(hessian / np.outer(length, length), rcond=1e-9, hermitian=True)
     solution: Array = inverse @ (rows.T @ target / length) / length
     return solution
 
 
 @dataclass(frozen=True)
 class _Crossings:
-    """C zero crossings of the model's effort, with L samples about each and M in which a low-pass comes to rest.
+    """C zero crossings of the model's effort, with L samples about each and M in which a low-pass comes to rest."""
 
-    Attributes:
-        joint: (C,) 0-based.
-        predicted: (L + 2 M, C) the model's effort, N m.
-        read: (L, C) |effort|, N m.
-        sd: (C,) of the residual, N m.
-        white: (C,) of its white part.
-        rate: Hz.
-    """
-
-    joint: Integers
-    predicted: Array
-    read: Array
-    sd: Array
-    white: Array
-    rate: float
+    joint: Integers  # (C,) 0-based
+    predicted: Array  # (L + 2 M, C) the model's effort, N m
+    read: Array  # (L, C) |effort|, N m
+    sd: Array  # (C,) of the residual, N m
+    white: Array  # (C,) of its white part
+    rate: float  # Hz
 
     @classmethod
     def of(cls, settled: Settled) -> _Crossings:
         """Those of the unsigned joints, one after the other, mostly in motion and well inside the log."""
         signals, predicted, noise = settled.evidence.signals, settled.predicted, settled.fit.residual
-        reach, settling = round(_REACH * signals.rate), round(_SETTLING * signals.rate)
+        reach, settling = round(TUNING.crossing_reach * signals.rate), round(TUNING.low_pass_rest * signals.rate)
         usable = signals.measured & signals.inner & ~signals.signed
         places = _apart(predicted, usable, settled.evidence.moving, reach, settling)
-        if len(places) > _MOST_CROSSINGS:
-            places = places[np.linspace(0, len(places) - 1, _MOST_CROSSINGS).astype(int)]
+        if len(places) > TUNING.most_crossings:
+            places = places[np.linspace(0, len(places) - 1, TUNING.most_crossings).astype(int)]
         joint, at = places.T
         around = at + np.arange(-reach, reach + 1)[:, None]
         wide = at + np.arange(-reach - settling, reach + settling + 1)[:, None]
@@ -269,7 +215,7 @@ class _Crossings:
     @property
     def _bias(self) -> Array:
         """(C, G) errors of the model."""
-        return self.sd[:, None] * _BIAS
+        return self.sd[:, None] * (TUNING.crossing_bias * np.linspace(-1.0, 1.0, TUNING.crossing_biases))
 
     @cached_property
     def _mean(self) -> Array:

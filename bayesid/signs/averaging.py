@@ -1,4 +1,4 @@
-"""Under which model the signs are settled: the one asked for, or that one with the standard effects it leaves out.
+"""What a wrong model does to signs: another model that has a say, and doubt where none explains the log.
 
 A model without friction explains |effort| of a friction-dominated joint best with wrong signs: friction that only
 changes its sign looks like a constant once rectified. No noise level shows that; another model does. So where a model
@@ -8,45 +8,37 @@ signs are searched with these effects too, and both models speak, each with its 
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d
 from scipy.special import expit
 
-from bayesid.arrays import Array
+from bayesid.arrays import TINY, Array, Integers
 from bayesid.effects import STANDARD, catalogue
 from bayesid.effects.model import Model
 from bayesid.log.segments import Segments
 from bayesid.log.signals import Signals
 from bayesid.progress import SILENT, Progress
 from bayesid.regression.least_squares import Fit, fit_signed
+from bayesid.regression.moments import Moments, moments
+from bayesid.regression.solver import ConeLeastSquares
 from bayesid.signs.search.protocol import Search
 from bayesid.signs.settling import Settled, settle_signs
-
-_LASTING = 0.5
-"""Coloured over white noise of a residual from which on it is worth another model's opinion. A round number; not
-studied."""
-_LARGEST_WEIGHT = 0.95
-"""The model that was asked for keeps a say: neither is the truth, whatever their odds. A round number; not studied."""
+from bayesid.signs.tuning import TUNING
 
 
 @dataclass(frozen=True)
 class AveragedSigns:
-    """Signs by the model asked for and, where that is worth asking, by a richer one.
+    """Signs by the model asked for and, where that is worth asking, by a richer one."""
 
-    Attributes:
-        asked: signs under the model asked for.
-        settled: signs under the weightier model, by which segments are cut and signed.
-        fit: of the model asked for.
-        probability: (N, n) P(sign = +) of every sample, averaged over both models.
-        weight: of the weightier model.
-    """
-
-    asked: Settled
-    settled: Settled
-    fit: Fit
-    probability: Array
-    weight: float
+    asked: Settled  # signs under the model asked for
+    settled: Settled  # signs under the weightier model, by which segments are cut and signed
+    fit: Fit  # of the model asked for
+    probability: Array  # (N, n) P(sign = +) of every sample, averaged over both models
+    weight: float  # of the weightier model
 
     @classmethod
     def alone(cls, asked: Settled) -> AveragedSigns:
@@ -55,11 +47,7 @@ class AveragedSigns:
 
     @classmethod
     def of(cls, asked: Settled, rival: Settled) -> AveragedSigns:
-        """Two models have a say, each with its weight.
-
-        Raises:
-            SolverError: an optimisation failed.
-        """
+        """Two models have a say, each with its weight."""
         weight = weight_against(rival, asked)
         probability = weight * rival.probability + (1.0 - weight) * asked.probability
         if weight < 0.5:
@@ -84,12 +72,6 @@ def average_over_models(
 ) -> AveragedSigns:
     """Averages with the signs under all standard effects, where the model lacks some and its residual lasts.
 
-    Args:
-        asked: signs under the model asked for.
-        segments: as they were before any search.
-        search: how to search.
-        progress: of the searches.
-
     Raises:
         SolverError: an optimisation failed.
     """
@@ -104,7 +86,7 @@ def average_over_models(
 def richer_model(settled: Settled) -> Model | None:
     """The model with all standard effects, if it lacks some and its residual lasts; else None."""
     residual, signals = settled.fit.residual, settled.evidence.signals
-    if signals.signed.all() or np.all(residual.coloured < _LASTING * residual.white):
+    if signals.signed.all() or np.all(residual.coloured < TUNING.lasting * residual.white):
         return None
     return with_standard_terms(settled.model, signals)
 
@@ -125,7 +107,7 @@ def weight_against(rival: Settled, asked: Settled) -> float:
 
     Each joint's samples are divided by the longer autocorrelation time of the two residuals (:eq:`model-weight`).
     """
-    return min(_LARGEST_WEIGHT, float(expit(0.5 * evidence_gain(rival, asked))))
+    return min(TUNING.largest_weight, float(expit(0.5 * evidence_gain(rival, asked))))
 
 
 def evidence_gain(rival: Settled, asked: Settled) -> float:
@@ -138,3 +120,97 @@ def evidence_gain(rival: Settled, asked: Settled) -> float:
     gain = float(count @ (2.0 * np.log(asked.fit.residual.sigma / rival.fit.residual.sigma)))
     more = len(rival.evidence.coefficients) - len(asked.evidence.coefficients)
     return gain - more * float(np.log(count.sum()))
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Doubt
+# ---------------------------------------------------------------------------------------------------------------
+def structural_doubt(settled: Settled) -> Array:
+    """(n,) probability, per joint, that signs are guesses because the model is not the robot's.
+
+    A model that leaves a large lasting error of its own finds wrong signs that suit it, joints at a time, and every
+    probability that is conditional on the model follows it. A rule of thumb (:eq:`doubt`), in whether a proof was had,
+    in the lasting error of the joint itself, and in that of the worst joint, unless the other side of the joint would
+    need errors larger still. `bayesid study misfit` shows what it does.
+    """
+    signals, fitted = settled.evidence.signals, settled.evidence.fitted
+    square = np.where(fitted, signals.raw_effort**2, 0.0).sum(axis=0)
+    effort = np.sqrt(square / np.maximum(fitted.sum(axis=0), 1))
+    shown = fitted.any(axis=0)  # a joint whose efforts are all in fault shows no error
+    error = np.where(shown, settled.fit.noise.coloured / np.maximum(effort, TINY), 0.0)
+    proven = settled.signs.search.certified
+    if not np.any(error > (TUNING.tolerated_error if proven else TUNING.tolerated_error_unproven)):
+        return np.zeros(len(error))
+    return np.where(signals.signed, 0.0, doubt_of(error, other_side(settled, effort), proven=proven))
+
+
+def doubt_of(error: Array, other_side: Array, *, proven: bool) -> Array:
+    """(n,) probability that signs are guesses (:eq:`doubt`), by the lasting error (n,) relative to the effort."""
+    tolerated, shared = (
+        TUNING.tolerated_error if proven else TUNING.tolerated_error_unproven,
+        TUNING.shared_error * error.max(),
+    )
+    suspected = np.maximum(error, np.minimum(shared, 2.0 * shared - other_side))
+    doubt: Array = 0.5 * np.clip((suspected - tolerated) / TUNING.error_of_a_guess, 0.0, 1.0)
+    return doubt
+
+
+def tempered_by_outliers(settled: Settled, probability: Array) -> Array:
+    """(N, n) P(sign = +) with less confidence where the model explains |effort| with neither sign (:eq:`outliers`).
+
+    Such samples come in runs, a shock or a vibration of the drive, and their errors are one event. So within the
+    residual's autocorrelation time of an outlier, confidence is bounded by what a sample says of its sign by itself: by
+    a density that falls with the square of the error.
+    """
+    signals, fit = settled.evidence.signals, settled.fit
+    effort, predicted = signals.magnitude, np.abs(fit.predicted)
+    near, far = (effort - predicted) ** 2, (effort + predicted) ** 2
+    outlier = settled.evidence.moving & (near > (TUNING.outlier * fit.residual.sigma) ** 2)
+    reach = np.ceil(fit.residual.autocorrelation).astype(int)
+    around = [maximum_filter1d(outlier[:, j], 2 * reach[j] + 1) for j in range(outlier.shape[1])]
+    most = np.where(np.transpose(around), far / np.maximum(near + far, TINY), 1.0)
+    return np.where(signals.signed, probability, np.clip(probability, 1.0 - most, most))
+
+
+def other_side(settled: Settled, effort: Array) -> Array:
+    """(n,) error that the model would need besides if a joint's signs were all turned round, relative to effort (n,).
+
+    Of the joint where it is largest, for those sets of joints turned together that need least.
+    """
+    evidence, segments = settled.evidence, settled.signs.segments[settled.signs.segments.fitted]
+    motion, efforts = evidence.signals.motion, evidence.signals.effort
+    raw = moments(evidence.model, evidence.coefficients, motion, efforts, segments, most_individual=1)
+    scaled, n = raw.scaled(settled.signs.weights), len(effort)
+    hessian, energy = scaled.hessian.total(), float(scaled.energy.sum())
+    solver = ConeLeastSquares(evidence.model.cone, evidence.coefficients, hessian, energy)
+    count = np.bincount(scaled.joint, weights=scaled.count, minlength=n)
+    unit = settled.signs.weights / np.sqrt(np.maximum(count, 1.0)) / np.maximum(effort, TINY)
+    needed = np.full(n, np.inf)
+    for turned, rise in rises_by_joint(scaled, solver, settled.signs.search.signs, n):
+        needed[turned] = np.minimum(needed[turned], np.max(unit * np.sqrt(np.maximum(rise, 0.0))))
+    return needed
+
+
+def rises_by_joint(
+    scaled: Moments, solver: ConeLeastSquares, signs: Integers, n_joints: int
+) -> Iterator[tuple[list[int], Array]]:
+    """Sets of joints, and (n,) by how much each joint's cost rises if the signs (S,) of the set are turned round."""
+    prepared = solver.prepared()
+    grams = [scaled.hessian_of(np.flatnonzero(scaled.joint == j)) for j in range(n_joints)]
+
+    def costs(assignment: Integers) -> Array:
+        """(n,) of each joint's rows, but for their energy."""
+        gradient = assignment[:, None] * scaled.gradient
+        beta = prepared.project(prepared.solve(gradient.sum(axis=0)).theta)
+        linear = np.bincount(scaled.joint, weights=gradient @ beta, minlength=n_joints)
+        return np.array([beta @ gram @ beta for gram in grams]) - 2.0 * linear
+
+    best, unknown = costs(signs), scaled.known == 0
+    joints = np.unique(scaled.joint[unknown]).tolist()
+    sizes = [
+        k
+        for k in range(1, len(joints) + 1)
+        if len(joints) <= TUNING.joints_in_all_sets or k <= 2 or k >= len(joints) - 1
+    ]
+    for turned in (list(chosen) for size in sizes for chosen in itertools.combinations(joints, size)):
+        yield turned, costs(np.where(np.isin(scaled.joint, turned) & unknown, -signs, signs)) - best

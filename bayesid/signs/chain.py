@@ -1,4 +1,8 @@
-"""Forward-backward smoothing of hidden Markov chains on a grid (Rabiner 1989, eqs. 19 to 27), in pieces side by side.
+"""The model's error b as a hidden Markov chain on a grid, and its forward-backward smoothing in pieces side by side.
+
+b is what makes neighbouring samples judge each other's signs: an Ornstein-Uhlenbeck process (:eq:`model-error`), wider
+at standstill, where it must hold all of the static friction. `bayesid.signs.smoothing` looks at it from both sides
+(Rabiner 1989, eqs. 19 to 27), `bayesid.signs.filtering` from the past.
 
 A step of one chain is too small a thing to do by itself. So chains are cut into pieces of equal length, and a step of
 all pieces is one product of matrices. With which belief a piece is entered is not known yet: it starts from what the
@@ -20,9 +24,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesid.arrays import Array, Integers, Mask
+from bayesid.signs.tuning import TUNING
 
 Single = NDArray[np.float32]
 """Array of floats in single precision."""
+
+TAILS = 4.0
+"""Degrees of freedom of the white noise: real residuals have outliers that a normal distribution thinks impossible. A
+round number; not studied. Powers of 2.5 in smoothing and filtering are (nu + 1) / 2."""
 
 _SUM = np.float32(2.0**108)
 """Of a belief's weights: near the largest single, 2^128, so that products with the least transition are no smaller than
@@ -31,27 +40,47 @@ _BOTH = np.float32(2.0**-98)
 """By which a belief is made smaller before it meets one of the other direction: their product is a single again."""
 _SAME = np.float32(1e-4)
 """Relative difference up to which weights are the same, however small they are: what comes may favour the smallest."""
-_RUN_IN = 24
-"""Samples before a piece by which it is entered at first: most chains have forgotten all else. It costs time alone."""
-_COMPARED = 4
-"""Samples after which it is looked whether a mended piece is as it was. It costs time alone."""
-_LEANS = 1e-6
-"""Share of a belief at the ends of the middle, or beyond them, from which on the whole grid is needed."""
-_END = 2
-"""Values at either end of the middle that count as its end."""
 
 
+# ---------------------------------------------------------------------------------------------------------------
+# The process
+# ---------------------------------------------------------------------------------------------------------------
+def error_grid(largest: Array) -> Array:
+    """(n, G) values of b, N m, for processes whose largest sd is (n,), N m."""
+    grid: Array = (TUNING.grid_reach * largest)[:, None] * np.linspace(-1.0, 1.0, TUNING.grid)
+    return grid
+
+
+def stationary(grid: Array, sd: Array) -> Array:
+    """(n, G) normal distribution on the grid."""
+    density = np.exp(-0.5 * (grid / sd[:, None]) ** 2)
+    normal: Array = density / density.sum(axis=1, keepdims=True)
+    return normal
+
+
+def spread(grid: Array, sd: Array, memory: Array) -> Array:
+    """(n,) sd of an Ornstein-Uhlenbeck process's step, no less than the grid can show."""
+    spread: Array = np.maximum(sd * np.sqrt(1.0 - memory**2), TUNING.finest_step * (grid[:, 1] - grid[:, 0]))
+    return spread
+
+
+def transitions(grid: Array, sd: Array, memory: Array) -> Array:
+    """(n, G, G) rows of p(b' | b) of an Ornstein-Uhlenbeck process."""
+    distance = grid[:, None, :] - memory[:, None, None] * grid[:, :, None]
+    density = np.exp(-0.5 * (distance / spread(grid, sd, memory)[:, None, None]) ** 2)
+    density += 1e-30  # beliefs must not die out where model and effort contradict each other
+    return density / density.sum(axis=2, keepdims=True)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Smoothing
+# ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Space:
-    """Arrays that are used again and again: what the system hands out anew, it clears first.
+    """Arrays that are used again and again: what the system hands out anew, it clears first."""
 
-    Attributes:
-        arrays: by name, flat.
-        name: under which they are kept.
-    """
-
-    arrays: dict[str, Single] = field(default_factory=dict)
-    name: str = ""
+    arrays: dict[str, Single] = field(default_factory=dict)  # by name, flat
+    name: str = ""  # under which they are kept
 
     def of(self, name: str) -> Space:
         """A part of it with names of its own."""
@@ -71,21 +100,13 @@ Weigh = Callable[[Integers, slice, Space], tuple[Single, Single]]
 
 @dataclass(frozen=True)
 class Chain:
-    """A hidden Markov chain on G values.
+    """A hidden Markov chain on G values."""
 
-    Attributes:
-        moving: (G, G) rows of transition probabilities in motion.
-        resting: (G, G) the same at standstill.
-        afresh: (G,) distribution from which it may start afresh at standstill.
-        start: (G,) and of its first value.
-        middle: the values near which it stays in motion.
-    """
-
-    moving: Single
-    resting: Single
-    afresh: Single
-    start: Single
-    middle: slice
+    moving: Single  # (G, G) rows of transition probabilities in motion
+    resting: Single  # (G, G) the same at standstill
+    afresh: Single  # (G,) distribution from which it may start afresh at standstill
+    start: Single  # (G,) and of its first value
+    middle: slice  # the values near which it stays in motion
 
     @property
     def whole(self) -> slice:
@@ -122,32 +143,24 @@ class Chain:
             total = both.sum(axis=1)
             mean[:, part.rows] = share / total
             if part.window != self.whole:
-                end = both[:, :_END].sum(axis=1) + both[:, -_END:].sum(axis=1)
-                leans[part.rows] = np.any(end > _LEANS * total, axis=0) | (forwards.left_out(part) > _LEANS)
+                end = both[:, : TUNING.window_end].sum(axis=1) + both[:, -TUNING.window_end :].sum(axis=1)
+                leans[part.rows] = np.any(end > TUNING.leaning * total, axis=0) | (
+                    forwards.left_out(part) > TUNING.leaning
+                )
         return mean.reshape(length, pieces, chains), np.any(leans.reshape(pieces, chains), axis=1)
 
 
 @dataclass(frozen=True)
 class _Part:
-    """Rows that are smoothed on the same part of the grid.
+    """Rows that are smoothed on the same part of the grid."""
 
-    Attributes:
-        window: part of the grid, G' values.
-        rows: (R,) which of all rows.
-        likelihood: (L, G', R) up to a factor.
-        share: (L, G', R) of it.
-        turns: (L, R) probability that the chain starts afresh before a sample.
-        turns_after: (L, R) and after it.
-        space: for what is kept of all samples.
-    """
-
-    window: slice
-    rows: Integers
-    likelihood: Single
-    share: Single
-    turns: Single
-    turns_after: Single
-    space: Space
+    window: slice  # part of the grid, G' values
+    rows: Integers  # (R,) which of all rows
+    likelihood: Single  # (L, G', R) up to a factor
+    share: Single  # (L, G', R) of it
+    turns: Single  # (L, R) probability that the chain starts afresh before a sample
+    turns_after: Single  # (L, R) and after it
+    space: Space  # for what is kept of all samples
 
     @classmethod
     def of(cls, pieces: Integers, window: slice, weigh: Weigh, turns: Single, chains: int, space: Space) -> _Part:
@@ -162,19 +175,12 @@ class _Part:
 
 @dataclass(frozen=True)
 class _Step:
-    """What becomes of y from one sample to the next: M y in motion, (1 - t) R y + t b a'y at standstill.
+    """What becomes of y from one sample to the next: M y in motion, (1 - t) R y + t b a'y at standstill."""
 
-    Attributes:
-        moving: (G, G) M.
-        resting: (G, G) R.
-        left: (G,) a.
-        right: (G,) b.
-    """
-
-    moving: Single
-    resting: Single
-    left: Single
-    right: Single
+    moving: Single  # (G, G) M
+    resting: Single  # (G, G) R
+    left: Single  # (G,) a
+    right: Single  # (G,) b
 
     def within(self, window: slice) -> _Step:
         """The same on a part of the grid."""
@@ -193,23 +199,14 @@ class _Step:
 
 @dataclass
 class _Pass:
-    """What is passed on from sample to sample, forwards, or backwards where the shift is negative.
+    """What is passed on from sample to sample, forwards, or backwards where the shift is negative."""
 
-    Attributes:
-        parts: of all rows.
-        step: from one sample to the next.
-        first: (G,) with what chains are entered.
-        shift: from a row to that of the next piece in this direction.
-        n_rows: of all parts.
-        ends: (G, n_rows) what each row passes on to the next piece.
-    """
-
-    parts: list[_Part]
-    step: _Step
-    first: Single
-    shift: int
-    n_rows: int
-    ends: Single = field(init=False)
+    parts: list[_Part]  # of all rows
+    step: _Step  # from one sample to the next
+    first: Single  # (G,) with what chains are entered
+    shift: int  # from a row to that of the next piece in this direction
+    n_rows: int  # of all parts
+    ends: Single = field(init=False)  # (G, n_rows) what each row passes on to the next piece
 
     def __post_init__(self) -> None:
         self.ends = np.zeros((len(self.first), self.n_rows), dtype=np.float32)
@@ -217,7 +214,7 @@ class _Pass:
     def messages(self) -> list[Single]:
         """Of every part (L + 1, G', R): before each sample, in the order of this direction, and after the last one."""
         for part in self.parts:
-            self._run(part, np.repeat(_scaled(self.first[part.window, None]), len(part.rows), axis=1), _RUN_IN)
+            self._run(part, np.repeat(_scaled(self.first[part.window, None]), len(part.rows), axis=1), TUNING.run_in)
         states = [self._run(part, self._entries(part, part.rows), len(part.likelihood)) for part in self.parts]
         late = self._next(np.arange(self.n_rows))
         while late.size:
@@ -271,7 +268,7 @@ class _Pass:
         at = np.flatnonzero(np.isin(part.rows, late))
         state = self._entries(part, part.rows[at])
         for i in range(len(states)):
-            if i % _COMPARED == 0 or i == len(turns):
+            if i % TUNING.compared_every == 0 or i == len(turns):
                 earlier = states[i][:, at]
                 other = (np.abs(state - earlier) > _SAME * np.minimum(state, earlier)).any(axis=0)
                 at, state = at[other], state[:, other]

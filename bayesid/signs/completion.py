@@ -40,20 +40,7 @@ from bayesid.signs.averaging import AveragedSigns, evidence_gain, weight_against
 from bayesid.signs.proposals import PoorJoint, propose
 from bayesid.signs.search.protocol import Search
 from bayesid.signs.settling import Settled, restored, settle_signs
-
-_MOST_ROUNDS = 3
-"""Selections, each under the signs that the one before it led to. A round number; not studied."""
-_MOST_PROPOSED = 2
-"""Effects that are proposed for a joint in a round; a round number."""
-_MOST_RIVALS = 3
-"""Proposals for a joint, the best of which may be taken: each costs a search. A round number."""
-_LIKELIER = 0.5
-"""Weight from which on the completed model is the likelier one."""
-_DECISIVE = 2.0 * LN10
-"""Log Bayes factor, "decisive" (Jeffreys 1961, appendix B). Effects enter given signs that were settled without them;
-with their own the gain may be another one: in half of Panda's log (study `complete`) a joint turned for less."""
-_CHANGED = 1e-2
-"""Share of the samples in motion whose sign must have changed for effects to be selected anew. A round number."""
+from bayesid.signs.tuning import TUNING
 
 
 @dataclass(frozen=True)
@@ -82,20 +69,13 @@ class Completion:
 
 @dataclass(frozen=True)
 class CompletedSigns:
-    """Signs under the completed model.
+    """Signs under the completed model."""
 
-    Attributes:
-        model: with sensors' distortions too.
-        signals: the log without what the model says of its sensors.
-        averaged: signs and fit.
-        completion: what entered; None where nobody asked.
-        without: the same with some of the effects left out, and what is not worth it without them.
-    """
-
-    model: Model
-    signals: Signals
-    averaged: AveragedSigns
-    completion: Completion | None
+    model: Model  # with sensors' distortions too
+    signals: Signals  # the log without what the model says of its sensors
+    averaged: AveragedSigns  # signs and fit
+    completion: Completion | None  # what entered; None where nobody asked
+    # the same with some of the effects left out, and what is not worth it without them
     without: Callable[[Set[EffectKey]], CompletedSigns] | None = None
 
     def consistent_with_nothing(self, theta: Array, sd: Array) -> set[EffectKey]:
@@ -111,17 +91,11 @@ class CompletedSigns:
 
 @dataclass(frozen=True)
 class Completing:
-    """How a model is completed.
+    """How a model is completed."""
 
-    Attributes:
-        enter: whether effects may enter the model; else they widen its uncertainty alone.
-        kinematics: how far the robot's geometry may be from its table.
-        cutting: how efforts are cut.
-    """
-
-    enter: bool
-    kinematics: KinematicTolerance
-    cutting: Cutting
+    enter: bool  # whether effects may enter the model; else they widen its uncertainty alone
+    kinematics: KinematicTolerance  # how far the robot's geometry may be from its table
+    cutting: Cutting  # how efforts are cut
 
 
 @dataclass(frozen=True)
@@ -159,7 +133,7 @@ def complete(
     Args:
         averaged: signs under the model asked for.
         segments: as they were before any search.
-        search: how to search; one for the model asked for alone lets no effect enter.
+        search: one for the model asked for alone lets no effect enter.
         how: what may enter, and what is believed of the geometry.
         progress: of the stages.
 
@@ -170,7 +144,7 @@ def complete(
     plain = _Opinion(averaged.asked.model, searching.as_read, averaged.asked)
     first = plain if averaged.by_asked else replace(plain, settled=averaged.settled)
     rounds, may_enter = _Rounds(plain, first, averaged.fit, averaged.probability), how.enter and search.any_model
-    for _ in range(_MOST_ROUNDS):
+    for _ in range(TUNING.completion_rounds):
         if not rounds.go_on(searching, enter=may_enter, progress=progress):
             break
     rounds.check(searching, progress)
@@ -202,23 +176,14 @@ def _least_half(effects: Sequence[EnteredEffect]) -> set[EffectKey]:
 
 @dataclass
 class _Rounds:
-    """Effects selected and signs settled in turn.
+    """Effects selected and signs settled in turn."""
 
-    Attributes:
-        plain: under the model asked for.
-        signs: under the model that is likeliest so far, which may hold effects that only signs are settled by.
-        fit: of the model asked for to these signs.
-        probability: (N, n) of these signs.
-        completed: under the likeliest model that is made of effects that were borne out.
-        wanted: by the log: the effects of the completed model, if that is not the plain one.
-    """
-
-    plain: _Opinion
-    signs: _Opinion
-    fit: Fit
-    probability: Array
-    completed: _Opinion = field(init=False)
-    wanted: Wanted = field(init=False)
+    plain: _Opinion  # under the model asked for
+    signs: _Opinion  # under the model that is likeliest so far, which may hold effects that only signs are settled by
+    fit: Fit  # of the model asked for to these signs
+    probability: Array  # (N, n) of these signs
+    completed: _Opinion = field(init=False)  # under the likeliest model that is made of effects that were borne out
+    wanted: Wanted = field(init=False)  # by the log: the effects of the completed model, if that is not the plain one
     _last: Wanted | None = None
     _turned: bool = False
 
@@ -231,12 +196,7 @@ class _Rounds:
         return () if self.completed is self.plain else self.wanted.effects
 
     def averaged(self, plain: AveragedSigns, first: _Opinion) -> AveragedSigns:
-        """Signs under the completed model and, if that is another one, under the likeliest.
-
-        Args:
-            plain: before any effect.
-            first: the likeliest opinion then.
-        """
+        """Signs under the completed model and the likeliest, from those before any effect and the likeliest then."""
         signs = self.signs if _worth_it(self.signs, self.plain) else first
         if self.completed is self.plain and signs is first:
             return plain
@@ -259,9 +219,9 @@ class _Rounds:
         if wanted.keys == (set() if before is None else before.keys):
             return False
         opinion = searching.under(wanted.extension.model, self.signs.settled, progress.under("completed model"))
-        if _worth_it(opinion, self.plain) and weight_against(opinion.settled, self.completed.settled) >= _LIKELIER:
+        if _worth_it(opinion, self.plain) and weight_against(opinion.settled, self.completed.settled) >= 0.5:
             self.completed, self.wanted = opinion, wanted
-        if weight_against(opinion.settled, self.signs.settled) < _LIKELIER:
+        if weight_against(opinion.settled, self.signs.settled) < 0.5:
             return False
         changed = _changed(self.plain.settled.evidence, self.probability, opinion.settled.probability)
         self._follow(opinion)
@@ -310,8 +270,12 @@ class _Rounds:
 
 
 def _worth_it(completed: _Opinion, plain: _Opinion) -> bool:
-    """Whether a completed model, each with its own signs, is decisively likelier than the plain one."""
-    return 0.5 * evidence_gain(completed.settled, plain.settled) > _DECISIVE
+    """Whether a completed model, each with its own signs, is decisively likelier (Jeffreys 1961, appendix B).
+
+    Effects enter given signs that were settled without them; with their own the gain may be another one: in half of
+    Panda's log (study `complete`) a joint turned for less.
+    """
+    return 0.5 * evidence_gain(completed.settled, plain.settled) > 2.0 * LN10
 
 
 def _poor(settled: Settled) -> Mask:
@@ -322,7 +286,7 @@ def _poor(settled: Settled) -> Mask:
 def _with_proposals(opinion: _Opinion, searching: _Searching, progress: Progress) -> _Opinion:
     """Signs under the model with effects that were proposed for joints that it explains poorly; or as they were."""
     for joint in np.flatnonzero(_poor(opinion.settled))[::-1].tolist():  # from the tip, whose effects stay there
-        for _ in range(_MOST_PROPOSED):
+        for _ in range(TUNING.most_proposed):
             better = _with_proposal(opinion, joint, searching, progress.under(f"joint {joint + 1}"))
             if better is opinion:
                 break
@@ -339,7 +303,7 @@ def _with_proposal(opinion: _Opinion, joint: int, searching: _Searching, progres
     known = {_key(effect) for effect in opinion.model.effects}
     proposed = (p for p in propose(PoorJoint.of(log, joint), log.library(joint)) if _key(p.effect) not in known)
     rivals = []
-    for proposal in islice(proposed, _MOST_RIVALS):
+    for proposal in islice(proposed, TUNING.most_rivals):
         signs = 2.0 * settled.probability - 1.0
         signs[:, joint] = proposal.signs
         rivals.append(searching.under(opinion.model.extend(proposal.effect), settled, progress, [signs]))
@@ -390,4 +354,4 @@ def _joint_turned(evidence: Evidence, before: Array, after: Array) -> bool:
 def _changed(evidence: Evidence, before: Array, after: Array) -> bool:
     """Whether enough signs of samples in motion have changed."""
     different = ((before >= 0.5) != (after >= 0.5))[evidence.used]
-    return bool(different.mean() > _CHANGED)
+    return bool(different.mean() > TUNING.signs_changed)

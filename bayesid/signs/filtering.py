@@ -14,57 +14,39 @@ import numpy as np
 
 from bayesid.arrays import Array, Mask, every
 from bayesid.regression.noise import Noise
-from bayesid.signs.chain import Single
-from bayesid.signs.model_error import REST_TIME, TAILS, TURNS, error_grid, stationary, transitions
+from bayesid.signs.chain import TAILS, Single, error_grid, stationary, transitions
+from bayesid.signs.tuning import TUNING
 
-_FASTEST = 125.0
-"""Hz; steps of b: between them, at higher rates, b is constant, for it lasts longer. A round number; not studied."""
 _ONE = np.float32(1.0)
 _LEAST = np.float32(1e-30)
 """Of a belief's weight: outliers must not empty it."""
-_FINEST_NOISE = 1e-6
-"""Of the grid's half-width: finer white noise would fall between the grid's values, as in `bayesid.signs.smoothing`."""
 
 
 @dataclass(frozen=True)
 class SignFilter:
-    """The hidden error of n joints on grids of G values; what it makes of readings is kept apart, in `Belief`.
+    """The hidden error of n joints on grids of G values; what it makes of readings is kept apart, in `Belief`."""
 
-    Attributes:
-        grid: (n, G) values of b, N m.
-        white: (n,) sd of the white noise, N m.
-        forwards: (n, G, G) columns of transition probabilities in motion.
-        backwards: (n, G, G) rows of the same.
-        rest_forwards: (n, G, G) at standstill.
-        rest_backwards: (n, G, G) at standstill.
-        afresh: (n, G) distribution from which b may start afresh at standstill.
-        start: (n, G) and of its first value.
-        turns: probability that it does, a step.
-        stride: samples from one step to the next.
-        look_ahead: L samples that are waited for.
-    """
-
-    grid: Single
-    white: Array
-    forwards: Single
-    backwards: Single
-    rest_forwards: Single
-    rest_backwards: Single
-    afresh: Single
-    start: Single
-    turns: float
-    stride: int
-    look_ahead: int
+    grid: Single  # (n, G) values of b, N m
+    white: Array  # (n,) sd of the white noise, N m
+    forwards: Single  # (n, G, G) columns of transition probabilities in motion
+    backwards: Single  # (n, G, G) rows of the same
+    rest_forwards: Single  # (n, G, G) at standstill
+    rest_backwards: Single  # (n, G, G) at standstill
+    afresh: Single  # (n, G) distribution from which b may start afresh at standstill
+    start: Single  # (n, G) and of its first value
+    turns: float  # probability that it does, a step
+    stride: int  # samples from one step to the next
+    look_ahead: int  # L samples that are waited for
 
     @classmethod
     def of(cls, noise: Noise, at_rest: Array, rate: float, look_ahead: int = 0) -> SignFilter:
         """Of a model whose residual has a noise, and is (n,) N m wide at standstill, at a rate, Hz."""
-        stride = max(1, int(rate / _FASTEST))
+        stride = max(1, int(rate / TUNING.fastest_filter))
         steps = rate / stride
         at_rest = np.maximum(at_rest, noise.coloured)
         grid = error_grid(at_rest)
         moving = transitions(grid, noise.coloured, np.exp(-1.0 / (noise.correlation * steps)))
-        resting = transitions(grid, at_rest, np.full(len(at_rest), np.exp(-1.0 / (REST_TIME * steps))))
+        resting = transitions(grid, at_rest, np.full(len(at_rest), np.exp(-1.0 / (TUNING.rest_time * steps))))
         return cls(
             grid=_single(grid),
             white=noise.white,
@@ -74,7 +56,7 @@ class SignFilter:
             rest_backwards=_single(resting),
             afresh=_single(stationary(grid, at_rest)),
             start=_single(stationary(grid, noise.coloured)),
-            turns=1.0 - (1.0 - TURNS) ** (1.0 / max(1.0, REST_TIME * steps)),
+            turns=1.0 - (1.0 - TUNING.turns_at_rest) ** (1.0 / max(1.0, TUNING.rest_time * steps)),
             stride=stride,
             look_ahead=look_ahead,
         )
@@ -143,7 +125,7 @@ class SignFilter:
     @cached_property
     def _finest(self) -> Array:
         """(n,) least scale of the white noise, N m."""
-        finest: Array = (_FINEST_NOISE * self.grid[:, -1]).astype(float)
+        finest: Array = (TUNING.finest_noise * self.grid[:, -1]).astype(float)
         return finest
 
     def _step(self, weights: Single, moves: Mask) -> Single:
@@ -188,24 +170,13 @@ def _single(values: Array) -> Single:
 
 @dataclass
 class Belief:
-    """What has become of readings: the belief about b, and the last L + 1 of them.
+    """What has become of readings: the belief about b, and the last L + 1 of them."""
 
-    Attributes:
-        weights: (n, G) of the values of b after the last reading.
-        before: (L + 1, n, G) the same before each reading that is kept.
-        plus: (L + 1, n, G) likelihood of each value with the sign +.
-        likelihood: (L + 1, n, G) with either sign.
-        moves: (L + 1, n) False where a standstill is entered, goes on or is left: by a wide step, as in smoothing.
-        steps: (L + 1,) whether a step in time comes before.
-        moved: (n,) False where the last reading was at standstill.
-        count: readings so far.
-    """
-
-    weights: Single
-    before: Single
-    plus: Single
-    likelihood: Single
-    moves: Mask
-    steps: Mask
-    moved: Mask
-    count: int
+    weights: Single  # (n, G) of the values of b after the last reading
+    before: Single  # (L + 1, n, G) the same before each reading that is kept
+    plus: Single  # (L + 1, n, G) likelihood of each value with the sign +
+    likelihood: Single  # (L + 1, n, G) with either sign
+    moves: Mask  # (L + 1, n) False where a standstill is entered, goes on or is left: by a wide step, as in smoothing
+    steps: Mask  # (L + 1,) whether a step in time comes before
+    moved: Mask  # (n,) False where the last reading was at standstill
+    count: int  # readings so far

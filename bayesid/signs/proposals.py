@@ -20,62 +20,37 @@ from bayesid.parallel import in_parallel
 from bayesid.regression.knowledge import inverse_of
 from bayesid.regression.selection.hypotheses import Hypothesis
 from bayesid.regression.selection.wanted import SignedLog
-
-_MOST_TURNS = 40
-"""Of coefficients and signs; a round number, a fit of 60 coefficients takes some ten."""
-_LEAST_GAIN = 3.0
-"""Nats by which an effect must do better than none to be proposed: the search that follows takes its time."""
+from bayesid.signs.tuning import TUNING
 
 
 @dataclass(frozen=True)
 class _Rows:
-    """One joint's samples under an effect.
+    """One joint's samples under an effect."""
 
-    Attributes:
-        columns: (M, m) of the model, those of the effect last.
-        magnitude: (M,) |effort|, N m.
-        known: (M,) the effort by the model so far, N m.
-        place: (M,) which of the log's thinned rows they are.
-    """
-
-    columns: Array
-    magnitude: Array
-    known: Array
-    place: Integers
+    columns: Array  # (M, m) of the model, those of the effect last
+    magnitude: Array  # (M,) |effort|, N m
+    known: Array  # (M,) the effort by the model so far, N m
+    place: Integers  # (M,) which of the log's thinned rows they are
 
 
 @dataclass(frozen=True)
 class Proposal:
-    """An effect for a joint.
+    """An effect for a joint."""
 
-    Attributes:
-        effect: term or distortion.
-        signs: (N,) +1 or -1 of the joint's samples under it; 0 where nothing counts.
-    """
-
-    effect: Effect
-    signs: Array
+    effect: Effect  # term or distortion
+    signs: Array  # (N,) +1 or -1 of the joint's samples under it; 0 where nothing counts
 
 
 @dataclass(frozen=True)
 class PoorJoint:
-    """One joint that is explained poorly, the others as they are.
+    """One joint that is explained poorly, the others as they are."""
 
-    Attributes:
-        log: on thinned rows.
-        joint: 0-based.
-        weight: sd of the joint's error, N m, its autocorrelation included.
-        count: effective samples of the joint.
-        hessian: (r, r) of the coefficients, by the other joints.
-        gradient: (r,) the same.
-    """
-
-    log: SignedLog
-    joint: int
-    weight: float
-    count: float
-    hessian: Array
-    gradient: Array
+    log: SignedLog  # on thinned rows
+    joint: int  # 0-based
+    weight: float  # sd of the joint's error, N m, its autocorrelation included
+    count: float  # effective samples of the joint
+    hessian: Array  # (r, r) of the coefficients, by the other joints
+    gradient: Array  # (r,) the same
 
     @classmethod
     def of(cls, log: SignedLog, joint: int) -> PoorJoint:
@@ -133,10 +108,6 @@ def propose(poor: PoorJoint, library: Sequence[Sequence[Hypothesis]]) -> list[Pr
     """The effects that explain a joint best, with signs of its own, best first; none where none is worth it.
 
     Judged by half the fall of the Bayesian information criterion, less the choice of the form.
-
-    Args:
-        poor: the joint.
-        library: all hypotheses.
     """
     plain = poor.rows()
     if not len(plain.magnitude):
@@ -146,19 +117,15 @@ def propose(poor: PoorJoint, library: Sequence[Sequence[Hypothesis]]) -> list[Pr
     rms = _alternated(poor, plain)[0]
     best: dict[str, tuple[float, Proposal]] = {}
     for found in in_parallel([partial(_best_form, poor, plain, rms, group) for group in groups]):
-        if found is not None and found[0] > best.get(found[1].effect.effect, (_LEAST_GAIN,))[0]:
+        if found is not None and found[0] > best.get(found[1].effect.effect, (TUNING.proposal_gain,))[0]:
             best[found[1].effect.effect] = found
     return [proposal for _, proposal in sorted(best.values(), key=lambda one: -one[0])]
 
 
 def _best_form(poor: PoorJoint, plain: _Rows, rms: float, group: Sequence[Hypothesis]) -> tuple[float, Proposal] | None:
-    """The form that gains most, and how much, in nats, less the choice of the form; None of an empty group.
+    """The form of an effect that gains most, in nats, less the choice of the form; None of an empty group.
 
-    Args:
-        poor: the joint.
-        plain: its rows without an effect.
-        rms: what they leave, N m.
-        group: forms of one effect.
+    Without the effect the joint's rows `plain` leave `rms`, N m.
     """
     best = None
     for hypothesis in group:
@@ -186,7 +153,7 @@ def _alternated(poor: PoorJoint, rows: _Rows) -> tuple[float, Array]:
     best = np.inf, rows.known
     for start in (rows.known, -rows.known, columns[:, :r] @ (inverse_of(poor.hessian) @ poor.gradient)):
         signs = np.where(start >= 0.0, 1.0, -1.0)
-        for _ in range(_MOST_TURNS):
+        for _ in range(TUNING.proposal_rounds):
             predicted = base + reach @ (signs @ turning)
             nearest = np.where(predicted >= 0.0, 1.0, -1.0)
             if np.array_equal(nearest, signs):

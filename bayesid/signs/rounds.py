@@ -1,101 +1,72 @@
-"""The signs of the segments: search, split the segments that turn out to cross zero, and search again."""
+"""The signs of the segments: search, split the segments that turn out to cross zero, and search again.
+
+A proof holds for the noise weights with which its rows were scaled. Other weights need no new proof to be seen through:
+the assignments that come near are those that it lists, its best one with a joint turned round or single segments
+turned, and what a search for candidates finds anew.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
-from bayesid.arrays import Array
+from bayesid.arrays import Array, Integers, Mask
 from bayesid.effects.coefficients import BaseCoefficients
 from bayesid.effects.model import Model
 from bayesid.log.segments import Segments
 from bayesid.log.signals import Signals
-from bayesid.progress import SILENT, Progress
+from bayesid.parallel import in_parallel
+from bayesid.progress import SILENT, Progress, Steps, no_steps
 from bayesid.regression.moments import Moments, moments
 from bayesid.regression.noise import residual_noise
+from bayesid.signs.search.certified import candidate
+from bayesid.signs.search.problem import Problem
 from bayesid.signs.search.protocol import Search, SignProblem
 from bayesid.signs.search.result import Branch, SearchResult, Way
-from bayesid.signs.search.rivals import rivals
-
-_FIRST_NOISE = 0.05
-"""Noise of each joint before any fit, as a share of its RMS effort: that of the paper's experiment."""
-_LEAST_NOISE = 1e-3
-"""The least noise that a fit is believed to reach, as a share of the RMS effort. A round number; not studied."""
-_CLEARLY = 2.0
-"""A predicted effort clearly crosses zero when it exceeds this many residual standard deviations on both sides: by
-chance it does so in one sample of twenty."""
-_MEDIAN_TO_SD = 1.4826
-"""Standard deviation of a normal variable over the median of its absolute value."""
-_MOST_ROUNDS = 4
-"""Searches of one log. A round number; not studied. The segments that still cross zero then are reported."""
-MOST_INDIVIDUAL = 5_000
-"""Segments of each joint with an H_k of their own; some 6 kB each (docs/certified-search.md)."""
+from bayesid.signs.tuning import TUNING
 
 
 @dataclass(frozen=True)
 class SegmentSigns:
-    """The signs of the segments, from all searches of one log.
+    """The signs of the segments, from all searches of one log."""
 
-    Attributes:
-        segments: S segments, split where the effort crosses zero.
-        search: the last result, over those that are fitted; its nodes and solves are those of all searches.
-        rounds: how often segments were searched until none had to be split.
-        unsplit: cuts that the last search still asked for.
-        weights: (n,) noise by which the rows of the last search were scaled, N m.
-        proofs: how often the last word was said: again where the final noise weights change the signs.
-        near: the best assignment and others that cost at most 20 nats more, by the weights of the final fit.
-    """
-
-    segments: Segments
-    search: SearchResult
-    rounds: int
-    unsplit: int
-    weights: Array
-    proofs: int = 1
+    segments: Segments  # S segments, split where the effort crosses zero
+    search: SearchResult  # the last result, over those that are fitted; its nodes and solves are those of all searches
+    rounds: int  # how often segments were searched until none had to be split
+    unsplit: int  # cuts that the last search still asked for
+    weights: Array  # (n,) noise by which the rows of the last search were scaled, N m
+    proofs: int = 1  # how often the last word was said: again where the final noise weights change the signs
+    # the best assignment and others that cost at most 20 nats more, by the weights of the final fit
     near: tuple[Branch, ...] = ()
 
 
 @dataclass(frozen=True)
 class SignSearch:
-    """What every search of one log shares.
+    """What every search of one log shares."""
 
-    Attributes:
-        model: robot and terms.
-        coefficients: the model's r base coefficients.
-        signals: the log.
-        search: how signs are searched.
-        progress: called as progress(stage, done, total).
-        likely: (N, n) each, signs that are likely beforehand, between -1 and 1.
-        unseen: `SearchResult.unseen` of the search that these are from.
-    """
-
-    model: Model
-    coefficients: BaseCoefficients
-    signals: Signals
-    search: Search
-    progress: Progress = SILENT
-    likely: Sequence[Array] = ()
-    unseen: float = 0.5
+    model: Model  # robot and terms
+    coefficients: BaseCoefficients  # the model's r base coefficients
+    signals: Signals  # the log
+    search: Search  # how signs are searched
+    progress: Progress = SILENT  # called as progress(stage, done, total)
+    likely: Sequence[Array] = ()  # (N, n) each, signs that are likely beforehand, between -1 and 1
+    unseen: float = 0.5  # `SearchResult.unseen` of the search that these are from
 
     def run(self, segments: Segments) -> SegmentSigns:
-        """Searches the signs, splits segments whose predicted effort clearly crosses zero, and searches again.
-
-        Raises:
-            SolverError: an optimisation failed.
-        """
+        """Searches the signs, splits segments whose predicted effort clearly crosses zero, and searches again."""
         searched: list[SearchResult] = []
         sigma: Array | None = None
-        for rounds in range(1, _MOST_ROUNDS + 1):
+        for rounds in range(1, TUNING.search_rounds + 1):
             fitted = segments[segments.fitted]
-            motion, effort = self.signals.motion, self.signals.effort
-            raw = moments(self.model, self.coefficients, motion, effort, fitted, MOST_INDIVIDUAL)
-            sigma = _FIRST_NOISE * raw.rms_effort(self._n) if sigma is None else sigma
+            raw = self._moments(fitted)
+            sigma = TUNING.first_noise * raw.rms_effort(self._n) if sigma is None else sigma
             steps = self.progress.steps(f"search, round {rounds}")
             searched.append(self.search.find(self._problem(fitted, raw.scaled(sigma), searched), steps))
             cuts, sigma = self._crossings(fitted, searched[-1]), self._noise(fitted, raw, searched[-1])
-            last = rounds == _MOST_ROUNDS
+            last = rounds == TUNING.search_rounds
             if last or not cuts:
                 searched.append(self.search.conclude(self._problem(fitted, raw.scaled(sigma), searched), self.progress))
                 turned = not np.array_equal(searched[-1].signs, searched[-2].signs)
@@ -112,15 +83,11 @@ class SignSearch:
         Where the optimum changes a proof is repeated with these weights or, if it may not be, nothing is certified;
         without a proof the cheaper signs take its place. Where it does not, a segment stays settled if turning it, or
         its joint, still costs more than Delta.
-
-        Raises:
-            SolverError: a cone problem could not be solved.
         """
         result, fitted = searched.search, searched.segments[searched.segments.fitted]
         if np.all(fitted.known != 0):
             return searched
-        motion, effort = self.signals.motion, self.signals.effort
-        raw = moments(self.model, self.coefficients, motion, effort, fitted, MOST_INDIVIDUAL)
+        raw = self._moments(fitted)
         problem = self._problem(fitted, raw.scaled(weights), [result])
         found = rivals(problem, result, self.progress.steps("proof by the noise of the fit"))
         searched = replace(searched, near=found.near)
@@ -145,6 +112,10 @@ class SignSearch:
         again = self.search.conclude(problem, self.progress).with_work_of([result])
         return replace(searched, search=again, weights=weights, proofs=searched.proofs + 1)
 
+    def _moments(self, segments: Segments) -> Moments:
+        motion, effort = self.signals.motion, self.signals.effort
+        return moments(self.model, self.coefficients, motion, effort, segments, TUNING.most_individual)
+
     def _problem(self, segments: Segments, scaled: Moments, searched: list[SearchResult]) -> SignProblem:
         earlier = searched[-1] if searched else None
         sums = [segments.sums(likely * self.signals.effort) for likely in self.likely]
@@ -161,7 +132,7 @@ class SignSearch:
         predicted = self.model.effort(self.signals.motion, result.theta)
         used = signs != 0.0
         noise = residual_noise(np.where(used, signs * self.signals.effort - predicted, 0.0), used, self.signals.rate)
-        return np.maximum(noise.sigma * np.sqrt(noise.autocorrelation), _LEAST_NOISE * raw.rms_effort(self._n))
+        return np.maximum(noise.sigma * np.sqrt(noise.autocorrelation), TUNING.least_noise * raw.rms_effort(self._n))
 
     def _crossings(self, segments: Segments, result: SearchResult) -> list[tuple[int, int]]:
         effort = self.signals.effort
@@ -182,7 +153,7 @@ def crossings(segments: Segments, predicted: Array, effort: Array, sigma: Array)
     cuts = []
     for k in np.flatnonzero(segments.known == 0):
         j, a, b = segments.joint[k], segments.start[k], segments.end[k]
-        clear = np.flatnonzero(np.abs(predicted[a:b, j]) > _CLEARLY * sigma[j])
+        clear = np.flatnonzero(np.abs(predicted[a:b, j]) > TUNING.clear_crossing * sigma[j])
         sides = np.sign(predicted[a:b, j][clear])
         for i in np.flatnonzero(np.diff(sides)):
             between = effort[a + clear[i] : a + clear[i + 1] + 1, j]
@@ -191,10 +162,62 @@ def crossings(segments: Segments, predicted: Array, effort: Array, sigma: Array)
 
 
 def _typical_residual(signs: Array, effort: Array, predicted: Array) -> Array:
-    """(n,) median |residual| of each joint as a standard deviation: a segment of mixed sign does not inflate it.
-
-    It is zero for a joint without samples.
-    """
+    """(n,) median |residual| as a normal's sd, which a segment of mixed sign does not inflate; 0 without samples."""
     used = signs != 0.0
     residual = np.where(used, np.abs(signs * effort - predicted), np.nan)
-    return _MEDIAN_TO_SD * np.nanmedian(np.where(used.any(axis=0), residual, 0.0), axis=0)
+    return 1.4826 * np.nanmedian(np.where(used.any(axis=0), residual, 0.0), axis=0)
+
+
+@dataclass(frozen=True)
+class Rivals:
+    """What other weights make of a proof."""
+
+    best: Branch  # the one that costs least
+    near: tuple[Branch, ...]  # distinct ones up to 20 nats dearer than the best of the search, that one among them
+    changed: bool  # whether another assignment costs less than the best of the search
+    settled: Mask  # (S,) whether no rival within Delta gives the segment another sign
+
+
+def rivals(problem: SignProblem, result: SearchResult, steps: Steps = no_steps) -> Rivals:
+    """Prices what comes near the best assignment of a search; where it has proven something, candidates too.
+
+    Args:
+        problem: of the search, with its moments scaled by other weights.
+        result: of the search.
+        steps: called as steps(assignments priced, all).
+    """
+    inner = Problem(problem.moments, problem.solver(), np.inf)
+    known, joint, far = problem.moments.known, problem.moments.joint, max(result.within, TUNING.near)
+    best = inner.price(result.signs)
+    listed = [branch.signs for branch in result.branches[1 : 1 + TUNING.most_repriced]]
+    around = [np.where((joint == j) & (known == 0), -best.signs, best.signs) for j in np.unique(joint[known == 0])]
+
+    def priced(roughly: Branch) -> Branch:
+        """Precisely, where it may come near."""
+        return inner.price(roughly.signs) if roughly.lower_bound <= best.cost + far else roughly
+
+    def settled(start: Branch) -> list[Branch]:
+        """What settling from a start leads to, and the start."""
+        return [start, priced(inner.settle(known, start.theta))]
+
+    def near_to(signs: Integers) -> list[Branch]:
+        return settled(priced(inner.complete(signs, best.theta)))
+
+    def by_search() -> list[Branch]:
+        return settled(candidate(inner))
+
+    def from_best() -> list[Branch]:
+        return settled(best)[1:]
+
+    ways: list[Callable[[], list[Branch]]] = [from_best] if result.settled is None else [by_search, from_best]
+    ways += [partial(near_to, signs) for signs in (*listed, *around)]
+    everything = [branch for found in in_parallel(ways, steps) for branch in found]
+    limit = min(branch.cost for branch in [best, *everything]) + result.within
+    alike = [branch.signs == best.signs for branch in everything if branch.cost <= limit]
+    unknown = np.flatnonzero(known == 0)
+    agreed: Mask = np.all([np.ones(len(known), dtype=bool), *alike], axis=0)
+    agreed[unknown] &= best.lower_bound + inner.single_flips(best, unknown) > limit
+    distinct = {branch.signs.tobytes(): branch for branch in [*everything, best]}.values()
+    least = min(distinct, key=lambda branch: branch.cost)
+    near = tuple(branch for branch in distinct if branch.cost <= best.cost + TUNING.near)
+    return Rivals(least, near, least.cost < best.cost - inner.exact, agreed)

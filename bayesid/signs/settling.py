@@ -20,34 +20,24 @@ from bayesid.regression.knowledge import Information, Knowledge
 from bayesid.regression.least_squares import Fit, fit_signed
 from bayesid.regression.noise import residual_noise
 from bayesid.regression.solver import ConeLeastSquares
-from bayesid.signs.rounds import MOST_INDIVIDUAL, SegmentSigns, SignSearch
+from bayesid.signs.rounds import SegmentSigns, SignSearch
 from bayesid.signs.search.protocol import Search
 from bayesid.signs.search.result import Branch
 from bayesid.signs.smoothing import sign_probabilities
+from bayesid.signs.tuning import TUNING
 
-_DIFFERENT = 0.01
-"""Share of a joint's energy in which two assignments differ if both count: less, and smoothing says as much."""
-_MOST = 6
-"""Alternatives that are kept."""
 _LESS_THAN_HALF = float(np.nextafter(0.5, 0.0))
 """What is no better than a guess keeps the best assignment's sign: that is written."""
 
 
 @dataclass(frozen=True)
 class Settled:
-    """Signs under one model.
+    """Signs under one model."""
 
-    Attributes:
-        evidence: the model, the log and the samples that count.
-        signs: what the searches gave.
-        probability: (N, n) P(sign = +) of every sample, the parameters taken as known.
-        fit: parameters and noise under these signs.
-    """
-
-    evidence: Evidence
-    signs: SegmentSigns
-    probability: Array
-    fit: Fit
+    evidence: Evidence  # the model, the log and the samples that count
+    signs: SegmentSigns  # what the searches gave
+    probability: Array  # (N, n) P(sign = +) of every sample, the parameters taken as known
+    fit: Fit  # parameters and noise under these signs
 
     @property
     def model(self) -> Model:
@@ -82,28 +72,18 @@ class Settled:
 
 @dataclass(frozen=True)
 class Alternative:
-    """Another assignment of signs.
+    """Another assignment of signs."""
 
-    Attributes:
-        odds: against the best one, exp(-(its cost - the best cost) / 2), at most 1.
-        probability: (N, n) P(sign = +) of every sample under it.
-    """
-
-    odds: float
-    probability: Array
+    odds: float  # against the best one, exp(-(its cost - the best cost) / 2), at most 1
+    probability: Array  # (N, n) P(sign = +) of every sample under it
 
 
 @dataclass(frozen=True)
 class Earlier:
-    """Where an earlier log of the robot leads.
+    """Where an earlier log of the robot leads."""
 
-    Attributes:
-        knowledge: of the parameters.
-        theta: (P,) parameters under which signs are settled too, without a search.
-    """
-
-    knowledge: Knowledge
-    theta: Array
+    knowledge: Knowledge  # of the parameters
+    theta: Array  # (P,) parameters under which signs are settled too, without a search
 
 
 def settle_signs(
@@ -183,9 +163,6 @@ def _alternatives(settled: Settled) -> tuple[Alternative, ...]:
     Odds are those of unfiltered efforts, in the signs that their samples are expected to have: a low-pass rounds off
     where |effort| touches zero, which looks like a little negative friction and favours the wrong side of a near tie.
     The best assignment keeps half of the probability at least.
-
-    Raises:
-        SolverError: a cone problem could not be solved.
     """
     search, shape = settled.signs.search, settled.probability.shape
     segments = settled.signs.segments[settled.signs.segments.fitted]
@@ -195,7 +172,10 @@ def _alternatives(settled: Settled) -> tuple[Alternative, ...]:
     distinct = [search.signs]
     chosen = list[Branch]()
     for branch in sorted(settled.signs.near, key=lambda branch: branch.cost):
-        if all(np.any(share @ (branch.signs != other) > _DIFFERENT) for other in distinct) and len(chosen) < _MOST:
+        if (
+            all(np.any(share @ (branch.signs != other) > TUNING.different_signs) for other in distinct)
+            and len(chosen) < TUNING.most_alternatives
+        ):
             distinct.append(branch.signs)
             chosen.append(branch)
     if not chosen:
@@ -210,7 +190,7 @@ def _rises(settled: Settled, segments: Segments, assignments: Sequence[Integers]
     """By how much other assignments cost more than the first one, by unfiltered efforts."""
     evidence, expected = settled.evidence, 2.0 * settled.probability - 1.0
     orientation = segments.per_sample(assignments[0], *expected.shape)
-    raw = evidence.moments(expected, segments, MOST_INDIVIDUAL, orientation, summed_out=False)
+    raw = evidence.moments(expected, segments, TUNING.most_individual, orientation, summed_out=False)
     scaled = raw.scaled(_weights(settled.fit))
     hessian, energy = scaled.hessian.total(), float(scaled.energy.sum())
     solver = ConeLeastSquares(evidence.model.cone, evidence.coefficients, hessian, energy)
@@ -234,15 +214,9 @@ def _weights(fit: Fit) -> Array:
 
 
 def settled_again(settled: Settled, signals: Signals, predicted: Array) -> Settled:
-    """Signs smoothed and fitted once more under the same model, without a search, on other efforts of the same log.
+    """Signs smoothed by predicted efforts (N, n), N m, and fitted once more under the same model, without a search.
 
-    Args:
-        settled: as they were.
-        signals: the log with its other efforts.
-        predicted: (N, n) the model's effort by which signs are smoothed, N m.
-
-    Raises:
-        SolverError: an optimisation failed.
+    `signals` holds the log with other efforts.
     """
     evidence = replace(settled.evidence, signals=signals)
     probability = _smoothed(evidence, predicted, signals.nearest(predicted))

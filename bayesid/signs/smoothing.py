@@ -30,38 +30,16 @@ import numpy as np
 from scipy.special import ndtr
 
 from bayesid.arrays import Array, Integers, Mask
-from bayesid.log.low_pass import AfterRectifier, LowPass, mean_magnitude
+from bayesid.log.low_pass import AfterRectifier, mean_magnitude
 from bayesid.log.signals import Signals
 from bayesid.parallel import in_parallel
 from bayesid.progress import Steps, no_steps
 from bayesid.regression.noise import Noise
-from bayesid.signs.chain import Chain, Single, Space
-from bayesid.signs.model_error import REST_TIME, TAILS, TURNS, error_grid, spread, stationary, transitions
+from bayesid.signs.chain import TAILS, Chain, Single, Space, error_grid, spread, stationary, transitions
+from bayesid.signs.tuning import TUNING, Tuning
 
-_MIDDLE, _MARGIN = 8.0, 2
-"""Half-width of the grid's middle, in standard deviations of b in motion and in spacings: beyond it are 1e-15 of b."""
 _FARTHEST = 1e15
 """Scales of the white noise beyond which an effort is taken to be that far away: its square is a single number."""
-_FINEST_NOISE = 1e-6
-"""Of the grid's half-width: finer white noise, as of a joint without efforts, is taken to be as wide. It would fall
-between the grid's values anyway, and singles could not tell which of them is the nearest."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Blocks:
-    """What is smoothed at once: memory stays bounded, at some 50 MB, and most of it in a processor's cache.
-
-    Attributes:
-        samples: of a block.
-        overlap: samples by which a block looks into its neighbours: many correlation times of the model's error.
-        piece: samples of the pieces that run side by side.
-        most: samples times draws that run side by side, if one draw has not more.
-    """
-
-    samples: int = 10_000
-    overlap: int = 1_000
-    piece: int = 24
-    most: int = 24_000
 
 
 def sign_probabilities(
@@ -91,7 +69,7 @@ def smooth(
     noise: Noise,
     rate: float,
     progress: Steps = no_steps,
-    blocks: Blocks = Blocks(),
+    tuning: Tuning = TUNING,
     after: AfterRectifier | None = None,
 ) -> Array:
     """(N, n) P(sign = +) of every sample of |effort| (N, n), N m, at a rate, Hz; see `sign_probabilities`.
@@ -99,17 +77,17 @@ def smooth(
     The efforts are as they were read: those that have passed a low-pass after the rectifier as well.
     """
     draws = predicted if predicted.ndim == 3 else predicted[:, :, None]
-    process = _process(effort, draws.mean(axis=2), moving, noise, rate, after)
+    processes = _processes(effort, draws.mean(axis=2), moving, noise, rate, after)
     moves = moving.copy()
     moves[1:] &= moving[:-1]  # a standstill is left as it is entered: by a wide step
     turns = _turns(moves)
     probability, space = np.empty_like(effort), Space()
-    for start in range(0, len(effort), blocks.samples):
-        stop = min(start + blocks.samples, len(effort))
-        around = slice(max(0, start - blocks.overlap), min(len(effort), stop + blocks.overlap))
+    for start in range(0, len(effort), tuning.smoothed):
+        stop = min(start + tuning.smoothed, len(effort))
+        around = slice(max(0, start - tuning.overlap), min(len(effort), stop + tuning.overlap))
         joints = [
-            partial(_smooth, effort[around, j], draws[around, j], turns[around, j], process.joint(j), blocks, space)
-            for j in range(effort.shape[1])
+            partial(_smooth, effort[around, j], draws[around, j], turns[around, j], process, tuning, space)
+            for j, process in enumerate(processes)
         ]
         for j, mean in enumerate(in_parallel(joints)):
             probability[start:stop, j] = mean[start - around.start : stop - around.start]
@@ -118,81 +96,47 @@ def smooth(
 
 
 @dataclass(frozen=True)
-class _Process:
-    """The hidden process of every joint on its grid.
-
-    Attributes:
-        grid: (n, G) values of b, N m.
-        white: (n,) scale of the white noise, N m.
-        step: (2, n, G, G) transition probabilities, at standstill and in motion.
-        prior: (n, G) stationary distribution in motion.
-        rest: (n, G) and at standstill.
-        reach: (n,) sd of b in motion as it is on the grid, N m.
-        rate: of the samples, Hz.
-        after: what |effort| has passed after the rectifier; None where there is nothing.
-    """
-
-    grid: Array
-    white: Array
-    step: Array
-    prior: Array
-    rest: Array
-    reach: Array
-    rate: float
-    after: AfterRectifier | None
-
-    def joint(self, j: int) -> _Joint:
-        """That of one joint."""
-        grid, whole = self.grid[j], slice(0, self.grid.shape[1])
-        centre, half = len(grid) // 2, int(_MIDDLE * self.reach[j] / (grid[1] - grid[0])) + _MARGIN
-        window = whole if self.after is not None or half >= centre else slice(centre - half, centre + half + 1)
-        parts = (self.step[1, j], self.step[0, j], self.rest[j], self.prior[j])
-        moving, resting, afresh, start = (np.ascontiguousarray(part, dtype=np.float32) for part in parts)
-        chain = Chain(moving, resting, afresh, start, window)
-        passed = None if self.after is None else _Passed(self.after.low_pass, float(self.after.noise[j]), self.rate)
-        return _Joint(chain, grid, float(self.white[j]), passed)
-
-
-@dataclass(frozen=True)
-class _Passed:
-    """A low-pass that |effort| has passed after the rectifier, the sd of the noise it took, N m, and the rate, Hz."""
-
-    low_pass: LowPass
-    noise: float
-    rate: float
-
-
-@dataclass(frozen=True)
 class _Joint:
-    """The hidden process of one joint: its chain on a grid (G,), N m, scale of its white noise, N m, and low-pass."""
+    """The hidden process of one joint."""
 
     chain: Chain
-    grid: Array
-    white: float
-    passed: _Passed | None
+    grid: Array  # (G,) values of b, N m
+    white: float  # scale of the white noise, N m
+    after: AfterRectifier | None  # what |effort| has passed after the rectifier
+    taken: float  # sd of the noise that it took, N m
+    rate: float  # of the samples, Hz
 
 
-def _process(
+def _processes(
     effort: Array, predicted: Array, moving: Mask, noise: Noise, rate: float, after: AfterRectifier | None
-) -> _Process:
+) -> list[_Joint]:
     seen = np.abs(predicted) if after is None else after.readings(predicted, rate)
     rest = np.maximum(_doubt_at_rest(effort - seen, predicted, moving), noise.coloured)
     grid = error_grid(rest)
     memory = np.exp(-1.0 / (noise.correlation * rate))
-    step = transitions(grid, noise.coloured, memory)
-    rest_step = transitions(grid, rest, np.full(len(rest), np.exp(-1.0 / (REST_TIME * rate))))
-    prior, at_rest = stationary(grid, noise.coloured), stationary(grid, rest)
+    at_rest = np.full(len(rest), np.exp(-1.0 / (TUNING.rest_time * rate)))
+    steps = transitions(grid, noise.coloured, memory), transitions(grid, rest, at_rest)
+    chains = [*steps, stationary(grid, rest), stationary(grid, noise.coloured)]
     reach = spread(grid, noise.coloured, memory) / np.sqrt(1.0 - memory**2)
-    return _Process(grid, noise.white, np.stack([rest_step, step]), prior, at_rest, reach, rate, after)
+    joints, centre = [], grid.shape[1] // 2
+    for j, points in enumerate(grid):
+        half = int(TUNING.middle * reach[j] / (points[1] - points[0])) + TUNING.middle_margin
+        whole = after is not None or half >= centre
+        window = slice(0, len(points)) if whole else slice(centre - half, centre + half + 1)
+        moving_step, resting, afresh, start = (np.ascontiguousarray(part[j], dtype=np.float32) for part in chains)
+        chain = Chain(moving_step, resting, afresh, start, window)
+        taken = 0.0 if after is None else float(after.noise[j])
+        joints.append(_Joint(chain, points, float(noise.white[j]), after, taken, rate))
+    return joints
 
 
 def _turns(moves: Mask) -> Array:
-    """(N, n) probability that friction turns round at once before a sample: over each standstill in all, `TURNS`."""
+    """(N, n) probability that friction turns round at once before a sample: in all that of its standstill."""
     turns = np.zeros(moves.shape)
     for j in range(moves.shape[1]):
         edges = np.flatnonzero(np.diff(np.concatenate([[True], moves[:, j], [True]]).astype(int)))
         for start, end in edges.reshape(-1, 2).tolist():
-            turns[start:end, j] = 1.0 - (1.0 - TURNS) ** (1.0 / (end - start))
+            turns[start:end, j] = 1.0 - (1.0 - TUNING.turns_at_rest) ** (1.0 / (end - start))
     return turns
 
 
@@ -216,20 +160,20 @@ def _doubt_at_rest(mismatch: Array, predicted: Array, moving: Mask) -> Array:
     return np.maximum(seen, 0.5 * jump)
 
 
-def _smooth(effort: Array, predicted: Array, turns: Array, joint: _Joint, blocks: Blocks, space: Space) -> Array:
+def _smooth(effort: Array, predicted: Array, turns: Array, joint: _Joint, tuning: Tuning, space: Space) -> Array:
     """(N,) P(sign = +) of a joint's |effort| (N,), the mean over K predictions (N, K).
 
     Where friction may turn round at once, with the probabilities `turns` (N,), the joint is at standstill. A piece that
     is near one, or that has turned out to need it, is smoothed on the whole grid.
     """
-    length = min(blocks.piece, len(effort))
+    length = min(tuning.piece, len(effort))
     cut = _cut(turns, length)
     wide = _and_beside(np.any(cut > 0.0, axis=0)) | (joint.chain.middle == joint.chain.whole)
-    at_once = max(1, blocks.most // len(effort))
+    at_once = max(1, tuning.side_by_side // len(effort))
     total = np.zeros(len(effort))
     for k in range(0, predicted.shape[1], at_once):
         some = predicted[:, k : k + at_once]
-        readings = (_Readings if joint.passed is None else _FilteredReadings).of(effort, some, joint, length)
+        readings = (_Readings if joint.after is None else _FilteredReadings).of(effort, some, joint, length)
         while True:
             mean, leans = joint.chain.smooth(readings.weigh, cut, some.shape[1], wide, space)
             if not np.any(leans & ~wide):
@@ -254,24 +198,17 @@ def _cut(values: Array | Single, length: int) -> Single:
 
 @dataclass(frozen=True)
 class _Readings:
-    """Readings of one joint by K draws, cut into B pieces of L samples, in scales of the white noise.
+    """Readings of one joint by K draws, cut into B pieces of L samples, in scales of the white noise."""
 
-    Attributes:
-        up: (L, B, K) value of b with which a reading has its predicted size if its sign is +.
-        down: (L, B, K) and if it is -.
-        points: (G,) the grid.
-        spare: samples at the end of the last piece that are none.
-    """
-
-    up: Single
-    down: Single
-    points: Single
-    spare: int
+    up: Single  # (L, B, K) value of b with which a reading has its predicted size if its sign is +
+    down: Single  # (L, B, K) and if it is -
+    points: Single  # (G,) the grid
+    spare: int  # samples at the end of the last piece that are none
 
     @classmethod
     def of(cls, effort: Array, predicted: Array, joint: _Joint, length: int) -> _Readings:
         """Of |effort| (N,) and predictions (N, K)."""
-        scale = max(np.sqrt(TAILS) * joint.white, _FINEST_NOISE * joint.grid[-1])
+        scale = max(np.sqrt(TAILS) * joint.white, TUNING.finest_noise * joint.grid[-1])
         signed = [np.clip((sign * effort[:, None] - predicted) / scale, -_FARTHEST, _FARTHEST) for sign in (1.0, -1.0)]
         up, down = (_cut(values, length) for values in signed)
         return cls(up, down, (joint.grid / scale).astype(np.float32), -len(effort) % length)
@@ -313,31 +250,26 @@ def _students(values: Single, points: Single, least: Single, root: Single, out: 
 
 @dataclass(frozen=True)
 class _FilteredReadings:
-    """The same where |effort| has passed a low-pass.
+    """The same where |effort| has passed a low-pass."""
 
-    Attributes:
-        likelihood: (L, B, K, G) of b (:eq:`filtered-likelihood`), up to a factor.
-        plus: (L, B, K, G) share of sign +.
-    """
-
-    likelihood: Single
-    plus: Single
+    likelihood: Single  # (L, B, K, G) of b (:eq:`filtered-likelihood`), up to a factor
+    plus: Single  # (L, B, K, G) share of sign +
 
     @classmethod
     def of(cls, effort: Array, predicted: Array, joint: _Joint, length: int) -> _FilteredReadings:
         """Of |effort| (N,) as it was read, and predictions (N, K)."""
-        passed, mean, spacing = joint.passed, predicted[..., None] + joint.grid, joint.grid[1] - joint.grid[0]
-        assert passed is not None
-        readings = passed.low_pass.apply(mean_magnitude(mean, passed.noise), passed.rate)
+        assert joint.after is not None
+        mean, spacing = predicted[..., None] + joint.grid, joint.grid[1] - joint.grid[0]
+        readings = joint.after.low_pass.apply(mean_magnitude(mean, joint.taken), joint.rate)
         follows = np.clip(np.gradient(readings, axis=2) / spacing, -1.0, 1.0)
         least = max(joint.white, 0.5 * spacing)  # the grid tells no finer
-        variance = least**2 + (1.0 - follows**2) * passed.noise**2
+        variance = least**2 + (1.0 - follows**2) * joint.taken**2
         misfit = 1.0 + (effort[:, None, None] - readings) ** 2 / (TAILS * variance)
         log_likelihood = -0.5 * (TAILS + 1.0) * np.log(misfit) - 0.5 * np.log(variance)
         likelihood = np.exp(log_likelihood - log_likelihood.max(axis=2, keepdims=True))
         cut = _cut(likelihood, length)
         cut[length - (-len(effort) % length) :, -1] = 1.0
-        return cls(cut, cut * _cut(ndtr(mean / passed.noise), length))
+        return cls(cut, cut * _cut(ndtr(mean / joint.taken), length))
 
     def weigh(self, pieces: Integers, window: slice, space: Space) -> tuple[Single, Single]:
         """(L, G', R) likelihoods and the share of sign +."""

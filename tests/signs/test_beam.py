@@ -5,7 +5,7 @@ import pytest
 from sign_problems import synthetic
 
 from bayesid.signs.search.beam import beam, keep_incumbent, turn_joints
-from bayesid.signs.search.result import NEAR
+from bayesid.signs.tuning import TUNING
 
 
 def test_a_joint_that_is_turned_round_is_turned_back():
@@ -60,8 +60,8 @@ def test_the_leaves_of_an_unlimited_beam_are_all_assignments_that_matter(seed):
     problem = synthetic(seed, 7, joints=2, cone="body", noise=0.8, longest=8, known=1)
     problem = problem.but(problem.moments.scaled(np.full(2, 16.0)))
     found = beam(problem.moments, problem.solver(), width=None)
-    near = problem.costs <= problem.least + NEAR
-    doubt = np.abs(problem.costs - problem.least - NEAR) < 1e-4 * problem.energy
+    near = problem.costs <= problem.least + TUNING.near
+    doubt = np.abs(problem.costs - problem.least - TUNING.near) < 1e-4 * problem.energy
     listed = {tuple(branch.signs.tolist()): branch.cost for branch in found.branches}
     expected = {tuple(signs.tolist()) for signs in problem.assignments[near & ~doubt]}
     assert expected <= set(listed) <= {tuple(signs.tolist()) for signs in problem.assignments[near | doubt]}

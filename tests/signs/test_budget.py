@@ -5,9 +5,9 @@ import pytest
 from sign_problems import synthetic
 
 from bayesid.signs.search.beam import Beam
-from bayesid.signs.search.budget import AFTERWARDS, OneBudget
-from bayesid.signs.search.protocol import Search, SignProblem
+from bayesid.signs.search.protocol import OneBudget, Search, SignProblem
 from bayesid.signs.search.result import SearchResult
+from bayesid.signs.tuning import TUNING
 
 
 def given(segments=40):
@@ -37,7 +37,7 @@ def test_all_searches_share_one_budget():
     for _ in range(6):
         shared.find(None)
     assert noted == pytest.approx([10.0, 6.0, 2.0, 2.0, 0.0, 0.0])
-    assert sum(min(4.0, given) for given in noted) == (1.0 + AFTERWARDS) * 10.0
+    assert sum(min(4.0, given) for given in noted) == (1.0 + TUNING.budget_afterwards) * 10.0
 
 
 def test_a_beam_ends_with_its_budget_and_says_so():

@@ -9,7 +9,7 @@ from sign_problems import ROUNDING, SignProblem, arm, moments_of, strong, synthe
 from bayesid.effects.parameters import Cone
 from bayesid.errors import SolverError
 from bayesid.signs.search.certified import certified
-from bayesid.signs.search.limits import Limits
+from bayesid.signs.tuning import Tuning
 
 FRICTION = ("viscous_friction", "coulomb_friction", "rotor_inertia")
 ROBOT = ("rigid_body", "viscous_friction", "coulomb_friction", "rotor_inertia")
@@ -231,7 +231,7 @@ def test_moments_of_many_weak_segments_share_their_hessian():
         assert np.all(signs[:, found.settled] == found.signs[found.settled])
 
 
-POOR_CANDIDATES = Limits(
+POOR_CANDIDATES = Tuning(
     unmoved=1.0,
     candidate_patterns=1,
     candidate_combinations=1,
@@ -251,7 +251,7 @@ def poor_cases():
 def test_the_proof_finds_what_the_first_guess_has_missed():
     missed = 0
     for problem in poor_cases():
-        guess, found = (solved(problem, budget, limits=POOR_CANDIDATES) for budget in (0.0, 10.0))
+        guess, found = (solved(problem, budget, tuning=POOR_CANDIDATES) for budget in (0.0, 10.0))
         assert (guess.certified, guess.missed) == (False, np.inf), "without any budget nothing is claimed"
         honest(problem, guess)
         honest(problem, found)
@@ -264,8 +264,8 @@ def test_what_an_earlier_search_found_is_a_candidate():
     """Without any time for a proof, the parameters of the best signs lead straight to them."""
     better = 0
     for problem in poor_cases():
-        best = solved(problem, limits=POOR_CANDIDATES)
-        guess, again = (solved(problem, 0.0, start=start, limits=POOR_CANDIDATES) for start in (None, best.theta))
+        best = solved(problem, tuning=POOR_CANDIDATES)
+        guess, again = (solved(problem, 0.0, start=start, tuning=POOR_CANDIDATES) for start in (None, best.theta))
         assert again.cost <= best.cost + 2 * problem.exact
         better += again.cost < guess.cost - 1e-3 * problem.energy
     assert better >= 5
@@ -274,10 +274,10 @@ def test_what_an_earlier_search_found_is_a_candidate():
 def test_wherever_the_budget_ends_only_what_is_proven_is_claimed():
     partly = 0
     for problem in list(poor_cases())[:6]:
-        complete = solved(problem, limits=POOR_CANDIDATES)
+        complete = solved(problem, tuning=POOR_CANDIDATES)
         assert complete.certified
         for budget in np.linspace(0.0, complete.spent, 15, endpoint=False):
-            found = solved(problem, budget, limits=POOR_CANDIDATES)
+            found = solved(problem, budget, tuning=POOR_CANDIDATES)
             honest(problem, found)
             partly += not found.certified and found.lower_bound > 0.0
     assert partly > 20, "some should end with a part of the proof"

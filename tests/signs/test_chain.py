@@ -8,7 +8,8 @@ from scipy.stats import t
 from smoothing_oracles import noise_of, size_at_rest
 
 from bayesid.regression.noise import Noise
-from bayesid.signs.smoothing import Blocks, smooth
+from bayesid.signs.smoothing import smooth
+from bayesid.signs.tuning import Tuning
 
 RATE = 100.0
 GRID, REACH, FINEST, TURNS, REST_TIME = 101, 4.0, 0.75, 0.5, 0.5
@@ -107,7 +108,7 @@ def test_where_model_and_effort_contradict_each_other(off):
             plain(effort, predicted, moving, noise),
         )
         for piece in (20, 24, 48):
-            found = smooth(*arguments, noise, RATE, blocks=Blocks(piece=piece))[:, 0]
+            found = smooth(*arguments, noise, RATE, tuning=Tuning(piece=piece))[:, 0]
             np.testing.assert_allclose(found, expected, atol=1e-3)
 
 
@@ -119,7 +120,7 @@ def test_draws_and_joints_do_not_mix():
     joined = Noise(*(np.concatenate(values) for values in zip(*(vars(n).values() for n in noises), strict=True)))
     shifts = np.array([-1.2, -0.4, 0.0, 0.4, 1.2])
     draws = predicted[:, :, None] + np.where(moving, 1.0, 0.0)[:, :, None] * shifts
-    found = smooth(effort, draws, moving, joined, RATE, blocks=Blocks(most=460))
+    found = smooth(effort, draws, moving, joined, RATE, tuning=Tuning(side_by_side=460))
     for j, noise in enumerate(noises):
         whole = smooth(effort[:, j : j + 1], draws[:, j : j + 1], moving[:, j : j + 1], noise, RATE)
         np.testing.assert_allclose(found[:, j : j + 1], whole, atol=1e-5)
@@ -133,9 +134,9 @@ def test_draws_and_joints_do_not_mix():
 def test_the_length_of_pieces_and_blocks_does_not_matter():
     effort, predicted, moving = log_of(4, 500, ((100, 40),))
     expected = plain(effort, predicted, moving, NOISES["short"])
-    for blocks in (Blocks(piece=7), Blocks(piece=48), Blocks(piece=1000), Blocks(samples=200, overlap=90)):
+    for tuning in (Tuning(piece=7), Tuning(piece=48), Tuning(piece=1000), Tuning(smoothed=200, overlap=90)):
         arguments = effort[:, None], predicted[:, None], moving[:, None], NOISES["short"], RATE
-        found = smooth(*arguments, blocks=blocks)
+        found = smooth(*arguments, tuning=tuning)
         np.testing.assert_allclose(found[:, 0], expected, atol=2e-4)
 
 
@@ -144,7 +145,7 @@ def peak(samples, draws):
     many = np.repeat(predicted[:, None, None], draws, axis=2)
     arguments = effort[:, None], many, moving[:, None], NOISES["short"], RATE
     tracemalloc.start()
-    smooth(*arguments, blocks=Blocks(samples=1500, overlap=100, most=3000))
+    smooth(*arguments, tuning=Tuning(smoothed=1500, overlap=100, side_by_side=3000))
     most = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     return most

@@ -6,8 +6,8 @@ from scipy.special import logsumexp
 from sign_problems import arm, moments_of, strong, synthetic
 
 from bayesid.signs.search.combinations import TooManyError, combinations, least_costs
-from bayesid.signs.search.limits import Limits
 from bayesid.signs.search.problem import Problem
+from bayesid.signs.tuning import Tuning
 
 
 class Combined:
@@ -15,7 +15,7 @@ class Combined:
 
     def __init__(self, problem, within, solver=None, **limits):
         self.problem = problem
-        self.view = Problem(problem.moments, solver or problem.solver(), np.inf, limits=Limits(**limits))
+        self.view = Problem(problem.moments, solver or problem.solver(), np.inf, tuning=Tuning(**limits))
         self.limit = problem.least + within
         self.found = combinations(self.view, self.limit, least_costs(self.view))
         self.decided = np.concatenate([np.flatnonzero(problem.moments.known), self.found.patterns.segments])

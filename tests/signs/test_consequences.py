@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from sign_problems import synthetic
 
-from bayesid.signs.search.consequences import consequences
 from bayesid.signs.search.problem import Problem
+from bayesid.signs.search.tree import consequences
 
 
 class Followed:

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 from sign_problems import synthetic
 
-from bayesid.signs.doubt import doubt_of, rises_by_joint
+from bayesid.signs.averaging import doubt_of, rises_by_joint
 
 
 def test_a_joint_is_doubted_for_its_own_error_and_for_the_worst_one_unless_its_other_side_needs_more():

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from bayesid.signs.search.result import UnconstrainedBound
+from bayesid.signs.search.bounds import UnconstrainedBound
 
 
 def test_the_bound_is_what_least_squares_leaves_unexplained():

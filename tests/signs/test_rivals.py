@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from sign_problems import synthetic
 
+from bayesid.signs.rounds import rivals
 from bayesid.signs.search.certified import certified
 from bayesid.signs.search.protocol import SignProblem
-from bayesid.signs.search.rivals import rivals
 
 HEAVIER = np.array([0.6, 2.5])
 """What another look at the residual makes of the noise of two joints that was 1."""

@@ -21,15 +21,11 @@ from bayesid.errors import InputError
 from bayesid.progress import SILENT, Progress, Steps, no_steps
 from bayesid.regression.moments import Moments
 from bayesid.regression.solver import ConeLeastSquares
-from bayesid.signs.search.budget import Budget
-from bayesid.signs.search.local import FAILURES, searched_locally
-from bayesid.signs.search.protocol import NodeCost, NodeCostFactory, Search, SignProblem
-from bayesid.signs.search.result import Branch, Pruning, SearchResult, UnconstrainedBound, listed_without_proof
-
-_WIDER = 4
-"""A first search that leaves a poor fit is repeated with a beam so many times as wide; a round number, not studied."""
-_MOST_INITIAL = 12
-"""Segments that may be enumerated at the start: 2^12 nodes."""
+from bayesid.signs.search.bounds import UnconstrainedBound
+from bayesid.signs.search.local import searched_locally
+from bayesid.signs.search.protocol import Budget, NodeCost, NodeCostFactory, Search, SignProblem
+from bayesid.signs.search.result import Branch, Pruning, SearchResult, listed_without_proof
+from bayesid.signs.tuning import TUNING
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,7 +36,7 @@ class Beam(Search):
         width: w of T-PBPR, nodes that survive each step.
         initial_segments: s0 of T-PBPR, segments that are enumerated at the start.
         node_cost: what prices a node, made from (cone, coefficients, hessian, energy); None for the cone.
-        budget: nominal seconds of work for all beams of an identification (`bayesid.signs.search.budget`); those that
+        budget: nominal seconds of work for all beams of an identification (`bayesid.signs.search.protocol`); those that
             follow once they are spent share a fifth. Where a beam's budget ends each leaf predicts the signs of the
             segments that no step has decided.
         time_limit: seconds on the clock for all searches of an identification; what they end early says so.
@@ -66,9 +62,9 @@ class Beam(Search):
             )
         if self.width < 1:
             raise InputError(f"a beam of width {self.width}", field="Beam.width", remedy="give at least 1")
-        if not 1 <= self.initial_segments <= _MOST_INITIAL:
+        if not 1 <= self.initial_segments <= TUNING.most_initial:
             what = f"{self.initial_segments} initial segments"
-            raise InputError(what, field="Beam.initial_segments", remedy=f"give 1 to {_MOST_INITIAL} (2^s nodes)")
+            raise InputError(what, field="Beam.initial_segments", remedy=f"give 1 to {TUNING.most_initial} (2^s nodes)")
 
     @property
     def any_model(self) -> bool:
@@ -104,7 +100,7 @@ class Beam(Search):
         result = self._search(problem, self.width, budget, steps)
         if problem.earlier is not None or budget.over or not problem.is_poor(result):
             return replace(result, spent=budget.spent, timed_out=budget.timed_out)
-        wider = self._search(problem, _WIDER * self.width, budget, steps)
+        wider = self._search(problem, TUNING.wider_beam * self.width, budget, steps)
         best = min(result, wider, key=lambda candidate: candidate.cost)
         best = best.with_work_of([wider if best is result else result])
         return replace(best, spent=budget.spent, timed_out=budget.timed_out)
@@ -126,7 +122,7 @@ class Beam(Search):
         if self.node_cost is not None:
             return result
         progress("local search", 0, 1)
-        return searched_locally(problem, [result], FAILURES, max(self.time_limit - result.seconds, 0.0))
+        return searched_locally(problem, [result], TUNING.failures, max(self.time_limit - result.seconds, 0.0))
 
     def _search(self, problem: SignProblem, width: int, budget: Budget, steps: Steps) -> SearchResult:
         """A beam with its joints turned where that helps; the signs of an earlier search are not lost."""
@@ -146,19 +142,12 @@ class Beam(Search):
 
 @dataclass(frozen=True)
 class _Level:
-    """The surviving nodes at one depth.
+    """The surviving nodes at one depth."""
 
-    Attributes:
-        signs: (w, d) the choices made, in search order: the path back to the root.
-        gradient: (w, r) sum of s_k g_k over the decided segments.
-        cost: (w,) node costs.
-        theta: (w, P) the nodes' parameters.
-    """
-
-    signs: Integers
-    gradient: Array
-    cost: Array
-    theta: Array
+    signs: Integers  # (w, d) the choices made, in search order: the path back to the root
+    gradient: Array  # (w, r) sum of s_k g_k over the decided segments
+    cost: Array  # (w,) node costs
+    theta: Array  # (w, P) the nodes' parameters
 
 
 def beam(

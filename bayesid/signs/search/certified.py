@@ -29,22 +29,15 @@ from bayesid.regression.moments import Moments
 from bayesid.regression.solver import ConeLeastSquares
 from bayesid.signs.search.beam import Beam
 from bayesid.signs.search.combinations import TooManyError, combinations, combine, least_costs, shortest_first
-from bayesid.signs.search.limits import Limits
-from bayesid.signs.search.local import FAILURES, FAILURES_ON_THE_WAY, searched_locally
+from bayesid.signs.search.local import searched_locally
 from bayesid.signs.search.patterns import LOG2, Keep
 from bayesid.signs.search.problem import OutOfTimeError, Problem
 from bayesid.signs.search.protocol import Budgeted, Search, SignProblem
-from bayesid.signs.search.result import ALIKE, Branch, SearchResult, Way
+from bayesid.signs.search.result import Branch, SearchResult, Way
 from bayesid.signs.search.tree import Proof, prove, settled
+from bayesid.signs.tuning import TUNING, Tuning
 
-_PROOF = 0.4
-"""Share of the budget that a proof may take, for the sake of the other ways. Proofs that end do so within 0.35 of the
-default budget on all logs of `studies.real_floor`."""
-_BEAM = 0.2
-"""Share that the fallback may take at most, once a local search has had its turn."""
 METHOD = "branch and bound"
-_HIDDEN = 3.0
-"""Times its own pull by which a branch may cost the data less than its cost says (`_data_agree`)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,7 +45,7 @@ class Certified(Search):
     """The certified search as a method.
 
     Attributes:
-        budget: nominal seconds of work for the proof (`bayesid.signs.search.budget`). All proofs of an identification
+        budget: nominal seconds of work for the proof (`bayesid.signs.search.protocol`). All proofs of an identification
             share them, and the fallback with them: what is left of them and a fifth.
         missed_mass: posterior mass that its list of assignments may leave out, relative to the best assignment's.
         fallback: another search, which tries too where the budget ends before the proof does.
@@ -108,7 +101,7 @@ class Certified(Search):
         result = self._search(problem, 0.0, steps)
         if problem.starts or not problem.is_poor(result):
             return result
-        return searched_locally(problem, [result], FAILURES_ON_THE_WAY, self._left(result))
+        return searched_locally(problem, [result], TUNING.failures_on_the_way, self._left(result))
 
     def conclude(self, problem: SignProblem, progress: Progress = SILENT) -> SearchResult:
         """The proof; where it does not end, the cheapest signs of a local search, a beam, and a local search from its.
@@ -122,19 +115,19 @@ class Certified(Search):
             >>> search.conclude(replace(problem, earlier=search.find(problem))).certified
             True
         """
-        result = self._search(problem, _PROOF * self.budget, progress.steps("proof"))
+        result = self._search(problem, TUNING.proof_share * self.budget, progress.steps("proof"))
         if result.certified:
             return result
         progress("local search", 0, 1)
         if problem.starts:
-            return searched_locally(problem, [result], FAILURES_ON_THE_WAY, self._left(result))
-        result = searched_locally(problem, [result], FAILURES, self._left(result))
+            return searched_locally(problem, [result], TUNING.failures_on_the_way, self._left(result))
+        result = searched_locally(problem, [result], TUNING.failures, self._left(result))
         fallback = self.fallback
         if isinstance(fallback, Budgeted):
-            left = max(min(_BEAM * self.budget, self.budget - result.spent), 0.0)
+            left = max(min(TUNING.fallback_share * self.budget, self.budget - result.spent), 0.0)
             fallback = fallback.limited(left, self._left(result))
         other = fallback.find(replace(problem, earlier=result), progress.steps("search, beam"))
-        return searched_locally(problem, [result, other], FAILURES_ON_THE_WAY, self._left(result, other))
+        return searched_locally(problem, [result, other], TUNING.failures_on_the_way, self._left(result, other))
 
     def _left(self, *results: SearchResult) -> float:
         """Seconds on the clock after some results."""
@@ -162,7 +155,7 @@ def certified(  # noqa: PLR0913  a problem, a budget, two starts, and how to go 
     start: Array | None = None,
     steps: Steps = no_steps,
     time_limit: float = np.inf,
-    limits: Limits = Limits(),
+    tuning: Tuning = TUNING,
     signs: Sequence[Integers] = (),
 ) -> SearchResult:
     """Finds the best signs and proves as much about all others as the budget allows.
@@ -176,18 +169,18 @@ def certified(  # noqa: PLR0913  a problem, a budget, two starts, and how to go 
         signs: (S,) each, that are likely beforehand; they take the place of other candidates.
         steps: called as steps(percent of the budget that is spent, 100); where the search ends, as steps(100, 100).
         time_limit: seconds on the clock.
-        limits: how much work to do at each step.
+        tuning: how much work to do at each step.
 
     Raises:
         SolverError: a cone problem could not be solved.
     """
     began = time.perf_counter()
     steps(0, 100)
-    problem = Problem(moments, solver, budget, time_limit, limits, steps)
+    problem = Problem(moments, solver, budget, time_limit, tuning, steps)
     best, lower_bound, proof = _first(problem, start, signs), 0.0, None
-    ways = [Way("earlier signs" if signs else "candidates", best.cost, problem.spent)]
+    ways = [Way("earlier signs" if signs else "candidates", best.cost, problem.budget.spent)]
     try:
-        with problem.at_most(limits.unmoved * budget):
+        with problem.budget.at_most(tuning.unmoved * budget):
             least = least_costs(problem)
         lower_bound = float(least.sum()) - problem.slack
         proof = _prove_enough(problem, best, least, float(np.log(missed)))
@@ -195,7 +188,7 @@ def certified(  # noqa: PLR0913  a problem, a budget, two starts, and how to go 
         pass
     result = _result(problem, best, lower_bound, proof, missed)
     if budget > 0.0:
-        ways.append(Way(METHOD, result.cost, problem.spent - ways[0].spent))
+        ways.append(Way(METHOD, result.cost, problem.budget.spent - ways[0].spent))
     steps(100, 100)
     return replace(
         result,
@@ -203,8 +196,8 @@ def certified(  # noqa: PLR0913  a problem, a budget, two starts, and how to go 
         solves=problem.solves,
         tolerance=problem.tolerance,
         seconds=time.perf_counter() - began,
-        spent=problem.spent if budget > 0.0 else 0.0,
-        timed_out=problem.timed_out and budget > 0.0,
+        spent=problem.budget.spent if budget > 0.0 else 0.0,
+        timed_out=problem.budget.timed_out and budget > 0.0,
         ways=tuple(ways),
     )
 
@@ -219,7 +212,7 @@ def _first(problem: Problem, start: Array | None, signs: Sequence[Integers]) -> 
         begun.append(problem.price(problem.settle(known, start).signs))
     if signs:
         begun += [problem.price(problem.settle_from(assignment).signs) for assignment in signs]
-    elif start is None or problem.out_of_time:
+    elif start is None or problem.budget.over:
         begun.insert(0, candidate(problem))
     return min(begun, key=lambda branch: branch.cost)
 
@@ -268,9 +261,13 @@ def _data_agree(problem: Problem, best: Branch, others: Sequence[Branch]) -> boo
     Of a cost that grows as w^p with the weight of the pull, the pull is p times the growth; masses that run away near
     the cone's edge grow as w^(1/3).
     """
-    near = [branch for branch in others if branch.cost - _HIDDEN * problem.pull_of(branch) <= best.cost + problem.exact]
+    near = [
+        branch
+        for branch in others
+        if branch.cost - TUNING.hidden_by_pull * problem.pull_of(branch) <= best.cost + problem.exact
+    ]
     value = problem.data_cost(best)[1] if near else best.cost
-    return all(problem.data_cost(branch)[0] >= value - min(problem.exact, ALIKE) for branch in near)
+    return all(problem.data_cost(branch)[0] >= value - min(problem.exact, TUNING.alike) for branch in near)
 
 
 def _what_matters(proof: Proof, cost: float, missed: float) -> tuple[int, float, float]:
@@ -295,25 +292,25 @@ def _what_matters(proof: Proof, cost: float, missed: float) -> tuple[int, float,
 # ---------------------------------------------------------------------------------------------------------------
 def candidate(problem: Problem) -> Branch:
     """The best assignment among combinations of each joint's best patterns, without any proof."""
-    limits = problem.limits
+    tuning = problem.tuning
 
     def best_of_all(_: list[int]) -> tuple[Keep, float]:
-        return lambda bound: np.argsort(bound, kind="stable")[: limits.candidate_combinations], np.inf
+        return lambda bound: np.argsort(bound, kind="stable")[: tuning.candidate_combinations], np.inf
 
-    depths = [block.strong(limits.candidate_share, limits.listed) for block in problem.blocks]
-    lists = [block.best(limits.candidate_patterns, depth) for block, depth in zip(problem.blocks, depths, strict=True)]
+    depths = [block.strong(tuning.candidate_share, tuning.listed) for block in problem.blocks]
+    lists = [block.best(tuning.candidate_patterns, depth) for block, depth in zip(problem.blocks, depths, strict=True)]
     joined = combine(problem, lists, shortest_first(lists), best_of_all)
     hessian, energy = problem.decided_moments(joined)
-    prepared = problem.prepared(hessian)
+    prepared = problem.solver.prepared(hessian)
     solved: list[tuple[float, int, Array]] = []
-    for row in np.argsort(joined.bound, kind="stable")[: limits.candidates_solved]:
+    for row in np.argsort(joined.bound, kind="stable")[: tuning.candidates_solved]:
         if solved and joined.bound[row] - problem.slack >= solved[0][0]:
             break
         solution = problem.solve(prepared, joined.gradient[row])
         solved.append((energy + solution.cost, int(row), solution.theta))
         solved.sort(key=lambda candidate: candidate[:2])
     settled = [
-        problem.settle(problem.decided(joined, row), theta) for _, row, theta in solved[: limits.candidates_settled]
+        problem.settle(problem.decided(joined, row), theta) for _, row, theta in solved[: tuning.candidates_settled]
     ]
     best = min(settled, key=lambda branch: branch.cost)
     return _turned(problem, problem.price(problem.settle(problem.moments.known, best.theta).signs))
@@ -323,7 +320,7 @@ def _turned(problem: Problem, branch: Branch) -> Branch:
     """The branch with single segments turned where that pays: those that draw the parameters to their present sign."""
     known = problem.moments.known
     unknown = np.flatnonzero(known == 0)
-    for _ in range(problem.limits.turned):
+    for _ in range(problem.tuning.turned):
         changes = problem.single_flips(branch, unknown)
         k = int(np.argmin(changes)) if unknown.size else 0
         if not unknown.size or changes[k] >= -problem.exact:
@@ -340,15 +337,15 @@ def _turned(problem: Problem, branch: Branch) -> Branch:
 
 def _prove_enough(problem: Problem, best: Branch, least: Array, log_missed: float) -> Proof:
     """A proof with a Delta so wide that it leaves out no more than it may, or as far as the budget goes."""
-    within = -2.0 * log_missed + problem.limits.allowance
+    within = -2.0 * log_missed + problem.tuning.allowance
     while True:
         limit = best.cost + within
         survivors = combinations(problem, limit, least)
         excess = survivors.log_missed + 0.5 * best.cost - (log_missed - LOG2)
-        if excess <= 0.0 or problem.out_of_time:
+        if excess <= 0.0 or problem.budget.over:
             proof = prove(problem, survivors, limit, best.theta)
             best = min([best, *proof.branches], key=lambda branch: branch.cost)
             excess = proof.log_missed + 0.5 * best.cost - log_missed
-            if excess <= 0.0 or problem.out_of_time:
+            if excess <= 0.0 or problem.budget.over:
                 return proof
-        within += 2.0 * excess + problem.limits.growth
+        within += 2.0 * excess + problem.tuning.growth

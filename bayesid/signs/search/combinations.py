@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayesid.arrays import Array, Integers
+from bayesid.signs.search.bounds import UnconstrainedBound
 from bayesid.signs.search.patterns import LOG2, Block, Keep, Patterns, Remainder, join, log_sum, stack
-from bayesid.signs.search.problem import UNDECIDED_PULL, Problem
-from bayesid.signs.search.result import UnconstrainedBound
+from bayesid.signs.search.problem import Problem
 
 
 class TooManyError(Exception):
@@ -23,19 +23,12 @@ class TooManyError(Exception):
 
 @dataclass(frozen=True)
 class Combinations:
-    """m sign choices of the same segments of all joints.
+    """m sign choices of the same segments of all joints."""
 
-    Attributes:
-        patterns: their signs and gradients.
-        lower: (m,) lower bounds of the cost, weaker segments included.
-        log_missed: log of the sum of exp(-b / 2) over all other choices, b their bounds.
-        thetas: parameters (P,) of those that were solved, by row.
-    """
-
-    patterns: Patterns
-    lower: Array
-    log_missed: float
-    thetas: dict[int, Array]
+    patterns: Patterns  # their signs and gradients
+    lower: Array  # (m,) lower bounds of the cost, weaker segments included
+    log_missed: float  # log of the sum of exp(-b / 2) over all other choices, b their bounds
+    thetas: dict[int, Array]  # parameters (P,) of those that were solved, by row
 
     def __len__(self) -> int:
         return len(self.lower)
@@ -47,23 +40,23 @@ def least_costs(problem: Problem) -> Array:
     Raises:
         OutOfTimeError: the budget has ended.
     """
-    ends = _ends(problem, problem.limits.shares[-1])
+    ends = _ends(problem, problem.tuning.shares[-1])
     pairs = zip(problem.blocks, ends, _tails(problem, ends), strict=True)
     return np.array([_least_cost(problem, block.first(end)) + tail for block, end, tail in pairs])
 
 
 def _ends(problem: Problem, share: float) -> list[int]:
     """How many segments of each block count in its least cost; in a long log its tail is a block of its own."""
-    most = problem.limits.least_group
+    most = problem.tuning.least_group
     lengths = [len(block.segments) for block in problem.blocks]
-    strong = [block.strong(share, problem.limits.listed) for block in problem.blocks]
+    strong = [block.strong(share, problem.tuning.listed) for block in problem.blocks]
     return [length if length <= most else end for length, end in zip(lengths, strong, strict=True)]
 
 
 def _tails(problem: Problem, ends: list[int]) -> list[float]:
     """Lower bounds of what the segments beyond the ends cost by themselves, with half of the undecided rows' pull."""
     if not problem.tails:
-        pull = 0.5 * UNDECIDED_PULL / max(1, len(problem.blocks)) * problem.pull
+        pull = 0.5 * problem.tuning.undecided_pull / max(1, len(problem.blocks)) * problem.pull
         tails = [block.after(end, pull) for block, end in zip(problem.blocks, ends, strict=True)]
         problem.tails = [_least_cost(problem, tail) if len(tail.segments) else 0.0 for tail in tails]
     return problem.tails
@@ -71,31 +64,26 @@ def _tails(problem: Problem, ends: list[int]) -> list[float]:
 
 def _least_cost(problem: Problem, block: Block) -> float:
     problem.check(0)
-    limits = problem.limits
-    work = limits.least_width, limits.least_list, problem.check, problem.rounding
-    return sum(group.least(*work) for group in block.groups(limits.least_group))
+    tuning = problem.tuning
+    work = tuning.least_width, tuning.least_list, problem.check, problem.rounding
+    return sum(group.least(*work) for group in block.groups(tuning.least_group))
 
 
 def combinations(problem: Problem, limit: float, least: Array) -> Combinations:
     """All combinations that may cost up to `limit`, of as many segments as can be afforded (:eq:`joint-bound`).
 
-    Args:
-        problem: the problem.
-        limit: of the cost.
-        least: (blocks,) from `least_costs`.
-
     Raises:
         OutOfTimeError: the budget has ended.
         TooManyError: there are too many even of the strongest segment of each joint.
     """
-    limits = problem.limits
-    finest = _Level.make(problem, limit, least, limits.shares[-1])
+    shares = problem.tuning.shares
+    finest = _Level.make(problem, limit, least, shares[-1])
     joined = finest.joined(None)
-    if joined is not None and len(joined) <= limits.few_combinations:
+    if joined is not None and len(joined) <= problem.tuning.few_combinations:
         return finest.in_the_cone(joined)
     survivors: Combinations | None = None
-    for share in limits.shares:
-        level = finest if share == limits.shares[-1] else _Level.make(problem, limit, least, share, finest.depth)
+    for share in shares:
+        level = finest if share == shares[-1] else _Level.make(problem, limit, least, share, finest.depth)
         joined = level.joined(survivors)
         if joined is None:
             break
@@ -107,21 +95,13 @@ def combinations(problem: Problem, limit: float, least: Array) -> Combinations:
 
 @dataclass(frozen=True)
 class _Level:
-    """The segments of all joints from a share of their strongest one's energy on.
+    """The segments of all joints from a share of their strongest one's energy on."""
 
-    Attributes:
-        problem: the problem.
-        limit: of the cost.
-        lists: each block's patterns.
-        least: (blocks,) lower bounds of the joints' own costs.
-        rest: (blocks,) lower bounds of what the segments that the lists do not decide cost by themselves.
-    """
-
-    problem: Problem
-    limit: float
-    lists: list[Patterns]
-    least: Array
-    rest: Array
+    problem: Problem  # the problem
+    limit: float  # of the cost
+    lists: list[Patterns]  # each block's patterns
+    least: Array  # (blocks,) lower bounds of the joints' own costs
+    rest: Array  # (blocks,) lower bounds of what the segments that the lists do not decide cost by themselves
 
     @property
     def depth(self) -> int:
@@ -135,10 +115,10 @@ class _Level:
         What is excluded here counts as often as it has completions among the `finest` segments that are decided in the
         end, so the limit is higher.
         """
-        depths = [block.strong(share, problem.limits.listed) for block in problem.blocks]
+        depths = [block.strong(share, problem.tuning.listed) for block in problem.blocks]
         limit += 2.0 * LOG2 * max(0, finest - sum(depths))
-        ends = _ends(problem, problem.limits.shares[-1])
-        pull = 0.5 * UNDECIDED_PULL / len(problem.blocks) * problem.pull
+        ends = _ends(problem, problem.tuning.shares[-1])
+        pull = 0.5 * problem.tuning.undecided_pull / len(problem.blocks) * problem.pull
         ranges = zip(problem.blocks, depths, ends, strict=True)
         rests = [block.after(depth, pull, end) for block, depth, end in ranges]
         rest = np.array([_least_cost(problem, block) for block in rests]) + _tails(problem, ends)
@@ -146,7 +126,7 @@ class _Level:
         for i, block in enumerate(problem.blocks):
             within = limit + problem.slack - float(np.delete(least, i).sum() + rest[i])
             remainder = Remainder(float(rest[i]), float(least[i]))
-            lists.append(block.within(within, depths[i], problem.limits.longest_list, problem.check, remainder))
+            lists.append(block.within(within, depths[i], problem.tuning.longest_list, problem.check, remainder))
         return cls(problem, limit, lists, least, rest)
 
     def joined(self, coarser: Combinations | None) -> Combinations | None:
@@ -169,7 +149,7 @@ class _Level:
                 self.problem.check(len(bound))
                 kept = np.flatnonzero(bound <= highest)
                 held[len(to_come)] += len(kept)
-                if held[len(to_come)] > self.problem.limits.most_combinations:
+                if held[len(to_come)] > self.problem.tuning.most_combinations:
                     raise TooManyError
                 return kept
 
@@ -201,18 +181,23 @@ class _Level:
         """
         problem, patterns, lower = self.problem, joined.patterns, joined.lower.copy()
         hessian, energy = problem.decided_moments(patterns)
-        prepared = problem.prepared(hessian)
+        prepared = problem.solver.prepared(hessian)
         unconstrained = UnconstrainedBound(hessian + 0.5 * problem.pull, 0.0)
         rest = float(self.rest.sum())
         solved: dict[int, Array] = {}
         remaining = np.flatnonzero(lower <= self.limit)
         waiting = remaining
-        while waiting.size and not problem.out_of_time:
+        while waiting.size and not problem.budget.over:
             row = int(waiting[np.argmin(lower[waiting])])
             solution = problem.solve(prepared, patterns.gradient[row])
-            solved[row], beta = solution.theta, problem.project(solution.theta)
+            solved[row], beta = solution.theta, problem.solver.project(solution.theta)
             problem.count(len(remaining))
-            bound = energy + solution.lower_bound + rest - 2.0 * UNDECIDED_PULL * float(beta @ problem.pull @ beta)
+            bound = (
+                energy
+                + solution.lower_bound
+                + rest
+                - 2.0 * problem.tuning.undecided_pull * float(beta @ problem.pull @ beta)
+            )
             steps = patterns.gradient[remaining] - patterns.gradient[row]
             reach = -unconstrained(steps)
             doubt = 2.0 * np.sqrt((solution.cost - solution.lower_bound) * reach)
@@ -232,14 +217,10 @@ def shortest_first(lists: list[Patterns]) -> list[int]:
 def combine(
     problem: Problem, lists: list[Patterns], order: list[int], choose: Callable[[list[int]], tuple[Keep, float]]
 ) -> Patterns:
-    """The joints' lists joined one after the other.
+    """The joints' lists joined one after the other, in an order.
 
-    Args:
-        problem: the problem.
-        lists: of patterns, for each block.
-        order: of the blocks.
-        choose: makes, from the blocks that are still to come, what chooses among the combinations of those so far, and
-            a limit of the sum of their separate bounds.
+    `choose` makes, from the blocks that are still to come, what chooses among the combinations of those so far, and
+    a limit of the sum of their separate bounds.
     """
     joined, hessian, energy = lists[order[0]], np.zeros_like(problem.pull), 0.0
     for position, i in enumerate(order):
@@ -249,5 +230,5 @@ def combine(
         if position > 0:
             problem.combined += len(joined) * len(lists[i])
             keep, limit = choose(order[position + 1 :])
-            joined = join(joined, lists[i], hessian, energy, keep, limit, problem.limits.pairs_at_once)
+            joined = join(joined, lists[i], hessian, energy, keep, limit, problem.tuning.pairs_at_once)
     return joined

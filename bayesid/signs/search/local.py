@@ -20,38 +20,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayesid.arrays import Array, Integers
+from bayesid.arrays import Integers
 from bayesid.signs.search.problem import Problem
 from bayesid.signs.search.protocol import SignProblem
-from bayesid.signs.search.result import ALIKE, NEAR, Branch, SearchResult, Way, listed_without_proof
-
-_TEMPERATURES = (30.0, 100.0, 300.0)
-"""T of the draws, in turn. Tried by hand on two real logs: with 1000 hardly any start leads to the best assignment."""
-_MOST_STARTS = 2
-"""Times the failures that are asked for: starts at most."""
-
-FAILURES = 98
-"""Starts of a local search without a better assignment: the probability that the next one leads to a better one is then
-1 / (98 + 2) = 1 %, by Laplace's rule of succession."""
-FAILURES_ON_THE_WAY = 20
-"""The same where another search follows: in a round that fits poorly, and from signs that another model has settled."""
-_MOST_BEGUN = 8
-"""Assignments of a list from which a local search begins."""
+from bayesid.signs.search.result import Branch, SearchResult, Way, listed_without_proof
+from bayesid.signs.tuning import TUNING
 
 
 @dataclass(frozen=True)
 class LocalOptima:
-    """What a local search has met.
+    """What a local search has met."""
 
-    Attributes:
-        met: distinct local optima and the assignments it began with, cheapest first.
-        failed: starts since the best was met, none of which led to a better one.
-        starts: all.
-    """
-
-    met: tuple[Branch, ...]
-    failed: int
-    starts: int
+    met: tuple[Branch, ...]  # distinct local optima and the assignments it began with, cheapest first
+    failed: int  # starts since the best was met, none of which led to a better one
+    starts: int  # all
 
     @property
     def best(self) -> Branch:
@@ -60,26 +42,19 @@ class LocalOptima:
 
 
 def local_search(problem: Problem, begun: Iterable[Branch], failures: int, seed: int = 0) -> LocalOptima:
-    """Local optima about the best of some assignments.
+    """Local optima about the best of some assignments, at least one.
 
-    Args:
-        problem: of S segments.
-        begun: assignments, at least one.
-        failures: starts without a better assignment after which the search ends.
-        seed: of the draws.
-
-    Raises:
-        SolverError: a cone problem could not be solved.
+    It ends after so many starts without a better assignment (`failures`).
     """
     met = {branch.signs.tobytes(): branch for branch in begun}
     best, failed, rng = min(met.values(), key=lambda branch: branch.cost), 0, np.random.default_rng(seed)
     starts, tried = _starts(problem, best, rng), 0
-    while failed < failures and tried < _MOST_STARTS * failures and not problem.out_of_time:
+    while failed < failures and tried < TUNING.most_starts * failures and not problem.budget.over:
         start = next(starts)
         branch = problem.settle_from(start)
         met.setdefault(branch.signs.tobytes(), branch)
         failed, tried = failed + 1, tried + 1
-        if branch.cost < best.cost - max(problem.exact, ALIKE):
+        if branch.cost < best.cost - max(problem.exact, TUNING.alike):
             best, failed = branch, 0
             starts = _starts(problem, best, rng)
     best = min(met.values(), key=lambda branch: branch.cost)
@@ -95,9 +70,9 @@ def _starts(problem: Problem, best: Branch, rng: np.random.Generator) -> Iterato
     joints = np.unique(moments.joint[unknown]).tolist()
     for turned in (*itertools.combinations(joints, 1), *itertools.combinations(joints, 2)):
         yield np.where(np.isin(moments.joint, turned) & unknown, -best.signs, best.signs)
-    beta = problem.project(best.theta)
-    for temperature in itertools.cycle(_TEMPERATURES):
-        drawn = beta + np.sqrt(temperature) * problem.draw(rng)
+    beta = problem.solver.project(best.theta)
+    for temperature in itertools.cycle(TUNING.temperatures):
+        drawn = beta + np.sqrt(temperature) * problem.unconstrained.draw(rng)
         yield np.where(unknown, np.where(moments.gradient @ drawn >= 0.0, 1, -1), moments.known)
 
 
@@ -111,16 +86,14 @@ def searched_locally(
         results: the first one says what is proven, if anything.
         failures: starts without a better assignment after which the search ends.
         time_limit: seconds on the clock.
-
-    Raises:
-        SolverError: a cone problem could not be solved.
     """
     began, inner = time.perf_counter(), Problem(problem.moments, problem.solver(), np.inf, time_limit)
     known, first = problem.moments.known, results[0]
-    begun = [inner.settle(known, theta) for result in results for theta in _thetas(result)]
+    thetas = [[one.theta, *(branch.theta for branch in one.branches[: TUNING.most_begun])] for one in results]
+    begun = [inner.settle(known, theta) for theta in itertools.chain(*thetas)]
     found = local_search(inner, begun, failures)
     best = found.best
-    near = [branch for branch in found.met if branch.cost <= best.cost + NEAR]
+    near = [branch for branch in found.met if branch.cost <= best.cost + TUNING.near]
     result = replace(
         first.with_work_of(results[1:]),
         signs=best.signs,
@@ -132,14 +105,15 @@ def searched_locally(
         unseen=_unseen(first, found),
         seconds=sum(one.seconds for one in results) + time.perf_counter() - began,
     )
-    work = inner.spent
+    work = inner.budget.spent
+    ways = (way for one in results for way in one.ways or (Way(one.method, one.cost, one.spent),))
     result = replace(
         result,
         solves=result.solves + inner.solves,
-        timed_out=result.timed_out or inner.timed_out,
+        timed_out=result.timed_out or inner.budget.timed_out,
         spent=result.spent + (work if first.spent > 0.0 else 0.0),
         tolerance=max(inner.tolerance, *(one.tolerance for one in results)),
-        ways=(*(way for one in results for way in _ways(one)), Way("local search", best.cost, work, found.starts)),
+        ways=(*ways, Way("local search", best.cost, work, found.starts)),
     )
     if first.settled is not None and np.array_equal(first.signs, best.signs):
         return result
@@ -152,15 +126,5 @@ def _unseen(first: SearchResult, found: LocalOptima) -> float:
 
     Where nothing is better than the result that the search began with, the starts that led there count too.
     """
-    before = 0.5 if found.best.cost < first.cost - ALIKE else first.unseen
+    before = 0.5 if found.best.cost < first.cost - TUNING.alike else first.unseen
     return before / (1.0 + found.failed * before)  # 1 / (starts + 2)
-
-
-def _ways(result: SearchResult) -> tuple[Way, ...]:
-    """Of a search that does not say more, its method."""
-    return result.ways or (Way(result.method, result.cost, result.spent),)
-
-
-def _thetas(result: SearchResult) -> list[Array]:
-    """Of its best assignment, and of those listed."""
-    return [result.theta, *(branch.theta for branch in result.branches[:_MOST_BEGUN])]

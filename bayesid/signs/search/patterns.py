@@ -19,7 +19,7 @@ import numpy as np
 
 from bayesid.arrays import Array, Integers, Mask
 from bayesid.regression.moments import Moments
-from bayesid.signs.search.result import UnconstrainedBound
+from bayesid.signs.search.bounds import UnconstrainedBound
 
 LOG2 = float(np.log(2.0))
 
@@ -29,15 +29,10 @@ Keep = Callable[[Array], Integers]
 
 @dataclass(frozen=True)
 class Remainder:
-    """What the segments that are not decided add to a pattern's bound.
+    """What the segments that are not decided add to a pattern's bound."""
 
-    Attributes:
-        undecided: lower bound of what their rows cost by themselves.
-        total: lower bound of what all rows of the joints cost, under any signs.
-    """
-
-    undecided: float = 0.0
-    total: float = 0.0
+    undecided: float = 0.0  # lower bound of what their rows cost by themselves
+    total: float = 0.0  # lower bound of what all rows of the joints cost, under any signs
 
     def __add__(self, other: Remainder) -> Remainder:
         """Of the joints of both."""
@@ -50,22 +45,14 @@ class Remainder:
 
 @dataclass(frozen=True)
 class Patterns:
-    """m sign choices of the same decided segments, with their bounds.
+    """m sign choices of the same decided segments, with their bounds."""
 
-    Attributes:
-        segments: (d,) the decided segments.
-        signs: (m, d) +1 or -1.
-        gradient: (m, r) sum of s_k g_k over the decided segments and those known beforehand.
-        bound: (m,) lower bounds of the cost.
-        remainder: of the segments that are not decided.
-        log_missed: log of the sum of exp(-b / 2) over all patterns of the same segments that were not kept.
-    """
-
-    segments: Integers
-    signs: Array
-    gradient: Array
-    bound: Array
-    remainder: Remainder = Remainder()
+    segments: Integers  # (d,) the decided segments
+    signs: Array  # (m, d) +1 or -1
+    gradient: Array  # (m, r) sum of s_k g_k over the decided segments and those known beforehand
+    bound: Array  # (m,) lower bounds of the cost
+    remainder: Remainder = Remainder()  # of the segments that are not decided
+    # log of the sum of exp(-b / 2) over all patterns of the same segments that were not kept
     log_missed: float = -np.inf
 
     def __len__(self) -> int:

@@ -2,29 +2,21 @@
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager
-
 import numpy as np
 
 from bayesid.arrays import Array, Integers
 from bayesid.progress import Steps, no_steps
 from bayesid.regression.moments import Moments
 from bayesid.regression.solver import ConeLeastSquares, PreparedLeastSquares, Solution
-from bayesid.signs.search.budget import Budget
-from bayesid.signs.search.flips import Flips
-from bayesid.signs.search.limits import Limits
+from bayesid.signs.search.bounds import Flips, UnconstrainedBound
 from bayesid.signs.search.patterns import Patterns, make_blocks
-from bayesid.signs.search.result import EXACT, Branch, UnconstrainedBound
+from bayesid.signs.search.protocol import Budget
+from bayesid.signs.search.result import EXACT, Branch
+from bayesid.signs.tuning import TUNING, Tuning
 
-UNDECIDED_PULL = 1e-4
-"""Share of the pull in the bounds of undecided rows: keeps them well conditioned, and takes next to nothing from those
-of decided ones. A round number; any share keeps the bounds valid."""
 _ROUNDING = 1e-8
 """Share of the energy by which rounding, and the ridge against it, may raise an unconstrained bound: a round number far
-above double precision; not studied."""
-
-_LIGHTER = 1e-2
-"""Share of the pull with which costs by the data alone are had: less, and rounding spoils their bounds."""
+above double precision."""
 
 
 class OutOfTimeError(Exception):
@@ -35,23 +27,25 @@ class Problem:
     """The moments, one block for each joint, and what is prepared once; counts what was done.
 
     The pull (beta - b)' Q (beta - b) is at least beta' Q beta / 2 - b' Q b (:eq:`pull-share`). The first part is shared
-    among the joints' own bounds, which keeps them well conditioned and lets them add up: all but `UNDECIDED_PULL` of it
-    among the rows that are decided, that share among those that are not. The second part is `slack`, by which the sum
-    may be too high (with an allowance for rounding).
+    among the joints' own bounds, which keeps them well conditioned and lets them add up: a small share of it
+    (`undecided_pull`) among the rows that are not decided, the rest among those that are. The second part is `slack`,
+    by which the sum may be too high (with an allowance for rounding).
 
     Args:
         moments: scaled moments of S segments.
         solver: for the cone and for H and energy of all segments.
-        budget: nominal seconds of work (`bayesid.signs.search.budget`).
+        budget: nominal seconds of work.
         time_limit: seconds on the clock from now on.
-        limits: how much work to do.
+        tuning: how much work to do.
         steps: called as steps(percent of the budget that is spent, 100), while there is any left.
 
     Attributes:
+        budget: the work that may be done.
         energy: c of all segments.
         exact: cost below which two assignments count as equal.
         slack: to be taken from an unconstrained bound.
         pull: (r, r) Q.
+        unconstrained: the bound of all segments, the pull included.
         blocks: of the joints that have segments.
         solves: cone problems solved.
         combined: combinations of several joints' patterns that were priced.
@@ -65,18 +59,18 @@ class Problem:
         solver: ConeLeastSquares,
         budget: float,
         time_limit: float = np.inf,
-        limits: Limits = Limits(),
+        tuning: Tuning = TUNING,
         steps: Steps = no_steps,
     ) -> None:
         self.pull, centre = solver.pull()
-        self._budget = Budget(budget, len(self.pull), time_limit)
-        self.moments, self.limits, self._solver = moments, limits, solver
+        self.budget = Budget(budget, len(self.pull), time_limit)
+        self.moments, self.solver, self.tuning = moments, solver, tuning
         self._hessian, self.energy = moments.hessian.total(), float(moments.energy.sum())
-        self._unconstrained = UnconstrainedBound(self._hessian + self.pull, 0.0)
+        self.unconstrained = UnconstrainedBound(self._hessian + self.pull, 0.0)
         self.exact = EXACT * self.energy
         self.rounding = _ROUNDING * self.energy
         self.slack = float(centre @ self.pull @ centre) + self.rounding
-        self.blocks = make_blocks(moments, (0.5 - UNDECIDED_PULL) * self.pull)
+        self.blocks = make_blocks(moments, (0.5 - tuning.undecided_pull) * self.pull)
         self.solves = self.combined = 0
         self.tolerance = 0.0
         self.tails: list[float] = []
@@ -90,34 +84,15 @@ class Problem:
         """Sign choices priced by the unconstrained bound."""
         return self.combined + sum(block.nodes for block in self.blocks)
 
-    @property
-    def spent(self) -> float:
-        """Nominal seconds of the work done."""
-        return self._budget.spent
-
-    @property
-    def timed_out(self) -> bool:
-        """Whether the time limit has ended the search."""
-        return self._budget.timed_out
-
-    @property
-    def out_of_time(self) -> bool:
-        """Whether the budget has ended."""
-        return self._budget.over
-
-    def at_most(self, seconds: float) -> AbstractContextManager[None]:
-        """Ends at so many nominal seconds, for a while."""
-        return self._budget.at_most(seconds)
-
     def count(self, choices: int) -> None:
         """Takes down a step of the work, in which so many sign choices were priced."""
-        self._budget.count(steps=1, choices=choices)
+        self.budget.count(steps=1, choices=choices)
         self._report()
 
     def _report(self) -> None:
         """Says how much of the budget is spent, where that has become more by a percent."""
-        whole = self._budget.seconds
-        percent = int(100.0 * self.spent / whole) if 0.0 < whole < np.inf else 0
+        whole = self.budget.seconds
+        percent = int(100.0 * self.budget.spent / whole) if 0.0 < whole < np.inf else 0
         if self._told < percent < 100:
             self._told = percent
             self._tell(percent, 100)
@@ -125,12 +100,8 @@ class Problem:
     def check(self, choices: int) -> None:
         """Takes down a step, and raises OutOfTimeError when the budget has ended."""
         self.count(choices)
-        if self.out_of_time:
+        if self.budget.over:
             raise OutOfTimeError
-
-    def draw(self, rng: np.random.Generator) -> Array:
-        """(r,) normal, of mean zero and the covariance (H + Q)^-1 of the coefficients."""
-        return self._unconstrained.draw(rng)
 
     # -----------------------------------------------------------------------------------------------------------
     # Partial assignments
@@ -146,17 +117,9 @@ class Problem:
         rows = np.concatenate([np.flatnonzero(self.moments.known), patterns.segments])
         return self.moments.hessian_of(rows), float(self.moments.energy[rows].sum())
 
-    def prepared(self, hessian: Array) -> PreparedLeastSquares:
-        """A solver for the H (r, r) of some segments."""
-        return self._solver.prepared(hessian)
-
     def solve(self, prepared: PreparedLeastSquares, gradient: Array) -> Solution:
         """The best parameters for g (r,) and the prepared H."""
         return self._counted(prepared.solve(gradient))
-
-    def project(self, theta: Array) -> Array:
-        """(r,) coefficients of parameters (P,)."""
-        return self._solver.project(theta)
 
     # -----------------------------------------------------------------------------------------------------------
     # Full assignments
@@ -171,7 +134,7 @@ class Problem:
         Neither step can raise the cost. The lower bound is that of the resulting signs alone.
         """
         signs = self._completed(decided, theta)
-        for _ in range(self.limits.settling_rounds):
+        for _ in range(self.tuning.settling_rounds):
             branch = self._known(signs)
             after = self._completed(decided, branch.theta)
             if np.array_equal(after, signs):
@@ -200,18 +163,18 @@ class Problem:
 
     def pull_of(self, branch: Branch) -> float:
         """What the pull adds to the cost of a branch."""
-        return self._solver.regularisation(branch.theta)
+        return self.solver.regularisation(branch.theta)
 
     def data_cost(self, branch: Branch) -> tuple[float, float]:
         """Lower bound and value of what a branch costs the data, with next to nothing of the pull."""
-        lighter = self._solver.lighter(_LIGHTER)
+        lighter = self.solver.lighter(self.tuning.lighter_pull)
         solution = self._counted(lighter.prepared(self._hessian).solve_precisely(branch.signs @ self.moments.gradient))
         value = self.energy + solution.cost - lighter.regularisation(solution.theta)
         return min(self.energy + solution.lower_bound, value), value
 
     def flips(self, branch: Branch, free: Integers) -> Flips:
         """What turning some of the free segments of a branch costs."""
-        self._budget.count(pairs=len(free) ** 2)
+        self.budget.count(pairs=len(free) ** 2)
         return self._flips(branch, free)
 
     def single_flips(self, branch: Branch, free: Integers) -> Array:
@@ -219,11 +182,11 @@ class Problem:
         return self._flips(branch, free).alone
 
     def _flips(self, branch: Branch, free: Integers) -> Flips:
-        beta, gap = self._solver.project(branch.theta), branch.cost - branch.lower_bound
-        return Flips(self.moments, self._unconstrained, branch.signs, beta, gap, free, self.limits)
+        beta, gap = self.solver.project(branch.theta), branch.cost - branch.lower_bound
+        return Flips(self.moments, self.unconstrained, branch.signs, beta, gap, free, self.tuning)
 
     def _completed(self, decided: Integers, theta: Array) -> Integers:
-        predicted = np.where(self.moments.gradient @ self._solver.project(theta) >= 0.0, 1, -1)
+        predicted = np.where(self.moments.gradient @ self.solver.project(theta) >= 0.0, 1, -1)
         return np.where(decided != 0, decided, predicted)
 
     def _branch(self, signs: Integers, solution: Solution) -> Branch:
@@ -231,7 +194,7 @@ class Problem:
 
     def _counted(self, solution: Solution) -> Solution:
         self.solves += 1
-        self._budget.count(parameters=len(solution.theta))
+        self.budget.count(parameters=len(solution.theta))
         self._report()
         self.tolerance = max(self.tolerance, solution.tolerance)
         return solution

@@ -2,12 +2,19 @@
 
 A log is searched in rounds (`bayesid.signs.rounds`): each round asks a search to `find` the signs of the segments, and
 splits those segments whose predicted effort crosses zero. Once none is split any more, the search may `conclude`.
+
+A budget in seconds of the clock would end wherever the machine has got to by then. Searches count their work instead,
+in *nominal seconds*: numbers of steps, sign choices, cone problems and pairs of segments, each times about what it
+takes on one core. The same log gives the same result on a busy machine. A time limit on the clock ends a search too,
+which its result then says.
 """
 
 from __future__ import annotations
 
+import time
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol, runtime_checkable
@@ -22,6 +29,7 @@ from bayesid.regression.least_squares import POOR_FIT
 from bayesid.regression.moments import Moments
 from bayesid.regression.solver import ConeLeastSquares, Solution
 from bayesid.signs.search.result import SearchResult
+from bayesid.signs.tuning import TUNING
 
 
 @dataclass(frozen=True)
@@ -146,6 +154,95 @@ class Budgeted(Protocol):
 
     def limited(self, budget: float, time_limit: float) -> Search:
         """The same search with another budget, nominal seconds, and time limit, seconds."""
+
+
+class Budget:
+    """The work that may be done, and what of it is done.
+
+    Args:
+        seconds: nominal seconds of work.
+        coefficients: r, by which the price of a sign choice goes.
+        time_limit: seconds of the clock from now on.
+
+    Attributes:
+        timed_out: whether the time limit has ended it before the work was done.
+    """
+
+    def __init__(self, seconds: float, coefficients: int, time_limit: float = np.inf) -> None:
+        self.seconds, self.timed_out = seconds, False
+        self._ends, self._coefficients = time.perf_counter() + time_limit, coefficients
+        self._steps = self._choices = self._solved = self._pairs = 0
+
+    def count(self, steps: int = 0, choices: int = 0, parameters: int = 0, pairs: int = 0) -> None:
+        """Takes down work: steps, sign choices that were priced, a cone problem of P parameters, pairs of segments."""
+        self._steps += steps
+        self._choices += choices
+        self._solved += parameters**2
+        self._pairs += pairs
+
+    @contextmanager
+    def at_most(self, seconds: float) -> Iterator[None]:
+        """Ends at so many nominal seconds, for a while."""
+        whole, self.seconds = self.seconds, min(self.seconds, seconds)
+        try:
+            yield
+        finally:
+            self.seconds = whole
+
+    @property
+    def spent(self) -> float:
+        """Nominal seconds of the work done."""
+        counted = TUNING.seconds_a_step * self._steps + TUNING.seconds_a_choice * self._coefficients * self._choices
+        return counted + TUNING.seconds_a_solve * self._solved + TUNING.seconds_a_pair * self._pairs
+
+    @property
+    def over(self) -> bool:
+        """Whether it has ended."""
+        if self.spent > self.seconds:
+            return True
+        self.timed_out = self.timed_out or time.perf_counter() > self._ends
+        return self.timed_out
+
+
+class OneBudget(Search):
+    """A search whose runs share one budget, for all rounds and models of an identification.
+
+    What follows once it is spent shares a fifth of it: the sum stays within what was asked for and that.
+
+    Args:
+        search: whose budget it is; one without a budget goes on as it is.
+    """
+
+    def __init__(self, search: Search) -> None:
+        self._search, self._spent, self._began = search, 0.0, time.perf_counter()
+
+    @property
+    def any_model(self) -> bool:
+        """As of the search itself."""
+        return self._search.any_model
+
+    def find(self, problem: SignProblem, steps: Steps = no_steps) -> SearchResult:
+        """Signs by which segments are split."""
+        return self._counted(self._left.find(problem, steps))
+
+    def conclude(self, problem: SignProblem, progress: Progress = SILENT) -> SearchResult:
+        """The last word."""
+        return self._counted(self._left.conclude(problem, progress))
+
+    @property
+    def _left(self) -> Search:
+        if not isinstance(self._search, Budgeted):
+            return self._search
+        whole = self._search.budget
+        left = whole - self._spent
+        on_the_clock = max(self._search.time_limit - (time.perf_counter() - self._began), 0.0)
+        return self._search.limited(
+            left if left > 0.0 else max(left + TUNING.budget_afterwards * whole, 0.0), on_the_clock
+        )
+
+    def _counted(self, result: SearchResult) -> SearchResult:
+        self._spent += result.spent
+        return result
 
 
 class PreparedNode(Protocol):

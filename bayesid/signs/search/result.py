@@ -1,4 +1,4 @@
-"""What a search returns, and the bound that searches share."""
+"""What a search returns."""
 
 from __future__ import annotations
 
@@ -6,33 +6,14 @@ from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from scipy.linalg.lapack import dtrtri
 
 from bayesid.arrays import Array, Integers, Mask
 from bayesid.regression.moments import Moments
+from bayesid.signs.tuning import TUNING
 
 EXACT = 1e-8
 """Share of the energy below which two costs count as equal (docs/certified-search.md): that of the finest solutions'
 gaps (tests/fit/test_solver.py)."""
-ALIKE = 0.1
-"""Cost, twice the nats, within which the data do not prefer one of two assignments: odds of 1.05. What counts as equal
-in the tree may be several nats where a log is precise; of the few that are priced one by one it need not."""
-NEAR = 40.0
-"""Cost beyond the best one's up to which an assignment is listed where nothing is proven: 20 nats."""
-_STRONG = 0.1
-"""Share of the energy of a joint's strongest segment from which on such a branch decides a segment: as in a proof
-(`Limits.shares`)."""
-_RIDGE = 1e-13
-"""Curvature added to columns of unit length: a hundredth of the solver's least pull to typical links
-(`bayesid.regression.solver.pull_weight`), so that the bound stays below the cost."""
-_LEAST_RIDGE = 1e-15
-"""The first ridge that is tried where rounding spoils a factor: a few units in the last place."""
-_RIDGE_GROWTH = 10.0
-"""From one ridge that is tried to the next."""
-_MOST_RIDGE = 1e-11
-"""What rounding may ask for where H holds a share of the pull already: ten thousand units in the last place."""
-_LEAST_SQUARE = 1e-300
-"""In the place of a column's squared length where it is zero."""
 
 
 @dataclass(frozen=True)
@@ -82,15 +63,14 @@ def listed_without_proof(moments: Moments, best: Branch, others: Iterable[Branch
     """The best assignment and those that come near, cheapest first, and (B, S) segments that each decides.
 
     A branch decides the strong segments and those in which branches differ; it stands for all signs of the others.
-    Nothing is proven about what the search has not met.
     """
     distinct = {branch.signs.tobytes(): branch for branch in [*others, best]}.values()
-    near = (branch for branch in distinct if branch.cost <= best.cost + NEAR)
+    near = (branch for branch in distinct if branch.cost <= best.cost + TUNING.near)
     branches = tuple(sorted(near, key=lambda branch: branch.cost))
     differ = np.any([branch.signs != best.signs for branch in branches], axis=0)
     strongest = np.zeros(int(moments.joint.max(initial=-1)) + 1)
     np.maximum.at(strongest, moments.joint, moments.energy)
-    strong = moments.energy >= _STRONG * strongest[moments.joint]
+    strong = moments.energy >= TUNING.strong * strongest[moments.joint]
     decided = (moments.known == 0) & ((strong & moments.individual) | differ)
     return branches, np.tile(decided, (len(branches), 1))
 
@@ -196,49 +176,3 @@ class SearchResult:
     def _at_the_end(pruning: Pruning) -> dict[str, int]:
         """What a beam's last step has left, which is no work."""
         return {"leaves": pruning.leaves, "undecided": pruning.undecided}
-
-
-class UnconstrainedBound:
-    """min over all coefficients of beta' H beta - 2 g' beta, for many g: a lower bound of the cost in the cone.
-
-    The least over beta of :eq:`binary-quadratic`, and the bound of :eq:`unconstrained-bound`, without the energy c.
-
-    Args:
-        hessian: (r, r) H.
-        ridge: curvature added to columns of unit length; 0 where H holds a share of the pull.
-    """
-
-    def __init__(self, hessian: Array, ridge: float = _RIDGE) -> None:
-        lengths = np.sqrt(np.maximum(np.diag(hessian), _LEAST_SQUARE + ridge * np.diag(hessian).max()))
-        scaled = hessian / np.outer(lengths, lengths) + ridge * np.eye(len(hessian))
-        self._factor = dtrtri(_cholesky(scaled), lower=1)[0] / lengths
-
-    def __call__(self, gradient: Array) -> Array:
-        """(m,) minima -g' H^-1 g for the rows of gradient (m, r)."""
-        return -np.sum(self.whiten(gradient) ** 2, axis=1)
-
-    def whiten(self, gradient: Array) -> Array:
-        """(m, r) rows W g with |W g|^2 = g' H^-1 g."""
-        white: Array = gradient @ self._factor.T
-        return white
-
-    def draw(self, rng: np.random.Generator) -> Array:
-        """(r,) normal, of mean zero and covariance H^-1."""
-        drawn: Array = rng.standard_normal(len(self._factor)) @ self._factor
-        return drawn
-
-
-def _cholesky(matrix: Array) -> Array:
-    """L with L L' = matrix, plus the smallest ridge that rounding asks for.
-
-    Raises:
-        LinAlgError: the matrix is not positive definite but for rounding.
-    """
-    ridge = 0.0
-    while True:
-        try:
-            return np.linalg.cholesky(matrix + ridge * np.eye(len(matrix))).astype(np.float64)
-        except np.linalg.LinAlgError:
-            if ridge >= _MOST_RIDGE:
-                raise
-        ridge = max(_LEAST_RIDGE, _RIDGE_GROWTH * ridge)

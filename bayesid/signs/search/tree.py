@@ -1,4 +1,26 @@
-"""The proof's tree: from combinations of the joints' patterns to branches whose every completion is accounted for."""
+"""The proof's tree: from combinations of the joints' patterns to branches whose every completion is accounted for.
+
+Consequences are what decided signs say about further segments, one at a time. Let D be the decided segments, l the
+least cost of their rows with half of the pull, beta the coefficients where it is had and H its curvature. Three things
+follow for another segment k, with v_k = g_k' H^-1 g_k:
+
+1. Its efforts leave (c_k - s g_k' beta)^2 / c_k along their own direction at least, so that its sign s costs at least
+   :eq:`consequence`::
+
+       l + (c_k - s g_k' beta)^2 / (c_k + v_k).
+
+   A sign whose bound exceeds the limit is excluded; where both are, so is what has been decided.
+2. An assignment that costs at most L has its best coefficients where |g_k' (beta* - beta)| <= sqrt(v_k (L - l)). Where
+   that cannot change the sign of g_k' beta, the other sign is dearer, whatever the others are, by the gain
+
+       4 (|g_k' beta| - sqrt(v_k (L - l)))
+
+   (:eq:`prediction`). So no assignment up to L is lost if the predicted sign is assumed, and its rows count as well.
+3. Every assignment in which an assumed sign is turned costs its gain more than one in which none is.
+
+What has been decided or assumed says more about the rest. What is assumed leans on what was assumed before, never on
+what came after it. So once signs have been excluded by their gains, all that is left of the assumptions is made anew.
+"""
 
 from __future__ import annotations
 
@@ -7,31 +29,113 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayesid.arrays import Array, Integers, Mask
+from bayesid.signs.search.bounds import Flips, UnconstrainedBound
 from bayesid.signs.search.combinations import Combinations
-from bayesid.signs.search.consequences import Consequences, consequences
-from bayesid.signs.search.flips import Flips
 from bayesid.signs.search.patterns import log_sum
 from bayesid.signs.search.problem import OutOfTimeError, Problem
 from bayesid.signs.search.result import Branch
 
 
+# ---------------------------------------------------------------------------------------------------------------
+# Consequences
+# ---------------------------------------------------------------------------------------------------------------
+@dataclass(frozen=True)
+class Consequences:
+    """What follows from a partial assignment."""
+
+    decided: Integers  # (S,) +1 or -1 where the other sign is excluded, else 0
+    signs: Integers  # (S,) the same, and the signs that are assumed
+    gain: Array  # (S,) by how much the other sign is dearer at least where a sign is assumed; else inf
+    bound: float  # lower bound of the cost of all completions; where it exceeds the limit, that is all that counts
+    excluded: Array  # (k,) lower bounds of the cost with one of the excluded signs
+
+    @property
+    def free(self) -> Integers:
+        """Segments that are neither decided nor assumed."""
+        return np.flatnonzero(self.signs == 0)
+
+
+def consequences(problem: Problem, decided: Integers, limit: float) -> Consequences:
+    """All that follows from decided signs (S,), 0 where undecided, for assignments that cost up to a limit."""
+    excluded = []
+    while True:
+        found = _once(problem, decided, limit)
+        excluded.append(found.excluded)
+        turned = found.bound + found.gain
+        sure = np.isfinite(turned) & (turned > limit)
+        decided = np.where(sure, found.signs, found.decided)
+        excluded.append(turned[sure])
+        if found.bound > limit or not np.any(sure):
+            return replace(found, excluded=np.concatenate(excluded))
+
+
+def _once(problem: Problem, decided: Integers, limit: float) -> Consequences:
+    """One segment after the other, decided or assumed."""
+    moments, rows, signs = problem.moments, np.flatnonzero(decided), decided.copy()
+    decided, gains, excluded = decided.copy(), np.full(len(decided), np.inf), [np.empty(0)]
+    known, bound = _Rows(problem), 0.0
+    while rows.size:
+        known.add(rows, signs)
+        free = np.flatnonzero((signs == 0) & moments.individual & (moments.energy > 0.0))
+        slope, spread = known.predict(free)
+        costs = known.least + (moments.energy[free] - np.array([[1.0], [-1.0]]) * slope) ** 2 / (
+            moments.energy[free] + spread
+        )
+        bound = max(bound, known.least, float(costs.min(axis=0).max(initial=-np.inf)))
+        if bound > limit:
+            break
+        gain = 4.0 * (np.abs(slope) - np.sqrt(spread * (limit - known.least)))
+        sure = costs.max(axis=0) > limit
+        assumed = ~sure & (gain > problem.exact)
+        excluded.append(costs[:, sure].max(axis=0))
+        gains[free[assumed]] = gain[assumed]
+        rows = free[sure | assumed]
+        signs[rows] = np.where(slope[sure | assumed] >= 0.0, 1, -1)
+        decided[free[sure]] = signs[free[sure]]
+    return Consequences(decided, signs, gains, bound, np.concatenate(excluded))
+
+
+class _Rows:
+    """The rows of segments with their signs."""
+
+    def __init__(self, problem: Problem) -> None:
+        self._problem, self._moments = problem, problem.moments
+        self._hessian, self._gradient, self._energy = 0.5 * problem.pull, np.zeros(len(problem.pull)), 0.0
+        self.add(np.empty(0, dtype=np.int64), problem.moments.known)
+
+    def add(self, segments: Integers, signs: Integers) -> None:
+        """More segments, with signs (S,) of all."""
+        moments = self._moments
+        self._hessian = self._hessian + moments.hessian_of(segments)
+        self._gradient = self._gradient + signs[segments] @ moments.gradient[segments]
+        self._energy += float(moments.energy[segments].sum())
+        self._unconstrained = UnconstrainedBound(self._hessian, 0.0)
+        self._white = self._unconstrained.whiten(self._gradient[None])[0]
+        self._problem.count(len(moments))
+
+    @property
+    def least(self) -> float:
+        """Lower bound of what they cost."""
+        return self._energy - float(self._white @ self._white) - self._problem.slack
+
+    def predict(self, segments: Integers) -> tuple[Array, Array]:
+        """(k,) g' beta and g' H^-1 g of other segments."""
+        white = self._unconstrained.whiten(self._moments.gradient[segments])
+        return white @ self._white, np.sum(white**2, axis=1)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# The tree
+# ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Proof:
-    """What is proven about all assignments.
+    """What is proven about all assignments."""
 
-    Attributes:
-        branches: those that are not excluded, cheapest first.
-        decided: (branches, S) segments whose sign is the same in all that a branch stands for.
-        alternatives: (branches,) lower bounds of what a branch stands for but the branch itself.
-        limit: lower bound of the cost of all other assignments.
-        log_missed: log of the sum of exp(-b / 2) over these, b their bounds.
-    """
-
-    branches: tuple[Branch, ...]
-    decided: Mask
-    alternatives: Array
-    limit: float
-    log_missed: float
+    branches: tuple[Branch, ...]  # those that are not excluded, cheapest first
+    decided: Mask  # (branches, S) segments whose sign is the same in all that a branch stands for
+    alternatives: Array  # (branches,) lower bounds of what a branch stands for but the branch itself
+    limit: float  # lower bound of the cost of all other assignments
+    log_missed: float  # log of the sum of exp(-b / 2) over these, b their bounds
 
     @property
     def lower_bound(self) -> float:
@@ -47,40 +151,24 @@ class Proof:
 
 @dataclass(frozen=True)
 class _Node:
-    """A partial assignment.
+    """A partial assignment."""
 
-    Attributes:
-        bound: lower bound of the cost of all its completions.
-        decided: (S,) +1, -1, or 0 where undecided.
-        gradient: (r,) of the segments known beforehand and those that the joints' lists decide.
-        theta: (P,) where settling starts.
-    """
-
-    bound: float
-    decided: Integers
-    gradient: Array
-    theta: Array
+    bound: float  # lower bound of the cost of all its completions
+    decided: Integers  # (S,) +1, -1, or 0 where undecided
+    gradient: Array  # (r,) of the segments known beforehand and those that the joints' lists decide
+    theta: Array  # (P,) where settling starts
 
 
 @dataclass(frozen=True)
 class _Leaf:
-    """A node grown to its end.
+    """A node grown to its end."""
 
-    Attributes:
-        branch: the settled assignment; its lower bound is that of its signs alone.
-        bound: lower bound of the cost of all completions that are neither excluded nor children's.
-        alternatives: the same of those completions but the branch itself.
-        decided: (S,) segments whose sign is the same in all of them.
-        children: nodes that split off.
-        excluded: (k,) lower bounds of the completions that were cut off.
-    """
-
-    branch: Branch
-    bound: float
-    alternatives: float
-    decided: Mask
-    children: list[_Node]
-    excluded: Array
+    branch: Branch  # the settled assignment; its lower bound is that of its signs alone
+    bound: float  # lower bound of the cost of all completions that are neither excluded nor children's
+    alternatives: float  # the same of those completions but the branch itself
+    decided: Mask  # (S,) segments whose sign is the same in all of them
+    children: list[_Node]  # nodes that split off
+    excluded: Array  # (k,) lower bounds of the completions that were cut off
 
     def with_what_was_cut(self, bound: float, children: list[_Node], excluded: list[Array]) -> _Leaf:
         """The same within a node with this bound, and with what was cut off before."""
@@ -96,17 +184,10 @@ class _Leaf:
 def prove(problem: Problem, combinations: Combinations, limit: float, theta: Array) -> Proof:
     """What is proven when all assignments but the combinations given cost more than `limit`.
 
-    Undecided segments of a combination are settled together with the parameters. Where `flips` prove that none of them
-    can be turned for the better, the combination is a branch. Otherwise those that cannot be turned below the limit are
-    decided, and where that does not help, so is the one that weighs most, with its other sign as a node of its own.
-
-    When the budget ends early, the nodes that are still open lower the limit.
-
-    Args:
-        problem: the problem.
-        combinations: of the joints' patterns.
-        limit: cost up to which assignments matter.
-        theta: (P,) the best parameters known.
+    Undecided segments of a combination are settled together with the parameters, from theta (P,). Where `flips` prove
+    that none of them can be turned for the better, the combination is a branch. Otherwise those that cannot be turned
+    below the limit are decided, and where that does not help, so is the one that weighs most, with its other sign as a
+    node of its own. When the budget ends early, the nodes that are still open lower the limit.
     """
     patterns, log_missed = combinations.patterns, combinations.log_missed
     open_nodes = [
@@ -120,7 +201,7 @@ def prove(problem: Problem, combinations: Combinations, limit: float, theta: Arr
     ]
     weak = np.setdiff1d(np.flatnonzero(problem.moments.known == 0), patterns.segments)
     leaves: list[_Leaf] = []
-    while open_nodes and not problem.out_of_time:
+    while open_nodes and not problem.budget.over:
         open_nodes.sort(key=lambda node: -node.bound)
         node = open_nodes.pop()
         further = consequences(problem, node.decided, limit)
@@ -152,12 +233,11 @@ def prove(problem: Problem, combinations: Combinations, limit: float, theta: Arr
 
 
 def _raised(problem: Problem, others: list[_Node], node: _Node, leaf: _Leaf, weak: Integers) -> list[_Node]:
-    """Other nodes with the bounds that the leaf of a node proves for them.
+    """Other nodes with the bounds that the leaf of a node proves for them; nothing where the weak segments are many.
 
-    `weak` are the segments that the joints' lists do not decide: any of them may differ between two nodes. Where they
-    are many, nothing is proven.
+    Weak segments are those that the joints' lists do not decide: any of them may differ between two nodes.
     """
-    if not others or len(weak) > problem.limits.charged_flips:
+    if not others or len(weak) > problem.tuning.charged_flips:
         return others
     steps = 0.5 * np.array([node.gradient - other.gradient for other in others])
     bounds = leaf.branch.lower_bound + problem.flips(leaf.branch, weak).forced(steps)
@@ -165,17 +245,7 @@ def _raised(problem: Problem, others: list[_Node], node: _Node, leaf: _Leaf, wea
 
 
 def _grow(problem: Problem, node: _Node, further: Consequences, limit: float) -> _Leaf:
-    """A node until nothing in it can be turned for the better.
-
-    Args:
-        problem: the problem.
-        node: the node.
-        further: what follows from what it decides.
-        limit: of the cost.
-
-    Raises:
-        OutOfTimeError: the budget has ended before.
-    """
+    """A node until nothing in it can be turned for the better; OutOfTimeError where the budget has ended before."""
     branch = problem.complete(further.signs, node.theta)
     bound = branch.lower_bound + problem.flips(branch, further.free).best[0]
     if bound > limit:
@@ -187,7 +257,7 @@ def _grow(problem: Problem, node: _Node, further: Consequences, limit: float) ->
         flips = problem.flips(branch, further.free)
         if flips.best[0] >= -problem.exact:
             return _closed(branch, flips, further, limit).with_what_was_cut(node.bound, children, excluded)
-        if problem.out_of_time:
+        if problem.budget.over:
             raise OutOfTimeError
         branch, better = _improved(problem, branch, flips)
         if better:
@@ -224,15 +294,9 @@ def _closed(branch: Branch, flips: Flips, further: Consequences, limit: float) -
 
 
 def settled(problem: Problem, branch: Branch, decided: Mask, limit: float) -> Mask:
-    """(S,) the segments that are decided or cannot be turned below the limit, whatever happens to the other free ones.
+    """(S,) the segments of a proof's branch that are decided or cannot be turned below the limit.
 
     Each that is settled leaves fewer to interfere with; where that gets no further, the strongest is turned on trial.
-
-    Args:
-        problem: the problem.
-        branch: a branch of a proof.
-        decided: (S,) from the proof.
-        limit: of the cost.
     """
     certain: Mask = decided.copy()
     tried = certain.copy()
@@ -244,7 +308,7 @@ def settled(problem: Problem, branch: Branch, decided: Mask, limit: float) -> Ma
         if np.any(sure):
             continue
         hopeful = flips.free[~tried[flips.free] & (branch.lower_bound + flips.alone > limit)]
-        if not hopeful.size or problem.out_of_time:
+        if not hopeful.size or problem.budget.over:
             return certain
         k = hopeful[np.argmax(problem.moments.energy[hopeful])]
         tried[k] = True

@@ -1,4 +1,4 @@
-"""Flips: what it would cost, at least, to turn segments round when the best parameters for some signs are known.
+"""Lower bounds of the cost in the cone: without the cone, and of turning segments from a settled assignment.
 
 Let theta be the best feasible parameters for the signs s, beta = B theta. The cost under s is strongly convex, so by
 the variational inequality (Boyd and Vandenberghe 2004, 4.2.3) every feasible point at a distance d costs at least
@@ -16,17 +16,63 @@ settled like this.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg.lapack import dtrtri
 
 from bayesid.arrays import Array, Integers
 from bayesid.regression.moments import Moments
-from bayesid.signs.search.limits import Limits
-from bayesid.signs.search.result import UnconstrainedBound
+from bayesid.signs.tuning import TUNING, Tuning
 
-_LEAST_LINEAR = 1e-12
-"""In the place of an a_k that is not positive, where charges are shared in proportion to a_k."""
+_RIDGE = 1e-13
+"""Curvature added to columns of unit length: a hundredth of the solver's least pull to typical links
+(`bayesid.regression.solver.pull_weight`), so that the bound stays below the cost."""
+_LEAST_RIDGE, _MOST_RIDGE = 1e-15, 1e-11
+"""Ridges that are tried where rounding spoils a factor: from a few units in the last place to ten thousand."""
+
+
+class UnconstrainedBound:
+    """min over all coefficients of beta' H beta - 2 g' beta, for many g: a lower bound of the cost in the cone.
+
+    The least over beta of :eq:`binary-quadratic`, and the bound of :eq:`unconstrained-bound`, without the energy c.
+
+    Args:
+        hessian: (r, r) H.
+        ridge: curvature added to columns of unit length; 0 where H holds a share of the pull.
+    """
+
+    def __init__(self, hessian: Array, ridge: float = _RIDGE) -> None:
+        lengths = np.sqrt(np.maximum(np.diag(hessian), 1e-300 + ridge * np.diag(hessian).max()))
+        scaled = hessian / np.outer(lengths, lengths) + ridge * np.eye(len(hessian))
+        self._factor = dtrtri(_cholesky(scaled), lower=1)[0] / lengths
+
+    def __call__(self, gradient: Array) -> Array:
+        """(m,) minima -g' H^-1 g for the rows of gradient (m, r)."""
+        return -np.sum(self.whiten(gradient) ** 2, axis=1)
+
+    def whiten(self, gradient: Array) -> Array:
+        """(m, r) rows W g with |W g|^2 = g' H^-1 g."""
+        white: Array = gradient @ self._factor.T
+        return white
+
+    def draw(self, rng: np.random.Generator) -> Array:
+        """(r,) normal, of mean zero and covariance H^-1."""
+        drawn: Array = rng.standard_normal(len(self._factor)) @ self._factor
+        return drawn
+
+
+def _cholesky(matrix: Array) -> Array:
+    """L with L L' = matrix, plus the smallest ridge that rounding asks for; LinAlgError where that is not enough."""
+    ridge = 0.0
+    while True:
+        try:
+            return np.linalg.cholesky(matrix + ridge * np.eye(len(matrix))).astype(np.float64)
+        except np.linalg.LinAlgError:
+            if ridge >= _MOST_RIDGE:
+                raise
+        ridge = max(_LEAST_RIDGE, 10.0 * ridge)
 
 
 class Flips:
@@ -39,7 +85,7 @@ class Flips:
         beta: (r,) coefficients that are best for s, up to `gap`.
         gap: how much less the best cost under s may be than that of beta.
         free: the segments that may be turned.
-        limits: how much work to do.
+        tuning: how much work to do.
     """
 
     def __init__(
@@ -50,10 +96,10 @@ class Flips:
         beta: Array,
         gap: float,
         free: Integers,
-        limits: Limits = Limits(),
+        tuning: Tuning = TUNING,
     ) -> None:
         turned = signs[free, None] * moments.gradient[free]
-        self.free, self._limits = free, limits
+        self.free, self._tuning = free, tuning
         self._unconstrained, self._beta, self._gap = unconstrained, beta, max(gap, 0.0)
         self._white = unconstrained.whiten(turned)
         self._diagonal = np.sum(self._white**2, axis=1)
@@ -89,13 +135,17 @@ class Flips:
         """Position in `free` of the undecided segment that the parameters depend on most."""
         return int(self.undecided[np.argmax(self._diagonal[self.undecided])])
 
+    def _chunks(self, size: int) -> Iterator[slice]:
+        """Slices of so many rows of K, which are made together."""
+        at_once = self._tuning.rows_at_once
+        return (slice(start, start + at_once) for start in range(0, size, at_once))
+
     def _interference(self, rows: Integers, columns: Integers) -> Array:
         """(rows,) sums over the columns of max(K_kl, 0), or upper bounds of them where there are very many."""
-        if len(columns) > self._limits.many_flips:
+        if len(columns) > self._tuning.many_flips:
             return self._most_interference(rows, columns)
         sums = np.empty(len(rows))
-        for start in range(0, len(rows), self._limits.rows_at_once):
-            chunk = slice(start, start + self._limits.rows_at_once)
+        for chunk in self._chunks(len(rows)):
             sums[chunk] = np.maximum(self._white[rows[chunk]] @ self._white[columns].T, 0.0).sum(axis=1)
         return sums
 
@@ -125,7 +175,7 @@ class Flips:
         undecided = self.undecided
         if not undecided.size:
             return np.inf, undecided
-        if len(undecided) > self._limits.enumerated:
+        if len(undecided) > self._tuning.enumerated:
             slope = self._slopes(undecided)
             return 4.0 * float(np.minimum(slope, 0.0).sum()), undecided[slope < 0.0]
         chosen = (np.arange(1, 2 ** len(undecided))[:, None] >> np.arange(len(undecided))) & 1
@@ -144,21 +194,20 @@ class Flips:
         as possible from being negative (roof duality; Boros and Hammer 2002): first in proportion to what each costs
         by itself, then by handing charges on from segments that have a negative slope to those that have some to spare.
         """
-        if len(among) > self._limits.many_flips:
+        if len(among) > self._tuning.many_flips:
             return self._linear[among] + self._diagonal[among] - 2.0 * self._interference(among, among)
-        linear, slopes = np.maximum(self._linear[among], _LEAST_LINEAR), np.empty(len(among))
-        charged = len(among) <= self._limits.charged_flips
+        linear, slopes = np.maximum(self._linear[among], 1e-12), np.empty(len(among))
+        charged = len(among) <= self._tuning.charged_flips
         charges = np.empty((len(among), len(among)) if charged else (0, 0))
-        for start in range(0, len(among), self._limits.rows_at_once):
-            chunk = slice(start, start + self._limits.rows_at_once)
+        for chunk in self._chunks(len(among)):
             pairs = np.maximum(self._white[among[chunk]] @ self._white[among].T, 0.0)
             rows = np.arange(len(pairs))
-            pairs[rows, start + rows] = 0.0
+            pairs[rows, chunk.start + rows] = 0.0
             pairs *= 2.0 * linear[chunk, None] / (linear[chunk, None] + linear)
             slopes[chunk] = self._linear[among[chunk]] - self._diagonal[among[chunk]] - pairs.sum(axis=1)
             if charged:
                 charges[chunk] = pairs
-        return _handed_on(slopes, charges, self._limits.sweeps) if charged else slopes
+        return _handed_on(slopes, charges, self._tuning.sweeps) if charged else slopes
 
     def forced(self, steps: Array) -> Array:
         """(m,) lower bounds of the change if other segments are turned, whatever happens to the free ones.
@@ -179,16 +228,16 @@ class Flips:
         Args:
             among: positions in `free` of m segments; all by default.
         """
-        if len(self.free) > self._limits.many_flips:
+        if len(self.free) > self._tuning.many_flips:
             many: Array = 4.0 * (self._linear - self._diagonal + self._rest_of_many())
             return many if among is None else many[among]
         among = np.arange(len(self.free)) if among is None else among
         changes = np.empty(len(among))
-        for start in range(0, len(among), self._limits.rows_at_once):
-            chunk = among[start : start + self._limits.rows_at_once]
+        for places in self._chunks(len(among)):
+            chunk = among[places]
             rest = np.minimum(self._slope - 2.0 * self._white[chunk] @ self._white.T, 0.0)
             rest[np.arange(len(chunk)), chunk] = 0.0
-            changes[start : start + len(chunk)] = self._linear[chunk] - self._diagonal[chunk] + rest.sum(axis=1)
+            changes[places] = self._linear[chunk] - self._diagonal[chunk] + rest.sum(axis=1)
         return 4.0 * changes
 
     def _rest_of_many(self) -> Array:
@@ -196,8 +245,7 @@ class Flips:
         everything = np.arange(len(self.free))
         negative = np.flatnonzero(self._slope < 0.0)
         few, white = np.empty(len(everything)), 2.0 * self._white[negative].T
-        for start in range(0, len(everything), self._limits.rows_at_once):
-            chunk = slice(start, start + self._limits.rows_at_once)
+        for chunk in self._chunks(len(everything)):
             few[chunk] = np.minimum(self._slope[negative] - self._white[chunk] @ white, 0.0).sum(axis=1)
         few[negative] -= np.minimum(self._slope[negative] - 2.0 * self._diagonal[negative], 0.0)
         return few - 2.0 * self._interference(everything, everything)

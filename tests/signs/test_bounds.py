@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from sign_problems import synthetic
 
-from bayesid.signs.search.limits import Limits
 from bayesid.signs.search.problem import Problem
+from bayesid.signs.tuning import Tuning
 
 
 class Flipped:
@@ -28,7 +28,7 @@ class Flipped:
 
     def limited(self, **limits):
         """The same flips, with less work done on them."""
-        view = Problem(self.problem.moments, self.problem.solver(), np.inf, limits=Limits(**limits))
+        view = Problem(self.problem.moments, self.problem.solver(), np.inf, tuning=Tuning(**limits))
         return view.flips(self.branch, self.free)
 
     def least(self, *chosen):
