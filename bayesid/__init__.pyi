@@ -24,6 +24,7 @@ from .export import urdf as urdf
 from .identification.gains import IdentifiedGains as IdentifiedGains
 from .identification.identification import Identification as Identification
 from .identification.identified_model import IdentifiedModel as IdentifiedModel
+from .identification.model_file import load_model as load_model
 from .identification.options import Preparation as Preparation
 from .identification.payload import PayloadBody as PayloadBody
 from .identification.payload import PayloadReading as PayloadReading
@@ -55,15 +56,14 @@ from .report.findings import find_findings as find_findings
 from .report.findings import read_findings as read_findings
 from .report.tables import inference_data as inference_data
 from .report.verdicts import check_findings as check_findings
-from .results.designs import save_design as save_design
+from .results.discrepancies import save_comparison as save_comparison
+from .results.discrepancies import save_discrepancy as save_discrepancy
 from .results.folders import make_report as make_report
-from .results.folders import save_comparison as save_comparison
-from .results.folders import save_discrepancy as save_discrepancy
 from .results.folders import save_identification as save_identification
 from .results.folders import save_payload as save_payload
 from .results.folders import save_validation as save_validation
-from .results.model_file import load_model as load_model
-from .results.next_motions import save_next_motion as save_next_motion
+from .results.motions import save_design as save_design
+from .results.motions import save_next_motion as save_next_motion
 from .results.several_logs import Separate as Separate
 from .results.several_logs import identify_separately as identify_separately
 from .robot import Robot as Robot

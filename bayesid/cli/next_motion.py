@@ -21,12 +21,12 @@ from bayesid.excitation.next_motion import Hypotheses, NextMotion, RunSettings, 
 from bayesid.excitation.rivals import parse_key
 from bayesid.files.tables import read_json
 from bayesid.identification.identified_model import IdentifiedModel
+from bayesid.identification.model_file import load_model
 from bayesid.motion import Motion
 from bayesid.progress import Progress
 from bayesid.report.findings import read_findings
 from bayesid.report.next_motion_text import next_motion_text
-from bayesid.results.model_file import load_model
-from bayesid.results.next_motions import check_next_folder, save_next_motion
+from bayesid.results.motions import check_next_folder, save_next_motion
 from bayesid.robot import Robot
 from bayesid.robot.collision import Capsules, CollisionModel, NoShapes, collision_model
 from bayesid.simulation.trajectories import MotionLimits

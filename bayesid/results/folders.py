@@ -14,9 +14,9 @@ import tempfile
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Set
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 import tomli_w
@@ -27,7 +27,9 @@ from bayesid.export import mjcf, urdf
 from bayesid.files.tables import numbered, write_columns, write_json, write_table
 from bayesid.files.writing import check_folder, check_place, replace_file, save_folder
 from bayesid.identification.identification import Identification
-from bayesid.identification.payload import PayloadReading
+from bayesid.identification.model_file import model_table
+from bayesid.identification.payload import Estimate, PayloadReading
+from bayesid.identification.unchanged import UnchangedCheck
 from bayesid.identification.validation import Validation
 from bayesid.log.log import Log, write_log
 from bayesid.log.signals import Signals
@@ -37,34 +39,19 @@ from bayesid.report.findings import FILE as FINDINGS
 from bayesid.report.findings import Findings, as_json, find_findings, read_findings, write_findings
 from bayesid.report.tables import coefficient_rows, kept_draws, parameter_rows, segment_rows, validation_summary
 from bayesid.report.verdicts import check_findings, verdict
-from bayesid.results.model_file import model_table
-from bayesid.results.payload_json import payload_summary
-
-if TYPE_CHECKING:
-    from bayesid.discrepancy.comparison import LogComparison
-    from bayesid.discrepancy.workflow import Discrepancy
 
 MARKER, _REPORT = "summary.json", "report.html"
 IDENTIFICATION_FILES = frozenset(
-    {
-        "summary.json",
-        "segments.csv",
-        "signed_log.csv",
-        "coefficients.csv",
-        "parameters.csv",
-        "model.toml",
-        "robot.urdf",
-        "robot.xml",
-        "posterior.nc",
-        "report.html",
-        "log.csv",
-        "discrepancy.json",
-        "discrepancy.html",
-        "timeline.csv",
-        FINDINGS,
-    }
+    (
+        *("summary.json", "segments.csv", "signed_log.csv", "coefficients.csv", "parameters.csv", "model.toml"),
+        *("robot.urdf", "robot.xml", "posterior.nc", "report.html", "log.csv", FINDINGS),
+        *("discrepancy.json", "discrepancy.html", "timeline.csv"),
+    )
 )
 """What a result folder may hold; log.csv is the demo's."""
+VALIDATION_FILES = frozenset({"summary.json", "signed_log.csv", "prediction.csv"})
+PAYLOAD = "payload.json"
+PAYLOAD_FILES = frozenset({PAYLOAD})
 
 
 class IncompleteWarning(UserWarning):
@@ -107,30 +94,16 @@ def save_or_rescue(save: Callable[[Path], object], folder: Path) -> None:
         raise InputError(error.what, error.where, remedy, error.field) from None
 
 
-@dataclass(frozen=True)
-class _NotWritten:
-    """Exports and pages that a result goes without, by file, each with what went wrong."""
-
-    why: dict[str, str] = field(default_factory=dict)
-
-    @contextmanager
-    def without(self, path: Path) -> Iterator[None]:
-        """Whatever goes wrong in the block, a full disk or a fault of ours, costs this file alone."""
-        try:
-            yield
-        except Exception as error:
-            path.unlink(missing_ok=True)
-            self.why[path.name] = printable(f"{type(error).__name__}: {error}".removesuffix(": "))
+@contextmanager
+def _without(path: Path, missing: dict[str, str]) -> Iterator[None]:
+    """Whatever goes wrong in the block, a full disk or a fault of ours, costs this file alone, and is noted."""
+    try:
+        yield
+    except Exception as error:
+        path.unlink(missing_ok=True)
+        missing[path.name] = printable(f"{type(error).__name__}: {error}".removesuffix(": "))
 
 
-VALIDATION_FILES = frozenset({"summary.json", "signed_log.csv", "prediction.csv"})
-PAYLOAD = "payload.json"
-PAYLOAD_FILES = frozenset({PAYLOAD})
-STREAM = "stream.json"
-STREAM_FILES = frozenset({STREAM, "signed_stream.csv", "alarms.json", "stream.png", "stream.svg"})
-
-
-@one_blas_thread
 def save_identification(
     identification: Identification,
     folder: str | Path,
@@ -161,34 +134,62 @@ def save_identification(
         >>> (folder / "model.toml").is_file()
         True
     """
-    missing, findings = _NotWritten(), _findings(identification, folder, validation)
 
-    def write(place: Path) -> None:
+    def write_more(place: Path) -> None:
         if with_log:
             write_log(place / "log.csv", identification.log)
+
+    return save_result(identification, folder, write_more, {}, report, validation, progress)
+
+
+@one_blas_thread
+def save_result(
+    identification: Identification,
+    folder: str | Path,
+    write_more: Callable[[Path], None],
+    pages: Mapping[str, Callable[[Path], None]],
+    report: bool,
+    validation: Validation | None,
+    progress: Progress,
+) -> Path:
+    """As `save_identification`, with other files and pages.
+
+    Args:
+        identification: what to write.
+        folder: where.
+        write_more: writes other files into the folder.
+        pages: other pages by name, and what writes each.
+        report: whether report.html is made too.
+        validation: of another log, for the report.
+        progress: called as progress("report", done, total).
+    """
+    missing, findings = dict[str, str](), replace(find_findings(identification), folder=str(folder))
+    findings = findings if validation is None else findings.with_validation(validation)
+
+    def write(place: Path) -> None:
+        write_more(place)
         _write_identification(place, findings, identification, missing)
 
-    save_folder(folder, IDENTIFICATION_FILES, MARKER, write)
-    pages = {_REPORT: lambda path: _write_report(findings, path, progress)} if report else {}
-    return _with_pages(Path(folder), pages, missing)
-
-
-def _with_pages(folder: Path, pages: Mapping[str, Callable[[Path], None]], missing: _NotWritten) -> Path:
-    """Adds pages to a result that stands, and says what it goes without."""
-    before = dict(missing.why)
-    for name, write in pages.items():
+    folder = save_folder(folder, IDENTIFICATION_FILES, MARKER, write)
+    reports = {_REPORT: lambda path: _write_report(findings, path, progress)} if report else {}
+    written = dict(missing)
+    for name, write_page in {**pages, **reports}.items():
         try:
-            with missing.without(folder / name):
-                replace_file(folder / name, write)
+            with _without(folder / name, missing):
+                replace_file(folder / name, write_page)
         except KeyboardInterrupt:
             raise KeyboardInterrupt(f"the result stands in {folder}/, without {name}") from None
-    if missing.why != before:
-        summary = json.loads((folder / MARKER).read_text(encoding="utf-8")) | {"not_written": missing.why}
-        replace_file(folder / MARKER, lambda path: write_json(path, summary))
-    if missing.why:
-        said = "; ".join(f"{name} could not be written ({why})" for name, why in missing.why.items())
-        warnings.warn(f"{folder}: {said}; all else stands", IncompleteWarning, stacklevel=3)
+    if missing != written:
+        _note_missing(folder, missing)
+    if missing:
+        said = "; ".join(f"{name} could not be written ({why})" for name, why in missing.items())
+        warnings.warn(f"{folder}: {said}; all else stands", IncompleteWarning, stacklevel=4)
     return folder
+
+
+def _note_missing(folder: Path, missing: Mapping[str, str]) -> None:
+    summary = json.loads((folder / MARKER).read_text(encoding="utf-8")) | {"not_written": missing}
+    replace_file(folder / MARKER, lambda aside: write_json(aside, summary))
 
 
 def make_report(
@@ -227,16 +228,10 @@ def make_report(
         replace_file(Path(folder) / FINDINGS, lambda aside: write_findings(findings, aside))
     replace_file(path, lambda aside: _write_report(findings, aside, progress))
     if path == Path(folder) / _REPORT:
-        _made_up_for(Path(folder), path.name)
+        missing = json.loads((path.parent / MARKER).read_text(encoding="utf-8")).get("not_written") or {}
+        if path.name in missing:
+            _note_missing(path.parent, {name: why for name, why in missing.items() if name != path.name})
     return path
-
-
-def _made_up_for(folder: Path, name: str) -> None:
-    """A file that the summary names as not written is there now."""
-    summary = json.loads((folder / MARKER).read_text(encoding="utf-8"))
-    if name in (missing := summary.get("not_written") or {}):
-        summary["not_written"] = {other: why for other, why in missing.items() if other != name}
-        replace_file(folder / MARKER, lambda aside: write_json(aside, summary))
 
 
 def _write_report(findings: Findings, path: Path, progress: Progress) -> None:
@@ -245,108 +240,8 @@ def _write_report(findings: Findings, path: Path, progress: Progress) -> None:
     path.write_text(identification_page(findings, progress), encoding="utf-8")
 
 
-@one_blas_thread
-def save_discrepancy(
-    discrepancy: Discrepancy, folder: str | Path, report: bool = True, progress: Progress = SILENT
-) -> Path:
-    """Writes discrepancy.json, a report of it, and the result folder of the extended model.
-
-    Args:
-        discrepancy: what to write.
-        folder: where; an earlier result there is replaced as a whole.
-        report: whether the extended model's own report.html is made too, which takes some seconds.
-        progress: called as progress("report", done, total).
-
-    Raises:
-        InputError: the folder cannot be written, or holds other files than an earlier result.
-        KeyboardInterrupt: with a text that says so where the result stands already.
-
-    Warns:
-        IncompleteWarning: an export or a page could not be written; the rest stands.
-
-    Example:
-        >>> (bayesid.save_discrepancy(found, "found", report=False) / "discrepancy.json").is_file()
-        True
-    """
-    from bayesid.results.discrepancy_json import discrepancy_summary  # the workflow, for whoever compares alone
-
-    def write_page(path: Path) -> None:
-        from bayesid.report.pages.discrepancy_page import discrepancy_page  # jinja2, for pages alone
-
-        path.write_text(discrepancy_page(discrepancy), encoding="utf-8")
-
-    def write_more(place: Path) -> None:
-        write_json(place / "discrepancy.json", discrepancy_summary(discrepancy))
-
-    return _save_extended(discrepancy.identification, folder, write_more, write_page, report, progress)
-
-
-@one_blas_thread
-def save_comparison(
-    comparison: LogComparison, folder: str | Path, report: bool = True, progress: Progress = SILENT
-) -> Path:
-    """Writes discrepancy.json, timeline.csv, a report of both, and the result folder of the last log's extended model.
-
-    Args:
-        comparison: what to write.
-        folder: where; an earlier result there is replaced as a whole.
-        report: whether the extended model's own report.html is made too, which takes some seconds.
-        progress: called as progress("report", done, total).
-
-    Raises:
-        InputError: the folder cannot be written, or holds other files than an earlier result.
-        KeyboardInterrupt: with a text that says so where the result stands already.
-
-    Warns:
-        IncompleteWarning: an export or a page could not be written; the rest stands.
-
-    Example:
-        >>> both = bayesid.compare_logs(robot, [log, other_log], terms, posterior=False)
-        >>> (bayesid.save_comparison(both, "days", report=False) / "timeline.csv").is_file()
-        True
-    """
-    from bayesid.results.discrepancy_json import comparison_summary, timeline_rows
-
-    def write_page(path: Path) -> None:
-        from bayesid.report.pages.comparison_page import comparison_page  # jinja2, for pages alone
-
-        path.write_text(comparison_page(comparison), encoding="utf-8")
-
-    def write_more(place: Path) -> None:
-        write_json(place / "discrepancy.json", comparison_summary(comparison))
-        write_table(place / "timeline.csv", timeline_rows(comparison))
-
-    return _save_extended(comparison.found[-1].identification, folder, write_more, write_page, report, progress)
-
-
-def _save_extended(
-    identification: Identification,
-    folder: str | Path,
-    write_more: Callable[[Path], None],
-    write_page: Callable[[Path], None],
-    report: bool,
-    progress: Progress,
-) -> Path:
-    """The result folder of an extended model, with what is told of how it was found."""
-    missing, findings = _NotWritten(), _findings(identification, folder)
-
-    def write(place: Path) -> None:
-        write_more(place)
-        _write_identification(place, findings, identification, missing)
-
-    save_folder(folder, IDENTIFICATION_FILES, MARKER, write)
-    reports = {_REPORT: lambda path: _write_report(findings, path, progress)} if report else {}
-    return _with_pages(Path(folder), {"discrepancy.html": write_page, **reports}, missing)
-
-
-def _findings(identification: Identification, folder: str | Path, validation: Validation | None = None) -> Findings:
-    """What there is to show of a result, by the folder that it is to have."""
-    findings = replace(find_findings(identification), folder=str(folder))
-    return findings if validation is None else findings.with_validation(validation)
-
-
 def _write_identification(
-    place: Path, findings: Findings, identification: Identification, missing: _NotWritten
+    place: Path, findings: Findings, identification: Identification, missing: dict[str, str]
 ) -> None:
     """Into a place beside the folder, which it becomes; the summary last, which says what is missing."""
     write_table(place / "segments.csv", segment_rows(identification))
@@ -356,15 +251,15 @@ def _write_identification(
     (place / "model.toml").write_text(tomli_w.dumps(model_table(identification.identified)), encoding="utf-8")
     write_findings(findings, place / FINDINGS)
     for name, export in {"robot.urdf": urdf, "robot.xml": mjcf}.items():
-        with missing.without(place / name):
+        with _without(place / name, missing):
             (place / name).write_text(export(identification.model, identification.theta), encoding="utf-8")
     if identification.posterior is not None:
         from bayesid.posterior.netcdf import write as write_draws
 
-        with missing.without(place / "posterior.nc"):
+        with _without(place / "posterior.nc", missing):
             write_draws(kept_draws(identification), place / "posterior.nc")
     verdicts = verdict(check_findings(findings)).plain
-    summary = as_json(findings.summary) | {"verdict": verdicts, "not_written": missing.why}
+    summary = as_json(findings.summary) | {"verdict": verdicts, "not_written": missing}
     write_json(place / MARKER, summary)
 
 
@@ -404,8 +299,48 @@ def save_payload(reading: PayloadReading, folder: str | Path) -> Path:
         >>> (bayesid.save_payload(reading, "payload") / "payload.json").is_file()
         True
     """
-    summary = payload_summary(reading)
+    summary = _payload_summary(reading)
     return save_folder(folder, PAYLOAD_FILES, PAYLOAD, lambda place: write_json(place / PAYLOAD, summary))
+
+
+def _payload_summary(reading: PayloadReading) -> dict[str, Any]:
+    """payload.json: SI units, joints from 1; null where there is nothing to say."""
+    body, gains, posterior = reading.body, reading.gains, reading.posterior
+    factor, known = reading.gain_factor, reading.known_mass
+    return {
+        "frame": reading.frame,
+        "shown": body.shown,
+        "mass": _estimate(body.mass),
+        "com": None if body.centre is None else [_estimate(one) for one in body.centre],
+        "inertia": None if body.inertia is None else [_estimate(one) for one in body.inertia],
+        "check": _check(reading.check),
+        "known_mass": None if known is None else {"value": known[0], "sd": known[1]},
+        "gain_factor": None if factor is None else _estimate(factor),
+        "gains": None if gains is None else {"read_with": gains[0].tolist(), "corrected": gains[1].tolist()},
+        "posterior": {"converged": posterior.converged, "max_rhat": posterior.max_rhat, "min_ess": posterior.min_ess},
+        "log": reading.identification.log.source,
+        "seconds": reading.seconds,
+        "warnings": list(reading.warnings),
+    }
+
+
+def _estimate(one: Estimate) -> dict[str, Any]:
+    return {"value": one.value, "sd": one.sd, "interval": list(one.interval)}
+
+
+def _check(check: UnchangedCheck) -> dict[str, Any]:
+    return {
+        "passed": check.passed,
+        "joints": list(check.joints),
+        "residual_ratio": check.residual.tolist(),
+        "most_residual_ratio": check.MOST_RESIDUAL,
+        "joint_chi_square": check.moved.tolist(),
+        "most_joint_chi_square": check.moved_limits.tolist(),
+        "chi_square": check.chi_square,
+        "degrees_of_freedom": check.freedom,
+        "most_chi_square": check.limit,
+        "false_alarm": check.FALSE_ALARM,
+    }
 
 
 def _write_signed_log(path: Path, log: Log, signals: Signals, probability: Array) -> None:

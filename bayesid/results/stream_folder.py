@@ -17,8 +17,9 @@ from bayesid.monitor.figures import StreamFigures
 from bayesid.monitor.replay import Agreement, Replay
 from bayesid.monitor.tracked import Counts, Tracked
 from bayesid.report.plot.stream import stream_figure
-from bayesid.results.folders import STREAM, STREAM_FILES
 
+STREAM = "stream.json"
+STREAM_FILES = frozenset({STREAM, "signed_stream.csv", "alarms.json", "stream.png", "stream.svg"})
 _DIGITS = 6
 """Of a probability, as in signed_log.csv."""
 _DENSITY = 140.0

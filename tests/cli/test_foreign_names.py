@@ -9,7 +9,7 @@ import pytest
 from command_line import TWO_JOINTS
 
 from bayesid.cli import main
-from bayesid.results.model_file import load_model
+from bayesid.identification.model_file import load_model
 
 NAME = 'name = "arm"'
 QUICK = ("--robot", "arm.toml", "--no-posterior", "--complete", "off")

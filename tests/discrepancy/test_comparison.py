@@ -17,7 +17,7 @@ from bayesid.log.log import Log, write_log
 from bayesid.report.discrepancy_verdicts import discrepancy_checks
 from bayesid.report.plot.timeline import timeline_figure
 from bayesid.report.timeline_text import columns
-from bayesid.results.discrepancy_json import discrepancy_summary
+from bayesid.results.discrepancies import discrepancy_summary
 from bayesid.robot import robot_table
 from bayesid.simulation.parameters import random_parameters
 

@@ -11,7 +11,7 @@ import bayesid
 from bayesid.cli import main
 from bayesid.discrepancy.case import BLOCKS, HELD_BACK_BLOCKS
 from bayesid.log.log import Log, read_log, write_log
-from bayesid.results.discrepancy_json import discrepancy_summary
+from bayesid.results.discrepancies import discrepancy_summary
 from bayesid.studies import blind
 
 

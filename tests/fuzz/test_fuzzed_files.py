@@ -24,12 +24,12 @@ from scipy.io import savemat
 from bayesid.errors import InputError
 from bayesid.excitation.limits import read_limits
 from bayesid.files.writing import check_folder
+from bayesid.identification.model_file import load_model
 from bayesid.log.formats.stated import parse_columns
 from bayesid.log.log import find_logs, read_log
 from bayesid.log.motions import read_motion
 from bayesid.regression.knowledge import Beliefs, read_nominal
 from bayesid.report.findings import read_findings
-from bayesid.results.model_file import load_model
 from bayesid.robot import load_robot, robot_from_table
 
 RECORDED = {name: values.round(5) for name, values in smooth_recording(2, 60, 50.0).items()}

@@ -17,11 +17,11 @@ from bayesid.effects.coefficients import base_coefficients
 from bayesid.effects.model import Model
 from bayesid.errors import InputError
 from bayesid.identification.identified_model import IdentifiedModel
+from bayesid.identification.model_file import load_model, model_table
 from bayesid.regression.noise import Noise
 from bayesid.report.findings import as_json, read_findings
 from bayesid.report.findings.store import write_findings
 from bayesid.results.folders import make_report
-from bayesid.results.model_file import load_model, model_table
 
 N = 2
 
@@ -100,18 +100,3 @@ def test_a_summary_of_something_else(folder):
         with pytest.raises(InputError, match=said):
             make_report(folder)
     assert not (folder / "report.html").exists()
-
-
-@pytest.mark.filterwarnings("error")
-def test_numbers_of_a_model_that_nothing_can_be_done_with(folder, sample):
-    table = tomllib.loads(sample["model.toml"].decode())
-    term = next(one for one in table["terms"] if one["name"] == "coulomb_friction")
-    usual, term["shape"]["smoothing"][1] = term["shape"]["smoothing"][1], 1e-320
-    (folder / "model.toml").write_text(tomli_w.dumps(table), encoding="utf-8")
-    with pytest.raises(InputError, match="smoothing of coulomb_friction is too small"):
-        load_model(folder)
-    term["shape"]["smoothing"][1] = usual
-    table["knowledge"]["precision"][0][:2] = [1e-300, 1e308]
-    (folder / "model.toml").write_text(tomli_w.dumps(table), encoding="utf-8")
-    with pytest.raises(InputError, match="precision is not that of a normal distribution"):
-        load_model(folder)

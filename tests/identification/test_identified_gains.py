@@ -11,13 +11,13 @@ import bayesid
 from bayesid.effects import STANDARD
 from bayesid.errors import InputError
 from bayesid.identification.gains import BY_DATA, BY_PRIOR, GIVEN, IdentifiedGains
+from bayesid.identification.model_file import load_model
 from bayesid.identification.pipeline import identify, identify_again
 from bayesid.log.gains import Gains
 from bayesid.motion import Motion
 from bayesid.posterior.sampler import Sampling
 from bayesid.regression.knowledge import Beliefs
 from bayesid.results.folders import save_identification
-from bayesid.results.model_file import load_model
 from bayesid.signs.search.certified import Certified
 from bayesid.simulation.trajectories import random_trajectory
 

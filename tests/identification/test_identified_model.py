@@ -11,12 +11,12 @@ from bayesid.effects.catalogue import make_effect
 from bayesid.effects.coefficients import base_coefficients
 from bayesid.errors import InputError
 from bayesid.identification.identified_model import IdentifiedModel, ParameterDraws
+from bayesid.identification.model_file import load_model
 from bayesid.identification.pipeline import identify
 from bayesid.identification.provenance import hashes
 from bayesid.log.log import join_logs
 from bayesid.regression.noise import Noise
 from bayesid.results.folders import save_identification
-from bayesid.results.model_file import load_model
 from bayesid.simulation.logs import simulate
 
 Z = 1.959964

@@ -15,9 +15,9 @@ from bayesid.effects.catalogue import make_effect, make_terms
 from bayesid.effects.model import Model
 from bayesid.effects.payload import CarriedPayload
 from bayesid.errors import InputError
+from bayesid.identification.model_file import load_model
 from bayesid.log.log import join_logs
 from bayesid.results.folders import save_identification
-from bayesid.results.model_file import load_model
 from bayesid.robot.inertia import NAMES
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters

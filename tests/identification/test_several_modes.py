@@ -10,6 +10,7 @@ import pytest
 from bayesid.cli import main
 from bayesid.effects.catalogue import make_terms
 from bayesid.effects.model import Model
+from bayesid.identification.model_file import load_model
 from bayesid.identification.pipeline import identify
 from bayesid.log.log import Log, write_log
 from bayesid.log.signals import signed_effort
@@ -18,7 +19,6 @@ from bayesid.posterior.sampler import Sampling
 from bayesid.report.findings import find_findings
 from bayesid.report.verdicts import check_findings
 from bayesid.results.folders import save_identification
-from bayesid.results.model_file import load_model
 from bayesid.robot import load_robot
 from bayesid.signs.search.certified import Certified
 

@@ -14,7 +14,7 @@ from saved_results import sampled as sample
 import bayesid
 from bayesid.effects import STANDARD
 from bayesid.errors import InputError
-from bayesid.results.model_file import load_model
+from bayesid.identification.model_file import load_model
 
 KEYS = {
     *("converged", "max_rhat", "min_ess", "max_rhat_of_parameters", "draws", "ensembles", "walkers", "seed", "seconds"),

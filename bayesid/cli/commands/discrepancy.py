@@ -15,18 +15,13 @@ from bayesid.cli.terminal import show, warn
 from bayesid.discrepancy.comparison import LogComparison, compare_logs
 from bayesid.discrepancy.workflow import Discrepancy, find_discrepancy
 from bayesid.errors import InputError
+from bayesid.identification.model_file import load_model
 from bayesid.identification.options import Preparation
 from bayesid.log.formats import is_log_folder
 from bayesid.log.log import find_logs
 from bayesid.progress import Progress
-from bayesid.results.folders import (
-    check_result_folder,
-    collect_incomplete,
-    save_comparison,
-    save_discrepancy,
-    save_or_rescue,
-)
-from bayesid.results.model_file import load_model
+from bayesid.results.discrepancies import save_comparison, save_discrepancy
+from bayesid.results.folders import check_result_folder, collect_incomplete, save_or_rescue
 from bayesid.signs.search.certified import Certified
 
 _OF_EXTENDED, _OF_FIRST = 3.0, 30.0

@@ -16,7 +16,7 @@ from bayesid.excitation.limits import read_limits
 from bayesid.files.writing import check_folder
 from bayesid.progress import Progress
 from bayesid.report.excitation_text import design_text, judgement_text
-from bayesid.results.designs import DESIGN_FILES, DESIGN_MARKER, save_design
+from bayesid.results.motions import DESIGN_FILES, DESIGN_MARKER, save_design
 from bayesid.robot import Robot
 
 _FOR_RESULT = (

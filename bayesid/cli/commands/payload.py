@@ -10,13 +10,13 @@ from bayesid.cli.tables import payload_parts
 from bayesid.cli.terminal import show, warn
 from bayesid.errors import InputError
 from bayesid.files.writing import check_folder
+from bayesid.identification.model_file import load_model
 from bayesid.identification.options import Preparation
 from bayesid.identification.payload import PayloadReading, identify_payload
 from bayesid.identification.pipeline import QUICK
 from bayesid.posterior.sampler import Sampling
 from bayesid.progress import Progress
 from bayesid.results.folders import PAYLOAD, PAYLOAD_FILES, save_payload
-from bayesid.results.model_file import load_model
 from bayesid.signs.search.certified import Certified
 
 

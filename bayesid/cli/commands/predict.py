@@ -11,7 +11,7 @@ from bayesid.cli.tables import prediction_parts
 from bayesid.cli.terminal import show
 from bayesid.errors import InputError
 from bayesid.files.writing import check_place
-from bayesid.results.model_file import load_model
+from bayesid.identification.model_file import load_model
 
 
 def run(options: argparse.Namespace) -> None:

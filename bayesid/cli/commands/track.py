@@ -18,6 +18,7 @@ from bayesid.cli.terminal import note, show, table, warn
 from bayesid.errors import BayesidError, InputError
 from bayesid.files.writing import check_folder, save_folder
 from bayesid.identification.identified_model import IdentifiedModel
+from bayesid.identification.model_file import load_model
 from bayesid.identification.validation import Validation, check_joints
 from bayesid.log.formats.base import Options
 from bayesid.log.formats.streams import STANDARD_INPUT
@@ -40,9 +41,15 @@ from bayesid.report.track_text import (
     track_rows,
 )
 from bayesid.report.words import label
-from bayesid.results.folders import STREAM, STREAM_FILES
-from bayesid.results.model_file import load_model
-from bayesid.results.stream_folder import Named, StreamResult, open_stream, save_replay, write_summaries
+from bayesid.results.stream_folder import (
+    STREAM,
+    STREAM_FILES,
+    Named,
+    StreamResult,
+    open_stream,
+    save_replay,
+    write_summaries,
+)
 
 _SOURCE = "standard input"
 

@@ -9,9 +9,9 @@ from bayesid.cli.options import read, reading_options
 from bayesid.cli.progress import StageBars
 from bayesid.cli.tables import validation_parts
 from bayesid.cli.terminal import show
+from bayesid.identification.model_file import load_model
 from bayesid.identification.validation import Validation
 from bayesid.results.folders import VALIDATION_FILES, check_result_folder, save_validation
-from bayesid.results.model_file import load_model
 
 
 def run(options: argparse.Namespace) -> None:

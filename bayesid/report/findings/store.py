@@ -69,7 +69,7 @@ def read_findings(folder: str | Path) -> Findings:
             raise InputError(f"holds no {name}", printable(str(folder)), _REMEDY)
     summary = read_json(place / "summary.json", Summary, _REMEDY)
     try:
-        with np.load(place / FILE, allow_pickle=False) as arrays:
+        with (place / FILE).open("rb") as file, np.load(file, allow_pickle=False) as arrays:
             parts: dict[str, Any] = {
                 name: _part(name, arrays) for name in _PARTS if name != "prediction" or "prediction.t" in arrays
             }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import reduce
@@ -18,19 +19,11 @@ from bayesid.effects.coefficients import base_coefficients
 from bayesid.effects.effect import Effect
 from bayesid.effects.model import Model
 from bayesid.errors import InputError, printable
-from bayesid.files.bounded import read_source, toml_of
 from bayesid.identification.gains import IdentifiedGains
 from bayesid.identification.identified_model import IdentifiedModel, ParameterDraws
 from bayesid.log.gains import gains_of
-from bayesid.motion import Motion
-from bayesid.regression.knowledge import scale_of
 from bayesid.regression.noise import Noise
 from bayesid.robot import robot_from_table, robot_table
-
-_FAINTEST = 1e-30
-"""Of a shape number that is not zero, in its own unit: the slowest speed of a term is 1e-8 rad/s."""
-_ROUNDING = 1e-6
-"""Of an entry of a precision, relative to its row's and column's diagonal entries."""
 
 
 def load_model(folder: str | Path, effects: Iterable[type[Effect]] = ()) -> IdentifiedModel:
@@ -51,16 +44,17 @@ def load_model(folder: str | Path, effects: Iterable[type[Effect]] = ()) -> Iden
     remedy = "give a folder that `bayesid identify` wrote"
     if not os.path.exists(path):
         raise InputError("holds no model.toml", printable(str(folder)), remedy)
-    table = toml_of(read_source(path, remedy), str(path), remedy)
     try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
         stored = _stored_model(table, str(path), {**forms(), **{kind.name: kind for kind in effects}})
         return replace(stored, draws=_stored_draws(stored.model, path.with_name("posterior.nc")))
     except InputError:
         raise
     except KeyError as error:
         raise InputError(f"key {error} is missing", str(path), remedy) from None
-    except (AttributeError, OverflowError, TypeError, ValueError) as error:
-        raise InputError(f"does not hold what bayesid writes ({error})", str(path), remedy) from None
+    except (AttributeError, OSError, OverflowError, RecursionError, TypeError, ValueError) as error:
+        said = printable(str(error))
+        raise InputError(f"does not hold what bayesid writes ({said})", str(path), remedy) from None
 
 
 def _stored_model(table: dict[str, Any], where: str, known: Mapping[str, type[Effect]]) -> IdentifiedModel:
@@ -68,7 +62,8 @@ def _stored_model(table: dict[str, Any], where: str, known: Mapping[str, type[Ef
     named = [*_named(table["terms"], Term, known, where)]
     named += _named(table.get("distortions", []), Distortion, known, where)
     model = reduce(Model.extend, (of_shape(kind, shape) for kind, shape in named), Model(robot, ()))
-    _check_shapes(model)
+    for effect in model.effects:
+        effect.check(robot.n_joints)
     names = [parameter.name for parameter in model.parameters]
     if len(set(names)) < len(names):
         raise ValueError("a term comes twice")
@@ -83,34 +78,15 @@ def _stored_model(table: dict[str, Any], where: str, known: Mapping[str, type[Ef
 
 
 def _stored_gains(table: Mapping[str, Any], n: int) -> IdentifiedGains:
-    covariances = {key: frozen(table[key], (n, n), f"gains, {key},") for key in ("covariance", "prior")}
-    stated = replace(gains_of(table["stated"], n), of_torques=bool(table["of_torques"]), unit=str(table["unit"]))
     return IdentifiedGains(
         value=frozen(table["value"], (n,), "gains, value,"),
         weights=frozen(table["weights"], (n,), "gains, weights,"),
-        stated=stated,
+        stated=replace(gains_of(table["stated"], n), of_torques=bool(table["of_torques"]), unit=str(table["unit"])),
         settled=bool(table["settled"]),
         like_friction=tuple(map(int, table["like_friction"])),
-        **covariances,
+        covariance=frozen(table["covariance"], (n, n), "gains, covariance,"),
+        prior=frozen(table["prior"], (n, n), "gains, prior,"),
     )
-
-
-def _gains_table(gains: IdentifiedGains | None) -> dict[str, Any]:
-    """What the file says of gains; nothing where all were exact."""
-    if gains is None:
-        return {}
-    table = {
-        "value": gains.value.tolist(),
-        "unit": gains.stated.unit,
-        "of_torques": gains.stated.of_torques,
-        "stated": gains.stated.text,
-        "settled": gains.settled,
-        "like_friction": list(gains.like_friction),
-        "weights": gains.weights.tolist(),
-        "covariance": gains.covariance.tolist(),
-        "prior": gains.prior.tolist(),
-    }
-    return {"gains": table}
 
 
 def _stored_precision(table: dict[str, Any] | None, model: Model) -> Array:
@@ -120,14 +96,7 @@ def _stored_precision(table: dict[str, Any] | None, model: Model) -> Array:
         return np.zeros((len(kept), len(kept)))
     if list(table["coefficients"]) != list(kept):
         raise ValueError("the knowledge is of other coefficients than the model's")
-    precision = frozen(table["precision"], (len(kept), len(kept)), "knowledge, precision,")
-    scale = scale_of(precision)
-    with np.errstate(over="ignore", invalid="ignore"):
-        scaled = precision / scale[:, None] / scale
-        skew = np.abs(scaled - scaled.T).max()
-    if not skew <= _ROUNDING or np.linalg.eigvalsh(scaled)[0] < -_ROUNDING:
-        raise ValueError("the knowledge's precision is not that of a normal distribution")
-    return precision
+    return frozen(table["precision"], (len(kept), len(kept)), "knowledge, precision,")
 
 
 def _stored_covariance(table: dict[str, Any] | None, model: Model, key: str) -> Array | None:
@@ -157,29 +126,7 @@ def _named(
                 "with the version of bayesid that wrote it"
             )
             raise InputError(f"unknown {base.__name__.lower()} {row['name']!r}", where, remedy)
-        if any(type(j) is not int for j in row.get("shape", {}).get("joints", [])):
-            raise ValueError(f"the joints of {row['name']} are not whole numbers")
     return [(known[row["name"]], row.get("shape", {})) for row in rows]
-
-
-def _check_shapes(model: Model) -> None:
-    """Every actuator has its own shape numbers, and a robot at rest has finite columns."""
-    n = model.robot.n_joints
-    for effect in model.effects:
-        for key, values in effect.shape.items():
-            if key in effect.words:
-                continue
-            sizes = np.abs(frozen(values, (None,), key))
-            if np.any((sizes > 0.0) & (sizes < _FAINTEST)):
-                raise ValueError(f"{key} of {effect.name} is too small to divide by")
-        effect.check(n)
-    for sensor in model.distortions:
-        if sensor.of_sensor and any(min(values) < 0.0 for values in sensor.shape.values()):
-            raise ValueError(f"a number of {sensor.name} is negative")
-    rest = np.zeros((2, n))
-    with np.errstate(all="ignore"):
-        if not np.isfinite(model.columns(Motion(np.arange(2.0), rest, rest, rest))).all():
-            raise ValueError("a joint's axis or a term's shape cannot be used")
 
 
 def _stored_noise(table: dict[str, Any], n: int) -> Noise:
@@ -192,18 +139,12 @@ def _stored_noise(table: dict[str, Any], n: int) -> Noise:
 def model_table(stored: IdentifiedModel) -> dict[str, Any]:
     """What model.toml holds of an identified model."""
     names = [parameter.name for parameter in stored.model.parameters]
-    noise = stored.noise
     return {
         "robot": robot_table(stored.model.robot),
         "terms": [{"name": term.name, "shape": dict(term.shape)} for term in stored.model.terms],
         "distortions": [{"name": one.name, "shape": dict(one.shape)} for one in stored.model.distortions],
         "values": dict(zip(names, stored.theta.tolist(), strict=True)),
-        "noise": {
-            "white": noise.white.tolist(),
-            "coloured": noise.coloured.tolist(),
-            "correlation": noise.correlation.tolist(),
-            "autocorrelation": noise.autocorrelation.tolist(),
-        },
+        "noise": {name: values.tolist() for name, values in vars(stored.noise).items()},
         "knowledge": {
             "coefficients": list(base_coefficients(stored.model).names),
             "precision": stored.precision.tolist(),
@@ -211,5 +152,19 @@ def model_table(stored: IdentifiedModel) -> dict[str, Any]:
             **({} if stored.by_gains is None else {"by_gains": stored.by_gains.tolist()}),
             "logs": sorted(stored.logs),
         },
-        **_gains_table(stored.gains),
+        **({} if stored.gains is None else {"gains": _gains_table(stored.gains)}),
+    }
+
+
+def _gains_table(gains: IdentifiedGains) -> dict[str, Any]:
+    return {
+        "value": gains.value.tolist(),
+        "unit": gains.stated.unit,
+        "of_torques": gains.stated.of_torques,
+        "stated": gains.stated.text,
+        "settled": gains.settled,
+        "like_friction": list(gains.like_friction),
+        "weights": gains.weights.tolist(),
+        "covariance": gains.covariance.tolist(),
+        "prior": gains.prior.tolist(),
     }

@@ -1,9 +1,10 @@
-"""What discrepancy.json says."""
+"""The folder of a discrepancy: discrepancy.json and the result folder of the extended model."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from itertools import groupby
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,10 +12,85 @@ import numpy as np
 from bayesid.discrepancy.comparison import EffectHistory, LogComparison
 from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.effects.catalogue import forms
+from bayesid.files.tables import write_json, write_table
+from bayesid.progress import SILENT, Progress
 from bayesid.regression.selection.added_effect import AddedEffect, Cost, EffortSize, Quantity
 from bayesid.regression.selection.explanation import LN10
 from bayesid.regression.selection.scores import Score
 from bayesid.report.timeline_text import Moved, columns, moved_parameters, timeline_rule
+from bayesid.results.folders import save_result
+
+
+def save_discrepancy(
+    discrepancy: Discrepancy, folder: str | Path, report: bool = True, progress: Progress = SILENT
+) -> Path:
+    """Writes discrepancy.json, a report of it, and the result folder of the extended model.
+
+    Args:
+        discrepancy: what to write.
+        folder: where; an earlier result there is replaced as a whole.
+        report: whether the extended model's own report.html is made too, which takes some seconds.
+        progress: called as progress("report", done, total).
+
+    Raises:
+        InputError: the folder cannot be written, or holds other files than an earlier result.
+        KeyboardInterrupt: with a text that says so where the result stands already.
+
+    Warns:
+        IncompleteWarning: an export or a page could not be written; the rest stands.
+
+    Example:
+        >>> (bayesid.save_discrepancy(found, "found", report=False) / "discrepancy.json").is_file()
+        True
+    """
+
+    def write_page(path: Path) -> None:
+        from bayesid.report.pages.discrepancy_page import discrepancy_page  # jinja2, for pages alone
+
+        path.write_text(discrepancy_page(discrepancy), encoding="utf-8")
+
+    def write_more(place: Path) -> None:
+        write_json(place / "discrepancy.json", discrepancy_summary(discrepancy))
+
+    pages = {"discrepancy.html": write_page}
+    return save_result(discrepancy.identification, folder, write_more, pages, report, None, progress)
+
+
+def save_comparison(
+    comparison: LogComparison, folder: str | Path, report: bool = True, progress: Progress = SILENT
+) -> Path:
+    """Writes discrepancy.json, timeline.csv, a report of both, and the result folder of the last log's extended model.
+
+    Args:
+        comparison: what to write.
+        folder: where; an earlier result there is replaced as a whole.
+        report: whether the extended model's own report.html is made too, which takes some seconds.
+        progress: called as progress("report", done, total).
+
+    Raises:
+        InputError: the folder cannot be written, or holds other files than an earlier result.
+        KeyboardInterrupt: with a text that says so where the result stands already.
+
+    Warns:
+        IncompleteWarning: an export or a page could not be written; the rest stands.
+
+    Example:
+        >>> both = bayesid.compare_logs(robot, [log, other_log], terms, posterior=False)
+        >>> (bayesid.save_comparison(both, "days", report=False) / "timeline.csv").is_file()
+        True
+    """
+
+    def write_page(path: Path) -> None:
+        from bayesid.report.pages.comparison_page import comparison_page  # jinja2, for pages alone
+
+        path.write_text(comparison_page(comparison), encoding="utf-8")
+
+    def write_more(place: Path) -> None:
+        write_json(place / "discrepancy.json", comparison_summary(comparison))
+        write_table(place / "timeline.csv", timeline_rows(comparison))
+
+    pages = {"discrepancy.html": write_page}
+    return save_result(comparison.found[-1].identification, folder, write_more, pages, report, None, progress)
 
 
 def discrepancy_summary(discrepancy: Discrepancy) -> dict[str, Any]:

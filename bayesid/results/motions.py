@@ -1,24 +1,116 @@
-"""The folder of a next motion: programs for controllers, what will be known afterwards, and a picture."""
+"""Folders of motions that were designed: for a robot nobody knows, and after a result."""
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from bayesid.arrays import Array
+from bayesid.excitation.design import ExcitationDesign, Quality
 from bayesid.excitation.feasible import BAND
 from bayesid.excitation.next_motion import NextMotion, PredictedKnowledge
 from bayesid.export.controllers import PROGRAM_FOLDERS, PlannedMotion, Programs, check_programs, save_programs
-from bayesid.files.tables import write_table
+from bayesid.files.tables import write_json, write_motion, write_table
 from bayesid.files.writing import check_folder, save_folder
+from bayesid.motion import Motion
 
+DESIGN_FILES = frozenset({"design.json", "trajectory.csv", "excitation.svg"})
+DESIGN_MARKER = "design.json"
 NEXT_MARKER = "next_motion.json"
 NEXT_FILES = frozenset({NEXT_MARKER, "next_motion.svg", "predicted.csv"}) | PROGRAM_FOLDERS
 
 
+# ---------------------------------------------------------------------------------------------------------------
+# For a robot nobody knows
+# ---------------------------------------------------------------------------------------------------------------
+def save_design(design: ExcitationDesign, folder: str | Path) -> Path:
+    """Writes trajectory.csv, design.json and excitation.svg.
+
+    Args:
+        design: what to write.
+        folder: where; an earlier design there is replaced as a whole.
+
+    Raises:
+        InputError: the folder cannot be written, or holds other files than an earlier design.
+
+    Example:
+        >>> sorted(path.name for path in bayesid.save_design(design, "design").iterdir())
+        ['design.json', 'excitation.svg', 'trajectory.csv']
+    """
+
+    def write(place: Path) -> None:
+        from bayesid.report.plot.designs import excitation_figure  # matplotlib takes a second to import
+
+        write_motion(place / "trajectory.csv", design.motion)
+        write_json(place / DESIGN_MARKER, design_summary(design))
+        excitation_figure(design).savefig(place / "excitation.svg", transparent=False, facecolor="white")
+
+    return save_folder(folder, DESIGN_FILES, DESIGN_MARKER, write)
+
+
+def design_summary(design: ExcitationDesign) -> dict[str, Any]:
+    """design.json: figures, limits given and reached, and the series, from which the motion can be had again."""
+    motion, series = design.motion, design.trajectory
+    return {
+        "robot": design.model.robot.name,
+        "terms": [term.name for term in design.model.terms],
+        "duration": float(motion.t[-1]),
+        "rate": design.rate,
+        "periods": design.periods,
+        "noise": design.noise,
+        "start": _figures(design.start),
+        "reached": _figures(design.reached),
+        "joint_resolvability": design.reached.joints.resolvability[: design.model.robot.n_joints].tolist(),
+        "undecided": [design.coefficients.names[i] for i in design.undecided],
+        "coefficients": {
+            name: {"expression": expression, "left": float(uncertainty)}
+            for name, expression, uncertainty in zip(
+                design.coefficients.names, design.coefficients.expressions, design.reached.uncertainty, strict=True
+            )
+        },
+        "limits": {
+            "given": {key: np.atleast_1d(value).tolist() for key, value in vars(design.limits).items()},
+            "reached": _reached(motion),
+        },
+        "series": {
+            "equation": "q_j(t) = centre_j + sum_h sine_jh sin(2 pi h frequency t) + cosine_jh cos(2 pi h frequency t)",
+            "frequency": series.frequency,
+            "centre": series.centre.tolist(),
+            "sine": series.sine.tolist(),
+            "cosine": series.cosine.tolist(),
+        },
+        "not_checked": ["collisions", "limits of the efforts"],
+    }
+
+
+def _figures(quality: Quality) -> dict[str, Any]:
+    weakest = quality.joints.weakest
+    return {
+        "condition_number": quality.condition,
+        "noise_tolerance": quality.tolerance,
+        "weakest_group": {
+            "joints": [j + 1 for j in quality.joints.groups[weakest]],
+            "resolvability": float(quality.joints.resolvability[weakest]),
+        },
+        "segments": len(quality.segments.joint),
+        "wrong_share": quality.segments.doubtful,
+    }
+
+
+def _reached(motion: Motion) -> dict[str, list[float]]:
+    return {
+        "lower": motion.q.min(axis=0).tolist(),
+        "upper": motion.q.max(axis=0).tolist(),
+        "velocity": np.abs(motion.dq).max(axis=0).tolist(),
+        "acceleration": np.abs(motion.ddq).max(axis=0).tolist(),
+    }
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# After a result
+# ---------------------------------------------------------------------------------------------------------------
 def check_next_folder(folder: str | Path) -> Path:
     """The folder, if it may be replaced (see `bayesid.files.writing.check_folder`).
 
@@ -52,8 +144,7 @@ def save_next_motion(design: NextMotion, folder: str | Path) -> Path:
 
         programs = save_programs(planned(design), place, design.slow)
         write_table(place / "predicted.csv", predicted_rows(design.predicted))
-        text = json.dumps(next_summary(design, programs), indent=2, allow_nan=False)
-        (place / NEXT_MARKER).write_text(text + "\n", encoding="utf-8")
+        write_json(place / NEXT_MARKER, next_summary(design, programs))
         planned_motion(picture(design)).savefig(place / "next_motion.svg", transparent=False, facecolor="white")
 
     return save_folder(folder, NEXT_FILES, NEXT_MARKER, write)
@@ -153,18 +244,11 @@ def next_summary(design: NextMotion, programs: Programs) -> dict[str, Any]:
         "checked": list(design.checked),
         "not_checked": list(design.unchecked),
         "limits": {
-            "lower": list(np.atleast_1d(limits.lower)),
-            "upper": list(np.atleast_1d(limits.upper)),
-            "velocity": list(np.atleast_1d(limits.velocity)),
-            "acceleration": list(np.atleast_1d(limits.acceleration)),
-            "jerk": _listed(limits.jerk),
-            "effort": _listed(limits.effort),
+            name: None if (limit := getattr(limits, name)) is None else np.atleast_1d(limit).tolist()
+            for name in ("lower", "upper", "velocity", "acceleration", "jerk", "effort")
         },
         "reached": {
-            "lower": motion.q.min(axis=0).tolist(),
-            "upper": motion.q.max(axis=0).tolist(),
-            "velocity": np.abs(motion.dq).max(axis=0).tolist(),
-            "acceleration": np.abs(motion.ddq).max(axis=0).tolist(),
+            **_reached(motion),
             "effort_with_band": design.largest_effort.tolist(),
             "distance": None if clearance is None else float(clearance.distance(motion.q).min()),
         },
@@ -181,9 +265,3 @@ def _factors(predicted: PredictedKnowledge) -> list[dict[str, object]]:
         {"true": true, "against": other, "expected": value}
         for (true, other), value in predicted.log10_bayes_factors.items()
     ]
-
-
-def _listed(limit: object) -> list[float | None] | None:
-    if limit is None:
-        return None
-    return [float(value) if np.isfinite(value) else None for value in np.atleast_1d(np.asarray(limit, dtype=float))]
