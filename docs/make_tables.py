@@ -21,7 +21,7 @@ from bayesid.effects import STANDARD
 from bayesid.studies.discrepancy import CLEAR, by_kind, count, decoded, outside_right, share
 from bayesid.studies.paper import covered
 from bayesid.studies.real import SURE
-from bayesid.study.names import STUDIES
+from bayesid.study import STUDIES
 from bayesid.study.record import Row, read_rows
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -110,7 +110,8 @@ def alive(pid):
 @contextmanager
 def process(*arguments, output=subprocess.DEVNULL, **environment):
     """A Python process and all that it starts; none of them outlives the block."""
-    paths = os.pathsep.join([str(SCRIPT.parent), str(SCRIPT.parent / "study"), str(SCRIPT.parents[1])])
+    own = [str(SCRIPT.parent), str(SCRIPT.parent / "study"), str(SCRIPT.parents[1])]
+    paths = os.pathsep.join([*own, os.environ.get("PYTHONPATH", "")]).rstrip(os.pathsep)
     started = subprocess.Popen(
         [sys.executable, *map(str, arguments)],
         stdout=output,
@@ -163,7 +164,7 @@ def _address(file):
 
 def _main(marks, nap, *options):
     from bayesid import cli
-    from bayesid.study.names import STUDIES
+    from bayesid.study import STUDIES
 
     module = sys.modules["bayesid.studies.toy"] = ModuleType("bayesid.studies.toy")
     module.STUDY = toy_study(marks, float(nap))

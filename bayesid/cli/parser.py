@@ -15,7 +15,7 @@ from typing import Any, NoReturn, TypeAlias
 
 from bayesid.errors import near_names
 from bayesid.files.bounded import check_name, whole_number
-from bayesid.study.names import STUDIES
+from bayesid.study import STUDIES
 
 SHELLS = ("bash", "zsh", "tcsh")
 TERMS = "rigid_body,viscous_friction,coulomb_friction,torque_offset,rotor_inertia"

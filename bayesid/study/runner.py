@@ -1,10 +1,8 @@
-"""Maps a function over many tasks, on this machine's cores or on a Dask cluster.
+"""Maps a function over many tasks, in worker processes of this machine or on the workers of a Dask scheduler.
 
 Outcomes come in the order in which they are ready. A task that raises is an outcome with its error, not the end of the
-run. A worker that dies is replaced and its task tried again; a task that kills its workers is an outcome that says so.
-Every worker runs one task at a time, with one BLAS thread, whatever started it.
-
-Only so many tasks are handed out as the workers can have at hand, so memory does not grow with their number.
+run. A task whose worker died is tried again, alone; one that kills its workers is an outcome that says so. A worker
+runs one task at a time, with one BLAS thread.
 """
 
 from __future__ import annotations
@@ -13,40 +11,27 @@ import logging
 import os
 import pickle
 import re
-import signal
 import threading
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Generator, Sequence
-from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import closing, suppress
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from importlib.metadata import version
-from multiprocessing import parent_process
-from multiprocessing.context import SpawnContext, SpawnProcess
-from multiprocessing.process import BaseProcess
-from typing import Any, Protocol
+from typing import Any, Self
 
 from bayesid.errors import BayesidError, InputError
-from bayesid.parallel import one_blas_thread
+from bayesid.parallel import WorkerPool, one_blas_thread
 
 Tally = Callable[[int, int, int], None]
 """Called as tally(done, total, failed) after every batch."""
 _TICK = 0.5
 """s, after which a batch is handed over even if nothing has come: twice a second a bar moves and Ctrl-C is seen."""
-_PATIENCE = 10.0
-"""s, within which a scheduler must answer. A round number, far above the round trip of any network."""
-_AHEAD = 2
-"""Tasks a thread of a cluster has at hand: one to run, and the next for when it ends."""
-_REFRESH = 1.0
-"""s between two looks at how many threads a cluster has: workers come and go in minutes."""
 _START = "start one with `dask scheduler` and workers with `dask worker tcp://HOST:8786 --nworkers -1 --nthreads 1`"
-
-_BLAS_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 _LOST = "the scheduler does not answer any more"
 _ADDRESS = r"(tcp|tls)://[^/\s]+:\d{1,5}"
-
 _one_at_a_time = threading.Lock()
 
 
@@ -100,209 +85,114 @@ def run(
     if workers is not None and workers < 0:
         raise InputError(f"{workers} workers", field="workers", remedy="give 1 or more")
     if not tasks or (scheduler is None and workers == 0):
-        return ([_outcome(index, attempt(function, task))] for index, task in enumerate(tasks))
+        return ([_received(attempt(function, index, task))] for index, task in enumerate(tasks))
     if scheduler is not None:
-        return flow(connect(scheduler), function, tasks)
-    return flow(Processes(min(workers or os.cpu_count() or 1, len(tasks))), function, tasks)
+        return _flow(connect(scheduler), function, tasks)
+    return _flow(Processes(min(workers or os.cpu_count() or 1, len(tasks))), function, tasks)
 
 
-class Pool(Protocol):
-    """Where tasks run."""
-
-    attempts: int
-    """How often a task is handed out whose worker dies."""
-    lost: str
-    """What to say of a task whose workers died every time."""
-
-    def room(self, waiting: int) -> int:
-        """How many tasks may be at hand while so many wait."""
-
-    def submit(self, function: Callable[[Any], Any], task: Any) -> Future[Answer]:
-        """Hands out a task; to be called only while there is room."""
-
-    def died(self, failure: BaseException) -> bool:
-        """Whether a future failed because its worker died."""
-
-    def close(self) -> None:
-        """Stops all work, finished or not."""
-
-
-def flow(pool: Pool, function: Callable[[Any], Any], tasks: Sequence[Any]) -> Generator[list[Outcome], None, None]:
-    """`run` on a pool, which it closes in the end."""
-    with closing(pool):
-        waiting, suspects = deque(range(len(tasks))), deque[int]()
-        flying, deaths = dict[Future[Answer], int](), Counter[int]()
+def _flow(
+    pool: Processes | Cluster, function: Callable[[Any], Any], tasks: Sequence[Any]
+) -> Generator[list[Outcome], None, None]:
+    """Hands out no more tasks than the workers can have at hand, so memory does not grow with their number."""
+    waiting, suspects = deque(range(len(tasks))), deque[int]()
+    flying, deaths = dict[Future[Outcome], int](), Counter[int]()
+    with pool:
         while waiting or suspects or flying:
-            for _ in range(min(pool.room(len(waiting)) - len(flying), len(waiting))):
+            for _ in range(min(pool.room() - len(flying), len(waiting))):
                 index = waiting.popleft()
-                flying[pool.submit(function, tasks[index])] = index
-            if not flying:  # each alone: its worker had other tasks at hand, and may have died of one of these
+                flying[pool.submit(function, index, tasks[index])] = index
+            if not flying:  # each alone: any of those at hand may have been the one that a worker died of
                 index = suspects.popleft()
-                flying[pool.submit(function, tasks[index])] = index
+                flying[pool.submit(function, index, tasks[index])] = index
             batch = []
             for future in wait(flying, timeout=_TICK, return_when=FIRST_COMPLETED).done:
                 index = flying.pop(future)
-                outcome = _landed(pool, index, future)
-                deaths[index] += outcome.died
-                if outcome.died and deaths[index] < pool.attempts:
-                    suspects.append(index)
-                else:
-                    batch.append(outcome)
+                try:
+                    batch.append(_received(future.result()))
+                except CancelledError as error:  # nobody here cancels: a scheduler that is gone does
+                    raise LostSchedulerError(_LOST) from error
+                except Exception as error:
+                    died = pool.died(error)
+                    deaths[index] += died
+                    if died and deaths[index] < pool.attempts:
+                        suspects.append(index)
+                    else:
+                        said = f"WorkerDied: {deaths[index]} workers died of it" if died else _error_text(error)
+                        batch.append(Outcome(index, None, said, died=died))
             yield batch
-
-
-def _landed(pool: Pool, index: int, future: Future[Answer]) -> Outcome:
-    try:
-        return _outcome(index, future.result())
-    except CancelledError as error:  # nobody here cancels: a scheduler that is gone does
-        raise LostSchedulerError(_LOST) from error
-    except Exception as error:
-        if pool.died(error):
-            return Outcome(index, None, pool.lost, died=True)
-        return Outcome(index, None, _error_text(error))
 
 
 # ---------------------------------------------------------------------------------------------------------------
 # In the worker
 # ---------------------------------------------------------------------------------------------------------------
-@dataclass(frozen=True)
-class Answer:
-    """What a worker sends back; the value is pickled: one that cannot be is an error of its task."""
-
-    value: bytes
-    error: str
-    seconds: float
-    worker: str
-
-
-def attempt(function: Callable[[Any], Any], task: Any) -> Answer:
-    """Runs a task; whatever it raises is part of the answer."""
+def attempt(function: Callable[[Any], Any], index: int, task: Any) -> Outcome:
+    """Runs a task. Its value is pickled: one that cannot be, there or back, is an error of its task."""
     with _one_at_a_time, one_blas_thread:
         began = time.perf_counter()
         try:
             value, error = pickle.dumps(function(task)), ""
         except (Exception, SystemExit) as raised:
             value, error = b"", _error_text(raised)
-        return Answer(value, error, time.perf_counter() - began, f"{os.uname().nodename}:{os.getpid()}")
+        seconds, worker = time.perf_counter() - began, f"{os.uname().nodename}:{os.getpid()}"
+    return Outcome(index, value, error, seconds=seconds, worker=worker)
 
 
-def _outcome(index: int, answer: Answer) -> Outcome:
-    value, error = None, answer.error
-    if not error:
-        try:
-            value = pickle.loads(answer.value)
-        except Exception as raised:
-            error = _error_text(raised)
-    return Outcome(index, value, error, seconds=answer.seconds, worker=answer.worker)
+def _received(outcome: Outcome) -> Outcome:
+    if outcome.error:
+        return replace(outcome, value=None)
+    try:
+        return replace(outcome, value=pickle.loads(outcome.value))
+    except Exception as raised:
+        return replace(outcome, value=None, error=_error_text(raised))
 
 
 def _error_text(error: BaseException) -> str:
     return f"{type(error).__name__}: {error}".removesuffix(": ")
 
 
-def _settle_in() -> None:
-    """A local worker leaves Ctrl-C to its parent, and ends with it however that ends."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    os.environ.update(dict.fromkeys(_BLAS_THREADS, "1"))  # for a BLAS that is loaded in the middle of a task
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-
-
-def _end_with_parent() -> None:
-    parent = parent_process()
-    assert parent is not None
-    parent.join()
-    os._exit(1)
-
-
 # ---------------------------------------------------------------------------------------------------------------
-# This machine
+# Where the workers are
 # ---------------------------------------------------------------------------------------------------------------
 class Processes:
-    """Worker processes, each an executor of its own: when one dies, no other's task is affected."""
+    """Worker processes of this machine; when one dies, all are started anew.
+
+    Args:
+        workers: how many.
+    """
 
     attempts = 3
-    lost = f"WorkerDied: {attempts} worker processes died of it"
+    """How often a task is handed out whose worker dies."""
 
     def __init__(self, workers: int) -> None:
-        self._lanes = [_Lane() for _ in range(workers)]
+        self._workers = workers
+        self._pool = WorkerPool(workers, "spawn")
 
-    def room(self, waiting: int) -> int:
-        """One a process."""
-        return len(self._lanes)
+    def __enter__(self) -> Self:
+        return self
 
-    def submit(self, function: Callable[[Any], Any], task: Any) -> Future[Answer]:
-        """To a process that has nothing to do."""
-        return next(lane for lane in self._lanes if lane.free).submit(function, task)
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        self._pool.__exit__(kind)
+
+    def room(self) -> int:
+        """How many tasks may be at hand."""
+        return self._workers
+
+    def submit(self, function: Callable[[Any], Any], index: int, task: Any) -> Future[Outcome]:
+        """Hands out a task."""
+        try:
+            return self._pool.submit(attempt, function, index, task)
+        except BrokenProcessPool:
+            self._pool.shutdown()
+            self._pool = WorkerPool(self._workers, "spawn")
+            return self._pool.submit(attempt, function, index, task)
 
     def died(self, failure: BaseException) -> bool:
-        """Whether its process died."""
+        """Whether a task failed because its worker, or another one, died."""
         return isinstance(failure, BrokenProcessPool)
 
-    def close(self) -> None:
-        """Ends all processes."""
-        for lane in self._lanes:
-            lane.close()
 
-
-class _Spawn(SpawnContext):
-    """Starts fresh interpreters, and keeps hold of them."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.born: list[BaseProcess] = []
-
-    def Process(self, *given: Any, **named: Any) -> BaseProcess:  # type: ignore[override]  # noqa: N802
-        """A process, not yet started."""
-        process = SpawnProcess(*given, **named)
-        self.born.append(process)
-        return process
-
-
-class _Lane:
-    """One worker process, or its successor."""
-
-    _context: _Spawn
-    _executor: ProcessPoolExecutor
-    _task: Future[Answer] | None
-
-    def __init__(self) -> None:
-        self._hire()
-
-    @property
-    def free(self) -> bool:
-        return self._task is None or self._task.done()
-
-    def submit(self, function: Callable[[Any], Any], task: Any) -> Future[Answer]:
-        try:
-            self._task = self._executor.submit(attempt, function, task)
-        except BrokenProcessPool:
-            self._executor.shutdown()
-            self._hire()
-            self._task = self._executor.submit(attempt, function, task)
-        return self._task
-
-    def close(self) -> None:
-        """Ends the process; at once, whatever it does or while it is still being born, if it has a task."""
-        if not self.free:
-            for worker in self._context.born:
-                worker.kill()
-        self._executor.shutdown(cancel_futures=True)
-
-    def _hire(self) -> None:
-        self._context = _Spawn()
-        self._executor = ProcessPoolExecutor(1, mp_context=self._context, initializer=_settle_in)
-        mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # a worker is born so: see _settle_in
-        try:
-            self._task = None
-            self._executor.submit(os.getpid)
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-
-
-# ---------------------------------------------------------------------------------------------------------------
-# A cluster
-# ---------------------------------------------------------------------------------------------------------------
-def connect(address: str, patience: float = _PATIENCE) -> Cluster:
+def connect(address: str, patience: float = 10.0) -> Cluster:
     """The workers of the scheduler at an address, if they have bayesid as it is here.
 
     Args:
@@ -316,52 +206,68 @@ def connect(address: str, patience: float = _PATIENCE) -> Cluster:
     try:
         from distributed import Client
     except ModuleNotFoundError:
-        raise InputError(
-            "Dask is not installed", field="scheduler", remedy="pip install 'bayesid[distributed]'"
-        ) from None
+        remedy = "pip install 'bayesid[distributed]'"
+        raise InputError("Dask is not installed", field="scheduler", remedy=remedy) from None
     if not re.fullmatch(_ADDRESS, address):
         raise InputError(f"{address!r} is no address of a scheduler", field="scheduler", remedy="give tcp://HOST:PORT")
     try:
-        cluster = Cluster(Client(address, timeout=patience, set_as_default=False))
+        client = Client(address, timeout=patience, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:
         said = f"no scheduler answers at {address} ({error or type(error).__name__})".replace("\n", " ")
         raise InputError(said, field="scheduler", remedy=_START) from None
     try:
-        cluster.check_version(version("bayesid"))
+        _check_version(client, version("bayesid"))
     except InputError:
-        cluster.close()
+        client.close()
         raise
-    return cluster
+    return Cluster(client)
+
+
+def _check_version(client: Any, here: str) -> None:
+    try:
+        versions = client.run(version, "bayesid")
+    except ModuleNotFoundError as error:
+        said = f"a worker has no bayesid ({error})"
+        raise InputError(said, field="scheduler", remedy="install it there") from None
+    different = next((f"{address} has {its}" for address, its in versions.items() if its != here), None)
+    if different is not None:
+        raise InputError(f"worker {different}, here is {here}", field="scheduler", remedy="install the same there")
 
 
 class Cluster:
-    """The workers of a Dask scheduler; it gives a task to others itself when a worker dies."""
+    """The workers of a Dask scheduler; it gives a task to others itself when a worker dies.
+
+    Args:
+        client: of the scheduler.
+    """
 
     attempts = 2  # of Dask's own three: another task on the same worker may have been to blame
-    lost = "WorkerDied: several workers of the cluster died of it"
 
     def __init__(self, client: Any) -> None:
         self._client = client
-        self._logger = logging.getLogger("distributed.client")  # what it logs comes as an exception here
-        self._level = self._logger.level
-        self._logger.setLevel(logging.CRITICAL)
         self._executor = client.get_executor(pure=False)
-        self._looked, self._threads = 0.0, 1
+        logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # what it logs comes as an exception here
 
-    def room(self, waiting: int) -> int:
-        """By the threads that there are now, for workers come and go; towards the end none waits behind another."""
-        now = time.monotonic()
-        if now - self._looked > _REFRESH:
-            try:
-                self._looked, self._threads = now, max(1, sum(self._client.nthreads().values()))
-            except Exception as error:  # of several types: the client may be anywhere between running and closed
-                raise LostSchedulerError(_LOST) from error
-        return _AHEAD * self._threads if waiting > _AHEAD * self._threads else self._threads
+    def __enter__(self) -> Self:
+        return self
 
-    def submit(self, function: Callable[[Any], Any], task: Any) -> Future[Answer]:
-        """To the scheduler."""
+    def __exit__(self, *_: object) -> None:
+        """Leaves the cluster; its workers stop what they do for us."""
+        with suppress(Exception):  # the scheduler may be gone
+            self._executor.shutdown(wait=False)
+        self._client.close()
+
+    def room(self) -> int:
+        """Two tasks a thread: one to run, and the next for when it ends. Workers come and go."""
         try:
-            future: Future[Answer] = self._executor.submit(attempt, function, task)
+            return 2 * max(1, sum(self._client.nthreads().values()))
+        except Exception as error:  # of several types: the client may be anywhere between running and closed
+            raise LostSchedulerError(_LOST) from error
+
+    def submit(self, function: Callable[[Any], Any], index: int, task: Any) -> Future[Outcome]:
+        """Hands out a task."""
+        try:
+            future: Future[Outcome] = self._executor.submit(attempt, function, index, task)
         except Exception as error:
             if self._client.status == "running":
                 raise
@@ -369,30 +275,7 @@ class Cluster:
         return future
 
     def died(self, failure: BaseException) -> bool:
-        """Whether workers died of it."""
+        """Whether a task failed because workers died of it."""
         from distributed import KilledWorker
 
         return isinstance(failure, KilledWorker)
-
-    def close(self) -> None:
-        """Leaves the cluster; its workers stop what they do for us."""
-        with suppress(Exception):  # the scheduler may be gone
-            self._executor.shutdown(wait=False)
-        self._client.close(timeout=_PATIENCE)
-        self._logger.setLevel(self._level)
-
-    def check_version(self, here: str) -> None:
-        """Checks that all workers have a version of bayesid.
-
-        Raises:
-            InputError: one has another, or none.
-        """
-        try:
-            versions = self._client.run(version, "bayesid")
-        except ModuleNotFoundError as error:
-            raise InputError(
-                f"a worker has no bayesid ({error})", field="scheduler", remedy="install it there"
-            ) from None
-        different = next((f"{address} has {its}" for address, its in versions.items() if its != here), None)
-        if different is not None:
-            raise InputError(f"worker {different}, here is {here}", field="scheduler", remedy="install the same there")

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from bayesid.study.names import STUDIES
+from bayesid.study import STUDIES
 
 DOCS = Path(__file__).parents[2] / "docs"
 sys.path.insert(0, str(DOCS))

@@ -132,12 +132,12 @@ def test_a_scheduler_that_is_gone():
     executor = SimpleNamespace(submit=gone)
     client = SimpleNamespace(nthreads=gone, status="closing", get_executor=lambda pure: executor)
     pool = Cluster(client)
-    for call in (lambda: pool.room(1), lambda: pool.submit(do, ("square", 1))):
+    for call in (lambda: pool.room(), lambda: pool.submit(do, 0, ("square", 1))):
         with pytest.raises(LostSchedulerError):
             call()
     client.status = "running"
     with pytest.raises(AttributeError):
-        pool.submit(do, ("square", 1))
+        pool.submit(do, 0, ("square", 1))
 
 
 def refusal(call=None, **where):

@@ -30,9 +30,8 @@ from bayesid import cli, studies
 from bayesid.cli.terminal import in_options
 from bayesid.errors import InputError
 from bayesid.studies import load, real, real_discrepancy
-from bayesid.study import runner
+from bayesid.study import STUDIES, runner
 from bayesid.study import study as machinery
-from bayesid.study.names import STUDIES
 from bayesid.study.record import read_rows
 from bayesid.study.runner import Outcome
 from bayesid.study.study import in_turn, run_study

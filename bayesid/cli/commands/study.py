@@ -9,8 +9,7 @@ from bayesid.cli.progress import CountBar
 from bayesid.cli.terminal import show, warn
 from bayesid.errors import BayesidError, InputError
 from bayesid.studies import load
-from bayesid.study.results import check_results, save_results
-from bayesid.study.study import run_study
+from bayesid.study.study import check_results, run_study, save_results
 
 
 def run(options: argparse.Namespace) -> None:
