@@ -35,9 +35,9 @@ from .identification.validation import Validation as Validation
 from .log.gains import Gains as Gains
 from .log.log import Log as Log
 from .log.log import join_logs as join_logs
-from .log.log import read_log as read_log
 from .log.log import write_log as write_log
-from .log.motions import read_motion as read_motion
+from .log.reading import read_log as read_log
+from .log.reading import read_motion as read_motion
 from .log.segments import Cutting as Cutting
 from .monitor.accumulator import Accumulator as Accumulator
 from .monitor.alarms import Alarm as Alarm

@@ -31,7 +31,8 @@ from bayesid.identification.identification import Identification
 from bayesid.identification.options import Completeness
 from bayesid.identification.pipeline import identify
 from bayesid.identification.prediction import NORMAL_95
-from bayesid.log.log import Log, read_log
+from bayesid.log.log import Log
+from bayesid.log.reading import read_log
 from bayesid.posterior.sampler import Sampling
 from bayesid.regression.knowledge import Beliefs
 from bayesid.robot import Robot, load_robot

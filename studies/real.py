@@ -32,7 +32,8 @@ from bayesid.errors import InputError
 from bayesid.identification.identification import Identification
 from bayesid.identification.options import Completeness
 from bayesid.identification.pipeline import identify
-from bayesid.log.log import Log, read_log
+from bayesid.log.log import Log
+from bayesid.log.reading import read_log
 from bayesid.log.signals import lowpass, prepare
 from bayesid.posterior.sampler import Sampling
 from bayesid.regression.evidence import Evidence

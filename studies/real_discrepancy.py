@@ -17,7 +17,7 @@ from bayesid.discrepancy.workflow import find_discrepancy
 from bayesid.effects import STANDARD
 from bayesid.errors import InputError
 from bayesid.identification.pipeline import QUICK, identify
-from bayesid.log.log import read_log
+from bayesid.log.reading import read_log
 from bayesid.regression.selection.explanation import LN10
 from bayesid.signs.search.certified import Certified
 from bayesid.studies.real import DATA

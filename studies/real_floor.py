@@ -18,7 +18,8 @@ import numpy as np
 from bayesid.errors import InputError
 from bayesid.identification.identification import Identification
 from bayesid.identification.pipeline import identify
-from bayesid.log.log import Log, read_log
+from bayesid.log.log import Log
+from bayesid.log.reading import read_log
 from bayesid.studies import real
 from bayesid.study.record import Row
 from bayesid.study.study import Study

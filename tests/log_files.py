@@ -13,7 +13,7 @@ from scipy.io import savemat
 
 from bayesid.cli.terminal import in_options
 from bayesid.errors import InputError
-from bayesid.log.log import read_log
+from bayesid.log.reading import read_log
 
 
 def smooth_recording(n=3, rows=300, rate=100.0):

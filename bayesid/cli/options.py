@@ -19,8 +19,8 @@ from bayesid.errors import BayesidError, InputError, printable
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.log.formats.stated import parse_columns
 from bayesid.log.gains import Gains
-from bayesid.log.log import Log, read_log
-from bayesid.log.motions import RecordedMotion, read_motion
+from bayesid.log.log import Log, RecordedMotion
+from bayesid.log.reading import read_log, read_motion
 from bayesid.posterior.sampler import Sampling
 from bayesid.regression.knowledge import Beliefs, KinematicTolerance, Links, read_nominal
 from bayesid.robot import Robot, load_robot
@@ -69,7 +69,7 @@ def reading_options(options: argparse.Namespace, identified: IdentifiedModel | N
 
 
 def motion_options(options: argparse.Namespace) -> dict[str, Any]:
-    """Keyword arguments of `bayesid.log.motions.read_motion`."""
+    """Keyword arguments of `bayesid.log.reading.read_motion`."""
     joints = None if options.joints is None else [name.strip() for name in options.joints.split(",")]
     columns = None if options.columns is None else parse_columns(options.columns)
     return {"joints": joints, "columns": columns, "degrees": options.degrees, "topic": options.topic}

@@ -13,7 +13,7 @@ from typing import Any
 from bayesid.cli.parser import MASS_SD
 from bayesid.errors import InputError, near_names, printable
 from bayesid.files.bounded import LARGEST, read_source, toml_of
-from bayesid.log.log import find_logs
+from bayesid.log.reading import find_logs
 from bayesid.motion import check_label
 
 _USUAL = "payload"

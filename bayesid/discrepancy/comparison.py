@@ -33,7 +33,8 @@ from bayesid.identification.pipeline import identify, identify_alone
 from bayesid.identification.provenance import hashes
 from bayesid.identification.validation import check_joints
 from bayesid.log.dates import Dates, dates_of
-from bayesid.log.log import Log, LogSource, as_log, check_exact_gains
+from bayesid.log.log import Log, check_exact_gains
+from bayesid.log.reading import LogSource, as_log
 from bayesid.parallel import one_blas_thread
 from bayesid.posterior.sampler import Sampling
 from bayesid.progress import SILENT, Progress

@@ -25,7 +25,8 @@ from bayesid.identification.identification import Identification
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.options import Preparation, call_of, call_of_log
 from bayesid.identification.pipeline import QUICK, identify_again
-from bayesid.log.log import Log, LogSource, as_log
+from bayesid.log.log import Log
+from bayesid.log.reading import LogSource, as_log
 from bayesid.log.signals import prepare
 from bayesid.parallel import one_blas_thread
 from bayesid.posterior.sampler import Sampling

@@ -21,7 +21,7 @@ from bayesid.effects.model import Model
 from bayesid.errors import InputError
 from bayesid.excitation.expectation import Expectation, check_noise, expect, undecided
 from bayesid.excitation.resolvability import INDEPENDENT, JointFlips, SegmentFlips, groups_of, mistaken, turn_measured
-from bayesid.log.log import LogSource, as_log
+from bayesid.log.reading import LogSource, as_log
 from bayesid.log.segments import Segments, find_segments
 from bayesid.log.signals import Signals, prepare
 from bayesid.parallel import one_blas_thread

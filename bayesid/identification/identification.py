@@ -21,7 +21,8 @@ from bayesid.identification.provenance import Provenance
 from bayesid.identification.recorded import recorded_segments
 from bayesid.identification.records import Coefficient, ParameterValue, Records, SegmentSign, named
 from bayesid.identification.validation import Validation
-from bayesid.log.log import Log, LogSource
+from bayesid.log.log import Log
+from bayesid.log.reading import LogSource
 from bayesid.log.segments import Segments
 from bayesid.log.signals import Signals
 from bayesid.posterior.inference import Posterior

@@ -26,7 +26,8 @@ from bayesid.identification.prediction import (
 )
 from bayesid.identification.provenance import hashes
 from bayesid.identification.validation import Validation, check_joints, compare
-from bayesid.log.log import Log, LogSource, as_log, check_exact_gains
+from bayesid.log.log import Log, check_exact_gains
+from bayesid.log.reading import LogSource, as_log
 from bayesid.log.signals import prepare
 from bayesid.motion import Motion
 from bayesid.regression.knowledge import Knowledge

@@ -34,7 +34,8 @@ from bayesid.identification.unchanged import UnchangedCheck, check_unchanged
 from bayesid.identification.validation import check_joints
 from bayesid.identification.warnings import edge_warning
 from bayesid.log.gains import gains_of
-from bayesid.log.log import Log, LogSource, as_log
+from bayesid.log.log import Log
+from bayesid.log.reading import LogSource, as_log
 from bayesid.log.signals import still_joints
 from bayesid.parallel import one_blas_thread
 from bayesid.posterior.inference import Posterior

@@ -36,7 +36,8 @@ from bayesid.identification.other_readings import suspected_reading
 from bayesid.identification.provenance import hashes, record_provenance
 from bayesid.identification.recorded import segment_signs
 from bayesid.identification.warnings import warnings_of
-from bayesid.log.log import Log, LogSource, as_log, check_exact_gains
+from bayesid.log.log import Log, check_exact_gains
+from bayesid.log.reading import LogSource, as_log
 from bayesid.log.segments import Segments, find_segments
 from bayesid.log.signals import Signals, prepare, still_joints
 from bayesid.parallel import one_blas_thread

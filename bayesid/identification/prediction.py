@@ -16,8 +16,8 @@ from bayesid.errors import InputError
 from bayesid.files.tables import numbered, write_columns
 from bayesid.files.writing import replace_file
 from bayesid.log.formats.memory import Frame, Variables
-from bayesid.log.log import Log
-from bayesid.log.motions import GIVEN, RecordedMotion, motion_of_arrays, motion_of_log, motion_of_variables, read_motion
+from bayesid.log.log import GIVEN, Log, RecordedMotion, motion_of_log
+from bayesid.log.reading import motion_of_arrays, motion_of_variables, read_motion
 from bayesid.log.signals import filtered_motion
 from bayesid.motion import Motion
 from bayesid.regression.knowledge import scale_of

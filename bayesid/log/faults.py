@@ -18,44 +18,8 @@ import scipy
 from numpy.lib.stride_tricks import sliding_window_view
 
 from bayesid.arrays import Array, Integers, Mask
+from bayesid.log.tuning import TUNING
 from bayesid.motion import STANDSTILL
-
-_TIMES = 5.0
-"""An effort or a velocity this many times all but one of its neighbours is an outlier. The brake at the end of a log of
-a UR10e gives a single sample 3.9 times its neighbours, no other of nine real logs as much."""
-_STEPS = 10.0
-"""A reading that departs from both sides by this many steps of its neighbours is an outlier, a position by that alone;
-positions of nine real logs depart by 2."""
-_NEIGHBOURS = 8
-"""Runs on either side that an outlier is compared with: enough for a median past a second outlier. Not studied."""
-_WEAK = 0.05
-"""Share of a channel's 99th percentile below which an outlier does no harm: as for samples whose sign counts."""
-_SLIGHT = 1e-3
-"""Share of a joint's range below which a jump of its position does no harm. A round number; not studied."""
-DROPOUT = 0.05
-"""s; a run is no dropout if it is shorter: the shortest that transports and drives are known for; interpolation between
-its ends would do little harm."""
-_FEWEST = 4
-"""Rows of a dropout: equal neighbours are no rarity in slow logs. A round number; not studied."""
-_SHORTEST = 3
-"""Rows of a recording in which faults are looked for: fewer have no step to compare."""
-_UNUSUAL = 4.0
-"""A dropout lasts this many times what all but a twentieth of a channel's runs last. A round number; not studied."""
-_ABRUPT = 4.0
-"""Steps by which a channel catches up after a dropout, or changes of speed by which it stops. A round number; nine real
-logs have no run of 50 ms in motion at all."""
-_CLEARLY_MOVING = 0.2
-"""Share of a joint's usual top speed from which on it does not stop between two rows. A round number; not studied."""
-_STEADY = 1e-3
-"""Share by which a speed must vary over a dropout: in a simulation without noise a steady motion needs a constant
-effort. A round number; not studied."""
-_PAST_BLIND = 3.0
-"""Times the least reading that is not zero, within which a sensor with a dead zone may fall to zero. A round number;
-not studied."""
-_BLOCK = 1 << 14
-"""Readings that are compared with their neighbours at once, in a processor's cache. It costs time and memory alone."""
-_NAMED = 3
-"""Instants that a line names."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +49,7 @@ class Fault:
 
     def __str__(self) -> str:
         """A line for the user: joint, what, how much and when."""
-        when = ", ".join(f"{t:.3f}" for t in self.start[:_NAMED]) + (" ..." if len(self.start) > _NAMED else "")
+        when = ", ".join(f"{t:.3f}" for t in self.start[:3]) + (" ..." if len(self.start) > 3 else "")
         if self.reading == "row":
             said = f"all joints: all readings are zero for {self.seconds:.3g} s in all, at {when} s"
             return f"{said}; these rows are dropped"
@@ -130,8 +94,8 @@ class _Runs:
     def long(self, period: float) -> Integers:
         """Runs that last as long as a dropout, and much longer than others."""
         usual = float(np.quantile(self.seconds, 0.95)) if len(self.value) > 1 else period
-        least = max(DROPOUT - 0.5 * period, _UNUSUAL * usual)
-        return np.flatnonzero((self.seconds >= least) & (np.diff(self.first) >= _FEWEST))
+        least = max(TUNING.dropout - 0.5 * period, TUNING.unusual * usual)
+        return np.flatnonzero((self.seconds >= least) & (np.diff(self.first) >= TUNING.dropout_rows))
 
 
 def find_faults(
@@ -149,7 +113,7 @@ def find_faults(
     found: dict[tuple[int, str, str], Fault] = {}
     for first, stop in zip(starts, [*starts[1:], len(t)], strict=True):
         rows = slice(first, stop)
-        if stop - first < _SHORTEST:
+        if stop - first < 3:
             continue
         for fault in _of_recording(t[rows], q[rows], effort[rows], None if dq is None else dq[rows]):
             key, here = (fault.joint, fault.reading, fault.kind), replace(fault, rows=fault.rows + first)
@@ -187,7 +151,9 @@ def lost_rows(t: Array, q: Array, effort: Array, dq: Array | None = None) -> tup
     if not len(edges):
         return np.empty(0, dtype=np.int64), ()
     steps, periods = np.abs(np.diff(q, axis=0)), np.diff(t)
-    jumps = (steps > np.maximum(_STEPS * np.percentile(steps, 95, axis=0), _SLIGHT * np.ptp(q, axis=0))).any(axis=1)
+    jumps = (
+        steps > np.maximum(TUNING.outlier_steps * np.percentile(steps, 95, axis=0), TUNING.slight * np.ptp(q, axis=0))
+    ).any(axis=1)
     beside = periods < 2.0 * np.median(periods)  # else there is a pause, or another log begins
     sides = [[k for k in (first - 1, stop - 1) if 0 <= k < len(steps) and beside[k]] for first, stop in edges]
     lost = edges[[bool(both) and bool(jumps[both].all()) for both in sides]]
@@ -210,7 +176,7 @@ def without(t: Array, reading: Array, known: Mask, smooth: bool = True) -> Array
     between = ~known & np.logical_or.accumulate(known) & np.logical_or.accumulate(known[::-1])[::-1]
     filled = np.array(reading)
     if between.any():
-        bent = smooth and known.sum() > _NEIGHBOURS
+        bent = smooth and known.sum() > TUNING.neighbours
         spline = scipy.interpolate.CubicSpline if bent else scipy.interpolate.PchipInterpolator
         filled[between] = spline(t[known], reading[known])(t[between])
     return filled
@@ -240,23 +206,25 @@ def _peaks(t: Array, reading: Array) -> Integers:
     """Rows of an effort or a velocity that are many times their neighbours."""
     runs = _Runs.of(t, reading)
     size = np.abs(runs.value)
-    if len(size) <= 2 * _NEIGHBOURS:
+    if len(size) <= 2 * TUNING.neighbours:
         return np.empty(0, dtype=np.int64)
     around = _by_blocks(lambda _, sides: np.partition(np.hstack(sides), -2, axis=1)[:, -2], size)
     steps = _by_blocks(lambda _, sides: _usual_step(*sides), runs.value)
-    least = np.maximum(_TIMES * around, around + _STEPS * steps)
-    strong = size >= _WEAK * np.percentile(np.abs(reading), 99)
-    return runs.rows((size > 0.0) & strong & (size >= least) & (runs.seconds < DROPOUT))
+    least = np.maximum(TUNING.outlier * around, around + TUNING.outlier_steps * steps)
+    strong = size >= TUNING.weak * np.percentile(np.abs(reading), 99)
+    return runs.rows((size > 0.0) & strong & (size >= least) & (runs.seconds < TUNING.dropout))
 
 
 def _jumps(t: Array, position: Array) -> Integers:
     """Rows of a position that lie far off on the same side of what comes before and after."""
     runs = _Runs.of(t, position)
-    if len(runs.value) <= 2 * _NEIGHBOURS:
+    if len(runs.value) <= 2 * TUNING.neighbours:
         return np.empty(0, dtype=np.int64)
     departs = _by_blocks(_departs, runs.value)
-    least = np.maximum(_slight(position), _STEPS * _by_blocks(lambda _, sides: _usual_step(*sides), runs.value))
-    return runs.rows((departs > 0.0) & (departs >= least) & (runs.seconds < DROPOUT))
+    least = np.maximum(
+        _slight(position), TUNING.outlier_steps * _by_blocks(lambda _, sides: _usual_step(*sides), runs.value)
+    )
+    return runs.rows((departs > 0.0) & (departs >= least) & (runs.seconds < TUNING.dropout))
 
 
 _Sides: TypeAlias = tuple[Array, Array]
@@ -265,11 +233,11 @@ _Sides: TypeAlias = tuple[Array, Array]
 
 def _by_blocks(of: Callable[[Array, _Sides], Array], values: Array) -> Array:
     """(R,) what becomes of values (R,) and of those beside each, reflected at both ends: in bounded memory."""
-    windows = sliding_window_view(np.pad(values, _NEIGHBOURS, mode="reflect"), 2 * _NEIGHBOURS + 1)
+    windows = sliding_window_view(np.pad(values, TUNING.neighbours, mode="reflect"), 2 * TUNING.neighbours + 1)
     found = []
-    for start in range(0, len(values), _BLOCK):
-        some = windows[start : start + _BLOCK]
-        found.append(of(some[:, _NEIGHBOURS], (some[:, :_NEIGHBOURS], some[:, _NEIGHBOURS + 1 :])))
+    for start in range(0, len(values), TUNING.block):
+        some = windows[start : start + TUNING.block]
+        found.append(of(some[:, TUNING.neighbours], (some[:, : TUNING.neighbours], some[:, TUNING.neighbours + 1 :])))
     return np.concatenate(found)
 
 
@@ -288,7 +256,7 @@ def _usual_step(before: Array, after: Array) -> Array:
 
 def _slight(position: Array) -> float:
     """A jump of a position that does no harm."""
-    return _SLIGHT * float(np.ptp(np.percentile(position, [1, 99])))
+    return TUNING.slight * float(np.ptp(np.percentile(position, [1, 99])))
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -298,19 +266,24 @@ def _stopped(t: Array, position: Array) -> Integers:
     """Rows of a position that stands still and then catches up, or comes to rest between two rows for good."""
     runs, period = _Runs.of(t, position), float(np.median(np.diff(t)))
     count, chosen = len(runs.value), np.zeros(len(runs.value), dtype=bool)
-    if count <= 2 * _NEIGHBOURS:
+    if count <= 2 * TUNING.neighbours:
         return np.empty(0, dtype=np.int64)
     steps = np.abs(np.diff(runs.value))
     speed = np.abs(np.diff(position)) / np.diff(t)
-    fast = _CLEARLY_MOVING * float(np.percentile(speed, 95))
+    fast = TUNING.clearly_moving * float(np.percentile(speed, 95))
     for k in runs.long(period):
-        before, after = steps[max(0, k - 1 - _NEIGHBOURS) : max(0, k - 1)], steps[k + 1 : k + 1 + _NEIGHBOURS]
+        before, after = (
+            steps[max(0, k - 1 - TUNING.neighbours) : max(0, k - 1)],
+            steps[k + 1 : k + 1 + TUNING.neighbours],
+        )
         if 0 < k < count - 1:
             usual = max((float(np.median(side)) for side in (before, after) if side.size), default=np.inf)
-            chosen[k] = steps[k] > max(_ABRUPT * usual, _slight(position))
+            chosen[k] = steps[k] > max(TUNING.abrupt * usual, _slight(position))
         else:
             moving = speed[: runs.first[k]] if k else speed[runs.first[1] - 1 :][::-1]
-            chosen[k] = np.median(moving[-_NEIGHBOURS:]) > max(fast, _ABRUPT * np.abs(np.diff(moving)).max())
+            chosen[k] = np.median(moving[-TUNING.neighbours :]) > max(
+                fast, TUNING.abrupt * np.abs(np.diff(moving)).max()
+            )
     return runs.repeated(chosen)
 
 
@@ -322,7 +295,7 @@ def _dropouts(t: Array, effort: Array, speed: Array) -> dict[str, Integers]:
     for k in runs.long(period):
         inside = speed[runs.first[k] : runs.first[k + 1]]
         seconds = moving[runs.first[k] : runs.first[k + 1]].mean() * runs.seconds[k]
-        if seconds >= DROPOUT - 0.5 * period and np.ptp(inside) > _STEADY * inside.max():
+        if seconds >= TUNING.dropout - 0.5 * period and np.ptp(inside) > TUNING.steady * inside.max():
             if runs.value[k] == 0.0:
                 zero[k] = _falls(runs.value, k)
             else:
@@ -335,8 +308,8 @@ def _falls(values: Array, k: int) -> bool:
     size = np.abs(values)
     if not size.any():
         return True
-    before, after = size[max(0, k - _NEIGHBOURS) : k], size[k + 1 : k + 1 + _NEIGHBOURS]
+    before, after = size[max(0, k - TUNING.neighbours) : k], size[k + 1 : k + 1 + TUNING.neighbours]
     edges = np.concatenate([before[-1:], after[:1]])
     steps = np.abs(np.concatenate([np.diff(before), np.diff(after)]))
     step, blind = (float(np.median(steps)) if steps.size else 0.0), float(size[size > 0.0].min())
-    return bool(edges.min() > max(_ABRUPT * step, _PAST_BLIND * blind))
+    return bool(edges.min() > max(TUNING.abrupt * step, TUNING.past_blind * blind))

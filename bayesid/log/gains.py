@@ -19,15 +19,13 @@ import numpy as np
 from bayesid.arrays import Array, Mask, frozen
 from bayesid.errors import InputError
 from bayesid.files.bounded import read_source
-from bayesid.log.formats.table import ABSURD
+from bayesid.log.tuning import TUNING
 
 UNKNOWN = "unknown"
 """In the place of a gain, or of all."""
 _REMEDY = (
     f"give one gain a joint, as in 12,16~20%,{UNKNOWN}, or '{UNKNOWN}' for all, or a CSV file with the columns gain,sd"
 )
-_MOST = 1.0
-"""Relative standard deviation up to which a gain is uncertain; beyond it, it is unknown. A round number."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +51,7 @@ class Gains:
 
     def __post_init__(self) -> None:
         value, sd = np.array(self.value, dtype=float), np.array(self.sd, dtype=float)
-        if not np.all((np.abs(value) < ABSURD) & (value != 0.0)):
+        if not np.all((np.abs(value) < TUNING.absurd) & (value != 0.0)):
             raise InputError("a gain is zero or not finite", field="gains", remedy="give one gain per joint, N m/A")
         object.__setattr__(self, "value", frozen(value, (None,), "gains"))
         if sd.shape != self.value.shape or not np.all(sd >= 0.0):
@@ -174,9 +172,10 @@ def _pair(word: str, text: str) -> tuple[float, float]:
 
 
 def _checked(relative: float, word: str) -> float:
-    if not 0.0 <= relative <= _MOST:
+    if not 0.0 <= relative <= TUNING.most_uncertain_gain:
+        remedy = f"give 0 to {100.0 * TUNING.most_uncertain_gain:.0f} %, or {UNKNOWN}"
         said = f"{word} is uncertain by {100.0 * relative:.3g} %"
-        raise InputError(said, field="gains", remedy=f"give 0 to {100.0 * _MOST:.0f} %, or {UNKNOWN}")
+        raise InputError(said, field="gains", remedy=remedy)
     return relative
 
 

@@ -9,9 +9,7 @@ import scipy
 from scipy.special import ndtr
 
 from bayesid.arrays import Array
-
-_MEMORY = 3.0
-"""Periods of the cut-off after which a response has died out: to e^-13 at least, for orders one and two."""
+from bayesid.log.tuning import TUNING
 
 
 @dataclass(frozen=True, order=True)
@@ -46,7 +44,7 @@ class LowPass:
 
     def autocovariance(self, memory: float, lags: int, rate: float) -> Array:
         """(lags,) of noise of variance 1 that has passed it; the noise's correlation from sample to sample is given."""
-        reach = int(np.ceil(_MEMORY * rate / self.cutoff))
+        reach = int(np.ceil(TUNING.filter_memory * rate / self.cutoff))
         impulse = np.zeros(2 * reach + 1)
         impulse[reach] = 1.0
         response = self.apply(impulse, rate)

@@ -18,16 +18,8 @@ import scipy
 from bayesid.arrays import Array, Integers, Mask
 from bayesid.errors import InputError
 from bayesid.log.signals import Signals
+from bayesid.log.tuning import TUNING
 from bayesid.motion import Motion
-
-_JUMP = 0.1
-"""Share of the 99th percentile by which the slope must jump, over half a period of the efforts' cut-off. Set by hand;
-not studied."""
-_JERK = 0.5
-"""Share of its 99th percentile by which the acceleration must jump within one period of the efforts' cut-off. A round
-number; not studied."""
-_CEILING = 0.35
-"""Share of the 99th percentile above which no minimum is a zero in disguise. Set by hand; not studied."""
 
 
 @dataclass(frozen=True)
@@ -179,14 +171,14 @@ def _jerks(acceleration: Array, span: int) -> set[int]:
     scale = np.percentile(np.abs(acceleration), 99)
     jump = np.zeros_like(acceleration)
     jump[span:-span] = np.abs(acceleration[2 * span :] - acceleration[: -2 * span])
-    peaks, _ = scipy.signal.find_peaks(jump, height=_JERK * scale, distance=2 * span)
+    peaks, _ = scipy.signal.find_peaks(jump, height=TUNING.acceleration_jump * scale, distance=2 * span)
     return {int(i) for i in peaks}
 
 
 def _minima(magnitude: Array, prominence: float) -> set[int]:
     """Prominent low minima of |effort|."""
     scale = np.percentile(magnitude, 99)
-    peaks, _ = scipy.signal.find_peaks(-magnitude, prominence=prominence * scale, height=-_CEILING * scale)
+    peaks, _ = scipy.signal.find_peaks(-magnitude, prominence=prominence * scale, height=-TUNING.zero_ceiling * scale)
     return {int(i) for i in peaks}
 
 
@@ -196,7 +188,7 @@ def _slope_jumps(magnitude: Array, span: int, known: set[int]) -> set[int]:
     jump = np.zeros_like(magnitude)
     jump[span:-span] = magnitude[2 * span :] - 2.0 * magnitude[span:-span] + magnitude[: -2 * span]
     peaks, _ = scipy.signal.find_peaks(
-        np.where(magnitude < _CEILING * scale, jump, 0.0), height=_JUMP * scale, distance=span
+        np.where(magnitude < TUNING.zero_ceiling * scale, jump, 0.0), height=TUNING.slope_jump * scale, distance=span
     )
     places = np.array(sorted(known))
     return {int(i) for i in peaks if not places.size or np.abs(places - i).min() > span}

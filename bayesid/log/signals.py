@@ -17,36 +17,14 @@ import scipy
 from bayesid.arrays import Array, Integers, Mask
 from bayesid.errors import InputError
 from bayesid.log.faults import Fault, find_faults, lost_rows, without
-from bayesid.log.formats.table import FEWEST_ROWS
-from bayesid.log.log import Log
+from bayesid.log.formats.table import distinct_rows
+from bayesid.log.log import Log, RecordedMotion, motion_of_log
 from bayesid.log.low_pass import AfterRectifier
-from bayesid.log.motions import RecordedMotion, motion_of_log
-from bayesid.log.repeats import HELD, distinct_rows
+from bayesid.log.tuning import TUNING
 from bayesid.motion import Motion
 
-_ORDER = 4
-"""Butterworth order; run forwards and backwards, so the attenuation is that of twice the order. The field's custom."""
-_ENCODER = 1e-3
-"""rad, or m; a joint that never leaves this range shows its encoder's noise, which says nothing about the motion."""
-_SLOWEST = 5.0
-"""Hz; no cut-off is chosen below it: friction's steps are faster than any motion. A round number; not studied."""
 _DIGITS = 10
 """Of a period: a difference of two stamps is rounded, 0.010000000000001563 s are 10 ms."""
-_FEWEST_ALLOWED, _EMPTIEST = 1_000_000, 20
-"""Samples that an even grid may have, whatever the log, and samples a row from there on: an emptier one comes of stamps
-in bursts, or of pauses of hours. Round numbers; a million samples fit any machine."""
-_LONG = 100_000
-"""Samples from which on a long log is thinned, motion and efforts being filtered before: it leaves little doubt about
-parameters, and what is done sample by sample takes milliseconds each. A round number; not studied."""
-_LEAST_OVER_CUTOFF = 6.0
-"""Rate that a thinned log keeps at least, over the motion's cut-off: three times that of the efforts' low-pass. Not
-studied."""
-_PAUSE = 2 * HELD
-"""Periods without a reading from which on a log pauses: what would be interpolated is left out. Not studied."""
-_EVENED = 51
-"""Rows over which jittering time stamps are evened out: half a second at the usual 100 Hz. Not studied."""
-_SMOOTHER = 0.25
-"""Evened stamps are used where they divide the positions' roughness by four or more. A round number; not studied."""
 
 
 @dataclass(frozen=True)
@@ -134,7 +112,7 @@ def prepare(log: Log, cutoff: float | None = None) -> Signals:
         "cutoff_hz": cutoff,
         "cutoff_chosen_from": "data" if chosen else "user",
         "effort_cutoff_hz": _effort_cutoff(cutoff, rate),
-        "filter": f"zero-phase Butterworth, order {_ORDER} each way",
+        "filter": f"zero-phase Butterworth, order {TUNING.filter_order} each way",
         "velocity": "measured" if mended.motion.dq is not None else "differentiated",
     }
     kept = _thinned(len(grid), rate, cutoff)
@@ -167,13 +145,15 @@ def _efforts(even: _EvenMotion, recorded: Array, signed: Mask, cutoff: float, ke
 
 def still_joints(q: Array) -> Mask:
     """(n,) joints that never move by positions (N, n): they stay within an encoder's noise; () by one's (N,)."""
-    still: Mask = np.ptp(q, axis=0) <= _ENCODER
+    still: Mask = np.ptp(q, axis=0) <= TUNING.encoder
     return still
 
 
 def _thinned(size: int, rate: float, cutoff: float) -> slice:
-    """One sample in so many that a long log has no more than `_LONG`, as far as its cut-off allows."""
-    return slice(None, None, max(1, min(-(-size // _LONG), int(rate / (_LEAST_OVER_CUTOFF * cutoff)))))
+    """One sample in so many that a long log has few, as far as its cut-off allows."""
+    return slice(
+        None, None, max(1, min(-(-size // TUNING.thinned_from), int(rate / (TUNING.least_over_cutoff * cutoff))))
+    )
 
 
 def filtered_motion(recorded: RecordedMotion, cutoff: float | None = None) -> Motion:
@@ -265,7 +245,7 @@ def _unfaulted(grid: Array, t: Array, mended: _Mended, margin: float) -> Mask:
         elif reading == "position":
             ends = np.flatnonzero(np.diff(np.concatenate([[True], known, [True]])))
             for first, stop in ends.reshape(-1, 2):
-                if stop - first > _PAUSE:
+                if stop - first > 2 * TUNING.held_periods:
                     last = t[min(stop, len(t) - 1)] + margin * (stop < len(t))
                     unfaulted &= ((grid < t[first] - margin) | (grid > last))[:, None]
     return unfaulted
@@ -335,12 +315,12 @@ def _on_even_grid(recorded: RecordedMotion) -> _EvenMotion:
     t, source = _instants(recorded.t, recorded.q), recorded.source
     rate = 1.0 / float(f"{np.median(np.diff(t)):.{_DIGITS}g}")
     size = (t[-1] - t[0]) * rate * (1 + 1e-9) + 1.0
-    if size > max(_FEWEST_ALLOWED, _EMPTIEST * len(t)):
+    if size > max(TUNING.grid_always, TUNING.grid_per_row * len(t)):
         apart = f"{len(t)} instants over {t[-1] - t[0]:.6g} s, {1.0 / rate:.3g} s apart as a rule"
         remedy = "give each row its own time, or cut the log at its pauses and give its parts as several logs"
         raise InputError(f"{apart}, lie on {size:.3g} even ones", source, remedy)
     grid = t[0] + np.arange(int(size)) / rate
-    if len(grid) < FEWEST_ROWS:
+    if len(grid) < TUNING.fewest_rows:
         raise InputError(f"only {len(grid)} distinct instants", source, "record a longer log")
     return _EvenMotion(recorded, t, grid, rate)
 
@@ -397,7 +377,7 @@ def _extrapolate(values: Array, places: Integers) -> Array:
 
 
 def _sections(cutoff: float, rate: float) -> Array:
-    return scipy.signal.butter(_ORDER, cutoff, fs=rate, output="sos")
+    return scipy.signal.butter(TUNING.filter_order, cutoff, fs=rate, output="sos")
 
 
 def choose_cutoff(q: Array, dq: Array | None, rate: float) -> float:
@@ -412,7 +392,7 @@ def choose_cutoff(q: Array, dq: Array | None, rate: float) -> float:
 def _choose_cutoff(joints: Iterable[tuple[Array, Array | None]], rate: float) -> float:
     """By (N,) positions of each joint, rad, and (N,) velocities, rad/s, or None."""
     bandwidths = [_bandwidth(q, dq, rate) for q, dq in joints if not still_joints(q)]
-    return float(np.clip(10.0 * max(bandwidths, default=0.0), min(_SLOWEST, 0.4 * rate), 0.4 * rate))
+    return float(np.clip(10.0 * max(bandwidths, default=0.0), min(TUNING.slowest_cutoff, 0.4 * rate), 0.4 * rate))
 
 
 def _bandwidth(q: Array, dq: Array | None, rate: float) -> float:
@@ -429,11 +409,11 @@ def _instants(t: Array, q: Array) -> Array:
     A logger's stamps may jitter while the controller samples evenly. Each position is predicted from its two
     neighbours, once with either instants; jitter of the stamps alone makes the prediction worse.
     """
-    window = min(_EVENED, (len(t) - 1) // 2 * 2 + 1)
-    if np.diff(t).max() > HELD * np.median(np.diff(t)):
+    window = min(TUNING.evened_rows, (len(t) - 1) // 2 * 2 + 1)
+    if np.diff(t).max() > TUNING.held_periods * np.median(np.diff(t)):
         return t
     even = t[0] + scipy.signal.savgol_filter(t - t[0], window, 1)
-    if np.diff(even).min() <= 0.0 or _roughness(even, q) > _SMOOTHER * _roughness(t, q):
+    if np.diff(even).min() <= 0.0 or _roughness(even, q) > TUNING.smoother * _roughness(t, q):
         return t
     return even
 
@@ -449,6 +429,6 @@ def _measured(grid: Array, t: Array, margin: float) -> Mask:
     """(N,) whether an instant is farther than `margin`, s, from every pause of the log."""
     periods = np.diff(t)
     measured = np.ones(len(grid), dtype=bool)
-    for k in np.flatnonzero(periods > _PAUSE * np.median(periods)):
+    for k in np.flatnonzero(periods > 2 * TUNING.held_periods * np.median(periods)):
         measured &= (grid < t[k] - margin) | (grid > t[k + 1] + margin)
     return measured

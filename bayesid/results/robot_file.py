@@ -14,8 +14,8 @@ from typing import Any
 import tomli_w
 
 from bayesid.errors import InputError
+from bayesid.log.formats.labels import factor_of, split_brackets
 from bayesid.log.formats.text import Layout, look
-from bayesid.log.formats.units import factor_of, split_brackets
 from bayesid.robot import robot_from_table
 
 _ALPHA, _THETA, _MINUS = "\N{GREEK SMALL LETTER ALPHA}", "\N{GREEK SMALL LETTER THETA}", "\N{MINUS SIGN}"

@@ -18,8 +18,8 @@ from bayesid.files.tables import save_table
 from bayesid.files.writing import check_place
 from bayesid.identification.identification import Identification
 from bayesid.identification.pipeline import identify
-from bayesid.log.formats.streams import is_stream
-from bayesid.log.log import read_log
+from bayesid.log.formats import is_stream
+from bayesid.log.reading import read_log
 from bayesid.report.tables import coefficient_rows
 from bayesid.results.agreement import Agreement, agreement
 from bayesid.results.agreement import rows as agreement_rows

@@ -39,7 +39,8 @@ from bayesid.errors import SolverError
 from bayesid.identification.identification import Identification
 from bayesid.identification.options import Completeness
 from bayesid.identification.pipeline import identify
-from bayesid.log.log import Log, read_log
+from bayesid.log.log import Log
+from bayesid.log.reading import read_log
 from bayesid.posterior.sampler import Sampling
 from bayesid.robot import Robot, load_robot
 from bayesid.signs.search.beam import Beam

@@ -51,7 +51,7 @@ from bayesid.arrays import Array
 from bayesid.effects.parameters import Cone
 from bayesid.identification.identification import Identification
 from bayesid.identification.pipeline import identify
-from bayesid.log.log import read_log
+from bayesid.log.reading import read_log
 from bayesid.posterior.diagnostics import Diagnostics, diagnose
 from bayesid.posterior.moves import Conditional
 from bayesid.posterior.sampler import Sampling, sample

@@ -19,7 +19,8 @@ from bayesid.effects.coefficients import BaseCoefficients
 from bayesid.effects.model import Model
 from bayesid.identification.identification import Identification
 from bayesid.identification.pipeline import identify
-from bayesid.log.log import Log, read_log
+from bayesid.log.log import Log
+from bayesid.log.reading import read_log
 from bayesid.motion import Motion
 from bayesid.progress import SILENT, Progress, Steps, no_steps
 from bayesid.regression.moments import Moments

@@ -10,7 +10,8 @@ from made_trials import TERMS, arm_log
 import bayesid
 from bayesid.cli import main
 from bayesid.discrepancy.case import BLOCKS, HELD_BACK_BLOCKS
-from bayesid.log.log import Log, read_log, write_log
+from bayesid.log.log import Log, write_log
+from bayesid.log.reading import read_log
 from bayesid.results.discrepancies import discrepancy_summary
 from bayesid.studies import blind
 

@@ -26,8 +26,7 @@ from bayesid.excitation.limits import read_limits
 from bayesid.files.writing import check_folder
 from bayesid.identification.model_file import load_model
 from bayesid.log.formats.stated import parse_columns
-from bayesid.log.log import find_logs, read_log
-from bayesid.log.motions import read_motion
+from bayesid.log.reading import find_logs, read_log, read_motion
 from bayesid.regression.knowledge import Beliefs, read_nominal
 from bayesid.report.findings import read_findings
 from bayesid.robot import load_robot, robot_from_table

@@ -16,7 +16,8 @@ from bayesid.errors import InputError
 from bayesid.identification import pipeline
 from bayesid.identification.identification import Identification
 from bayesid.identification.options import Preparation
-from bayesid.log.log import Log, read_log
+from bayesid.log.log import Log
+from bayesid.log.reading import read_log
 from bayesid.log.segments import Cutting, Segments, find_segments
 from bayesid.log.signals import signed_effort
 from bayesid.motion import STANDSTILL, Motion

@@ -13,7 +13,8 @@ from bayesid.effects.catalogue import make_terms
 from bayesid.effects.model import Model
 from bayesid.identification.other_readings import better_reading
 from bayesid.identification.pipeline import identify
-from bayesid.log.log import Log, read_log
+from bayesid.log.log import Log
+from bayesid.log.reading import read_log
 from bayesid.log.segments import find_segments
 from bayesid.log.signals import prepare
 from bayesid.regression.evidence import Evidence

@@ -9,7 +9,8 @@ from simulated_arms import STRONG, arm_with_friction
 
 from bayesid.identification.pipeline import identify
 from bayesid.log.faults import find_faults
-from bayesid.log.log import Log, read_log
+from bayesid.log.log import Log
+from bayesid.log.reading import read_log
 from bayesid.log.signals import prepare
 from bayesid.motion import Motion
 from bayesid.simulation.logs import simulate

@@ -6,7 +6,8 @@ import pytest
 import bayesid
 from bayesid.errors import InputError
 from bayesid.log.gains import gains_of
-from bayesid.log.log import join_logs, read_log
+from bayesid.log.log import join_logs
+from bayesid.log.reading import read_log
 
 T = np.arange(200) / 100.0
 Q = np.column_stack([np.sin(T), np.cos(3.0 * T)])

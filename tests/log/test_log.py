@@ -5,7 +5,8 @@ import pytest
 from log_files import refusal
 
 from bayesid.errors import InputError
-from bayesid.log.log import Log, Piece, find_logs, join_logs, read_log, write_log
+from bayesid.log.log import Log, Piece, join_logs, write_log
+from bayesid.log.reading import find_logs, read_log
 
 ROWS = 60
 

@@ -6,8 +6,8 @@ from log_files import Bag, flat, kuka, save, save_hdf5, save_matlab, save_parque
 
 import bayesid
 from bayesid.errors import InputError
-from bayesid.log.log import Log, read_log
-from bayesid.log.motions import RecordedMotion
+from bayesid.log.log import Log, RecordedMotion
+from bayesid.log.reading import read_log
 from bayesid.log.signals import filtered_motion, prepare
 
 ROWS, N = 64, 3

@@ -20,7 +20,7 @@ from log_files import (
 from bayesid.errors import InputError
 from bayesid.excitation.judgement import judge_log
 from bayesid.log.formats.stated import parse_columns
-from bayesid.log.log import read_log
+from bayesid.log.reading import read_log
 from bayesid.robot import load_robot
 
 ROWS = len(RECORDED["t"])

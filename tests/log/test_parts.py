@@ -6,8 +6,7 @@ from conftest import real_log
 from log_files import flat, read, refusal, save, text
 
 from bayesid import cli
-from bayesid.log.log import read_log
-from bayesid.log.motions import read_motion
+from bayesid.log.reading import read_log, read_motion
 
 N = 2
 

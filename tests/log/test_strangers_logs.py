@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from log_files import RECORDED, assert_same, flat, refusal, save, scaled, strange, text, without
 
-from bayesid.log.log import read_log
+from bayesid.log.reading import read_log
 
 ROWS = len(RECORDED["t"])
 DEGREES = 180.0 / np.pi

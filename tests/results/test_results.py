@@ -7,7 +7,7 @@ import pytest
 from saved_results import PROMISED, contents, identified, numbers, save, strict, table, validated
 from scipy import linalg, stats
 
-from bayesid.log.log import read_log
+from bayesid.log.reading import read_log
 from bayesid.motion import Motion
 from bayesid.report.findings import read_findings
 from bayesid.report.tables import inference_data, parameter_rows

@@ -8,7 +8,8 @@ import bayesid
 from bayesid.cli import main
 from bayesid.effects.catalogue import make_terms
 from bayesid.effects.model import Model
-from bayesid.log.log import read_log, write_log
+from bayesid.log.log import write_log
+from bayesid.log.reading import read_log
 from bayesid.results.several_logs import identify_separately
 from bayesid.robot import robot_from_table
 from bayesid.simulation.logs import simulate

@@ -18,7 +18,7 @@ from bayesid.errors import InputError
 from bayesid.identification.model_file import load_model
 from bayesid.identification.options import Preparation
 from bayesid.log.formats import is_log_folder
-from bayesid.log.log import find_logs
+from bayesid.log.reading import find_logs
 from bayesid.progress import Progress
 from bayesid.results.discrepancies import save_comparison, save_discrepancy
 from bayesid.results.folders import check_result_folder, collect_incomplete, save_or_rescue

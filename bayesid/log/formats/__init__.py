@@ -2,29 +2,35 @@
 
 A reader a format, each in a file of this folder, turns a file into a `Table` and says what the file lacks; it is found
 by what the file holds (see `bayesid.log.formats.base`). What a number must be is checked here, once for all of them;
-what the numbers mean for an identification is `bayesid.log.log`'s business.
+what the numbers mean for an identification is `bayesid.log.reading`'s business.
 """
 
 from __future__ import annotations
 
 import os
-from dataclasses import fields, replace
+import stat
+import sys
+import tempfile
+from collections.abc import Callable
+from contextlib import nullcontext
+from dataclasses import replace
 from glob import glob
 from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
+from typing import BinaryIO
 
 from bayesid.errors import InputError
 from bayesid.files.bounded import check_name
 from bayesid.log.formats.base import Format, Options
 from bayesid.log.formats.parts import JOINT, join_parts
-from bayesid.log.formats.streams import is_stream, read_stream
-from bayesid.log.formats.table import Column, Table, check
+from bayesid.log.formats.table import Column, Table, check, rows_of
+from bayesid.log.tuning import TUNING
 
-__all__ = ["Column", "Format", "Options", "Table", "is_log_folder", "known_formats", "read_table"]
+__all__ = ["Column", "Format", "Options", "Table", "is_log_folder", "is_stream", "known_formats", "read_table"]
 
-_HEAD = 65536
-"""Bytes of a file by which it is recognised: more than any header is long."""
+STANDARD_INPUT = "-"
+"""What stands for it in place of a path."""
 
 
 def known_formats() -> list[Format]:
@@ -48,7 +54,7 @@ def read_table(path: Path, options: Options) -> Table:
         return check(join_parts(tables, options.columns, motion=options.motion), options.columns)
     try:
         if is_stream(check_name(path)):
-            return read_stream(path, lambda copy: _read_file(copy, options))
+            return _read_stream(path, lambda copy: _read_file(copy, options))
         return _read_file(path, options)
     except (FileNotFoundError, IsADirectoryError, NotADirectoryError):
         raise InputError("no such file", str(path), "give the path of a log") from None
@@ -57,15 +63,17 @@ def read_table(path: Path, options: Options) -> Table:
 
 
 def _read_file(path: Path, options: Options) -> Table:
-    """What a file or a folder holds, that can be read more than once."""
-    head = b"" if path.is_dir() else _head(path)
+    head = b""
+    if not path.is_dir():
+        with path.open("rb") as file:
+            head = file.read(65536)
     reader = next(known for known in known_formats() if known.recognises(path, head))
-    _check_options(path, reader, options)
+    reader.check_options(options, str(path))
     return check(reader.read(path, options), options.columns)
 
 
 def _parts_of(path: Path) -> list[Path]:
-    """The files of one run that a name with a `+` stands for; none where it is the name of a file, or has none."""
+    """The files of one run that a name with a `+` stands for; none where it is the name of one file."""
     if JOINT not in str(path) or os.path.exists(path):
         return []
     names = [name.strip() for name in str(path).split(JOINT) if name.strip()]
@@ -77,18 +85,42 @@ def is_log_folder(path: Path) -> bool:
     return any(known.is_folder(path) for known in known_formats())
 
 
-def _check_options(path: Path, reader: Format, options: Options) -> None:
-    for field in fields(options):
-        if getattr(options, field.name) not in (None, False) and field.name not in {
-            *reader.options,
-            "currents",
-            "motion",
-            "part",
-        }:
-            raise InputError(f"is {reader.name}, which has no {field.name}", str(path), f"leave `{field.name}` out")
+def is_stream(path: Path) -> bool:
+    """Whether a path is a pipe or stands for standard input.
+
+    Raises:
+        InputError: it is a device, which may never end.
+    """
+    if os.path.lexists(path):
+        kind = os.stat(path).st_mode
+        if stat.S_ISCHR(kind) or stat.S_ISBLK(kind) or stat.S_ISSOCK(kind):
+            raise InputError("is a device, no file", str(path), "give the path of a log, or - for standard input")
+        return stat.S_ISFIFO(kind)
+    return str(path) == STANDARD_INPUT
 
 
-def _head(path: Path) -> bytes:
-    """The first bytes of a file."""
-    with path.open("rb") as file:
-        return file.read(_HEAD)
+def _read_stream(path: Path, read: Callable[[Path], Table]) -> Table:
+    """What a stream holds, kept as a file for as long as it is read; messages call it by its own name."""
+    name = "standard input" if str(path) == STANDARD_INPUT else str(path)
+    with tempfile.TemporaryDirectory(prefix="bayesid-") as folder:
+        copy = Path(folder) / "stream"
+        with nullcontext(sys.stdin.buffer) if str(path) == STANDARD_INPUT else path.open("rb") as stream:
+            _keep(stream, copy, name)
+        try:
+            table = read(copy)
+        except InputError as error:
+            what, where, remedy = (text.replace(str(copy), name) for text in (error.what, error.where, error.remedy))
+            raise InputError(what, where, remedy, error.field) from None
+    notes = tuple(note.replace(str(copy), name) for note in table.notes)
+    return replace(table, source=name, place=rows_of(name), notes=notes)
+
+
+def _keep(stream: BinaryIO, copy: Path, name: str) -> None:
+    size = 0
+    with copy.open("wb") as file:
+        while chunk := stream.read(1 << 20):
+            size += len(chunk)
+            if size > TUNING.longest_stream:
+                said = f"is longer than {TUNING.longest_stream >> 30} GiB"
+                raise InputError(said, name, "give shorter logs, one after the other")
+            file.write(chunk)

@@ -1,13 +1,18 @@
-"""What a format of recordings is. A new one is a file in this folder with a subclass of `Format`."""
+"""What a format of recordings is. A new one is a file in this folder with a subclass of `Format`.
+
+Files that are no log are a format too: `ForeignFile` says what they are, and how to come to a log.
+"""
 
 from __future__ import annotations
 
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NoReturn
 
+from bayesid.errors import InputError
 from bayesid.log.formats.table import Table
 
 
@@ -60,6 +65,13 @@ class Format(ABC):
         """Whether a file or folder, `head` its first bytes, none of a folder, is of this format."""
         return head.startswith(self.magic) or path.suffix.lower() in self.extensions
 
+    def check_options(self, options: Options, where: str) -> None:
+        """Raises InputError where something is said of a file that has none of it; `where` is for messages."""
+        for field in fields(options):
+            known = field.name in {*self.options, "currents", "motion", "part"}
+            if not known and getattr(options, field.name) not in (None, False):
+                raise InputError(f"is {self.name}, which has no {field.name}", where, f"leave `{field.name}` out")
+
     def is_folder(self, path: Path) -> bool:
         """Whether a folder is one recording, so that the files in it are none."""
         return False
@@ -72,3 +84,69 @@ class Format(ABC):
             InputError: they are not there, or damaged, or which is meant stays open.
             OSError: the file cannot be opened.
         """
+
+
+_UNPACK = "unpack it, and give the log inside"
+_TABLE = "write its columns as CSV, or give it from Python: bayesid.read_log(pandas.{}(FILE{}))"
+_SHEET = "save the sheet with the log as CSV"
+_FOREIGN = (
+    (rb"\s*\{[^\n]*\}\s*\n\s*\{", "lines of JSON", _TABLE.format("read_json", ", lines=True")),
+    (rb"\s*(\{\s*[\"}]|\[\s*[\[{\"\d-])", "JSON", _TABLE.format("read_json", "")),
+    (rb"\s*<(!doctype html|html|head|body)", "a web page (HTML), no table of numbers", "save the table as CSV"),
+    (rb"\s*<[!?a-z]", "XML", _TABLE.format("read_xml", "")),
+    (rb"PK.{2,8192}(xl/|\[Content_Types\]\.xml)", "an Excel workbook", _SHEET),
+    (rb"PK.{2,8192}content\.xml", "an OpenDocument spreadsheet", _SHEET),
+    (rb"\xd0\xcf\x11\xe0", "an old Excel workbook", _SHEET),
+    (rb"PK.{2,8192}\.npy", "an archive of NumPy", "give it from Python: bayesid.read_log(dict(numpy.load(FILE)))"),
+    (
+        rb"\x93NUMPY",
+        "an array of NumPy",
+        "give it from Python, with names: bayesid.read_log({'t': .., 'q': .., 'tau': ..})",
+    ),
+    (rb"PK\x03\x04", "a zip archive", _UNPACK),
+    (rb"\x1f\x8b|BZh\d|\xfd7zXZ|\x28\xb5\x2f\xfd|7z\xbc\xaf", "compressed", _UNPACK),
+    (rb"#ROSBAG V", "a bag of ROS 1", "convert it: rosbags-convert --src FILE --dst FOLDER"),
+    (
+        rb"\x89HDF",
+        "an HDF5 file, but none of MATLAB",
+        "give its arrays from Python: bayesid.read_log({'t': .., 'q': .., 'tau': ..})",
+    ),
+    (
+        rb"DIAEXTENDED",
+        "a header of DIAdem, as KUKA's trace writes it beside its .r64",
+        "export the trace as a table of text (WorkVisual); a file a joint is given as 'trace_*.csv+'",
+    ),
+    (rb"TDSm|MDF {5}|UnFinMF", "a measurement file (TDMS or MDF)", "export its channels as CSV"),
+    (rb"%PDF|\x89PNG|\xff\xd8\xff", "a document or a picture", "give the log that it shows"),
+)
+
+
+class ForeignFile(Format):
+    """What is known to hold no log that could be read here."""
+
+    name = "another format"
+    options = frozenset({"topic", "joints", "columns"})
+
+    def recognises(self, path: Path, head: bytes) -> bool:
+        """Whether it begins as one of them."""
+        return not path.is_dir() and path.suffix.lower() != ".mat" and _foreign(head) is not None
+
+    def read(self, path: Path, options: Options) -> NoReturn:
+        """Says what it is.
+
+        Raises:
+            InputError: always.
+        """
+        with path.open("rb") as file:
+            kind = _foreign(file.read(65536))
+        assert kind is not None, "it was recognised"
+        name, remedy = kind
+        raise InputError(f"is {name}", str(path), remedy)
+
+
+def _foreign(head: bytes) -> tuple[str, str] | None:
+    """What a file is by its first bytes, and what to do; a mark of UTF-8 before them does not matter."""
+    begin = head.removeprefix(b"\xef\xbb\xbf")
+    said = (one for begins, *one in _FOREIGN if re.match(begins, begin, re.DOTALL | re.IGNORECASE))
+    name, remedy = next(said, ("", ""))
+    return (name, remedy) if name else None

@@ -15,10 +15,6 @@ from bayesid.log.formats.stated import fits
 from bayesid.log.formats.table import SourceColumn
 
 _EFFORTS = "tau", "i"
-_SEVERAL = 2
-"""Columns that differ by a number only, from which on they may be those of the joints."""
-_SHOWN = 6
-"""Names that a note shows."""
 _QUANTITY = re.compile(
     r"(?<![a-z])(q|qd|dq|pos|position|angle|vel|velocity|speed|tau|torque|moment|effort|current|state|action)s?(?![a-z])",
     re.IGNORECASE,
@@ -139,11 +135,11 @@ def note_of(header: Sequence[str], chosen: Sequence[SourceColumn], convention: C
         if label not in taken and _QUANTITY.search(label.replace("_", " ")):
             counts[pattern_of(label)] = counts.get(pattern_of(label), 0) + 1
     used = dict.fromkeys((kind_part(source.name), _described(source)) for source in chosen if source.name != "part")
-    left = [pattern for pattern, count in counts.items() if count >= _SEVERAL]
+    left = [pattern for pattern, count in counts.items() if count >= 2]
     if convention is None and not left:
         return None
     said = ", ".join(f"{kind} is {label}" for kind, label in used)
-    beside = f", not {', '.join(left[:_SHOWN])}{' and others' if len(left) > _SHOWN else ''}" if left else ""
+    beside = f", not {', '.join(left[:6])}{' and others' if len(left) > 6 else ''}" if left else ""
     by = "" if convention is None else f"as {convention.name} has it, "
     says = f"; {convention.says}" if convention is not None and convention.says else ""
     return f"{by}{said}{beside}{says}"

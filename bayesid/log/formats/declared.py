@@ -13,12 +13,11 @@ from typing import TYPE_CHECKING, NamedTuple
 from urllib.parse import quote
 
 from bayesid.files.bounded import DEEPEST, MOST_UNPACKED, fits_memory
+from bayesid.log.tuning import TUNING
 
 if TYPE_CHECKING:
     import h5py
 
-_MOST_OBJECTS = 100_000
-"""Variables, fields and groups of a file; logs have dozens."""
 _HEADER, _TAG = 128, 8
 """Bytes of a MAT-file's header, and of the tag before each of its elements (MAT-File Format, MathWorks)."""
 _MATRIX, _COMPRESSED = 14, 15
@@ -32,9 +31,6 @@ _MCAP, _ZSTD, _SQLITE = b"\x89MCAP0\r\n", b"\x28\xb5\x2f\xfd", b"SQLite format 3
 """First bytes of such files and frames."""
 _RECORD, _CHUNK, _CHUNK_HEAD = struct.Struct("<BQ"), 6, struct.Struct("<QQQII")
 """Of an MCAP file: kind and size of a record, the kind of chunks, and what these begin with, to the codec's letters."""
-_FARTHEST = (1 << 63) - 1
-"""Byte to which a file can be sought."""
-_PART = 1 << 20
 
 
 class _Element(NamedTuple):
@@ -89,7 +85,7 @@ def _elements(content: bytes, start: int, end: int, order: str) -> Iterator[_Ele
 def _check_matrix(content: bytes, element: _Element, order: str, depth: int, objects: list[int]) -> None:
     """A matrix of elements has no more of them than its bytes can hold, nor do they nest too deep."""
     objects[0] += 1
-    if depth > DEEPEST or objects[0] > _MOST_OBJECTS:
+    if depth > DEEPEST or objects[0] > TUNING.most_objects:
         raise ValueError("holds too much in one another")
     if element.kind != _MATRIX or element.end == element.start:
         return
@@ -131,7 +127,11 @@ def check_hdf5(file: h5py.File, names: Sequence[str]) -> None:
     while waiting:
         group, name, depth = waiting.pop()
         objects += 1
-        if depth > DEEPEST or objects > _MOST_OBJECTS or not isinstance(group.get(name, getlink=True), h5py.HardLink):
+        if (
+            depth > DEEPEST
+            or objects > TUNING.most_objects
+            or not isinstance(group.get(name, getlink=True), h5py.HardLink)
+        ):
             raise ValueError("holds groups in a circle, too deep, or of another file")
         item = group[name]
         if isinstance(item, h5py.Group):
@@ -179,7 +179,7 @@ def _chunks(path: Path) -> Iterator[tuple[bytes, str]]:
                 file.read(8)  # the size of what follows
                 if codec in ("zstd", "lz4") and (left := end - file.tell()) > 0:
                     yield file.read(left), codec
-            file.seek(min(end, _FARTHEST))
+            file.seek(min(end, (1 << 63) - 1))
 
 
 def _check_unpacked(packed: bytes | Path, codec: str) -> None:
@@ -188,7 +188,7 @@ def _check_unpacked(packed: bytes | Path, codec: str) -> None:
     source = str(packed) if isinstance(packed, Path) else pa.BufferReader(packed)
     with pa.CompressedInputStream(source, codec) as unpacking:
         size = 0
-        while part := unpacking.read(_PART):
+        while part := unpacking.read(1 << 20):
             size += len(part)
             if not fits_memory(size, 1):
                 raise ValueError("unpacks to too much")

@@ -23,13 +23,12 @@ from typing import NamedTuple
 
 from bayesid.errors import InputError
 from bayesid.log.formats.base import Format, Options
-from bayesid.log.formats.labels import has_positions
-from bayesid.log.formats.missing import described
+from bayesid.log.formats.labels import UNITS, factor_of, has_positions
 from bayesid.log.formats.names import choose
-from bayesid.log.formats.stated import stated_columns
+from bayesid.log.formats.stated import described, stated_columns
 from bayesid.log.formats.table import DEGREE, Chosen, SourceColumn, Table
 from bayesid.log.formats.text import look, read_text
-from bayesid.log.formats.units import LONGEST_LABEL, UNITS, factor_of
+from bayesid.log.tuning import TUNING
 
 _TIME = re.compile(r"(?P<prefix>.*[._ ])?ipoc|(?P<plain>t|time|zeit)", re.IGNORECASE)
 _TORQUES = "Torque", "GearTorque", "AxisTorque"
@@ -40,8 +39,6 @@ _AXIS = re.compile(
 )
 _UNIT = re.compile(r"(?P<name>.*?)\s*[\[(](?P<unit>[^])]+)[\])]")
 _NEEDED = "needed are IPOC or Time, AIPos.A1.. and MACur.A1.. or Torque.A1.., or `columns`"
-_SHOWN = 30
-"""Names of a header that a message shows."""
 
 
 class KukaTable(Format):
@@ -192,7 +189,7 @@ def _find(header: Sequence[str], where: str) -> _Columns:
 
 def _parse(label: str) -> tuple[_Kind, int] | None:
     """What a column holds, and of which axis, 0 for time; None if it is none of a controller's."""
-    if len(label) > LONGEST_LABEL:
+    if len(label) > TUNING.longest_label:
         return None
     bracketed = _UNIT.fullmatch(label)
     name = label if bracketed is None else bracketed["name"]
@@ -205,5 +202,5 @@ def _parse(label: str) -> tuple[_Kind, int] | None:
 
 def _missing(said: str, columns: _Columns) -> InputError:
     names = [name for name in columns.header if name]
-    shown = ", ".join(names[:_SHOWN]) + (" and others" if len(names) > _SHOWN else "")
+    shown = ", ".join(names[:30]) + (" and others" if len(names) > 30 else "")
     return InputError(f"{said} among {shown}", columns.where, _NEEDED)

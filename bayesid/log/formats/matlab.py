@@ -17,8 +17,8 @@ from bayesid.errors import InputError
 from bayesid.log.formats.base import Format, Options
 from bayesid.log.formats.declared import check_hdf5, check_matlab
 from bayesid.log.formats.labels import WORDS, has_any_positions, kind_of, time_among
+from bayesid.log.formats.memory import table_of
 from bayesid.log.formats.table import Table
-from bayesid.log.formats.variables import table_of
 
 _NEEDED = "save t (N x 1), q (N x n) and tau or i (N x n), or one struct that holds them, or give `columns`"
 _HDF5 = b"MATLAB 7.3"

@@ -13,22 +13,21 @@ from bayesid.errors import InputError
 from bayesid.log.formats.conventions import convention_of, note_of
 from bayesid.log.formats.labels import (
     OTHER,
+    UNITS,
     WORDS,
     Reading,
+    factor_of,
     kind_of,
     kind_part,
     pattern_of,
     raised,
     read_labels,
+    split_brackets,
     unknown_unit,
 )
-from bayesid.log.formats.missing import UNNAMED, described, suggestion
-from bayesid.log.formats.stated import OPTION, fits, stated_columns
+from bayesid.log.formats.stated import OPTION, UNNAMED, described, fits, stated_columns, suggestion
 from bayesid.log.formats.table import Chosen, SourceColumn
-from bayesid.log.formats.units import UNITS, factor_of, split_brackets
 
-_SHOWN = 7
-"""Units that a message shows."""
 _EFFORT = "column tau1 (or i1 with gains)"
 _Family = Mapping[int, Reading]
 """Columns of one kind that are called alike, by the numbers in their labels."""
@@ -288,7 +287,7 @@ def _check_units(header: Sequence[str], where: str, kinds: Sequence[str]) -> Non
         found = unknown_unit(label)
         if found is not None and found[0] in kinds:
             kind, unit = found
-            remedy = f"give it in {', '.join(list(UNITS[kind])[:_SHOWN])}"
+            remedy = f"give it in {', '.join(list(UNITS[kind])[:7])}"
             if kind == "tau":
                 remedy += f', or give gains that turn it into N m: `gains` with {OPTION} i="{pattern_of(label)}"'
             raise InputError(f"column {label} is in {unit}, which is no known unit of {kind}", where, remedy)

@@ -16,17 +16,12 @@ from bayesid.arrays import Array, Integers, Mask
 from bayesid.errors import InputError
 from bayesid.log.formats.labels import kind_part
 from bayesid.log.formats.stated import OPTION
-from bayesid.log.formats.table import Column, Table
-from bayesid.log.repeats import HELD, distinct_rows
+from bayesid.log.formats.table import Column, Table, distinct_rows
+from bayesid.log.tuning import TUNING
 
 JOINT = "+"
 """Between the files of one run."""
 _EFFORTS = "tau", "i"
-_COMMON = 0.5
-"""Share of the shortest part that all parts have in common, at least: less is another run, or another clock. A round
-number; not studied."""
-_SAME = 0.01
-"""Share of a period by which two stamps of one instant may differ: rounding."""
 _TOGETHER = "give the parts of one run, all with times on the same clock"
 
 
@@ -151,7 +146,7 @@ def _common(parts: Sequence[_Part], base: _Part) -> Integers:
     """
     start, stop = max(part.t[0] for part in parts), min(part.t[-1] for part in parts)
     shortest = min(part.t[-1] - part.t[0] for part in parts)
-    if stop - start < _COMMON * shortest:
+    if stop - start < TUNING.in_common * shortest:
         spans = ", ".join(f"{part.table.source} {part.t[0]:.9g} to {part.t[-1]:.9g} s" for part in parts)
         common = f"{stop - start:.4g} s" if stop > start else "nothing"
         raise InputError(f"they have {common} in common: {spans}", JOINT.join(p.table.source for p in parts), _TOGETHER)
@@ -164,16 +159,16 @@ def _common(parts: Sequence[_Part], base: _Part) -> Integers:
 
 def _covered(part: _Part, t: Array) -> Mask:
     """(N,) whether a part has readings around an instant: not before it begins, behind its end or in a pause."""
-    slack = _SAME * part.period
+    slack = TUNING.same_stamp * part.period
     after = np.clip(np.searchsorted(part.t, t - slack), 1, len(part.t) - 1)
     inside: Mask = (t >= part.t[0] - slack) & (t <= part.t[-1] + slack)
-    return inside & (part.t[after] - part.t[after - 1] <= HELD * part.period)
+    return inside & (part.t[after] - part.t[after - 1] <= TUNING.held_periods * part.period)
 
 
 def _brought(part: _Part, base: _Part, instants: Array, kept: Integers) -> tuple[dict[str, Array], str]:
     """A part's columns at the instants, and how they came there; nothing is said where the stamps are the same."""
     everything = part.block(("q", "dq", *_EFFORTS))
-    if len(part.t) == len(base.t) and np.abs(part.t - base.t).max() <= _SAME * base.period:
+    if len(part.t) == len(base.t) and np.abs(part.t - base.t).max() <= TUNING.same_stamp * base.period:
         return {name: values[kept] for name, values in everything.items()}, ""
     values, said = {}, []
     motion, efforts = part.block(("q", "dq")), part.block(_EFFORTS)

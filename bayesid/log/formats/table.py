@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import pi
 from typing import NamedTuple
@@ -10,33 +10,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bayesid.arrays import Array
+from bayesid.arrays import Array, Integers
 from bayesid.errors import InputError
+from bayesid.log.tuning import TUNING
 
 DEGREE = pi / 180.0
 """rad."""
-ABSURD = 1e6
-"""No robot moves or pushes this much in SI units; logs in the wild hold 1e282 from uninitialised memory. Any size
-between the two would do."""
-_LONGEST_GAP = 3600.0
-"""A log that pauses longer than this, s, is two recordings, or its clock was set in between. A round number; not
-studied."""
-_SLOWEST = 0.5
-"""s; a log whose typical step is this long or longer is taken to count something else than seconds. Controllers log
-their joints every 1 to 12 ms by their manuals (UR RTDE 2 or 8, KUKA RSI 4 or 12, ABB EGM 4, Franka FCI 1), a slow bus
-every 0.1 s: a count of ms grows by 0.5 and more a row, and at 2 Hz no acceleration of a joint could be told."""
-_UNSORTED = 0.01
-"""Share of steps backwards above which a time is out of order, whatever its unit. A round number; not studied."""
-_STANDS = 0.75
-"""Share of rows that move at the time of the row before, above which a clock of whole seconds is too coarse: repeated
-rows repeat their positions too. A round number; not studied."""
-_FEW_TURNS = 4.0 * pi
-"""rad; joints turn back before, but for one here and there that turns on and on. Two turns either way: the joints of
-docs/logs-and-robots.md's robots reach one."""
 _PARTS = {"milliseconds": ("ms", 1e-3), "microseconds": ("us", 1e-6), "nanoseconds": ("ns", 1e-9)}
-FEWEST_ROWS = 50
-"""Rows of a log, and distinct instants in it, at least: half a second at the usual 100 Hz, too short to filter. A round
-number; not studied."""
 
 
 @dataclass(frozen=True)
@@ -138,15 +118,15 @@ def check(table: Table, given: Mapping[str, str] | None = None) -> Table:
         InputError: they are not.
     """
     t = table.columns["t"]
-    if len(t.values) < FEWEST_ROWS:
+    if len(t.values) < TUNING.fewest_rows:
         said = f"holds {len(t.values)} rows, too few to identify anything"
-        raise InputError(said, table.source, f"record at least {FEWEST_ROWS} rows, better thousands")
+        raise InputError(said, table.source, f"record at least {TUNING.fewest_rows} rows, better thousands")
     _check_numbers(table)
     _check_unit_of_time(table, given or {})
     _check_resolution(table)
     with np.errstate(over="ignore"):
         step = np.diff(table.t)
-    wrong = (step < 0.0) | (step > _LONGEST_GAP)
+    wrong = (step < 0.0) | (step > TUNING.longest_gap)
     wrong[np.array(table.starts[1:], dtype=int) - 1] = False
     for k in np.flatnonzero(wrong):
         before, after = table.t[[k, k + 1]]
@@ -164,7 +144,7 @@ def far_positions(table: Table) -> list[float]:
     """
     positions = [column for name, column in table.columns.items() if name.startswith("q")]
     reach = [float(np.abs(column.values).max()) for column in positions if column.unit is None]
-    far = [highest for highest in reach if highest > _FEW_TURNS]
+    far = [highest for highest in reach if highest > TUNING.few_turns]
     return far if len(far) > max(1, len(positions) // 2) else []
 
 
@@ -173,12 +153,14 @@ def _check_unit_of_time(table: Table, given: Mapping[str, str]) -> None:
     t = table.columns["t"]
     with np.errstate(over="ignore"):
         steps = np.diff(t.values)
-    if t.unit is not None or not np.any(steps > 0.0) or np.median(steps[steps > 0.0]) < _SLOWEST:
+    if t.unit is not None or not np.any(steps > 0.0) or np.median(steps[steps > 0.0]) < TUNING.slowest_step:
         return
-    if np.mean(steps < 0.0) > _UNSORTED:
+    if np.mean(steps < 0.0) > TUNING.unsorted:
         return
     step = float(np.median(steps[steps > 0.0]))
-    likely = next(((word, unit) for word, (unit, factor) in _PARTS.items() if step * factor < _SLOWEST), None)
+    likely = next(
+        ((word, unit) for word, (unit, factor) in _PARTS.items() if step * factor < TUNING.slowest_step), None
+    )
     said = f"column {t.label} spans {t.values[-1] - t.values[0]:.6g} s with steps of {step:.6g} s"
     if likely is None:
         raise InputError(f"{said}: no joint log is so slow", table.source, f"give {t.label} in s")
@@ -200,10 +182,10 @@ def _check_resolution(table: Table) -> None:
         return
     moved = np.any([q[1:] != q[:-1] for q in positions], axis=0)
     stands = moved & (np.diff(table.t) == 0.0)
-    if np.mean(stands) > _STANDS:
+    if np.mean(stands) > TUNING.stands:
         t = table.t
         step = float(np.median(np.diff(t)[np.diff(t) > 0.0])) if np.ptp(t) > 0.0 else 0.0
-        if step >= _SLOWEST:
+        if step >= TUNING.slowest_step:
             said = f"column {table.columns['t'].label} only advances every {step:.6g} s, while positions change between"
             raise InputError(said, table.source, "record the time with fractions of seconds, or give a count of rows")
 
@@ -212,7 +194,7 @@ def _check_numbers(table: Table) -> None:
     """The first row with a number that cannot be is named; of several in it, that of the first column."""
     wrong: list[tuple[int, int, Column]] = []
     for name, column in table.columns.items():
-        rows = np.flatnonzero(~(np.abs(column.values) < (np.inf if name == "t" else ABSURD)))
+        rows = np.flatnonzero(~(np.abs(column.values) < (np.inf if name == "t" else TUNING.absurd)))
         wrong += [(int(rows[0]), len(wrong), column)] if rows.size else []
     if wrong:
         row, _, column = min(wrong, key=lambda one: one[:2])
@@ -234,3 +216,25 @@ def seconds(counts: ArrayLike, per_second: int = 1_000_000_000) -> Array:
 def rows_of(source: str) -> Callable[[int], str]:
     """What messages call the rows of a file that has no lines."""
     return lambda row: f"{source}, row {row + 1}"
+
+
+def distinct_rows(t: Array, readings: Sequence[Array]) -> Integers:
+    """Rows that bring something new: a later time and a changed reading.
+
+    Args:
+        t: (N,) s, non-decreasing.
+        readings: (N, k) each.
+    """
+    fresh = np.zeros(len(t), dtype=bool)
+    fresh[:1] = True
+    for column in (column for block in readings for column in block.T):
+        fresh[1:] |= column[1:] != column[:-1]
+    if fresh.all() and np.all(np.diff(t) > 0.0):
+        return np.arange(len(t))
+    typical = float(np.median(np.diff(t[fresh]))) if fresh.sum() > 2 else 0.0
+    keep: list[int] = []
+    for i in range(len(t)):
+        later = not keep or t[i] > t[keep[-1]]
+        if later and (fresh[i] or t[i] - t[keep[-1]] > TUNING.held_periods * typical):
+            keep.append(i)
+    return np.array(keep)

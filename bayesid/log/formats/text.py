@@ -12,6 +12,7 @@ import io
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TextIO
 
@@ -20,22 +21,69 @@ import numpy as np
 from bayesid.arrays import Array
 from bayesid.errors import InputError
 from bayesid.log.formats.base import Format, Options
-from bayesid.log.formats.clocks import clock_seconds, is_clock
+from bayesid.log.formats.labels import is_unit, split_brackets
 from bayesid.log.formats.names import choose
 from bayesid.log.formats.table import Chosen, Column, SourceColumn, Table
-from bayesid.log.formats.units import is_unit, split_brackets
+from bayesid.log.tuning import TUNING
 from bayesid.parallel import quiet
+
+_DAY = re.compile(r"(\d{1,4})([./-])(\d{1,2})\2(\d{1,4})[T ,]+(.+)")
+_TIME = re.compile(
+    r"(?:(?P<hours>\d{1,2}):)?(?P<minutes>\d{1,4}):(?P<seconds>\d{1,2}(?:[.,:]\d+)?)\s*(?P<half>[AP]M)?", re.IGNORECASE
+)
+
+
+def is_clock(cell: str) -> bool:
+    """Whether a cell holds such a time."""
+    try:
+        clock_seconds(cell)
+    except ValueError:
+        return False
+    return ":" in cell
+
+
+def clock_seconds(cell: str) -> float:
+    """A date and time in s since 1970, UTC where no zone is given; a time of day in s since midnight.
+
+    Dates are those of ISO 8601, or days, months and years with points (3.2.2026) or with slashes, where either of the
+    first two may be the month: a log is about differences. "12:03.4" is 12 minutes and 3.4 s, as spreadsheets have it.
+
+    Raises:
+        ValueError: it is none of these.
+    """
+    cell = cell.strip().strip('"')
+    day = _DAY.fullmatch(cell)
+    if day is None:
+        return _since_midnight(cell) if "-" not in cell else _iso(cell)
+    first, _, second, third, time = day.groups()
+    if len(first) == 4:
+        return _iso(f"{first}-{second:0>2}-{third:0>2}", time)
+    month, of_month = (first, second) if day[2] == "/" and int(first) <= 12 else (second, first)
+    return _iso(f"{third}-{month:0>2}-{of_month:0>2}", time)
+
+
+def _iso(date: str, time: str | None = None) -> float:
+    """A date with a time of day, or both in one text."""
+    if time is not None and _TIME.fullmatch(time):
+        return datetime.fromisoformat(date).replace(tzinfo=UTC).timestamp() + _since_midnight(time)
+    moment = datetime.fromisoformat(date if time is None else f"{date}T{time}")
+    return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
+
+
+def _since_midnight(time: str) -> float:
+    """Hours, minutes and seconds, or minutes and seconds; fractions behind a point, a comma or a third colon."""
+    found = _TIME.fullmatch(time.strip())
+    if found is None:
+        raise ValueError(f"{time!r} is no time")
+    whole, _, fraction = re.sub("[,:]", ".", found["seconds"]).partition(".")
+    hours = int(found["hours"] or 0)
+    if found["half"]:
+        hours = hours % 12 + (12 if found["half"].upper() == "PM" else 0)
+    return hours * 3600.0 + int(found["minutes"]) * 60.0 + float(f"{whole}.{fraction or 0}")
+
 
 _SEPARATORS = ",", ";", "\t", "|", " "
 """What may be between two columns; spaces count in any number."""
-_ABOVE = 100
-"""Lines in which the header is looked for: recorders write their settings above it, spreadsheets the separator."""
-_FEWEST = 3
-"""Columns of a log, at least: time, position and effort of one joint."""
-_MOST_COLUMNS = 10_000
-"""Of a table; recorders write hundreds."""
-_HEADER = 1 << 20
-"""Bytes in which the header and the first values are: more than any has."""
 _QUOTED = re.compile(r'"[^"]*"')
 _WESTERN = re.compile(rb"[\t-\r\x20-\x7e\x80\x82-\x8c\x8e\x91-\x9c\x9e-\xfe]*")
 """Bytes of a text in cp1252, the encoding of Western Windows: no control characters, none that it does not have."""
@@ -139,7 +187,7 @@ def look_at(path: Path) -> Layout:
 
     def pieces() -> Iterator[bytes]:
         with path.open("rb") as file:
-            while piece := file.read(_HEADER):
+            while piece := file.read(TUNING.header_bytes):
                 yield piece
 
     return _look(next(pieces(), b""), _encoding(pieces, whole=True))
@@ -147,13 +195,13 @@ def look_at(path: Path) -> Layout:
 
 def _look(content: bytes, encoding: str) -> Layout:
     """How a file with this beginning is written."""
-    text = codecs.getincrementaldecoder(encoding)().decode(content[:_HEADER])
+    text = codecs.getincrementaldecoder(encoding)().decode(content[: TUNING.header_bytes])
     lines = io.StringIO(text, newline="").readlines()
     if lines and "\0" in lines[0]:
         raise csv.Error("no text")
     quoted = _are_quoted(lines)
     lines = [_unquoted(line) for line in lines] if quoted else lines
-    row = next((k for k in range(min(len(lines), _ABOVE)) if _is_header(*_two(lines, k))), 0)
+    row = next((k for k in range(min(len(lines), TUNING.header_lines)) if _is_header(*_two(lines, k))), 0)
     line, beneath = _two(lines, row)
     separator = _separator(line, beneath)
     header, values, rows = _names(line, separator), _split(beneath, separator), row + 1
@@ -203,8 +251,8 @@ def select_columns(
         InputError: the header names no columns, or not those of a log.
     """
     where, remedy = f"{source}, row {layout.header_row}", "begin it with t,q1..qn,tau1..taun"
-    if len(layout.header) > _MOST_COLUMNS:
-        raise InputError(f"names {len(layout.header)} columns", where, f"give a log of {_MOST_COLUMNS} at most")
+    if len(layout.header) > TUNING.most_columns:
+        raise InputError(f"names {len(layout.header)} columns", where, f"give a log of {TUNING.most_columns} at most")
     if not any(layout.header):
         raise InputError("does not begin with a header", source, remedy)
     if all(map(_is_value, layout.header)):
@@ -258,7 +306,7 @@ def _are_quoted(lines: Sequence[str]) -> bool:
         len(line) > 1
         and line[0] == line[-1] == '"'
         and '"' not in line[1:-1].replace('""', "")
-        and max(map(line.count, _SEPARATORS)) >= _FEWEST - 1
+        and max(map(line.count, _SEPARATORS)) >= 3 - 1
         for line in first
     )
 
@@ -277,7 +325,7 @@ def _is_header(line: str, beneath: str) -> bool:
     """Whether a line names columns, and the next has as many values, or their units: above may stand anything."""
     separator = _separator(line, beneath)
     names, cells = _names(line, separator), _split(beneath, separator)
-    if len(names) < _FEWEST or len(cells) not in (len(names), len(names) + 1) or any(map(_is_value, names)):
+    if len(names) < 3 or len(cells) not in (len(names), len(names) + 1) or any(map(_is_value, names)):
         return False
     return any(map(_is_value, cells)) or _are_units(cells, names)
 

@@ -1,0 +1,401 @@
+"""Logs and motions from files and from memory: what the numbers of a table mean, and whether they can be."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from glob import glob
+from itertools import chain
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+
+from bayesid.arrays import Array, Mask
+from bayesid.errors import InputError
+from bayesid.files.bounded import whole_number
+from bayesid.files.tables import numbered
+from bayesid.log.formats import Column, Options, Table, is_log_folder, read_table
+from bayesid.log.formats.labels import factor_of, pattern_of, split_brackets
+from bayesid.log.formats.memory import Variables, read_variables
+from bayesid.log.formats.parts import JOINT, join_parts
+from bayesid.log.formats.stated import parse_columns
+from bayesid.log.formats.table import DEGREE, check, far_positions, rows_of
+from bayesid.log.gains import Gains, gains_of, is_exact
+from bayesid.log.log import GIVEN, Log, RecordedMotion, join_logs
+from bayesid.log.tuning import TUNING
+
+Parts: TypeAlias = Sequence["str | Path | Variables"]
+"""The files of one run, or what is in memory of it: they are joined by time."""
+
+
+LogSource: TypeAlias = Log | str | Path | Variables | Parts
+"""What stands for a log wherever one is asked for."""
+
+
+def read_log(
+    source: str | Path | Variables | Parts,
+    gains: Sequence[float] | Gains | str | None = None,
+    unsigned: str | None = None,
+    *,
+    degrees: bool | None = None,
+    topic: str | None = None,
+    joints: Sequence[str] | None = None,
+    columns: Mapping[str, str] | str | Path | None = None,
+) -> Log:
+    """Reads and checks a log in one of the formats of `bayesid.log.formats`, or one that is in memory.
+
+    What had to be assumed, such as the order of a bag's joints, is said in a `UserWarning`.
+
+    Args:
+        source: the file, or a folder that is a recording; or a data frame, a structured array or a dict with columns
+            named as in a file, or with `t` (N,), `q` (N, n), `tau` or `i` (N, n), and `dq` (N, n) if measured. Parts of
+            one run, such as positions and currents, in a list or as in "positions.csv+currents.csv" are joined by time.
+        gains: n drive gains, N m/A, for a log of currents i1..in; efforts that the format leaves open (those of a ROS
+            bag) are then currents. Gains that are not exact, as in "12~20%,16~20%,10" or "unknown", a CSV file with
+            the columns gain and sd, or `Gains`, become unknowns of the identification; those may correct torques too.
+        unsigned: "all", "none" or 1-based joints as in "1,3"; by default a joint whose effort is never negative.
+        degrees: whether positions and velocities are in degrees where the file does not say their unit. All of them
+            are taken as angles: give those of prismatic joints a unit in the header, as in `q3[m]`. By default they
+            are in rad (m), and refused if more than half of the joints, and two at least, leave two turns either way.
+        topic: of a recording with joint states of several topics; by default the only one with efforts.
+        joints: names from base to tip, where joints have names; by default all, in the order of their numbers, or else
+            in that of the first message.
+        columns: what the file calls t, q, dq, and tau or i, as in {"t": "Zeit [ms]", "q": "Achse{} [Grad]"}: `{}`
+            stands for the joints' numbers, from 0 or from 1, `{2-7}` for those from 2 to 7, and q1, q2, .. are one
+            joint's. Units in brackets count. Or as on the command line, or a TOML file. By default the usual names.
+
+    Raises:
+        InputError: the file, a row, a column or an option cannot be used.
+
+    Example:
+        >>> t = np.arange(200) / 100.0
+        >>> q = np.column_stack([np.sin(t), np.cos(3.0 * t)])
+        >>> bayesid.read_log({"t": t, "q": q, "tau": 5.0 * q}).n_joints
+        2
+    """
+    _check_lists(gains=None if isinstance(gains, Gains | str) else gains, joints=joints)
+    stated = parse_columns(str(columns)) if isinstance(columns, str | Path) else columns
+    table = _table_of(source, Options(topic=topic, joints=joints, currents=gains is not None, columns=stated))
+    angle, made_with = angle_unit(table, degrees), gains_of_table(table, gains)
+    q, effort = table.block("q", angle), table.block("tau" if "tau1" in table.columns else "i")
+    signed = signed_joints(effort, unsigned, table.n_joints)
+    effort *= made_with.value
+    dq = table.block("dq", angle) if "dq1" in table.columns else None
+    _check_readings(table, q, effort)
+    if dq is not None:
+        _check_velocities(table.t, q, dq, table.source)
+    if degrees is None:
+        _check_speeds(table.t, q, table.source)
+    for note in table.notes:
+        warnings.warn(note, stacklevel=2)
+    np.abs(effort, out=effort, where=~signed)
+    uncertain = None if made_with.exact.all() else made_with
+    recordings = [
+        Log(
+            t=table.t[rows],
+            q=_part(q, rows),
+            effort=_part(effort, rows),
+            signed=signed,
+            dq=dq if dq is None else _part(dq, rows),
+            source=name,
+            gains=uncertain,
+        )
+        for name, rows in _recordings(table)
+    ]
+    said = gains.text if isinstance(gains, Gains) else gains
+    asked = {"gains": said, "degrees": degrees, "topic": topic, "joints": joints, "columns": stated}
+    used = {name: list(one) if isinstance(one, tuple) else one for name, one in asked.items() if one is not None}
+    return replace(join_logs(recordings), read_with=used)
+
+
+def _table_of(source: str | Path | Variables | Parts, options: Options) -> Table:
+    """What a file, a program's variables, or the parts of a run hold."""
+    if isinstance(source, str | Path):
+        return read_table(Path(source), options)
+    if isinstance(source, list | tuple) and source and all(map(_is_part, source)):
+        part = replace(options, part=True)
+        return check(join_parts([_table_of(one, part) for one in source], options.columns), options.columns)
+    for name in ("topic", "joints"):
+        if getattr(options, name) is not None:
+            raise InputError(f"is in memory, which has no {name}", type(source).__name__, f"leave {name} out")
+    return read_variables(source, options)
+
+
+def _is_part(source: object) -> bool:
+    """Whether something is a path or has columns."""
+    named = isinstance(source, np.ndarray) and source.dtype.names is not None
+    return named or isinstance(source, str | Path | Mapping) or (hasattr(source, "columns"))
+
+
+def _recordings(table: Table) -> list[tuple[str, slice]]:
+    """The recordings that a file holds, with their names and rows; those that are too short are left out.
+
+    Raises:
+        InputError: all of several are.
+    """
+    starts = table.starts
+    if len(starts) == 1:
+        return [(table.source, slice(None))]
+    label = table.columns["part"].label
+    parts = [slice(*ends) for ends in zip(starts, [*starts[1:], len(table.t)], strict=True)]
+    long = [rows for rows in parts if rows.stop - rows.start >= TUNING.fewest_rows]
+    if not long:
+        said = f"holds {len(parts)} recordings of {label}, none with {TUNING.fewest_rows} rows"
+        raise InputError(said, table.source, "record longer ones")
+    return [(f"{table.source}, {label} {table.columns['part'].values[rows.start]:g}", rows) for rows in long]
+
+
+def _part(values: Array, rows: slice) -> Array:
+    """Some rows of values to which nothing is written from now on; no copy where these are all."""
+    values.setflags(write=False)
+    return values if rows == slice(None) else values[rows]
+
+
+def as_log(source: LogSource) -> Log:
+    """A log as it is, and anything else as `read_log` reads it.
+
+    Raises:
+        InputError: it cannot be used.
+    """
+    return source if isinstance(source, Log) else read_log(source)
+
+
+def find_logs(patterns: Sequence[str | Path]) -> list[Path]:
+    """The logs that paths and patterns name, one after the other; those of a pattern in alphabetical order.
+
+    Args:
+        patterns: paths, or patterns as in "runs/*.csv" with `*`, `?` or `[`; what exists is a path.
+
+    Raises:
+        InputError: no file matches a pattern, or a log is named twice.
+    """
+    named: dict[str, Path] = {}
+    for path in chain.from_iterable(map(_matches, patterns)):
+        place = os.path.realpath(path)
+        if place in named:
+            said = "is named twice" if named[place] == path else f"is the same file as {named[place]}"
+            raise InputError(said, str(path), "name every log once: it would count twice")
+        named[place] = path
+    return list(named.values())
+
+
+def _matches(pattern: str | Path) -> list[Path]:
+    """The path itself, whether it exists or not, or the logs that match it; not the files of a folder that is a log."""
+    if os.path.exists(pattern) or JOINT in str(pattern) or not set("*?[") & set(str(pattern)):
+        return [Path(pattern)]
+    matches = [Path(match) for match in sorted(glob(str(pattern), recursive=True))]
+    logs = [path for path in matches if is_log_folder(path) or (path.is_file() and not is_log_folder(path.parent))]
+    if not logs:
+        raise InputError("matches no file", str(pattern), "give the path of a log, or a pattern of several")
+    return logs
+
+
+def _check_readings(table: Table, q: Array, effort: Array) -> None:
+    """Some joint has moved, some sensor was read, none beyond all robots, and efforts are no velocities."""
+    if not np.ptp(q, axis=0).any():
+        raise InputError("all columns of positions are constant", table.source, "record a motion in which joints move")
+    if not effort.any():
+        raise InputError("all efforts are zero in every row", table.source, "check that the sensors were read")
+    for j in np.flatnonzero(np.abs(effort).max(axis=0) > TUNING.strongest_effort):
+        said = f"the effort of joint {j + 1} reaches {np.abs(effort[:, j]).max():.3g} N m"
+        remedy = "say the unit of currents or torques in the header, as in i1[mA], or correct `gains`"
+        raise InputError(said, table.source, remedy)
+    step = np.median(np.diff(table.t)[np.diff(table.t) > 0.0])
+    speeds = ((np.abs(np.gradient(joint)) / step, force) for joint, force in zip(q.T, effort.T, strict=True))
+    if all(
+        np.linalg.norm(np.abs(force) - speed) < TUNING.efforts_as_velocities * np.linalg.norm(speed)
+        for speed, force in speeds
+    ):
+        remedy = "name the columns of torques or currents by `columns`"
+        raise InputError("the efforts are the joints' velocities", table.source, remedy)
+
+
+def angle_unit(table: Table, degrees: bool | None) -> float:
+    """The unit, rad, of the positions of which the file does not say it."""
+    if degrees is None and (far := far_positions(table)):
+        said = f"positions reach {max(far):.4g}: are they degrees?"
+        if max(far) * DEGREE > TUNING.many_turns:
+            said = f"positions reach {max(far):.4g}: neither rad nor degrees, are they counts of an encoder?"
+            raise InputError(said, table.source, "give them in rad or degrees (`degrees=False` if they are rad)")
+        raise InputError(said, table.source, "give `degrees=True`, or `degrees=False` if they are rad")
+    return DEGREE if degrees else 1.0
+
+
+def gains_of_table(table: Table, stated: Sequence[float] | Gains | str | None) -> Gains:
+    """The gains by which a table's readings become efforts.
+
+    Raises:
+        InputError: they do not suit what it holds.
+    """
+    n, where, torques = table.n_joints, table.source, "tau1" in table.columns
+    if stated is None:
+        if torques:
+            return Gains(np.ones(n), np.zeros(n), of_torques=True)
+        remedy = "give `gains` K1,..,Kn in N m/A, as in 12~20%,16,10 where they are uncertain, or `gains` unknown"
+        raise InputError("the log holds currents but no gains are given", where, remedy)
+    if isinstance(stated, Gains) and stated.exact.all():  # of an earlier result
+        if torques and not stated.of_torques:
+            warnings.warn(f"{where} holds torques: gains of currents are left out", stacklevel=3)
+            return Gains(np.ones(n), np.zeros(n), of_torques=True)
+        if not torques and stated.of_torques:
+            said = "the log holds currents, the gains are factors on torques"
+            raise InputError(said, where, "give the gains of currents with `gains`")
+    elif torques and is_exact(stated):
+        pattern = pattern_of(table.columns["tau1"].label)
+        remedy = f'drop `gains`, or give `columns` i="{pattern}" if they are currents'
+        raise InputError("gains are given but the log holds torques tau1..taun", where, remedy)
+    return replace(gains_of(stated, n), of_torques=torques, unit="N m" if torques else _unit_of_currents(table))
+
+
+def _unit_of_currents(table: Table) -> str:
+    """A, unless the header says another unit that is none of currents: %, counts."""
+    unit = split_brackets(table.columns["i1"].label)[1]
+    return "A" if unit is None or factor_of("i", unit) is not None else unit
+
+
+def _check_lists(**given: object) -> None:
+    """What has an entry for every joint is a list, where it is given."""
+    for name, values in given.items():
+        if not isinstance(values, Sequence | np.ndarray | None) or isinstance(values, str):
+            raise InputError(f"{values!r} is no list", field=name, remedy="give one entry a joint, as in [1, 2, 3]")
+
+
+def signed_joints(measured: Array, unsigned: str | None, n: int) -> Mask:
+    """(n,) which joints are signed, by readings (N, n), or as a user has said.
+
+    Raises:
+        InputError: it names no joints.
+    """
+    if unsigned is None:
+        negative: Mask = np.any(measured < 0.0, axis=0)
+        return negative
+    if unsigned in ("all", "none"):
+        return np.full(n, unsigned == "none")
+    signed = np.full(n, True)
+    for word in unsigned.split(","):
+        joint = whole_number(word.strip())
+        if joint is None or not 1 <= joint <= n:
+            remedy = f"give all, none or joints from 1 to {n}"
+            raise InputError(f"{word.strip()!r:.60} is not a joint", field="unsigned", remedy=remedy)
+        signed[joint - 1] = False
+    return signed
+
+
+def read_motion(
+    path: str | Path,
+    *,
+    degrees: bool | None = None,
+    columns: Mapping[str, str] | None = None,
+    topic: str | None = None,
+    joints: Sequence[str] | None = None,
+) -> RecordedMotion:
+    """Reads and checks a motion in one of the formats of logs; efforts may be there, and are left out.
+
+    Args:
+        path: the file, or a folder that is a recording.
+        degrees: as for `read_log`.
+        columns: as for `read_log`.
+        topic: as for `read_log`.
+        joints: as for `read_log`.
+
+    Raises:
+        InputError: the file, a row, a column or an option cannot be used.
+
+    Example:
+        >>> bayesid.read_motion("motion.csv").q.shape
+        (201, 3)
+    """
+    table = read_table(Path(path), Options(topic=topic, joints=joints, columns=columns, motion=True))
+    for note in table.notes:
+        warnings.warn(note, stacklevel=2)
+    return _recorded(table, angle_unit(table, degrees))
+
+
+def motion_of_variables(source: Variables) -> RecordedMotion:
+    """The motion in a data frame, a structured array or a dict of arrays; names and units as in a log's header.
+
+    Raises:
+        InputError: a column is missing, or a value cannot be used.
+    """
+    table = read_variables(source, Options(motion=True))
+    return _recorded(table, angle_unit(table, None))
+
+
+def motion_of_arrays(t: object, q: object, dq: object | None = None) -> RecordedMotion:
+    """The motion in arrays: (N,) s, (N, n) rad and, if they are given, (N, n) rad/s.
+
+    Raises:
+        InputError: their shapes do not belong together, or a value cannot be used.
+    """
+    given = {"t": _numbers(t, "t"), "q": _numbers(q, "q"), **({} if dq is None else {"dq": _numbers(dq, "dq")})}
+    shape = given["q"].shape
+    for name, values in given.items():
+        expected = shape[:1] if name == "t" else shape
+        if len(shape) != 2 or values.shape != expected:
+            said = f"{name} has shape {values.shape} beside q of {shape}"
+            raise InputError(said, GIVEN, "give t (N,), and q and dq (N, n)")
+    columns = {"t": Column("t", given["t"])}
+    for kind in ("q", "dq"):
+        if kind in given:
+            names = numbered(kind, shape[1])
+            columns |= {name: Column(name, column) for name, column in zip(names, given[kind].T, strict=True)}
+    return _recorded(check(Table(columns, GIVEN, rows_of(GIVEN))), 1.0)
+
+
+def _recorded(table: Table, angle: float) -> RecordedMotion:
+    dq = table.block("dq", angle) if "dq1" in table.columns else None
+    return RecordedMotion(table.t, table.block("q", angle), dq, table.source)
+
+
+def _numbers(values: object, name: str) -> Array:
+    try:
+        return np.asarray(values, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} holds something else than numbers", GIVEN, "give numbers") from None
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Wrong units show in velocities: they are no change of positions, or faster than any robot
+# ---------------------------------------------------------------------------------------------------------------
+def _check_speeds(t: Array, q: Array, source: str) -> None:
+    """More than half of the joints, and two at least, are not faster than any is."""
+    span = _over_window(t)
+    passes = span > 0.0
+    speeds = (np.abs(_over_window(joint)[passes]) / span[passes] for joint in q.T)
+    fast = np.array([np.quantile(speed, 0.9) > TUNING.fastest for speed in speeds])
+    if fast.sum() > max(1, q.shape[1] // 2):
+        remedy = "say the units of time and positions in the header, as in t[min] or q1[deg]"
+        raise InputError(f"most joints are faster than {TUNING.fastest:g} rad/s", source, remedy)
+
+
+def _check_velocities(t: Array, q: Array, dq: Array, source: str) -> None:
+    """Velocities are not another multiple of the positions' change."""
+    for j, (position, speed) in enumerate(zip(q.T, dq.T, strict=True), start=1):
+        steps = 0.5 * (speed[1:] + speed[:-1]) * np.diff(t)
+        change, velocity = _over_window(position), _over_window(np.append(0.0, np.cumsum(steps)))
+        power, other, both = change @ change, velocity @ velocity, change @ velocity
+        if power == 0.0 or abs(both) < TUNING.same_motion * np.sqrt(power * other):
+            continue
+        factor = float(both / power)
+        if not 1.0 / TUNING.another_unit < factor < TUNING.another_unit:
+            said = f"the velocity of joint {j} is {factor:.3g} times the change of its position"
+            raise InputError(said, source, _remedy_of_units(factor))
+
+
+def _over_window(values: Array) -> Array:
+    """How much values change within the window from each row on."""
+    window = min(TUNING.speed_window, len(values) - 1)
+    change: Array = values[window:] - values[:-window]
+    return change
+
+
+def _remedy_of_units(factor: float) -> str:
+    other = "or leave the velocities out"
+    if abs(factor * DEGREE - 1.0) < TUNING.named_unit:
+        return f"if velocities are in degrees/s, name them dq1[deg/s] and so on, {other}"
+    if abs(factor / DEGREE - 1.0) < TUNING.named_unit:
+        return f"if positions are in degrees, name them q1[deg] and so on, {other}"
+    return f"say the units of time, positions and velocities in the header, as in t[ms] or dq1[rpm], {other}"
