@@ -14,10 +14,11 @@ from bayesid.log.gains import Gains
 from bayesid.log.log import Log
 from bayesid.posterior.prior import usual_links
 from bayesid.regression.evidence import Evidence
-from bayesid.regression.gains import DECIDED, GainFit, GainPrior, fit_gains, likely_gains, prior_of, signed_moments
+from bayesid.regression.gains import GainFit, GainPrior, fit_gains, likely_gains, prior_of, signed_moments
 from bayesid.regression.knowledge import Beliefs, inverse_of
 from bayesid.regression.least_squares import Fit
 from bayesid.regression.noise import Noise
+from bayesid.regression.tuning import TUNING as REGRESSION
 
 _STILL = 0.3
 """Posterior standard deviations by which gains may still want to move when they are left where they are."""
@@ -27,7 +28,7 @@ _MOST_MOVES = 4
 """Times that gains move and signs are searched again; one or two are usual, each takes as long as an identification of
 its own. A round number."""
 _LEFT = 0.1
-"""Share of what a log says of a gain that must be left beside load-dependent friction: as for `DECIDED`."""
+"""Share of what a log says of a gain that must be left beside load-dependent friction: as for a gain."""
 _MOST_OF_IT = 0.5
 """Weight of the exact gains from which on the factor common to all is theirs: a half."""
 _ROUNDING = 1e-9
@@ -145,7 +146,7 @@ class IdentifiedGains:
             ('data', 'data', 'data')
         """
         prior, left = self._of_ratios(self.prior), self._of_ratios(self.covariance)
-        by_data = (left <= DECIDED * prior).tolist()
+        by_data = (left <= REGRESSION.decided_gain * prior).tolist()
         return tuple(
             GIVEN if exact else BY_DATA if told else BY_PRIOR
             for exact, told in zip(self.stated.exact.tolist(), by_data, strict=True)
@@ -164,7 +165,7 @@ class IdentifiedGains:
         if self.weights[self.stated.exact].sum() > _MOST_OF_IT:
             return GIVEN
         before = float(self.weights @ self.prior @ self.weights)
-        return BY_DATA if self.factor_sd**2 <= DECIDED * before or before == 0.0 else BY_PRIOR
+        return BY_DATA if self.factor_sd**2 <= REGRESSION.decided_gain * before or before == 0.0 else BY_PRIOR
 
     @property
     def unit(self) -> str:

@@ -17,7 +17,8 @@ from bayesid.motion import Motion
 from bayesid.posterior.inference import Posterior
 from bayesid.regression.evidence import Evidence
 from bayesid.regression.knowledge import Nominal
-from bayesid.regression.least_squares import POOR_FIT, Fit
+from bayesid.regression.least_squares import Fit
+from bayesid.regression.tuning import TUNING as REGRESSION
 from bayesid.signs.averaging import AveragedSigns
 from bayesid.signs.rounds import SegmentSigns
 
@@ -219,7 +220,7 @@ def _fit_warnings(fit: Fit) -> list[str]:
     warnings = [
         f"joint {j + 1} leaves {fit.relative_residual[j]:.0%} of its effort unexplained: a term is missing or signs "
         "are wrong, whatever their confidence; try a wider beam"
-        for j in np.flatnonzero(fit.relative_residual > POOR_FIT)
+        for j in np.flatnonzero(fit.relative_residual > REGRESSION.poor_fit)
     ]
     unexcited = int(np.isinf(fit.sd).sum())
     if unexcited:

@@ -1,6 +1,4 @@
-"""A log as a model is to explain it: what travels together from the search to the posterior.
-
-Effects that a model may lack, summed out: what they would have the coefficients be, as uncertainty of these.
+"""A log as a model is to explain it, and effects that the model may lack, summed out of what it says.
 
 An effect Z a that a fit does not know moves its coefficients by H^-1 Y' Z a: to least squares it looks like Y times
 that, its projection on the model's columns (all in units of the error). Where a has the second moments A, coefficients
@@ -32,6 +30,7 @@ from bayesid.log.signals import Signals, signed_effort
 from bayesid.regression.knowledge import Information, inverse_of
 from bayesid.regression.moments import Moments, moments
 from bayesid.regression.noise import Noise, residual_noise
+from bayesid.regression.tuning import TUNING
 
 
 @dataclass(frozen=True)
@@ -95,8 +94,8 @@ class Evidence:
     ) -> Moments:
         """Moments of the unfiltered efforts (a filter would blur friction's steps, not the columns') in expected signs.
 
-        Where a nuisance is summed out, the sign of a segment turns with it what the nuisance has explained there: that
-        is exact at the expected signs, and elsewhere to the first order in the nuisance's share of the effort.
+        Where a nuisance is summed out, a segment's sign turns with it what the nuisance has explained there: exact at
+        the expected signs, and elsewhere to the first order in the nuisance's share of the effort.
 
         Args:
             signs: (N, n) expected sign of every sample, -1 to +1.
@@ -125,12 +124,6 @@ class Evidence:
         )
 
 
-_SEEN = 1e-6
-"""Of the largest D, below which a direction is rounding."""
-_FAINT = 1e-3
-"""D below which a direction changes nothing: the spread grows by D^2 / 2."""
-_LONG = 20_000
-"""Samples from which on directions are kept in single precision, as memory grows with them. A round number."""
 Chunks = Iterable[tuple[slice, Array]]
 """Rows (N', n, ...) of a log and where they stand in it; all of its rows, one after the other."""
 
@@ -207,11 +200,11 @@ def make_nuisance(
     gram = projected.T @ products @ projected
     values, vectors = np.linalg.eigh(gram)
     spread = np.sqrt(np.maximum(values, 0.0))
-    seen = (spread > _SEEN * spread.max(initial=0.0)) & (spread > _FAINT)
+    seen = (spread > 1e-6 * spread.max(initial=0.0)) & (spread > TUNING.faint)  # what is less is rounding
     if not seen.any():
         return None
     stretched = projected @ (vectors[:, seen] / spread[seen])
-    kept_as = np.float32 if len(used) > _LONG else np.float64
+    kept_as = np.float32 if len(used) > TUNING.long_log else np.float64
     directions = np.empty((*used.shape, stretched.shape[1]), dtype=kept_as)
     for place, rows in model():
         of_model = _scaled(rows, used[place], weight)

@@ -33,32 +33,8 @@ from bayesid.regression.least_squares import constant_stretches
 from bayesid.regression.moments import Moments
 from bayesid.regression.noise import Noise
 from bayesid.regression.solver import solve_precisely
+from bayesid.regression.tuning import TUNING
 from bayesid.robot.inertia import from_pseudo_inertia
-
-DECIDED = 0.1
-"""Share of the prior's variance that data leave at most where they decide a gain: as for parameters
-(docs/posterior.md, section 3)."""
-_LOST = 1.0
-"""Sd of the logarithm of a gain that nobody knows, beside the factor common to all, about what the robot's masses make
-likely: a factor of 2.7. Set by hand."""
-_LOST_TOGETHER = 1.3
-"""Sd of the logarithm of that factor: 3.7. Arms of one reach differ as much in mass (`_MASS`), and in friction, which
-is taken for mass. Set by hand."""
-_MASS = 40.0
-"""kg m^-2: mass of an arm over the square of its stretched length; by data sheets 10 (UR10e), 14 (LWR), 23 (Panda), 99
-(KR300), 133 (TX40)."""
-_TAPER = 0.6
-"""Mass of a link over that of the one before it. A round number."""
-_REACH = 0.25
-"""Scale of distances over the stretched arm, as in `bayesid.posterior.prior`."""
-_MOST_STEPS = 30
-"""Newton steps: an end to rounding, not a limit; some five are needed."""
-_SETTLED = 1e-3
-"""Newton decrement (nats) at which the minimum counts as reached: 3 % of a standard deviation."""
-_SHORTEST = 1e-3
-"""Share of a Newton step at which the line search ends: rounding."""
-_RIDGE = 1e-12
-"""Of a scaled curvature, for parameters that neither data nor prior show."""
 
 
 @dataclass(frozen=True)
@@ -85,8 +61,8 @@ class GainPrior:
 
 def prior_of(gains: Gains) -> GainPrior:
     """What is believed of gains about the values stated; those that nobody knows about their values, with a factor."""
-    sd = np.where(gains.unknown, _LOST, gains.sd)
-    together = gains.unknown * _LOST_TOGETHER
+    sd = np.where(gains.unknown, TUNING.lost_gain, gains.sd)
+    together = gains.unknown * TUNING.lost_gains_together
     return GainPrior(np.zeros(len(sd)), np.diag(sd**2) + np.outer(together, together))
 
 
@@ -98,7 +74,7 @@ def signed_moments(evidence: Evidence, signs: Array) -> Moments:
 def likely_gains(evidence: Evidence, gains: Gains) -> Array:
     """(n,) factors on gains that nobody knows, so that efforts are as large as a robot of its reach makes them.
 
-    Links taper off to the tip, and each has its centre of mass about half the scale of distances from its frame: the
+    Links taper off to the tip, each with its centre of mass about half the scale of distances from its frame: the
     efforts of the log's motion then have an expected energy in each joint.
 
     Args:
@@ -106,14 +82,14 @@ def likely_gains(evidence: Evidence, gains: Gains) -> Array:
         gains: by which its efforts were made.
     """
     robot, cone = evidence.model.robot, evidence.model.cone
-    reach = _REACH * robot.stretched
-    share = _TAPER ** np.arange(len(cone.bodies))
-    masses = _MASS * robot.stretched**2 * share / max(float(share.sum()), TINY)
+    reach = TUNING.gain_reach * robot.stretched
+    share = TUNING.taper ** np.arange(len(cone.bodies))
+    masses = TUNING.arm_mass * robot.stretched**2 * share / max(float(share.sum()), TINY)
     signs = np.where(evidence.signals.raw_effort >= 0.0, 1.0, -1.0)
     moments = signed_moments(evidence, signs)
     sd, mean = np.zeros(cone.size), np.zeros(cone.size)
     for body, mass in zip(cone.bodies, masses.tolist(), strict=True):
-        spread = mass * (_REACH * reach) ** 2
+        spread = mass * (TUNING.gain_reach * reach) ** 2
         mean[body], sd[body[6:9]] = from_pseudo_inertia(np.diag([spread, spread, spread, mass])), 0.5 * mass * reach
     projection = evidence.coefficients.projection
     across, middle = projection * sd, projection @ mean
@@ -207,17 +183,17 @@ def fit_gains(
         return value + 0.5 * float((at - prior.mean) @ pull @ (at - prior.mean)), theta
 
     value, theta = cost(log)
-    for _ in range(_MOST_STEPS):
+    for _ in range(30):  # an end to rounding: some five are needed
         information, _ = problem.linearised(theta, log)
         slope = problem.slope(theta, log) + pull @ (log - prior.mean)
         step = np.zeros(n)
         step[loose] = -np.linalg.solve((information + pull)[np.ix_(loose, loose)], slope[loose])
         decrement = -float(slope @ step)
-        if decrement < _SETTLED:
+        if decrement < TUNING.gains_settled:
             settled = True
             break
         length, tried = 1.0, cost(log + step)
-        while tried[0] > value and length > _SHORTEST:
+        while tried[0] > value and length > 1e-3:
             length *= 0.5
             tried = cost(log + length * step)
         if tried[0] >= value:
@@ -238,8 +214,6 @@ class _Problem:
     """By-joint moments in units of the noise, and what is believed of the P parameters.
 
     Attributes:
-        model: with its cone.
-        coefficients: the r base coefficients.
         hessian: (n, r, r).
         gradient: (n, r).
         energy: c of all.
@@ -261,7 +235,6 @@ class _Problem:
 
     @classmethod
     def of(cls, evidence: Evidence, moments: Moments, noise: Noise, links: Links, nominal: Nominal | None) -> _Problem:
-        """Of a log with known signs."""
         n, cone = evidence.model.robot.n_joints, evidence.model.cone
         scaled = moments.scaled(noise.sigma * np.sqrt(noise.autocorrelation))
         gradient = np.zeros((n, scaled.gradient.shape[1]))
@@ -273,17 +246,8 @@ class _Problem:
         if nominal is not None:
             known = np.isfinite(nominal.mean)
             stated[known], mean[known], pull[known] = nominal.sd[known] ** -2.0, nominal.mean[known], 0.0
-        return cls(
-            model=evidence.model,
-            coefficients=evidence.coefficients,
-            hessian=scaled.hessian.by_joint(n),
-            gradient=gradient,
-            energy=float(scaled.energy.sum()),
-            stated=stated,
-            pull=pull,
-            mean=mean,
-            body=body,
-        )
+        hessian, energy = scaled.hessian.by_joint(n), float(scaled.energy.sum())
+        return cls(evidence.model, evidence.coefficients, hessian, gradient, energy, stated, pull, mean, body)
 
     def profile(self, log: Array) -> tuple[float, Array]:
         """F without the gains' prior, and the best parameters (P,) in the cone."""
@@ -301,10 +265,7 @@ class _Problem:
         return 0.5 * float(beta @ hessian @ beta - 2.0 * gradient @ beta + energy), solution.theta
 
     def _scale(self, log: Array) -> Array:
-        """(P,) by which parameters are multiplied before they are held against what is believed.
-
-        Links scale with the mean of the logarithms, what is stated does not.
-        """
+        """(P,) of parameters before they are held against beliefs: links scale with the mean of the logarithms."""
         return np.where(self.pull > 0.0, np.exp(-log.mean()), 1.0)
 
     def slope(self, theta: Array, log: Array) -> Array:
@@ -316,12 +277,7 @@ class _Problem:
         return slope
 
     def linearised(self, theta: Array, log: Array) -> tuple[Array, Array]:
-        """(n, n) information on the logarithms, parameters eliminated, and (P, n) how these move with them.
-
-        Args:
-            theta: (P,) parameters.
-            log: (n,) logarithms.
-        """
+        """(n, n) information on the logarithms, parameters eliminated, and (P, n) how these move with them."""
         projection, n = self.coefficients.projection, len(log)
         pulled = np.exp(-2.0 * log)[:, None] * (self.hessian @ self.coefficients.project(theta))  # (n, r)
         own = np.diag(pulled @ self.coefficients.project(theta))
@@ -331,7 +287,7 @@ class _Problem:
         across = -projection.T @ pulled.T - np.outer(pull * theta, common)
         inner = own + float(pull @ theta**2) * np.outer(common, common)
         size = 1.0 / np.sqrt(np.maximum(np.diag(full), TINY))
-        scaled = full * np.outer(size, size) + _RIDGE * np.eye(len(full))
+        scaled = full * np.outer(size, size) + 1e-12 * np.eye(len(full))
         moves = -size[:, None] * np.linalg.solve(scaled, size[:, None] * across)
         information = inner + across.T @ moves
         return 0.5 * (information + information.T), moves

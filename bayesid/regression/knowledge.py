@@ -17,19 +17,11 @@ from bayesid.effects.model import Model
 from bayesid.effects.parameters import Parameter
 from bayesid.errors import InputError
 from bayesid.files.bounded import LARGEST, read_source
+from bayesid.regression.tuning import TUNING
 from bayesid.robot.inertia import from_pseudo_inertia
 
-_TYPICAL = 0.3
-"""Mass of the typical link over the scale of masses: the prior's sd is some three times what it is centred on. Set by
-hand, with the two below: wide beside what a log leaves (study `prior`)."""
-_SPREAD = 0.25
-"""Rms distance of its mass along each axis over the scale of distances."""
-_WIDEST = 3.75
-"""Largest radius of gyration about the frame over the scale of distances."""
-_LIGHTEST, _HEAVIEST = 0.01, 30.0
-"""Least and largest mass of all bodies over the scale of a link's: windows that no arm of some ten links comes near."""
 _NOTHING = 1e-12
-"""Share of the largest diagonal entry below which an entry is rounding. A round number; not studied."""
+"""Share of the largest diagonal entry below which an entry is rounding."""
 
 
 RIDGE = 1e-10
@@ -108,8 +100,7 @@ class Knowledge:
 def of_base(model: Model, coefficients: BaseCoefficients, precision: Array) -> Array:
     """(r, r) precision of a model's base coefficients, from that (R, R) of coefficients that hold as much or more.
 
-    With an earlier log a payload can be distinguished from the last link, without that log it cannot: what is more is
-    integrated out.
+    What is more, such as a payload that only an earlier log tells from the last link, is integrated out.
     """
     base = base_coefficients(model)
     if base.names == coefficients.names:
@@ -175,53 +166,29 @@ class Links:
 
     @property
     def typical_mass(self) -> float:
-        """Where the prior is centred, kg.
-
-        Example:
-            >>> round(bayesid.Links(mass=3.0, reach=0.2).typical_mass, 2)
-            0.9
-        """
-        return _TYPICAL * self.mass
+        """Where the prior is centred, kg."""
+        return TUNING.typical_mass * self.mass
 
     @property
     def largest_radius(self) -> float:
-        """Bound on the radius of gyration about the frame, m.
-
-        Example:
-            >>> bayesid.Links(mass=3.0, reach=0.2).largest_radius
-            0.75
-        """
-        return _WIDEST * self.reach
+        """Bound on the radius of gyration about the frame, m."""
+        return TUNING.widest_radius * self.reach
 
     @property
     def total_mass(self) -> tuple[float, float]:
-        """Window on the mass of all bodies, kg.
-
-        Example:
-            >>> bayesid.Links(mass=3.0, reach=0.2).total_mass
-            (0.03, 90.0)
-        """
-        return _LIGHTEST * self.mass, _HEAVIEST * self.mass
+        """Window on the mass of all bodies, kg."""
+        least, most = TUNING.total_masses
+        return least * self.mass, most * self.mass
 
     @property
     def centre(self) -> Array:
-        """(10,) the typical link.
-
-        Example:
-            >>> bayesid.Links(mass=3.0, reach=0.2).centre.shape
-            (10,)
-        """
-        spread = self.typical_mass * (_SPREAD * self.reach) ** 2
+        """(10,) the typical link."""
+        spread = self.typical_mass * (TUNING.typical_spread * self.reach) ** 2
         return from_pseudo_inertia(np.diag([spread, spread, spread, self.typical_mass]))
 
     @property
     def sd(self) -> Array:
-        """(10,) standard deviations.
-
-        Example:
-            >>> float(bayesid.Links(mass=3.0, reach=0.2).sd[9])  # of the mass, kg
-            3.0
-        """
+        """(10,) standard deviations."""
         return self.mass * np.repeat([self.reach**2, self.reach, 1.0], [6, 3, 1])
 
 
@@ -290,11 +257,6 @@ class Beliefs:
 
         Raises:
             InputError: the model has no such parameter, or a value cannot be used.
-
-        Example:
-            >>> nominal = bayesid.Beliefs(nominal={"m3": (1.2, 0.1)}).of(model.parameters)
-            >>> [(one.name, float(mean)) for one, mean in zip(model.parameters, nominal.mean) if mean > 0.0]
-            [('m3', 1.2)]
         """
         places = {parameter.name: k for k, parameter in enumerate(parameters)}
         mean, sd = np.full(len(places), np.nan), np.full(len(places), np.nan)
@@ -311,7 +273,6 @@ class Beliefs:
 
 
 def _pair(name: str, stated: object) -> tuple[float, float]:
-    """Mean and standard deviation of a parameter, of whatever was stated in their place."""
     try:
         mean, sd = (float(value) for value in stated)  # type: ignore[attr-defined]
     except (TypeError, ValueError):

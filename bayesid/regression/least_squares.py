@@ -21,25 +21,14 @@ from bayesid.regression.knowledge import Information
 from bayesid.regression.moments import Moments
 from bayesid.regression.noise import Noise, noise_before_fit, relative_rms
 from bayesid.regression.solver import MARGIN, Solution, move_inside, solve_precisely
+from bayesid.regression.tuning import TUNING
 
-POOR_FIT = 0.25
-"""A fit that leaves more than this share of a joint's effort is poor; a round number, not studied."""
-MOST_CORRECTED = 30_000
-"""Samples up to which the noise is corrected for what the fit took of it: of longer logs a fit takes little, and the
-correction's time grows with their length. A round number; not studied."""
 _BLIND = 1e-10
-"""Curvature, relative to the largest one, that a fit to noise alone leaves out as rounding. A round number; not
-studied."""
+"""Curvature, relative to the largest one, that a fit to noise alone leaves out as rounding."""
 _SILENT = 1e-12
-"""Length of a column, or curvature of columns of unit length, relative to the largest one, that is rounding. A round
-number; not studied."""
+"""Length of a column, or curvature of columns of unit length, relative to the largest one, that is rounding."""
 _NONE = 1e-9
 """Share of a coefficient below which a parameter's is rounding."""
-_INVOLVED = 1e-3
-"""Component in a direction without curvature from which on a coefficient is unexcited. A round number; not studied."""
-_NEAR_EDGE = 10.0
-"""Margins of the solver from the edge of the feasible set at which a link's pseudo-inertia counts as on it. A round
-number; not studied."""
 
 
 @dataclass(frozen=True)
@@ -49,11 +38,9 @@ class Fit:
     Attributes:
         theta: (P,) feasible parameters.
         beta: (r,) their base coefficients.
-        covariance: (r, r) of the coefficients, from the information matrix with effective sample counts
-            (:eq:`information`), wider by what the model may lack; inf on the diagonal where the log does not excite a
-            coefficient.
-        information: (r, r) that matrix, what was known before included, as if the model lacked nothing: what it lacks
-            is the same in the next log.
+        covariance: (r, r) of the coefficients, with effective sample counts (:eq:`information`), wider by what the
+            model may lack; inf on the diagonal where the log does not excite a coefficient.
+        information: (r, r) with what was known before, as if the model lacked nothing: the same in the next log.
         noise: of the efforts, per joint: what was there before the fit took its share.
         residual: of the residual itself, per joint.
         predicted: (N, n) the model's efforts, N m.
@@ -61,7 +48,7 @@ class Fit:
         condition: condition number of the regressor with columns of unit length (:eq:`condition-number`).
         smallest_eigenvalues: (links,) of the pseudo-inertias.
         tolerance: relative gap the solver reached.
-        moved_inside: whether what leaves no trace was chosen to lie as far inside the cone as the data allow.
+        moved_inside: whether what leaves no trace lies as far inside the cone as the data allow.
     """
 
     theta: Array
@@ -88,11 +75,7 @@ class Fit:
         return np.sqrt(np.diag(self.covariance))
 
     def parameter_sd(self, projection: Array) -> Array:
-        """(P,) standard deviations of the parameters; NaN where a parameter is not decided by itself.
-
-        Args:
-            projection: (r, P) B with beta = B theta.
-        """
+        """(P,) standard deviations of the parameters, by B (r, P); NaN where a parameter is not decided by itself."""
         lift, finite = np.linalg.pinv(projection), np.isfinite(self.sd)
         decided = np.abs(lift @ projection - np.eye(projection.shape[1])).max(axis=1) < _NONE
         decided &= ~(np.abs(lift[:, ~finite]) > _SILENT).any(axis=1)
@@ -103,15 +86,15 @@ class Fit:
     @property
     def on_edge(self) -> Mask:
         """(links,) whether a link's pseudo-inertia sits on the edge of the feasible set."""
-        return self.smallest_eigenvalues < _NEAR_EDGE * MARGIN
+        return self.smallest_eigenvalues < TUNING.near_edge * MARGIN
 
 
-def fit_signed(evidence: Evidence, signs: Array, *, most_corrected: int = MOST_CORRECTED) -> Fit:
-    """Ordinary identification once the signs are known: weighted least squares in the cone (:eq:`cone-least-squares`).
+def fit_signed(evidence: Evidence, signs: Array, *, most_corrected: int = TUNING.most_corrected) -> Fit:
+    """Weighted least squares in the cone once the signs are known (:eq:`cone-least-squares`).
 
     Args:
         evidence: the model, the log, and which samples count.
-        signs: (N, n) expected sign of every sample: +1 or -1 where it is known, between them where it is not.
+        signs: (N, n) expected sign of every sample, -1 to +1.
         most_corrected: samples up to which the noise is given back what the fit took of it.
 
     Raises:
@@ -169,10 +152,9 @@ def _effective(moments: Moments, weights: Array, earlier: Information | None) ->
 
 
 def _solve(evidence: Evidence, moments: Moments) -> tuple[Solution, Array]:
-    """The best parameters in the cone, and (n,) the residuals' sd, N m.
+    """The best parameters in the cone, and (n,) the residuals' sd, N m, from a first fit with equal relative weights.
 
-    The noise levels follow from a first fit with equal relative weights. Where something is known beforehand, samples
-    count by the residual's autocorrelation: only then can the two be weighed against each other.
+    Where something is known beforehand, samples count by the residual's autocorrelation, to be weighed against it.
     """
     model, coefficients, n = evidence.model, evidence.coefficients, evidence.model.robot.n_joints
     sigma, autocorrelation = moments.rms_effort(n), np.ones(n)
@@ -191,13 +173,10 @@ def _solve(evidence: Evidence, moments: Moments) -> tuple[Solution, Array]:
     return solution, sigma
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Noise
-# ---------------------------------------------------------------------------------------------------------------
 def _before_fit(evidence: Evidence, sigma: Array, predicted: Array, residual: Noise) -> Noise:
     """The noise of the efforts from that of the residual."""
-    signals, used, size = evidence.signals, evidence.used, len(evidence.coefficients)
-    earlier = np.zeros((size, size)) if evidence.information is None else evidence.information.hessian
+    signals, used = evidence.signals, evidence.used
+    earlier = 0.0 if evidence.information is None else evidence.information.hessian
     columns = evidence.columns  # ours: they are made anew whenever they are asked for
     columns[~used] = 0.0
     columns /= sigma[:, None]
@@ -212,11 +191,8 @@ def _before_fit(evidence: Evidence, sigma: Array, predicted: Array, residual: No
     return noise_before_fit(residual, after_fit, used, signals.rate)
 
 
-def _refit(columns: Array, sigma: Array, earlier: Array) -> Callable[[Array], Array]:
-    """What least squares without the cone leaves of (N, n, K) efforts.
-
-    For columns (N, n, r) over sigma (n,), and the information of earlier logs (r, r).
-    """
+def _refit(columns: Array, sigma: Array, earlier: Array | float) -> Callable[[Array], Array]:
+    """What least squares without the cone leaves of (N, n, K) efforts; columns (N, n, r) are over sigma (n,)."""
     rows = columns.reshape(-1, columns.shape[2])
     information = rows.T @ rows + earlier
     lengths = np.sqrt(np.maximum(np.diag(information), _BLIND * np.diag(information).max()))
@@ -263,7 +239,7 @@ def covariance_of(information: Array) -> tuple[Array, float]:
     blind = values < _SILENT * values.max()
     inverse = (vectors[:, ~blind] / values[~blind]) @ vectors[:, ~blind].T
     covariance = scale[:, None] * inverse * scale
-    unexcited = silent | (np.abs(vectors[:, blind]) > _INVOLVED).any(axis=1)
+    unexcited = silent | (np.abs(vectors[:, blind]) > TUNING.involved).any(axis=1)
     covariance[unexcited, unexcited] = np.inf
     condition = np.inf if unexcited.any() else float(np.sqrt(values[-1] / values[0]))
     return covariance, condition

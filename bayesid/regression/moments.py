@@ -6,13 +6,10 @@ sign is unknown), :eq:`moments`::
     H_k = Y_k' Y_k,   g_k = Y_k' e_k,   c_k = e_k' e_k,
 
 and the cost of coefficients beta under signs s is  f = beta' (sum H_k) beta - 2 beta' (sum s_k g_k) + sum c_k
-(:eq:`cost`).
-Moments of chunks of one log add; those of different logs, with different segments, join.
+(:eq:`cost`). Moments of chunks of one log add; those of different logs, with different segments, join.
 
-Many symmetric matrices, one a part of a log's segments, each held in the columns that its joint feels.
-
-The efforts of a robot's last joint depend on a few coefficients only. Of the (r, r) numbers of its Hessians all others
-are zero: those of an hour's segments, held in full, would take several times the memory.
+The efforts of a robot's last joint depend on a few coefficients only, so `Hessians` holds each H_k in the columns that
+its joint feels: those of an hour's segments, held in full, would take several times the memory.
 """
 
 from __future__ import annotations
@@ -257,15 +254,7 @@ class Hessians:
         size: r.
         joint: (K,) 0-based joint of each part.
         columns: of each joint, (m,) the columns that it feels, ascending.
-        values: of each joint, (parts, m, m) its matrices in these columns, in the order of its parts; they are zero in
-            all others.
-
-    Example:
-        >>> hessians = Hessians.make(np.array([0, 1]), np.array([np.eye(3), np.diag([0.0, 2.0, 5.0])]))
-        >>> len(hessians), hessians.columns[1].tolist()
-        (2, [1, 2])
-        >>> hessians.total().diagonal().tolist()
-        [1.0, 3.0, 6.0]
+        values: of each joint, (parts, m, m) its matrices in these columns, in the order of its parts.
     """
 
     size: int
@@ -354,11 +343,7 @@ class Hessians:
         return sums.done()
 
     def summed(self, into: Integers) -> Hessians:
-        """Of new parts, each the sum of all parts that go into it; of one joint.
-
-        Args:
-            into: (K,) index of the new part, counted from 0 without gaps.
-        """
+        """Of new parts, each the sum of all that go into it, by their indices (K,), counted from 0 without gaps."""
         joint = np.zeros(int(into.max(initial=-1)) + 1, dtype=np.int64)
         joint[into] = self.joint
         sums = HessianSums(self.size, joint)
@@ -367,12 +352,7 @@ class Hessians:
 
 
 class HessianSums:
-    """Hessians that grow by what is added to their parts.
-
-    Args:
-        size: r.
-        joint: (K,) of each part.
-    """
+    """Hessians that grow by what is added to their parts: of r columns, and the joint (K,) of each part."""
 
     def __init__(self, size: int, joint: Integers) -> None:
         self._size, self._joint, self._place = size, joint, _places(joint)

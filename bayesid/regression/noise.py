@@ -9,27 +9,7 @@ import numpy as np
 import scipy
 
 from bayesid.arrays import TINY, Array, Mask
-
-_WHITE_LAG = 0.02
-"""s; sensor noise is forgotten after this long, model error is not. A round number; not studied."""
-_COLOURED_SHARE = (0.05, 0.98)
-"""Least and largest share of the coloured part in the residual's variance: no split has a part of nothing, so that
-logarithms and ratios of the figures exist. Round numbers; not studied."""
-_LONGEST_LAG = 0.5
-"""s; beyond this lag a residual's correlation is not followed: it is the motion's, which repeats. A round number; not
-studied."""
-_SHORTEST_MEMORY = 2.0
-"""Samples; no shorter correlation time can be read off a sampled autocovariance."""
-_SOKAL = 5.0
-"""Autocorrelation times that the window of the integrated time spans: Sokal 1997, section 3, gives 4 to 10."""
-_REPLICATES = 12
-"""Draws of the noise that pass the fit at a time: sqrt(1 / 12) = 0.29 of one log's spread remains in their mean."""
-_ITERATIONS = 4
-"""Of the indirect inference: `bayesid study calibration` was run with as many."""
-_MOST_CHANGE = 3.0
-"""By which factor one iteration may change a figure, up or down: four reach 81. A round number; not studied."""
-_LONGEST_MEMORY = 0.5
-"""s; longer correlations of the noise look like the motion's: the longest lag at which they are observed."""
+from bayesid.regression.tuning import TUNING
 
 
 @dataclass(frozen=True)
@@ -58,7 +38,7 @@ class Noise:
         return replace(self, white=factor * self.white, coloured=factor * self.coloured)
 
     def draw(self, samples: int, replicates: int, rate: float, rng: np.random.Generator) -> Array:
-        """(samples, n, replicates) noise: white plus an Ornstein-Uhlenbeck process, N m."""
+        """(samples, n, replicates) noise, N m: white plus an Ornstein-Uhlenbeck process."""
         return self.of(Normals.draw(samples, len(self.white), replicates, rng), rate)
 
     def of(self, normals: Normals, rate: float) -> Array:
@@ -107,7 +87,7 @@ def residual_noise(residual: Array, used: Mask, rate: float, pairs: Sequence[Arr
         residual: (N, n) residuals, N m.
         used: (N, n) which samples count.
         rate: Hz.
-        pairs: of each joint, as of `pairs_apart`, where they have been counted already.
+        pairs: of each joint, as of `pairs_of_joints`, where they have been counted already.
     """
     pairs = pairs_of_joints(used, rate) if pairs is None else pairs
     columns = [_split(residual[:, j], used[:, j], rate, counts) for j, counts in enumerate(pairs)]
@@ -117,9 +97,9 @@ def residual_noise(residual: Array, used: Mask, rate: float, pairs: Sequence[Arr
 def noise_before_fit(observed: Noise, residuals: Callable[[Array], Array], used: Mask, rate: float) -> Noise:
     """The noise whose residuals look like the observed ones *after a fit*, by indirect inference.
 
-    A fit takes for itself what it can of the noise, and of slow noise most; so residuals look smaller and whiter than
-    the noise is. Replicates of a noise are put through the same fit, and its figures are changed until the replicates'
-    residuals have the observed figures on average (Gourieroux, Monfort and Renault 1993).
+    A fit takes for itself what it can of the noise, and of slow noise most. Replicates of a noise are put through the
+    same fit, and its figures are changed until the replicates' residuals have the observed figures on average
+    (Gourieroux, Monfort and Renault 1993).
 
     Args:
         observed: figures of the residual.
@@ -128,35 +108,40 @@ def noise_before_fit(observed: Noise, residuals: Callable[[Array], Array], used:
         rate: Hz.
     """
     noise, pairs = observed, pairs_of_joints(used, rate)
-    normals = Normals.draw(len(used), used.shape[1], _REPLICATES, np.random.default_rng(0))  # so there is a fixed point
-    for _ in range(_ITERATIONS):
+    normals = Normals.draw(
+        len(used), used.shape[1], TUNING.noise_replicates, np.random.default_rng(0)
+    )  # so there is a fixed point
+    for _ in range(TUNING.noise_iterations):
         refitted = residuals(noise.of(normals, rate))
-        replicates = [residual_noise(refitted[..., k], used, rate, pairs) for k in range(_REPLICATES)]
+        replicates = [residual_noise(refitted[..., k], used, rate, pairs) for k in range(TUNING.noise_replicates)]
         figures = {}
         for name in ("white", "coloured", "correlation"):
             mean = np.exp(np.mean([np.log(getattr(replicate, name)) for replicate in replicates], axis=0))
-            change = np.clip(getattr(observed, name) / mean, 1.0 / _MOST_CHANGE, _MOST_CHANGE)
+            change = np.clip(getattr(observed, name) / mean, 1.0 / TUNING.most_change, TUNING.most_change)
             figures[name] = getattr(noise, name) * change
-        figures["correlation"] = np.minimum(figures["correlation"], _LONGEST_MEMORY)
+        # longer correlations of the noise look like the motion's
+        figures["correlation"] = np.minimum(figures["correlation"], TUNING.longest_lag)
         noise = replace(noise, **figures)
     return noise.with_time_of_model(rate)
 
 
 def _split(residual: Array, used: Mask, rate: float, pairs: Array) -> tuple[float, float, float, float]:
-    """White and coloured sd, correlation time and integrated autocorrelation time of one joint (see `Noise`)."""
+    """White and coloured sd, correlation time and integrated autocorrelation time of one joint."""
     covariance = autocovariance(residual, used, len(pairs), pairs)
-    lag = min(max(1, round(_WHITE_LAG * rate)), len(covariance) - 1)
+    lag = min(max(1, round(TUNING.white_lag * rate)), len(covariance) - 1)
     total = max(covariance[0], TINY)
-    least, most = _COLOURED_SHARE
+    least, most = TUNING.coloured_share
     coloured = float(np.clip(covariance[lag], least * total, most * total))
     below = np.flatnonzero(covariance[lag:] < coloured / np.e)
-    correlation = max((below[0] if below.size else len(covariance)) / rate, _SHORTEST_MEMORY / rate)
+    correlation = max(
+        (below[0] if below.size else len(covariance)) / rate, 2.0 / rate
+    )  # two samples: no shorter one shows
     return np.sqrt(total - coloured), np.sqrt(coloured), correlation, integrated_time(covariance)
 
 
 def pairs_of_joints(used: Mask, rate: float) -> list[Array]:
     """For each joint, how many pairs of its used samples (N, n) lie so many samples apart, up to the longest lag."""
-    return [pairs_apart(used_here, max(2, int(_LONGEST_LAG * rate))) for used_here in used.T]
+    return [pairs_apart(used_here, max(2, int(TUNING.longest_lag * rate))) for used_here in used.T]
 
 
 def pairs_apart(used: Mask, lags: int) -> Array:
@@ -168,9 +153,7 @@ def pairs_apart(used: Mask, lags: int) -> Array:
 def autocovariance(values: Array, used: Mask, lags: int, pairs: Array | None = None) -> Array:
     """(lags,) autocovariance about zero over the pairs of samples that are both used, `pairs` their numbers if known.
 
-    By dot products, for only the first lags are wanted. `scipy.signal.correlate` has the same sums, bit by bit, if it
-    runs directly over all lags: 100 times slower at 20,000 samples. By FFT it is no faster and rounds otherwise, which
-    gives every seed other draws.
+    By dot products, as only the first lags are wanted: `scipy.signal.correlate` is 100 times slower at 20,000 samples.
     """
     kept = np.where(used, values, 0.0)
     pairs = pairs_apart(used, lags) if pairs is None else pairs
@@ -179,13 +162,10 @@ def autocovariance(values: Array, used: Mask, lags: int, pairs: Array | None = N
 
 
 def integrated_time(covariance: Array) -> float:
-    """1 + 2 sum of the autocorrelations, summed over Sokal's window (the first M >= 5 tau(M)); at least 1.
-
-    :eq:`autocorrelation-time`.
-    """
+    """1 + 2 sum of the autocorrelations over Sokal's window, M >= 5 tau(M); at least 1 (:eq:`autocorrelation-time`)."""
     correlation = covariance / max(covariance[0], TINY)
     times = 2.0 * np.cumsum(correlation) - 1.0
-    enough = np.flatnonzero(np.arange(len(times)) >= _SOKAL * times)
+    enough = np.flatnonzero(np.arange(len(times)) >= TUNING.sokal * times)
     return float(max(1.0, times[enough[0] if enough.size else -1]))
 
 

@@ -7,11 +7,10 @@
 Some parameters leave no trace in the efforts, and the cone's projection on the coefficients is not closed: a first
 moment is free once a mass without trace grows without limit. So a very weak pull to typical links,
 rho(theta) = w sum ((theta_k - typical_k) / size_k)^2 with w = 1e-4 (:eq:`pull`), completes the parameters. It costs
-parameters a hundred sizes away one unit, half a nat, however long or clean the log is: it decides nothing that the data
-show.
+parameters a hundred sizes away half a nat and decides nothing that the data show.
 
-Three steps: `ConeLeastSquares` states the cone once; `prepared` makes a solver for one H; this solves for one
-g after the other by Clarabel, in a few milliseconds each. A status other than solved is never taken for a result.
+`ConeLeastSquares` states the cone once; `prepared` makes a solver for one H, which Clarabel solves for one g after the
+other in a few milliseconds each. A status other than solved is never taken for a result.
 """
 
 from __future__ import annotations
@@ -25,24 +24,15 @@ import numpy as np
 import scipy
 from scipy.linalg import null_space, solve_triangular
 
-from bayesid.arrays import Array
+from bayesid.arrays import TINY, Array
 from bayesid.effects.coefficients import BaseCoefficients
 from bayesid.effects.parameters import Cone
 from bayesid.errors import SolverError
+from bayesid.regression.tuning import TUNING
 from bayesid.robot.inertia import PSEUDO_INERTIA_BASIS, from_pseudo_inertia
 
 MARGIN = 1e-6
 """Smallest eigenvalue left to a pseudo-inertia (kg m^2 to kg): far below any link's, far above rounding."""
-REACH = 100.0
-"""Distance from typical links, in sizes, at which rho costs one unit of the cost: half a nat. A round number, far
-beyond any robot: one size would by itself explain all efforts. Rounding needs some pull."""
-LEAST_PULL = 1e-11
-"""Share of the efforts' energy that the weight of rho is at least, for rounding: up to 30 sizes away rho is then below
-1e-8 of the energy, where two costs count as equal."""
-_COMPLETING = 1e-9
-"""The same where the parameters themselves are asked for, those without trace too: Clarabel resolves 1e-10."""
-_MOST_PULL = 1e-7
-"""Such a share that it is at most, where efforts are so few or weak that nothing is decided."""
 _NO_TRACE = 1e-8
 """Parameters whose columns cancel to this share leave no trace: the tolerance of the base coefficients, squared."""
 _NEGLIGIBLE = 1e-12
@@ -51,15 +41,11 @@ _TYPICAL_BODY = from_pseudo_inertia(np.diag([0.03, 0.03, 0.03, 3.0]))
 """A link of 3 kg that spreads 0.1 m along each axis: what a parameter without any data is drawn to."""
 _TYPICAL_SIZES = np.array([0.1] * 6 + [0.5] * 3 + [5.0])
 """Sizes of a link's parameters (kg m^2, kg m, kg) where the data give none: round numbers above the typical link's."""
-_NEARNESS = 1e-4
-"""Weight of the distance to typical links, in sizes squared, where parameters are moved inside the cone: a mass without
-trace would grow for ever without it; a round number, not studied."""
-_INSIDE_TOLERANCE = 1e-6
-"""Relative gap to which parameters are moved inside: no data depend on where they end."""
-_LEAST_UNIT = 1e-300
-"""In the place of the largest curvature where no data have been decided: far below any, and 1e-7 / 1e-300 is finite."""
-_REGULARISATION = 1e-10
-"""Clarabel's constant on the diagonal of its linear systems: as small as the finest tolerance asked of it."""
+
+
+_ROWS, _COLUMNS = np.tril_indices(4)
+_STRETCH = np.where(_ROWS == _COLUMNS, 1.0, np.sqrt(2.0))
+"""By which Clarabel stretches the entries of a stacked triangle."""
 
 
 class _Attempt(NamedTuple):
@@ -68,17 +54,15 @@ class _Attempt(NamedTuple):
     Attributes:
         coarser: factor on the tolerance asked for.
         equilibrate: whether Clarabel scales the rows.
-        step: share of the way to the edge of the cone that it steps at most: full steps may go back and forth without
-            end.
-        constant: on the diagonal of Clarabel's linear systems.
-        whitened: whether it is asked for y = L'x, where P = LL': curvatures that differ by more than their rounding,
-            as those of the pull and of data that say everything of a coefficient, are then all one.
+        step: most of the way to the edge of the cone that it steps: full steps may go back and forth without end.
+        constant: on the diagonal of its linear systems, as small as the finest tolerance asked of it.
+        whitened: whether it is asked for y = L'x with P = LL', where curvatures differ by more than their rounding.
     """
 
     coarser: float = 1.0
     equilibrate: bool = True
     step: float = 0.99
-    constant: float = _REGULARISATION
+    constant: float = 1e-10
     whitened: bool = False
 
 
@@ -95,10 +79,8 @@ _ATTEMPTS = (
     _Attempt(1e3),
     _Attempt(1e4, constant=1e-8),
 )
-"""What is tried, one after the other, after an update that failed: what costs no accuracy first. Set by hand on the
-problems that stalled (tests/fit/test_solver.py, tests/studies/test_calibration.py)."""
-_PRECISE = (1e-10, 1e-9, 1e-8, 1e-7, 1e-6)
-"""Tolerances tried where precision is asked for."""
+"""Tried one after the other after an update that failed, what costs no accuracy first. Set by hand on problems that
+stalled (tests/regression/test_solver.py)."""
 
 
 @dataclass(frozen=True)
@@ -140,7 +122,7 @@ class ConeLeastSquares:
         energy: float,
         margin: float = 0.0,
         tolerance: float = 1e-6,
-        least_pull: float = LEAST_PULL,
+        least_pull: float = TUNING.least_pull,
     ) -> None:
         self.nonnegative = cone.nonnegative
         self.projection = coefficients.projection
@@ -183,14 +165,10 @@ class ConeLeastSquares:
 
 
 class PreparedLeastSquares:
-    """The problem for one H, in units of its largest curvature; solved for many linear terms.
+    """The problem for one H (r, r), in units of its largest curvature; solved for many linear terms.
 
     Clarabel is started at the first solve and updated from then on, so the last digits (within the tolerance) depend on
     what was solved before: prepare anew where they must not.
-
-    Args:
-        stated: the problem.
-        hessian: (r, r) H.
     """
 
     def __init__(self, stated: ConeLeastSquares, hessian: Array) -> None:
@@ -198,7 +176,7 @@ class PreparedLeastSquares:
         columns = stated.projection * stated.scale
         full = columns.T @ hessian @ columns
         full = 0.5 * (full + full.T)
-        self._unit = max(float(np.max(np.diag(full))), _LEAST_UNIT)
+        self._unit = max(float(np.max(np.diag(full))), TINY)
         self._pull = stated.pull_weight / self._unit
         quadratic = 2.0 * full / self._unit + 2.0 * self._pull * np.eye(len(full))
         self._quadratic, self._factor = _upper_triangle(quadratic), np.linalg.cholesky(quadratic)
@@ -211,8 +189,7 @@ class PreparedLeastSquares:
     def solve(self, gradient: Array) -> Solution:
         """The best point for g (r,).
 
-        Clarabel is updated; when rounding keeps it from its tolerance, fresh ones are tried, the last ones with a
-        coarser tolerance. The solution names the tolerance that was reached.
+        Clarabel is updated; when rounding keeps it from its tolerance, fresh ones are tried, the last ones coarser.
 
         Raises:
             SolverError: none of them solved the problem.
@@ -241,7 +218,7 @@ class PreparedLeastSquares:
             SolverError: not even what `solve` tries is reached.
         """
         linear, tried = self._linear(gradient), []
-        for tolerance in _PRECISE:
+        for tolerance in TUNING.precise_tolerances:
             for equilibrate in (True, False):
                 tried.append(self._tried(linear, tolerance, _Attempt(equilibrate=equilibrate)))
                 if not tried[-1].failure:
@@ -264,18 +241,17 @@ class PreparedLeastSquares:
         return Solution(theta, cost, tolerance, min(cost, max(bounds, default=-np.inf)))
 
     def _lower_bound(self, linear: Array, dual: Array) -> float:
-        """What weak duality proves about the cost of every feasible point, for any multipliers `dual`.
+        """What weak duality proves about the cost of every feasible point, for any multipliers (:eq:`dual-bound`).
 
         For z in the dual cone, min over x in the cone of x'Px/2 + q'x >= min over all x of x'Px/2 + q'x + z'(Ax - b)
-        = -|L^-1 (q + A'z)|^2 / 2 - b'z with P = LL' (Boyd and Vandenberghe 2004, 5.2). The pull makes P positive
-        definite, so this holds however well or badly the solver converged (:eq:`dual-bound`). Of the multiples of z the
-        best is taken, with none of it the bound is that without a cone.
+        = -|L^-1 (q + A'z)|^2 / 2 - b'z with P = LL' (Boyd and Vandenberghe 2004, 5.2); P is positive definite by the
+        pull. Of the multiples of z the best is taken; none of it gives the bound without a cone.
         """
         offsets, rows, _ = self._stated.rows
         z = _into_cone(dual, len(self._stated.nonnegative))
         slopes = solve_triangular(self._factor, np.column_stack([linear, rows.T @ z]), lower=True)
         plain, slope = slopes.T
-        gain, length = -float(plain @ slope + offsets @ z), max(float(slope @ slope), _LEAST_UNIT)
+        gain, length = -float(plain @ slope + offsets @ z), max(float(slope @ slope), TINY)
         value = -0.5 * float(plain @ plain) + 0.5 * max(gain, 0.0) ** 2 / length
         return self._unit * (value + self._pull * float(self._stated.typical @ self._stated.typical))
 
@@ -311,13 +287,7 @@ def _settings(tolerance: float) -> Any:
 
 
 class _Outcome(NamedTuple):
-    """Of an attempt.
-
-    Attributes:
-        point: (P,) x; empty where there is none.
-        dual: its multipliers; empty where there are none.
-        failure: in words why it is no solution; empty where it is.
-    """
+    """Of an attempt: x (P,) and its multipliers, empty where there are none; why it is no solution, or empty."""
 
     point: Array
     dual: Array
@@ -336,16 +306,16 @@ def _attempt(solver: Any) -> _Outcome:
     return _Outcome(np.array(result.x), np.array(result.z), failure)
 
 
-def pull_weight(energy: float, least: float = LEAST_PULL) -> float:
+def pull_weight(energy: float, least: float = TUNING.least_pull) -> float:
     """The weight w of rho for efforts of this energy c, in units of their noise (:eq:`pull`)."""
-    return float(np.clip(1.0 / REACH**2, least * energy, _MOST_PULL * energy))
+    return float(np.clip(1.0 / TUNING.pull_reach**2, least * energy, TUNING.most_pull * energy))
 
 
 def move_inside(cone: Cone, coefficients: BaseCoefficients, theta: Array) -> Array:
     """(P,) parameters with the same coefficients as theta (P,), every body as far inside the cone as they allow.
 
     Only combinations that leave no trace move, theta + N z with B N = 0: the largest t with P(theta + N z) >= t Q for
-    each body, Q a typical link's pseudo-inertia. A body that stays on the edge is held there by the data.
+    each body, Q a typical link's pseudo-inertia.
 
     Raises:
         SolverError: Clarabel did not reach its tolerances.
@@ -361,9 +331,11 @@ def move_inside(cone: Cone, coefficients: BaseCoefficients, theta: Array) -> Arr
     rows = np.column_stack([-_rows_of(cone, free), outwards])  # of (z, t)
     along, away = free / sizes[:, None], (theta - _typical(cone)) / sizes
     quadratic, linear = np.zeros((rows.shape[1], rows.shape[1])), np.full(rows.shape[1], -1.0)
-    quadratic[:-1, :-1] = 2.0 * _NEARNESS * along.T @ along  # keeps a mass without trace from growing for ever
-    linear[:-1] = 2.0 * _NEARNESS * along.T @ away
-    offsets, settings = _rows_of(cone, theta), _settings(_INSIDE_TOLERANCE)
+    quadratic[:-1, :-1] = (
+        2.0 * TUNING.inside_nearness * along.T @ along
+    )  # keeps a mass without trace from growing for ever
+    linear[:-1] = 2.0 * TUNING.inside_nearness * along.T @ away
+    offsets, settings = _rows_of(cone, theta), _settings(TUNING.inside_tolerance)
     stated = scipy.sparse.csc_matrix(np.triu(quadratic)), linear, scipy.sparse.csc_matrix(rows), offsets, _cones(cone)
     outcome = _attempt(clarabel.DefaultSolver(*stated, settings))
     if outcome.failure:
@@ -379,12 +351,11 @@ def solve_precisely(
     Raises:
         SolverError: no tolerance is reached.
     """
-    stated = ConeLeastSquares(cone, coefficients, hessian, energy, margin, least_pull=_COMPLETING)
+    stated = ConeLeastSquares(cone, coefficients, hessian, energy, margin, least_pull=TUNING.completing_pull)
     return stated.prepared().solve_precisely(gradient)
 
 
 def _typical(cone: Cone) -> Array:
-    """(P,) typical links, and zero for all else."""
     typical = np.zeros(cone.size)
     for body in cone.bodies:
         typical[body] = _TYPICAL_BODY
@@ -426,22 +397,16 @@ def _rows_of(cone: Cone, theta: Array) -> Array:
 
 def _stacked(matrix: Array) -> Array:
     """(..., 10) of symmetric (..., 4, 4): the upper triangle's columns, entries off the diagonal times sqrt(2)."""
-    rows, columns = np.tril_indices(4)
-    return matrix[..., rows, columns] * np.where(rows == columns, 1.0, np.sqrt(2.0))
+    return matrix[..., _ROWS, _COLUMNS] * _STRETCH
 
 
 def _into_cone(dual: Array, n_linear: int) -> Array:
-    """(m,) the nearest multipliers in the cone, which is its own dual: nonnegative, then positive semidefinite blocks.
-
-    Clarabel stacks the columns of a block's upper triangle and stretches off-diagonal entries by sqrt(2).
-    """
-    rows, columns = np.tril_indices(4)
-    stretch = np.where(rows == columns, 1.0, np.sqrt(2.0))
+    """(m,) the nearest multipliers in the cone: nonnegative, then positive semidefinite blocks."""
     blocks = np.zeros((len(dual[n_linear:]) // 10, 4, 4))
-    blocks[:, rows, columns] = blocks[:, columns, rows] = dual[n_linear:].reshape(-1, 10) / stretch
+    blocks[:, _ROWS, _COLUMNS] = blocks[:, _COLUMNS, _ROWS] = dual[n_linear:].reshape(-1, 10) / _STRETCH
     values, vectors = np.linalg.eigh(blocks)
     nearest = (vectors * np.maximum(values, 0.0)[:, None, :]) @ vectors.transpose(0, 2, 1)
-    return np.concatenate([np.maximum(dual[:n_linear], 0.0), (nearest[:, rows, columns] * stretch).ravel()])
+    return np.concatenate([np.maximum(dual[:n_linear], 0.0), _stacked(nearest).ravel()])
 
 
 def _upper_triangle(matrix: Array) -> scipy.sparse.csc_matrix:

@@ -36,7 +36,7 @@ from bayesid.identification.warnings import (
     pressed_windows,
     spread_in_words,
 )
-from bayesid.regression.least_squares import POOR_FIT
+from bayesid.regression.tuning import TUNING as REGRESSION
 from bayesid.report import commands
 from bayesid.report.findings import AMBIGUOUS, Findings, Summary
 from bayesid.report.findings.summary import EffectSummary, Numbers
@@ -352,7 +352,7 @@ def _fit(findings: Findings) -> Check:
     share = np.array(findings.summary.fit.relative_residual, dtype=float)
     joint = int(share.argmax())
     message = f"the model leaves {share.min():.1%} to {share.max():.1%} of a joint's effort, most in joint {joint + 1}"
-    if share.max() > POOR_FIT:
+    if share.max() > REGRESSION.poor_fit:
         return Check("Fit", "bad", message, f"a term is missing, or signs are wrong: {_names_it(findings)}")
     if share.max() > SUSPICIOUS:
         return Check("Fit", "look", message, _names_it(findings))
@@ -439,7 +439,7 @@ def intervals(summary: Summary) -> Check:
     if summary.complete is None:
         message = "nobody asked what the log cannot tell from the links"
         return Check(name, "not done", message, "leave out --complete off")
-    if max(share or 0.0 for share in summary.fit.relative_residual) > POOR_FIT:
+    if max(share or 0.0 for share in summary.fit.relative_residual) > REGRESSION.poor_fit:
         return Check(
             name, "not done", "not judged: of a model that leaves so much, no interval holds", "mend the fit first"
         )
@@ -564,7 +564,7 @@ def _validation(findings: Findings) -> Check:
         f"and all, and {coverage.min():.0%} to {coverage.max():.0%} of the efforts lie in the bands of 95 %"
     )
     lacks = _names_it(findings, prediction.source)
-    if share.max() > POOR_FIT:
+    if share.max() > REGRESSION.poor_fit:
         return Check("Validation", "bad", message, f"do not use the model for this motion; {lacks}")
     covered = _COVERED[0] <= coverage.min() and coverage.max() <= _COVERED[1]
     if covered and np.all(prediction.rms_error <= _WORSE * np.array(findings.summary.noise.residual_sd, dtype=float)):

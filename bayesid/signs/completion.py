@@ -22,12 +22,11 @@ from bayesid.log.signals import Signals
 from bayesid.progress import SILENT, Progress
 from bayesid.regression.evidence import Evidence
 from bayesid.regression.knowledge import KinematicTolerance
-from bayesid.regression.least_squares import POOR_FIT, Fit, fit_signed, widened
+from bayesid.regression.least_squares import Fit, fit_signed, widened
 from bayesid.regression.selection.explanation import LN10
 from bayesid.regression.selection.hypotheses import EffectKey
 from bayesid.regression.selection.unseen import KINEMATICS, TooNarrow, find_unseen, geometry_far_off, too_narrow
 from bayesid.regression.selection.wanted import (
-    NEEDED,
     EnteredEffect,
     SignedLog,
     Wanted,
@@ -36,6 +35,7 @@ from bayesid.regression.selection.wanted import (
     still_wanted,
     what_is_wanted,
 )
+from bayesid.regression.tuning import TUNING as REGRESSION
 from bayesid.signs.averaging import AveragedSigns, evidence_gain, weight_against
 from bayesid.signs.proposals import PoorJoint, propose
 from bayesid.signs.search.protocol import Search
@@ -280,7 +280,7 @@ def _worth_it(completed: _Opinion, plain: _Opinion) -> bool:
 
 def _poor(settled: Settled) -> Mask:
     """(n,) joints whose signs are sought and whose effort the model explains poorly."""
-    return (settled.fit.relative_residual > POOR_FIT) & ~settled.evidence.signals.signed
+    return (settled.fit.relative_residual > REGRESSION.poor_fit) & ~settled.evidence.signals.signed
 
 
 def _with_proposals(opinion: _Opinion, searching: _Searching, progress: Progress) -> _Opinion:
@@ -308,7 +308,7 @@ def _with_proposal(opinion: _Opinion, joint: int, searching: _Searching, progres
         signs[:, joint] = proposal.signs
         rivals.append(searching.under(opinion.model.extend(proposal.effect), settled, progress, [signs]))
     gains = {0.5 * evidence_gain(rival.settled, settled): rival for rival in rivals}
-    return gains[max(gains)] if max(gains, default=0.0) > NEEDED else opinion
+    return gains[max(gains)] if max(gains, default=0.0) > REGRESSION.needed else opinion
 
 
 def _key(effect: Effect) -> EffectKey:

@@ -15,7 +15,8 @@ from bayesid.effects.coefficients import base_coefficients
 from bayesid.effects.load_dependent_friction import LoadDependentFriction
 from bayesid.effects.model import Model
 from bayesid.errors import SolverError
-from bayesid.regression.solver import MARGIN, REACH, ConeLeastSquares, move_inside, solve_precisely
+from bayesid.regression.solver import MARGIN, ConeLeastSquares, move_inside, solve_precisely
+from bayesid.regression.tuning import TUNING
 from bayesid.robot import load_robot
 from bayesid.robot.inertia import PSEUDO_INERTIA_BASIS, from_pseudo_inertia, pseudo_inertia
 from bayesid.simulation.parameters import random_parameters
@@ -221,10 +222,12 @@ def test_more_data_pull_no_harder():
     factor = 1e5 / energy  # of efforts in units of their noise
     once, often = (ConeLeastSquares(model.cone, coefficients, k * hessian, k * energy) for k in (factor, 10.0 * factor))
     assert often.regularisation(theta) == pytest.approx(once.regularisation(theta), rel=1e-9)
-    assert once.regularisation(once.scale * (once.typical + np.eye(len(theta))[0] * REACH)) == pytest.approx(1.0)
+    assert once.regularisation(
+        once.scale * (once.typical + np.eye(len(theta))[0] * TUNING.pull_reach)
+    ) == pytest.approx(1.0)
     lighter = once.lighter(0.01)
     assert lighter.regularisation(theta) == pytest.approx(0.01 * once.regularisation(theta))
-    assert once.pull_weight == pytest.approx(1.0 / REACH**2), "the first is as it was"
+    assert once.pull_weight == pytest.approx(1.0 / TUNING.pull_reach**2), "the first is as it was"
 
 
 def test_a_cone_without_constraints_is_plain_least_squares():

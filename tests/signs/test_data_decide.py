@@ -16,7 +16,8 @@ from bayesid.effects.model import Model
 from bayesid.log.segments import Segments
 from bayesid.motion import Motion
 from bayesid.regression.moments import moments
-from bayesid.regression.solver import LEAST_PULL, ConeLeastSquares
+from bayesid.regression.solver import ConeLeastSquares
+from bayesid.regression.tuning import TUNING
 from bayesid.robot import robot_from_table
 from bayesid.signs.search.certified import certified
 
@@ -33,7 +34,7 @@ INERTIA, MOMENT = 0.042, 2.0
 class Pendulum:
     """Moments in units of the noise, and what assignments cost by the data alone."""
 
-    def __init__(self, speed, seed, noise=0.01, duration=60.0, friction=0.0, least_pull=LEAST_PULL):
+    def __init__(self, speed, seed, noise=0.01, duration=60.0, friction=0.0, least_pull=TUNING.least_pull):
         t = np.arange(0.0, duration, 0.02)
         waves = ((0.3, speed), (0.05, 2.3 * speed))
         q, dq, ddq = (

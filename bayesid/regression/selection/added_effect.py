@@ -1,9 +1,4 @@
-"""An effect that was added, weighed against all that could stand in its place; and what a log could not show.
-
-What an added effect is worth to an engineer: how large its effort is, and what leaving it out costs.
-
-Errors of the robot's table that were there all along: the earlier log shows them too, and has bent the model.
-"""
+"""An effect that was added, weighed against all that could stand in its place; and what a log could not show."""
 
 from __future__ import annotations
 
@@ -195,10 +190,6 @@ class EffortSize:
         largest: absolute value, N m.
         reference: effort that the largest is held against, N m.
         of: what that is, `RATED` or `LARGEST_READING`.
-
-    Example:
-        >>> EffortSize(2, 1.2, 3.0, 60.0, RATED).share
-        0.05
     """
 
     joint: int
@@ -219,15 +210,10 @@ class Cost:
 
     Attributes:
         joint: from 1, of those that the effect acts in: where the mean squared error rises most, as a share of the mean
-            squared effort, for neither N m and N nor a shoulder's N m and a wrist's are alike.
+            squared effort, so that units do not matter.
         before: RMS error without the effect, all others kept and their numbers found anew, N m.
         after: RMS error with it, N m.
         effort: RMS effort of the joint there, N m.
-
-    Example:
-        >>> cost = Cost(2, 3.0, 0.5, 50.0)
-        >>> cost.share_before, cost.share_after
-        (0.06, 0.01)
     """
 
     joint: int
@@ -272,8 +258,8 @@ def all_along(
 def was_there(data: Observations, with_it: Explanation, without: Explanation) -> bool:
     """Whether the earlier log speaks against an error of the table, as surely as an effect must be found.
 
-    A model that was bent by the error fits it badly: its coefficients have to move far from what that log showed.
-    Those of a model that was right then stay, and without the error they would have to move.
+    A model that was bent by the error fits it badly: its coefficients have to move far from what that log showed. Those
+    of a model that was right then stay, and without the error they would have to move.
 
     Args:
         data: what is explained.

@@ -14,9 +14,7 @@ import numpy as np
 
 from bayesid.arrays import Array, Integers, Mask
 from bayesid.regression.selection.error_model import ErrorModel, bridged, unbridged
-
-_MOST_BYTES = 128_000_000
-"""Of whitened columns that are kept; what was asked for longest ago goes. A round number."""
+from bayesid.regression.tuning import TUNING
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,17 +60,14 @@ class Whitening:
         most_bytes: that innovations kept may take together.
     """
 
-    def __init__(self, columns: Array, used: Mask, *, most_bytes: int = _MOST_BYTES) -> None:
+    def __init__(self, columns: Array, used: Mask, *, most_bytes: int = TUNING.kept_bytes) -> None:
         self.columns, self.used, self._most_bytes = columns, used, most_bytes
         self._bare: dict[int, tuple[Integers, Array]] = {}
         self._kept = OrderedDict[tuple[object, ...], tuple[tuple[Array, ...], object]]()
         self._bytes = 0
 
     def bare(self, joint: int) -> tuple[Integers, Array]:
-        """Which (m,) of the model's columns show in a joint, and (N, m) these, bridged.
-
-        No link shows in the joints behind it.
-        """
+        """Which (m,) of the model's columns show in a joint (no link shows behind it), and (N, m) these, bridged."""
         if joint not in self._bare:
             own, used = self.columns[:, joint], self.used[:, joint]
             index = np.flatnonzero((own * used[:, None]).any(axis=0))
@@ -92,25 +87,21 @@ class Whitening:
     def rows(self, effect: Columns, joint: int, error: ErrorModel) -> Array:
         """(N, p) innovations of an effect's columns in a joint where it has some."""
         key = id(effect), "rows", joint, error.shape
-        return self._of(key, effect, lambda: (self._white(effect.rows[joint], joint, error),))[0]
+        return self._of(key, effect, lambda: (error.whiten(effect.rows[joint], self.used[:, joint]),))[0]
 
     def shift(self, effect: Columns, joint: int, error: ErrorModel) -> Array:
         """(N,) innovations of an effect's change in a joint where it makes one."""
         key = id(effect), "shift", joint, error.shape
-        return self._of(key, effect, lambda: (self._white(effect.shift[joint], joint, error),))[0]
+        return self._of(key, effect, lambda: (error.whiten(effect.shift[joint], self.used[:, joint]),))[0]
 
     def group(self, stack: Array, joint: int, error: ErrorModel, *, keep: bool) -> tuple[Array, Array]:
         """(k, P, P) products of each of k effects' innovations, and (k, P, m) with those of the model's columns.
 
-        Args:
-            stack: (k, P, N) of the effects' columns in a joint (see `together`).
-            joint: 0-based.
-            error: of the joint.
-            keep: whether the same array will come again.
+        Their columns are a stack (k, P, N) as of `together`; the products are kept if the same array will come again.
         """
 
         def make() -> tuple[Array, ...]:
-            white = self._white(stack.reshape(-1, stack.shape[2]).T, joint, error).T.reshape(stack.shape)
+            white = error.whiten(stack.reshape(-1, stack.shape[2]).T, self.used[:, joint]).T.reshape(stack.shape)
             return white @ white.transpose(0, 2, 1), white @ self.model(joint, error)[0]
 
         products, across = self._of((id(stack), joint, error.shape), stack, make) if keep else make()
@@ -129,12 +120,8 @@ class Whitening:
         return (self._of(key, (stack, effect), make) if keep else make())[0]
 
     def pulled_back(self, white: Array, joint: int, error: ErrorModel) -> Array:
-        """(N, s) what columns as they are must be multiplied with for the products of their innovations with (N, s)."""
+        """(N, s) what columns must be multiplied with for the products of their innovations with (N, s)."""
         return unbridged(error.innovations(white[::-1], np.ones(len(white), dtype=bool))[::-1], self.used[:, joint])
-
-    def _white(self, values: Array, joint: int, error: ErrorModel) -> Array:
-        used = self.used[:, joint]
-        return error.innovations(bridged(values, used), used)
 
     def _of(self, key: tuple[object, ...], owner: object, make: Callable[[], tuple[Array, ...]]) -> tuple[Array, ...]:
         """What was kept, or is made and kept with its owner, lest another one takes its id."""
@@ -187,7 +174,7 @@ def together(effects: Sequence[Columns], joint: int) -> tuple[Array, bool]:
 
 
 def _array_of(effect: Columns, joint: int) -> Array | None:
-    """The array of three dimensions that all of an effect's part of a joint is a view of; None where there is none."""
+    """The array of three dimensions that all of an effect's part of a joint is a view of, if there is one."""
     parts = [part[joint].base for part in (effect.rows, effect.shift) if joint in part]
     base = parts[0] if parts and all(part is parts[0] for part in parts) else None
     return base if isinstance(base, np.ndarray) and base.ndim == 3 else None

@@ -15,54 +15,17 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import product
 
 import numpy as np
 import scipy
 
-from bayesid.arrays import Array, Integers, Mask
+from bayesid.arrays import TINY, Array, Integers, Mask
+from bayesid.regression.tuning import TUNING
 
-_SHARES = (1e-4, 0.01, 0.03, 0.1, 0.25, 0.5, 0.7, 0.85, 0.93, 0.97, 0.99, 0.998)
-"""Of the coloured part in the variance, from which the fit starts: a coarse grid, refined afterwards; not studied."""
-_CORRELATIONS = (0.006, 0.01, 0.02, 0.035, 0.06, 0.11, 0.2, 0.4, 0.8, 1.6, 3.0)
-"""s, from which the fit starts: a factor of about 2 from one to the next."""
-_AROUND = np.stack(
-    [
-        np.add.outer(
-            len(_CORRELATIONS) * np.clip(np.arange(len(_SHARES)) + up, 0, len(_SHARES) - 1),
-            np.clip(np.arange(len(_CORRELATIONS)) + right, 0, len(_CORRELATIONS) - 1),
-        ).ravel()
-        for up, right in product((-1, 0, 1), repeat=2)
-    ]
-)
-"""(9, K) neighbours of each point of the grid, itself among them."""
-_LAGS = 1_000
-"""Of the sample autocovariances that the grid is judged by. A round number; not studied."""
-_SHORTEST, _LONGEST = 0.005, 3.0
-"""s; a shorter correlation is white at usual rates, a longer one a constant."""
-_LOGITS = -12.0, 7.0
-"""Least and largest logarithm of the shares' ratio in the local search: shares of 6e-6 to 0.999."""
-_RESOLUTION = 0.02
-"""Of the lattice of that logarithm and that of the correlation time: two per cent, below the sampling error of a
-thousand samples."""
-_FINEST = np.array([_LOGITS[1], math.log(_LONGEST)])
-"""A point of it, the one of the largest share and correlation time."""
-_STEPS = 20
-"""Of the local search, at most; it takes some three. A round number."""
-_ENOUGH = 1e-3
-"""Nats that the next step promises, below which the search ends."""
-_DAMPING = 1e-2
-"""Share of the curvature that is added to it after a step that has overshot, ten times as much after each more."""
-_UNSURE = 0.005
-"""By which the grid may be off, of the sum of squares: it sees what is bridged as well. Set by hand."""
-_EVALUATIONS, _SIMPLEX = 40, 0.5
-"""Of the search within limits, and its first step; round numbers."""
-_UNSEEN = 1e-3
-"""Change of an error's size that weighs samples as before: far below its sampling error of some 1e-2."""
-_DIGITS = 12
-"""Of a share and of a correlation time, s: far finer than the lattice, far coarser than rounding."""
-_TINY, _SMALL = 1e-300, 1e-12
-"""Guards of a logarithm and of divisions by a share."""
+_FINEST = np.array([TUNING.error_logits[1], math.log(TUNING.longest_time)])
+"""A point of the lattice, the one of the largest share and correlation time."""
+_SMALL = 1e-12
+"""Guard of divisions by a share."""
 
 
 @dataclass(frozen=True)
@@ -88,8 +51,8 @@ class ErrorModel:
 
     @property
     def shape(self) -> tuple[float, float, float]:
-        """What its filter depends on: share of the coloured part, correlation time and rate, but for rounding."""
-        return round(self._share, _DIGITS), round(self.correlation, _DIGITS), self.rate
+        """What its filter depends on, rounded: share of the coloured part, correlation time, s, and rate, Hz."""
+        return round(self._share, 12), round(self.correlation, 12), self.rate
 
     @property
     def scale(self) -> float:
@@ -108,8 +71,8 @@ class ErrorModel:
         return np.moveaxis(found, -1, 0)
 
     def whiten(self, values: Array, used: Mask) -> Array:
-        """(N, ...) innovations of values (N, ...), in units of their standard deviation; zero where not used (N,)."""
-        return self.innovations(bridged(values, used), used) / self.scale
+        """(N, ...) innovations of values (N, ...), those not used (N,) bridged, N m; zero where not used."""
+        return self.innovations(bridged(values, used), used)
 
     def log_likelihood(self, residual: Array, used: Mask) -> float:
         """Of residuals (N,), those that are used."""
@@ -122,16 +85,15 @@ class ErrorModel:
 def alike(errors: Sequence[ErrorModel], others: Sequence[ErrorModel]) -> bool:
     """Whether error models weigh alike: by the same filters, and as much but for a share that nobody sees."""
     pairs = zip(errors, others, strict=True)
-    return all(a.shape == b.shape and abs(a.sigma - b.sigma) <= _UNSEEN * b.sigma for a, b in pairs)
+    return all(a.shape == b.shape and abs(a.sigma - b.sigma) <= TUNING.unseen_size * b.sigma for a, b in pairs)
 
 
 def bridged(values: Array, used: Mask) -> Array:
     """Values (N, ...), those not used (N,) on straight lines between their used neighbours, and level at both ends.
 
-    Zeros in their place would be jumps: the first sample after a gap would count for as many as one innovation is
-    smaller than the noise, and slow noise for far more than it is worth.
+    Zeros in their place would be jumps, and slow noise would count for far more than it is worth.
     """
-    gaps, left, right, share = _gaps(used)
+    gaps, left, right, share = _gaps(used.tobytes())
     if not len(gaps):
         return values
     share = share.reshape(-1, *(1,) * (values.ndim - 1))
@@ -142,7 +104,7 @@ def bridged(values: Array, used: Mask) -> Array:
 
 def unbridged(values: Array, used: Mask) -> Array:
     """The transpose of `bridged`: what columns are multiplied with for products of bridged ones with values (N, s)."""
-    gaps, left, right, share = _gaps(used)
+    gaps, left, right, share = _gaps(used.tobytes())
     if not len(gaps):
         return values
     spread, share = values.copy(), share.reshape(-1, *(1,) * (values.ndim - 1))
@@ -152,13 +114,9 @@ def unbridged(values: Array, used: Mask) -> Array:
     return spread
 
 
-def _gaps(used: Mask) -> tuple[Integers, Integers, Integers, Array]:
-    """Rows that are not used (g,), their used neighbours on both sides, and the share of the right one."""
-    return _gaps_of(used.tobytes())
-
-
 @lru_cache(maxsize=64)
-def _gaps_of(used: bytes) -> tuple[Integers, Integers, Integers, Array]:
+def _gaps(used: bytes) -> tuple[Integers, Integers, Integers, Array]:
+    """Rows that are not used (g,), their used neighbours on both sides, and the share of the right one."""
     mask = np.frombuffer(used, dtype=bool)
     rows, gaps = np.flatnonzero(mask), np.flatnonzero(~mask)
     if not len(rows):
@@ -172,16 +130,10 @@ def _gaps_of(used: bytes) -> tuple[Integers, Integers, Integers, Array]:
 def fit_error(
     residual: Array, used: Mask, rate: float, limits: tuple[float, float] | None = None
 ) -> tuple[ErrorModel, float]:
-    """The likeliest error model of residuals (N,), of those that are used, and its log likelihood.
+    """The likeliest error model of residuals (N,), N m, of those used (N,), and its log likelihood.
 
-    Without limits its share and correlation time are those of a lattice as fine as the fit's resolution: residuals that
-    hardly differ are whitened by the same filter.
-
-    Args:
-        residual: (N,) N m.
-        used: (N,) samples that count.
-        rate: Hz.
-        limits: largest white and coloured part, N m; none by default.
+    Without limits its share and correlation time are those of a lattice as fine as the fit's resolution, so that
+    residuals that hardly differ are whitened by the same filter. Limits: largest white and coloured part, N m.
     """
     left = _Left(bridged(residual, used), used, rate)
     point = left.on_lattice() if limits is None else left.within(limits)
@@ -191,13 +143,7 @@ def fit_error(
 
 @dataclass(frozen=True)
 class _Left:
-    """What is left in a joint.
-
-    Attributes:
-        residual: (N,) N m, without gaps.
-        used: (N,) samples that count.
-        rate: Hz.
-    """
+    """Residuals (N,) of a joint, N m, without gaps; which of them count; and their rate, Hz."""
 
     residual: Array
     used: Mask
@@ -208,7 +154,7 @@ class _Left:
         share, correlation = _from_point(point)
         memory, theta, variance = _arma(share, correlation, self.rate)
         square, count = _innovations(self.residual, self.used, memory, theta)
-        sigma2 = square / (max(count, 1) * variance) + _TINY
+        sigma2 = square / (max(count, 1) * variance) + TINY
         if limits is not None:
             sigma2 = min(sigma2, *_most(share, limits))
         scale = sigma2 * variance
@@ -220,25 +166,27 @@ class _Left:
         found = [self._descended(self._arma(point)[:2]) for point in points[_valleys(squares)]]
         square, place = min(found, key=lambda at: at[0])
         point = self._within_shares(square, _point(*place, self.rate))
-        nearest: Array = _FINEST - _RESOLUTION * np.round((_FINEST - point) / _RESOLUTION)
+        nearest: Array = _FINEST - TUNING.error_resolution * np.round((_FINEST - point) / TUNING.error_resolution)
         return nearest
 
     def _within_shares(self, square: float, point: Array) -> Array:
         """The point moved along the largest share, if that is where it is and more than rounding is lost there."""
 
         def left(log_time: float) -> float:
-            return _innovations(self.residual, self.used, *self._arma(np.array([_LOGITS[1], log_time]))[:2])[0]
+            return _innovations(
+                self.residual, self.used, *self._arma(np.array([TUNING.error_logits[1], log_time]))[:2]
+            )[0]
 
-        if point[0] < _LOGITS[1]:
+        if point[0] < TUNING.error_logits[1]:
             return point
-        lost = 0.5 * len(self.residual) * math.log((left(float(point[1])) + _TINY) / (square + _TINY))
-        if lost < _ENOUGH:
+        lost = 0.5 * len(self.residual) * math.log((left(float(point[1])) + TINY) / (square + TINY))
+        if lost < TUNING.error_enough:
             return point
-        bounds = math.log(_SHORTEST), math.log(_LONGEST)
+        bounds = math.log(TUNING.shortest_time), math.log(TUNING.longest_time)
         best = scipy.optimize.minimize_scalar(
-            left, bounds=bounds, method="bounded", options={"xatol": 0.5 * _RESOLUTION}
+            left, bounds=bounds, method="bounded", options={"xatol": 0.5 * TUNING.error_resolution}
         )
-        return np.array([_LOGITS[1], best.x])
+        return np.array([TUNING.error_logits[1], best.x])
 
     def _arma(self, point: Array) -> tuple[float, float, float]:
         return _arma(*_from_point(point), self.rate)
@@ -246,16 +194,16 @@ class _Left:
     def _descended(self, start: tuple[float, float]) -> tuple[float, tuple[float, float]]:
         """Least sum of squares near phi and theta, and where it is: Newton's steps, damped where one overshoots."""
         place, damping, at = start, 0.0, self._squares(start)
-        for _ in range(_STEPS if at.square > _TINY else 0):
+        for _ in range(TUNING.error_steps if at.square > TINY else 0):
             new = _stepped(place, at, damping, self.rate)
             promised = at.slope[0] * (place[0] - new[0]) + at.slope[1] * (place[1] - new[1])
-            if len(self.residual) * abs(promised) < _ENOUGH * at.square:
+            if len(self.residual) * abs(promised) < TUNING.error_enough * at.square:
                 break
             tried = self._squares(new)
             if tried.square < at.square:
-                place, at, damping = new, tried, 0.1 * damping if damping > _DAMPING else 0.0
+                place, at, damping = new, tried, 0.1 * damping if damping > TUNING.error_damping else 0.0
             else:
-                damping = max(10.0 * damping, _DAMPING)
+                damping = max(10.0 * damping, TUNING.error_damping)
         return at.square, place
 
     def within(self, limits: tuple[float, float]) -> Array:
@@ -263,22 +211,19 @@ class _Left:
         points, squares, variance = self._grid()
         count = max(int(self.used.sum()), 1)
         most = np.array([min(_most(_from_point(point)[0], limits)) for point in points])
-        scale = np.minimum(squares / (count * variance) + _TINY, most) * variance
+        scale = np.minimum(squares / (count * variance) + TINY, most) * variance
         best = points[int(np.argmin(count * np.log(scale) + squares / scale))]
-        simplex = best + _SIMPLEX * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])  # scipy's is flat at 1/2
-        options = {"maxfev": _EVALUATIONS, "xatol": _RESOLUTION, "initial_simplex": simplex}
+        simplex = best + TUNING.limited_step * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])  # scipy's is flat at 1/2
+        options = {"maxfev": TUNING.limited_evaluations, "xatol": TUNING.error_resolution, "initial_simplex": simplex}
         found = scipy.optimize.minimize(
             lambda point: -self.judged(point, limits)[1], best, method="Nelder-Mead", options=options
         )
         return np.asarray(found.x, dtype=np.float64)
 
     def _grid(self) -> tuple[Array, Array, Array]:
-        """(K, 2) points of a coarse grid, and (K,) sums of squares and innovations' variances there.
-
-        By sample autocovariances, as if nothing were bridged.
-        """
+        """(K, 2) points of a coarse grid, (K,) sums of squares there, as if nothing were bridged, and variances."""
         count = len(self.residual)
-        points, weights, variance = _grid_of(self.rate, min(_LAGS, count))
+        points, weights, variance = _grid_of(self.rate, min(TUNING.error_lags, count))
         spectrum = np.fft.rfft(self.residual, scipy.fft.next_fast_len(2 * count, real=True))
         squares = weights @ np.fft.irfft(np.abs(spectrum) ** 2)[: weights.shape[1]]
         return points, np.maximum(squares, 0.0), variance
@@ -310,13 +255,14 @@ class _Squares:
 
 
 def _most(share: float, limits: tuple[float, float]) -> tuple[float, float]:
-    """Sigma^2 that the limits of the white and of the coloured part allow."""
     return limits[0] ** 2 / max(1.0 - share, _SMALL), limits[1] ** 2 / max(share, _SMALL)
 
 
 def _valleys(squares: Array) -> Integers:
     """Of sums of squares (K,) on the grid, those that no neighbour is below, of those that may be the least."""
-    lowest = squares <= np.minimum(squares[_AROUND].min(axis=0), (1.0 + _UNSURE) * squares.min())
+    grid = squares.reshape(len(TUNING.error_shares), len(TUNING.error_times))
+    around = scipy.ndimage.minimum_filter(grid, size=3, mode="nearest").ravel()
+    lowest = squares <= np.minimum(around, (1.0 + TUNING.grid_error) * squares.min())
     return np.asarray(np.flatnonzero(lowest), dtype=np.int64)
 
 
@@ -326,9 +272,9 @@ def _stepped(place: tuple[float, float], at: _Squares, damping: float, rate: flo
     steep, across, level = at.curvature
     if not (level > 0.0 and steep * level > across**2):
         steep, across, level = at.plain
-    steep, level = (1.0 + damping) * steep + _TINY, (1.0 + damping) * level + _TINY
+    steep, level = (1.0 + damping) * steep + TINY, (1.0 + damping) * level + TINY
     determinant = max(steep * level - across**2, _SMALL * steep * level)
-    lowest, highest = (math.exp(-1.0 / (time * rate)) for time in (_SHORTEST, _LONGEST))
+    lowest, highest = (math.exp(-1.0 / (time * rate)) for time in (TUNING.shortest_time, TUNING.longest_time))
     least, most = -theta, max(memory, lowest) - theta - _SMALL
     along = min(max((across * by_memory - steep * by_theta) / determinant, least), most)
     new = min(max(memory - (by_memory + across * along) / steep, lowest), highest)
@@ -339,8 +285,8 @@ def _stepped(place: tuple[float, float], at: _Squares, damping: float, rate: flo
 def _point(memory: float, theta: float, rate: float) -> Array:
     """Logarithms of the shares' ratio and of the correlation time nearest to some phi and theta."""
     odds = (memory * (1.0 + theta**2) / max(theta, _SMALL) - 1.0 - memory**2) / (1.0 - memory**2)
-    logit = min(max(math.log(max(odds, _SMALL)), _LOGITS[0]), _LOGITS[1])
-    return np.array([logit, -math.log(-rate * math.log(max(memory, _TINY)))])
+    logit = min(max(math.log(max(odds, _SMALL)), TUNING.error_logits[0]), TUNING.error_logits[1])
+    return np.array([logit, -math.log(-rate * math.log(max(memory, TINY)))])
 
 
 @lru_cache(maxsize=8)
@@ -350,7 +296,7 @@ def _grid_of(rate: float, lags: int) -> tuple[Array, Array, Array]:
     With g_k = theta^k / (1 - theta^2), the autocovariances of 1 / (1 - theta L), that is
     (1 + phi^2) g_0 - 2 phi g_1 of lag 0, and 2 (1 + phi^2) g_k - 2 phi (g_(k-1) + g_(k+1)) of others.
     """
-    points = np.array([[math.log(s / (1.0 - s)), math.log(t)] for s in _SHARES for t in _CORRELATIONS])
+    points = np.array([[math.log(s / (1.0 - s)), math.log(t)] for s in TUNING.error_shares for t in TUNING.error_times])
     memory, theta, variance = np.array([_arma(*_from_point(point), rate) for point in points]).T[:, :, None]
     powers = theta ** np.abs(np.arange(-1, lags + 1)) / (1.0 - theta**2)
     weights = (1.0 + memory**2) * powers[:, 1:-1] - memory * (powers[:, :-2] + powers[:, 2:])
@@ -360,8 +306,8 @@ def _grid_of(rate: float, lags: int) -> tuple[Array, Array, Array]:
 
 def _from_point(point: Array) -> tuple[float, float]:
     logit, log_time = point.tolist()
-    share = 1.0 / (1.0 + math.exp(-min(max(logit, _LOGITS[0]), _LOGITS[1])))
-    return share, math.exp(min(max(log_time, math.log(_SHORTEST)), math.log(_LONGEST)))
+    share = 1.0 / (1.0 + math.exp(-min(max(logit, TUNING.error_logits[0]), TUNING.error_logits[1])))
+    return share, math.exp(min(max(log_time, math.log(TUNING.shortest_time)), math.log(TUNING.longest_time)))
 
 
 def _arma(share: float, correlation: float, rate: float) -> tuple[float, float, float]:
@@ -371,11 +317,6 @@ def _arma(share: float, correlation: float, rate: float) -> tuple[float, float, 
     total = share * (1.0 - memory**2) + white * (1.0 + memory**2)
     theta = _theta_of(memory * white / total)
     return memory, theta, total / (1.0 + theta**2)
-
-
-def _theta(odds: float, memory: float) -> float:
-    """Theta, of the coloured part's share over the white one's, and phi."""
-    return _theta_of(memory / (odds * (1.0 - memory**2) + 1.0 + memory**2))
 
 
 def _theta_of(ratio: float) -> float:

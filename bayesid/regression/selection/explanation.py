@@ -10,8 +10,6 @@ both, :eq:`evidence`::
 at the best x, H = L + sum_j A_j' W_j' W_j A_j (MacKay 2003, chapter 28; exact for normal errors of given covariance).
 The error's own parameters are those of the highest likelihood; where they exceed the noise floor, each joint pays
 log N.
-
-What the workflow decides by: every threshold that steers it, with its meaning and where it comes from.
 """
 
 from __future__ import annotations
@@ -25,33 +23,28 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.special import log_ndtr
 
-from bayesid.arrays import Array, Integers, Mask
+from bayesid.arrays import TINY, Array, Integers, Mask
 from bayesid.regression.knowledge import Information
 from bayesid.regression.selection.columns import NOT_YET, Columns, Whitening
-from bayesid.regression.selection.error_model import ErrorModel, alike, bridged, fit_error
+from bayesid.regression.selection.error_model import ErrorModel, alike, fit_error
 
 LN10 = float(np.log(10.0))
 """Nats a decade of a Bayes factor."""
-_TINY = 1e-300
-"""Guard of divisions and roots; no result depends on it."""
-_RIDGE = 1e-12
-"""Added to the unit diagonal of a scaled H before it is factored: a guard against rounding."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Thresholds:
     """Where the workflow draws its lines.
 
-    All values are those of the blind cases of `bayesid study discrepancy` (docs/discrepancy.md, section 7); they judged
-    them together; those over a blunt floor had to explain real friction too (`bayesid study real_discrepancy`).
-    Where no other source is named a value was set by hand and not varied by itself. None has a unit: they are ratios,
-    shares, counts, or log10 of Bayes factors.
+    All values are those of the blind cases of `bayesid study discrepancy` (docs/discrepancy.md, section 7), judged
+    together; those over a blunt floor had to explain real friction too (`bayesid study real_discrepancy`). None has a
+    unit: they are ratios, shares, counts, or log10 of Bayes factors.
 
     Attributes:
         min_samples: samples in motion that one joint at least must have.
         another_robot: RMS error of the predicted |effort| over the sd of the measured one, beyond which, in every
             joint, the model is taken for another robot's; 1 is what a constant reaches.
-        clearly_moving: speed, in units of standstill (a hundredth of the highest), from which on a sample counts. With
+        clearly_moving: speed, in units of standstill (a hundredth of the highest), from which on a sample counts: with
             the smoothing tanh(u' / standstill) friction's direction is 99 % there at 2.5.
         good_fit: share of a joint's RMS effort below which the earlier model's residual is the noise floor.
         white_growth: factor by which the white noise may exceed the earlier log's; the rest is a finding.
@@ -66,15 +59,14 @@ class Thresholds:
         improvement: fall of a joint's mean squared residual, in units of the noise floor's, that it needs beside.
         improvement_of_rest: the same as a share of what is left.
         equivalent: log10 below which two effects are equivalent; "strong" begins at 1 (ib.).
-        testable: log10 to be expected of a usual amplitude below which an effect cannot be tested: what it needs to be
-            added.
+        testable: log10 to be expected of a usual amplitude that an effect needs to be testable: as to be added.
         nothing_missing: prior probability that nothing is missing, by convention one half.
         something_else: prior probability that it is outside of the catalogue; the effects share the rest.
-        max_effects: that are added; a bound against endless loops, some six a joint.
-        short_list: effects among which one selection chooses, in their best forms; a round number.
-        close_looks: effects with error models of their own when all are scored; a round number, more of them cost time.
+        max_effects: that are added; a bound against endless loops.
+        short_list: effects among which one selection chooses, in their best forms.
+        close_looks: effects with error models of their own when all are scored; more of them cost time.
         held_back_improvement: share of a joint's squared errors on held-back data by which a set of effects must
-            predict them better than a smaller one. Effects may show less there than in the log they were found in.
+            predict them better than a smaller one.
         explained_share: of the excess in a joint that stays unexplained, that its effects must explain to be kept.
 
     Example:
@@ -83,11 +75,9 @@ class Thresholds:
         (4.0, 40)
     """
 
-    # the log
     min_samples: int = 200
     another_robot: float = 1.05
     clearly_moving: float = 2.5
-    # the noise floor
     good_fit: float = 0.2
     white_growth: float = 1.5
     repeated_white: float = 0.3
@@ -97,7 +87,6 @@ class Thresholds:
     above_floor: float = 1.25
     above_blunt_floor: float = 1.6
     at_blunt_floor: float = 1.15
-    # effects
     log10_bayes_factor: float = 2.0
     improvement: float = 0.05
     improvement_of_rest: float = 0.1
@@ -108,7 +97,6 @@ class Thresholds:
     max_effects: int = 40
     short_list: int = 60
     close_looks: int = 10
-    # held-back data
     held_back_improvement: float = 0.025
     explained_share: float = 0.75
 
@@ -207,7 +195,7 @@ class JudgedJoint:
         Innovations vary no more than the white and the coloured part together.
         """
         count, value = max(int(self.used.sum()), 1), self._fitted[1]
-        most = self.limits[0] ** 2 + self.limits[1] ** 2 + _TINY
+        most = self.limits[0] ** 2 + self.limits[1] ** 2 + TINY
         least = float(np.exp(-1.0 - 2.0 * value / count)) / (2.0 * np.pi)  # mean squared innovation
         return value if least <= most else -0.5 * count * float(np.log(2.0 * np.pi * most) + least / most)
 
@@ -217,7 +205,7 @@ class JudgedJoint:
 
     @cached_property
     def _likelier(self) -> float:
-        """Log likelihood under the error model that is kept, over that of the residual that it was fitted to."""
+        """Log likelihood under the error model that is kept, over that of the residual it was fitted to."""
         assert self.previous is not None
         before, after = (self.error.log_likelihood(x, self.used) for x in (self.previous.residual, self.residual))
         return after - before
@@ -306,12 +294,7 @@ class WhiteJoint:
 
 
 class Regression:
-    """The log regressed on the model's columns and those of some effects, and on one more if asked.
-
-    Args:
-        data: what is to be explained.
-        effects: added already.
-    """
+    """The log regressed on the model's columns and those of some effects, and on one more if asked."""
 
     def __init__(self, data: Observations, effects: Sequence[Columns] = ()) -> None:
         self.data, self.effects = data, tuple(effects)
@@ -332,11 +315,11 @@ class Regression:
         """All that shows in a joint, filtered by an error model: innovations in N m, whatever their size."""
         key = joint, error.shape
         if key not in self._whitened:
-            whitening, used = self.data.whitening, self.data.used[:, joint]
+            whitening = self.data.whitening
             acting = [(e, place) for e, place in zip(self.effects, self._places, strict=True) if joint in e.rows]
             model, products = whitening.model(joint, error)
             rows = [whitening.rows(effect, joint, error) for effect, _ in acting]
-            effort = error.innovations(bridged(self._efforts[:, joint], used), used)
+            effort = error.whiten(self._efforts[:, joint], self.data.used[:, joint])
             others = np.concatenate([*rows, effort[:, None]], axis=1)
             index = np.concatenate([whitening.bare(joint)[0], *(place for _, place in acting)])
             self._whitened[key] = WhiteJoint(index, tuple(effect for effect, _ in acting), model, others, products)
@@ -383,19 +366,16 @@ class Regression:
         judged = []
         for j, limits in enumerate(self.data.limits):
             kept = None if before is None or j in acting else before.judged[j]
-            judged.append(
-                JudgedJoint(residual[:, j], self.data.used[:, j], self.data.rate, (limits[0], limits[1]), kept)
-            )
+            used, most = self.data.used[:, j], (limits[0], limits[1])
+            judged.append(JudgedJoint(residual[:, j], used, self.data.rate, most, kept))
         return tuple(judged)
 
     def settle(self, start: Explanation, extra: Columns | None = None) -> Explanation:
         """`explain` once more with the error models that it has found, unless they are as they were."""
         first = self.explain(start.errors, extra, start)
-        return (
-            first
-            if alike(first.errors, start.errors)
-            else self.explain(first.errors, extra, first if extra is not None else None)
-        )
+        if alike(first.errors, start.errors):
+            return first
+        return self.explain(first.errors, extra, None if extra is None else first)
 
     def _log_prior(self, best: Array, sd: Array, precision: Array, effects: Sequence[Columns]) -> float:
         """Of coefficients and amplitudes: the earlier log's, the effects' normal ones, and those of their sides."""
@@ -458,8 +438,8 @@ class Regression:
 
 def _solve(hessian: Array, gradient: Array) -> tuple[Array, Array, float]:
     """H^-1 g, R with R'R = H^-1, and log det(H) / 2."""
-    lengths = np.sqrt(np.maximum(np.diag(hessian), _TINY))
-    factor = np.linalg.cholesky(hessian / np.outer(lengths, lengths) + _RIDGE * np.eye(len(lengths)))
+    lengths = np.sqrt(np.maximum(np.diag(hessian), TINY))
+    factor = np.linalg.cholesky(hessian / np.outer(lengths, lengths) + 1e-12 * np.eye(len(lengths)))  # against rounding
     root = solve_triangular(factor, np.diag(1.0 / lengths), lower=True)
     volume = float(np.log(np.diag(factor)).sum() + np.log(lengths).sum())
     return root.T @ (root @ gradient), root, volume

@@ -1,4 +1,8 @@
-"""Cross-validation over blocks of the log itself: what effects do to the error on data that had no say."""
+"""Forward selection: adds the effects that evidence and held-back blocks of the log bear out, one after the other.
+
+Blocks are predicted by fits to the folds that they are not in (`regression.selection.products`): that tells what
+effects do to the error on data that had no say.
+"""
 
 from __future__ import annotations
 
@@ -9,34 +13,23 @@ from typing import Generic
 
 import numpy as np
 
-from bayesid.arrays import Array, Mask
+from bayesid.arrays import TINY, Array, Mask
+from bayesid.regression.selection.explanation import LN10
 from bayesid.regression.selection.hypotheses import EffectKey
-from bayesid.regression.selection.products import (
-    _DEGREES,
-    _HARM,
-    _SURE,
-    _TINY,
-    HELP,
-    Candidate,
-    HeldBackErrors,
-    Kind,
-    Products,
-)
-
-EQUIVALENT = float(np.log(10.0))
-"""Log Bayes factor below which two effects cannot be told apart (Jeffreys 1961, appendix B)."""
-_AT_ONCE = 16
-"""Candidates at most whose predictions of held-back blocks are made together; a round number."""
+from bayesid.regression.selection.products import Candidate, HeldBackErrors, Kind, Products
+from bayesid.regression.tuning import TUNING
 
 
-def bears_out(after: HeldBackErrors, before: HeldBackErrors, joints: Collection[int], least: float = HELP) -> bool:
+def bears_out(
+    after: HeldBackErrors, before: HeldBackErrors, joints: Collection[int], least: float = TUNING.help
+) -> bool:
     """Whether an effect in some (0-based) joints surely helps there, and all joints together do not lose by it.
 
     It must lower the joints' mean squared errors, as shares of what they were and added up, by `least`. The standard
     error is that of the blocks which it helps less than on average: what helps a lot where it acts, and does nothing
     where it does not, is no luck.
     """
-    relative = (after.squares - before.squares) / np.maximum(before.squares.sum(axis=0), _TINY)
+    relative = (after.squares - before.squares) / np.maximum(before.squares.sum(axis=0), TINY)
     of_blocks = relative[:, sorted(joints)].sum(axis=1)
     return bool(_surely_more(-of_blocks, least) and relative.sum() < 0.0)
 
@@ -44,40 +37,36 @@ def bears_out(after: HeldBackErrors, before: HeldBackErrors, joints: Collection[
 def harmed(after: HeldBackErrors, before: HeldBackErrors) -> Mask:
     """(n,) whether a joint's mean squared error has risen by more than its standard error, and visibly."""
     rise, error = after.rise(before)
-    risen: Mask = (rise > error) & (rise > _HARM * before.rms**2)
+    risen: Mask = (rise > error) & (rise > TUNING.harm * before.rms**2)
     return risen
 
 
 def log_density(residual: Array, used: Mask, sd: Array) -> Array:
     """(N,) log predictive density of residuals (N, n), joints added up, up to a constant that all predictions share.
 
-    Student's t of four degrees: a few samples where friction turns round, which no term claims to know, decide nothing.
+    Student's t of four degrees, the usual choice where a few errors may be large (Lange, Little, Taylor 1989): a few
+    samples where friction turns round decide nothing.
 
     Args:
         residual: N m.
         used: (N, n) samples that count.
         sd: (n,) scale of the errors, N m.
     """
-    density = -0.5 * (_DEGREES + 1.0) * np.log1p((residual / sd) ** 2 / _DEGREES)
+    degrees = 4.0
+    density = -0.5 * (degrees + 1.0) * np.log1p((residual / sd) ** 2 / degrees)
     of_rows: Array = (density * used).sum(axis=1)
     return of_rows
 
 
 def surely_better(one: Array, other: Array, least: float) -> bool:
-    """Whether log densities (blocks,) of one set of effects are above those of another, as surely as `bears_out`.
-
-    Args:
-        one: of the one.
-        other: of the other.
-        least: by which they are at least, in sum.
-    """
+    """Whether log densities (blocks,) of one set of effects are above another's by `least` in sum, and surely."""
     return _surely_more(one - other, least)
 
 
 def _surely_more(of_blocks: Array, least: float) -> bool:
     """Whether gains of blocks add up to more than `least`, and than their scatter on the side of less explains."""
     less = np.minimum(of_blocks - of_blocks.mean(), 0.0)
-    return bool(of_blocks.sum() > max(least, _SURE * float(np.sqrt(2.0 * np.sum(less**2)))))
+    return bool(of_blocks.sum() > max(least, TUNING.sure * float(np.sqrt(2.0 * np.sum(less**2)))))
 
 
 @dataclass(frozen=True)
@@ -157,7 +146,7 @@ def _first_borne_out(
         for more, errors in zip(some, after, strict=True):
             if _borne_out(errors, before, more[-1]):
                 return more
-        count = min(2 * count, _AT_ONCE)
+        count = min(2 * count, TUNING.sets_predicted_at_once)
     return None
 
 
@@ -175,7 +164,7 @@ def _exchanged(products: Products[Kind], chosen: list[Candidate[Kind]]) -> list[
             c for c in products.candidates if c.hypothesis.columns.joints == joints and c.hypothesis.key not in taken
         ]
         gains = products.gains(others, rivals)
-        equal = [k for k in np.argsort(-gains) if gains[k] > gains.max() - EQUIVALENT]
+        equal = [k for k in np.argsort(-gains) if gains[k] > gains.max() - LN10]  # Jeffreys 1961, appendix B
         winner = rivals[min(equal, key=lambda k: len(rivals[k].hypothesis.columns.sd))]
         exchanged = [winner if other is candidate else other for other in chosen]
         after, before = products.held_back_each([exchanged, others])

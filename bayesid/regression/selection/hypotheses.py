@@ -1,11 +1,4 @@
-"""What could be missing: every effect of the catalogue in every form, as columns on the log at hand.
-
-Dry friction near standstill: how it turns round there no term says, and no effect should be named for it alone.
-
-A term smooths the turn of friction as tanh(u' / v), with v the speed below which a log hardly shows its direction. A
-friction that turns round at once differs from it by tanh(k u' / v) - tanh(u' / v), up to half of it at speeds about
-v: on a log with little noise enough for the evidence of an effect that acts at low speed (study `complete`, 8 bit).
-"""
+"""What could be missing: every effect of the catalogue in every form, as columns on the log at hand."""
 
 from __future__ import annotations
 
@@ -16,21 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from bayesid.arrays import Array, Mask
+from bayesid.arrays import TINY, Array, Mask
 from bayesid.effects import STANDARD, catalogue
 from bayesid.effects.coulomb_friction import DryTerm
 from bayesid.effects.effect import Effect, Scene, effect_of
 from bayesid.effects.model import Model
 from bayesid.motion import Motion
 from bayesid.regression.selection.columns import NO_COLUMNS, Columns, stacked
-
-_USUAL = 0.3
-"""Prior standard deviation of an effect's largest effort, as a share of the joint's RMS effort; a round number: effects
-between a hundredth of the effort and all of it are within a few standard deviations."""
-_ROUNDING = 1e-12
-"""Share of the joint's RMS effort per unit of an amplitude, up to which a column is rounding."""
-_TINY = 1e-300
-"""Instead of 0 in a denominator."""
+from bayesid.regression.tuning import TUNING
 
 EffectKey = tuple[str, tuple[int, ...]]
 """Name of an effect, and its joints from 1."""
@@ -140,14 +126,7 @@ def forms_of(effect: str, joints: tuple[int, ...], make: Callable[[Effect], Hypo
 def hypotheses_of(
     kind: type[Effect], make: Callable[[Effect], Hypothesis], scene: Scene, joints: tuple[int, ...] | None = None
 ) -> Iterator[list[Hypothesis]]:
-    """The forms of one kind alone, as `hypotheses` has them, by what makes hypotheses of effects.
-
-    Args:
-        kind: of effect.
-        make: of an effect a hypothesis.
-        scene: the log.
-        joints: (from 1) those that alone are asked for, if any.
-    """
+    """The forms of one kind alone, as `hypotheses` has them; in some joints (from 1) alone, if they are given."""
     groups: dict[tuple[object, ...], list[Hypothesis]] = {}
     for source in kind.variants(scene):
         if joints is not None and source.joints != joints:
@@ -162,13 +141,7 @@ def hypotheses_of(
 
 
 def maker(model: Model, scene: Scene, used: Mask) -> Callable[[Effect], Hypothesis]:
-    """What makes a hypothesis of an effect.
-
-    Args:
-        model: as it is.
-        scene: the log.
-        used: (N, n) samples that count.
-    """
+    """What makes a hypothesis of an effect, on a log of which samples (N, n) are used."""
     size = np.sqrt(np.sum((scene.measured * used) ** 2, axis=0) / np.maximum(used.sum(axis=0), 1))
 
     def make(source: Effect) -> Hypothesis:
@@ -190,32 +163,22 @@ def _scaled(hypothesis: Hypothesis) -> list[Hypothesis]:
 
 
 def _columns(source: Effect, scene: Scene, size: Array, used: Mask, new: bool) -> Columns:
-    """What a form does to a log; a change of what the model has already may go either way.
-
-    Args:
-        source: the form.
-        scene: the log.
-        size: (n,) RMS of the measured efforts, N m.
-        used: (N, n) samples that count.
-        new: whether the model lacks it.
-    """
+    """What a form does to a log; a change of what the model has already (not new) may go either way."""
     shifts, rows = source.change_by_joint(scene)
     shifts = {j: shift for j, shift in shifts.items() if j in rows or np.any(shift[used[:, j]])}
     if not rows and not shifts:
         return NO_COLUMNS
-    size_of_all = next(iter(rows.values())).shape[1:] if rows else (0,)
-    sd = (
-        np.broadcast_to(source.typical, size_of_all).copy()
-        if source.typical and rows
-        else usual_amplitudes(rows, size, used)
-    )
+    if source.typical and rows:
+        sd = np.broadcast_to(source.typical, next(iter(rows.values())).shape[1:]).copy()
+    else:
+        sd = usual_amplitudes(rows, size, used)
     positive = np.zeros(len(sd), dtype=bool)
     positive[source.one_sided(scene.robot)] = new
     return Columns(rows, shifts, sd, positive)
 
 
 def _held(source: Effect, model: Model) -> Effect | None:
-    """The effect itself if all parameters that it would add are the model's already; with the model's shape."""
+    """The effect itself, with the model's shape, if all parameters that it would add are the model's already."""
     names = {parameter.name for parameter in model.parameters}
     if not {parameter.name for parameter in source.parameters(model.robot)} <= names:
         return None
@@ -234,20 +197,18 @@ def usual_amplitudes(rows: Mapping[int, Array], size: Array, used: Mask) -> Arra
         size: (n,) RMS of the measured efforts, N m.
         used: (N, n) samples that count.
     """
-    relative = [
-        np.abs(x.T.compress(used[:, j], axis=1)).max(axis=1, initial=0.0) / max(size[j], _TINY) for j, x in rows.items()
-    ]
+    peaks = {j: np.abs(x.T.compress(used[:, j], axis=1)).max(axis=1, initial=0.0) for j, x in rows.items()}
+    relative = [peak / max(size[j], TINY) for j, peak in peaks.items()]
     largest = np.max(relative, axis=0) if relative else np.zeros(0)
-    return np.where(largest > _ROUNDING, _USUAL / np.maximum(largest, _TINY), 1.0)
-
-
-_SHARPER = 4.0
-"""k: below a quarter of the speed at which friction's direction is no longer shown a turn is as good as none. A round
-number."""
+    return np.where(largest > 1e-12, TUNING.usual_effort / np.maximum(largest, TINY), 1.0)
 
 
 def near_standstill(model: Model, motion: Motion, size: Array, used: Mask) -> Columns:
-    """What a model's dry friction may be wrong by where it turns round.
+    """What a model's dry friction may be wrong by where it turns round: how, no term says.
+
+    A term smooths the turn as tanh(u' / v), with v the speed below which a log hardly shows its direction. Friction
+    that turns round at once differs from it by tanh(k u' / v) - tanh(u' / v), up to half of it at speeds about v: on a
+    log with little noise enough for the evidence of an effect that acts at low speed (study `complete`, 8 bit).
 
     Args:
         model: whose terms of dry friction are looked at.
@@ -264,6 +225,5 @@ def near_standstill(model: Model, motion: Motion, size: Array, used: Mask) -> Co
 
 
 def _turning_at_once(model: Model, term: DryTerm, motion: Motion) -> Array:
-    """(N, n, p) what would come on top of a term whose friction turns round at once."""
-    at_once = replace(term, smoothing=tuple(speed / _SHARPER for speed in term.smoothing))
+    at_once = replace(term, smoothing=tuple(speed / TUNING.sharper_turn for speed in term.smoothing))
     return at_once.columns(model.robot, motion) - term.columns(model.robot, motion)

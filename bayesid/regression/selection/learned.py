@@ -26,39 +26,15 @@ from bayesid.regression.selection.error_model import ErrorModel
 from bayesid.regression.selection.explanation import LN10, Explanation, Observations, Regression
 from bayesid.regression.selection.hypotheses import Curve, Hypothesis
 from bayesid.regression.selection.scores import Screening, explain_with, integrated
+from bayesid.regression.tuning import TUNING
 
 Variable = tuple[Quantity, int]
 """What it is, and of which joint (from 1); 0 for the time."""
 
-_LENGTHS = (0.1, 0.2, 0.4, 0.8)
-"""Of the kernel, as shares of the range seen: from one with many turns within it to a slow one. Round numbers."""
-_SIZES = (0.02, 0.06, 0.2, 0.6)
-"""Prior sd of a function as a share of the joint's RMS effort. Round numbers."""
-_SCREENED, _COARSE, _FINE = 6, 8, 14
-"""Cosines of a variable while pairs are screened, and in the forms that are tried then: the latter resolve a kernel of
-a tenth of the range. Set by hand."""
-_SETS, _AGAIN, _CLOSER = 10, 4, 6
-"""Sets of variables whose forms are all tried, at first and by what a function has left, and sets that get error models
-of their own. Round numbers."""
-_HARMONICS = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
-"""Of a turn of a joint, tried by themselves; the first three with their multiples too."""
-_FADING = (0.2, 0.5, 1.2)
-"""Time constants tried, as shares of the log's length."""
-_FASTEST, _CLOSE = 0.125, 0.5
-"""Of what oscillates over time: the highest frequency that is tried, as a share of the sampling rate, and the distance
-of frequencies in half turns over the whole log."""
-_CLOSER_STILL = 10
-"""Times as close as that are frequencies about the best."""
-_AT_ONCE = 40_000_000
-"""Numbers of columns that are in memory at once."""
 DECISIVE = 2.0 * LN10
 """Log Bayes factor by which a function of more variables must be better than one of some of them (Jeffreys 1961)."""
-_MOVES = 1e-3
-"""Range of a variable, rad, rad/s, rad/s^2, N m or s, below which it does not change."""
 _POINTS, _LEVELS = 301, (0.15, 0.5, 0.85)
 """Of a curve for a figure, and values of the other variable, as shares of its range."""
-_PLAIN = 4
-"""Columns up to which a form is a law, such as the product of two sines: its amplitudes stay free in the model."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +69,7 @@ class Form:
     @property
     def plain(self) -> bool:
         """Whether its few columns are a law rather than any function."""
-        return not self.smooth and self.counts <= _PLAIN
+        return not self.smooth and self.counts <= TUNING.law_columns
 
     @property
     def counts(self) -> int:
@@ -120,14 +96,7 @@ class Learned:
 
 @dataclass(frozen=True, eq=False)
 class Finder:
-    """Finds what is left of a joint.
-
-    Args:
-        scene: the log.
-        used: (N, n) samples that count.
-        joint: from 1.
-        make: makes hypotheses of effects.
-    """
+    """Finds what is left of a joint (from 1) of a log, of which samples (N, n) are used; `make` makes hypotheses."""
 
     scene: Scene
     used: Mask
@@ -137,27 +106,24 @@ class Finder:
     _columns: dict[Axis, Array] = field(default_factory=dict)
     _variances: dict[tuple[Axis, float], Array] = field(default_factory=dict)
 
-    # -----------------------------------------------------------------------------------------------------------
-    # Candidates
-    # -----------------------------------------------------------------------------------------------------------
     def variables(self) -> list[Variable]:
         """All that changes: positions, speeds and accelerations of all joints, the joint's load, and the time."""
         joints = range(1, self.scene.robot.n_joints + 1)
         kinds = (Quantity.POSITION, Quantity.VELOCITY, Quantity.ACCELERATION)
         own: list[Variable] = [(Quantity.LOAD, self.joint), (Quantity.TIME, 0)]
         everything = [(kind, j) for kind in kinds for j in joints] + own
-        return [variable for variable in everything if np.ptp(self._range(variable)) > _MOVES]
+        return [variable for variable in everything if np.ptp(self._range(variable)) > TUNING.changes]
 
     def screened(self) -> Iterator[Form]:
         """Smooth functions of one variable and of two, and such that turn round with a joint's direction of motion."""
         variables = self.variables()
         for one in variables:
-            yield Form((self._smooth(one, _FINE),))
+            yield Form((self._smooth(one, TUNING.cosines_fine),))
         for one, other in combinations(variables, 2):
-            yield Form((self._smooth(one, _SCREENED), self._smooth(other, _SCREENED)))
+            yield Form((self._smooth(one, TUNING.cosines_screened), self._smooth(other, TUNING.cosines_screened)))
         for turning, one in product([v for v in variables if v[0] is Quantity.VELOCITY], variables):
             if turning != one:
-                yield Form((self._direction(turning), self._smooth(one, _COARSE)))
+                yield Form((self._direction(turning), self._smooth(one, TUNING.cosines_coarse)))
         yield from (Form((axis,)) for axis in self._oscillations())
 
     def forms(self, variables: Iterable[Variable], *, fine: bool) -> Iterator[Form]:
@@ -173,16 +139,19 @@ class Finder:
         time: Variable = (Quantity.TIME, 0)
         low, high = self._range(time)
         rate = (len(self._value(time)) - 1) / (high - low)
-        count = int(_FASTEST * rate * 2.0 * high / _CLOSE)
-        yield from (Axis(*time, Family.PERIODIC, low, high, np.pi * _CLOSE * k / high, 2) for k in range(1, count + 1))
+        count = int(TUNING.fastest_oscillation * rate * 2.0 * high / TUNING.oscillations_apart)
+        yield from (
+            Axis(*time, Family.PERIODIC, low, high, np.pi * TUNING.oscillations_apart * k / high, 2)
+            for k in range(1, count + 1)
+        )
 
     def _tuned(self, forms: Iterable[Form]) -> Iterator[Form]:
         """Of what oscillates over time the same at frequencies nearby."""
         for form in forms:
             axis = form.axes[0]
             if len(form.axes) == 1 and axis.quantity is Quantity.TIME and axis.family is Family.PERIODIC:
-                apart = np.pi * _CLOSE / axis.high / _CLOSER_STILL
-                steps = np.arange(-_CLOSER_STILL, _CLOSER_STILL + 1) * apart
+                apart = np.pi * TUNING.oscillations_apart / axis.high / TUNING.oscillations_refined
+                steps = np.arange(-TUNING.oscillations_refined, TUNING.oscillations_refined + 1) * apart
                 yield from (
                     Form((replace(axis, order=float(axis.order + step)),)) for step in steps[steps > -axis.order]
                 )
@@ -198,23 +167,26 @@ class Finder:
         """One or two columns each."""
         low, high = self._range(variable)
         if self._turns(variable):
-            yield from (Axis(*variable, Family.PERIODIC, low, high, h, 2) for h in _HARMONICS)
+            yield from (Axis(*variable, Family.PERIODIC, low, high, h, 2) for h in TUNING.harmonics)
         if variable[0] is Quantity.VELOCITY:
             yield self._direction(variable)
             yield Axis(*variable, Family.ODD, low, high, 2.0, 1)
         if variable[0] is Quantity.TIME:
-            yield from (Axis(*variable, Family.FADING, low, high, share * high, 2) for share in _FADING)
+            yield from (Axis(*variable, Family.FADING, low, high, share * high, 2) for share in TUNING.fadings)
         yield Axis(*variable, Family.POWER, low, high, 1.0, 1)
 
     def _families(self, variable: Variable, *, fine: bool) -> Iterator[Axis]:
         """Every family of functions of a variable."""
         low, high = self._range(variable)
-        yield from (self._smooth(variable, count) for count in ((_COARSE, _FINE) if fine else (_COARSE,)))
+        yield from (
+            self._smooth(variable, count)
+            for count in ((TUNING.cosines_coarse, TUNING.cosines_fine) if fine else (TUNING.cosines_coarse,))
+        )
         yield from self._plain(variable)
         if self._turns(variable):
             counts = (7, 13) if fine else (7,)
-            yield from (Axis(*variable, Family.PERIODIC, low, high, h, n) for h in _HARMONICS[:3] for n in counts)
-            yield from (Axis(*variable, Family.PERIODIC, low, high, h, 3) for h in _HARMONICS)
+            yield from (Axis(*variable, Family.PERIODIC, low, high, h, n) for h in TUNING.harmonics[:3] for n in counts)
+            yield from (Axis(*variable, Family.PERIODIC, low, high, h, 3) for h in TUNING.harmonics)
         elif variable[0] is not Quantity.POSITION:
             yield Axis(*variable, Family.EVEN, low, high, 1.0, 1)
         if variable[0] is not Quantity.TIME:
@@ -235,9 +207,6 @@ class Finder:
             self._values[variable] = values_of(self.scene.robot, self.scene.motion, self.scene.links)(axis)
         return self._values[variable]
 
-    # -----------------------------------------------------------------------------------------------------------
-    # Columns
-    # -----------------------------------------------------------------------------------------------------------
     def _of_axis(self, axis: Axis) -> Array:
         if axis not in self._columns:
             self._columns[axis] = axis.columns(self._value(axis.variable))
@@ -273,9 +242,6 @@ class Finder:
         columns = Columns({self.joint - 1: rows}, {}, sd, np.zeros(len(sd), dtype=bool))
         return Hypothesis(source, columns, self.make)
 
-    # -----------------------------------------------------------------------------------------------------------
-    # Evidence
-    # -----------------------------------------------------------------------------------------------------------
     def ranked(
         self,
         data: Observations,
@@ -287,7 +253,7 @@ class Finder:
     ) -> list[Learned]:
         """The most promising functions, one for each set of variables, best first, on top of some effects.
 
-        What is left before anything is learned looks like lasting noise, under which slow functions count for little:
+        What is left before anything is learned looks like lasting noise, under which slow functions count for little,
         so that functions are weighed again by what the best of them leaves.
 
         Args:
@@ -301,7 +267,9 @@ class Finder:
         again, errors = errors is not None, explanation.errors if errors is None else errors
         screening = Screening(regression, errors)
         screened = self._best(screening, self.screened())
-        promising = sorted(screened, key=lambda variables: -screened[variables][1])[: _AGAIN if again else _SETS]
+        promising = sorted(screened, key=lambda variables: -screened[variables][1])[
+            : TUNING.variables_tried_again if again else TUNING.variables_tried
+        ]
         forms = (form for one in promising for form in self.forms(one, fine=again))
         best = self._best(screening, (form for form in forms if form.bounded or not bounded))
         best |= self._best(screening, self._tuned([form for form, *_ in best.values()]))
@@ -317,7 +285,7 @@ class Finder:
     ) -> list[Learned]:
         """The best, with error models of their own."""
         closer = []
-        for one in sorted(best, key=lambda variables: -best[variables][1])[:_CLOSER]:
+        for one in sorted(best, key=lambda variables: -best[variables][1])[: TUNING.variables_looked_at]:
             form, gain, own = best[one]
             hypothesis = self.hypothesis(form)
             extended = regression.explain(errors, hypothesis.columns)
@@ -348,7 +316,7 @@ class Finder:
         """Log Bayes factors of forms, over the grid of sizes and lengths."""
         by_size = sorted(forms, key=lambda form: form.counts)
         for count, group in groupby(by_size, key=lambda form: form.counts):
-            together, most = list(group), max(1, _AT_ONCE // (count * len(self.used)))
+            together, most = list(group), max(1, TUNING.numbers_at_once // (count * len(self.used)))
             for k in range(0, len(together), most):
                 yield from self._gains_of(screening, together[k : k + most])
 
@@ -357,8 +325,8 @@ class Finder:
         free = np.zeros(forms[0].counts, dtype=bool)
         columns = [Columns({self.joint - 1: self.rows(form)}, {}, np.ones(len(free)), free) for form in forms]
         gram, slope = screening.products(columns)
-        for size, length in product(_SIZES, _LENGTHS):
-            tried = [k for k, form in enumerate(forms) if form.smooth or length == _LENGTHS[0]]
+        for size, length in product(TUNING.sizes, TUNING.lengths):
+            tried = [k for k, form in enumerate(forms) if form.smooth or length == TUNING.lengths[0]]
             if not tried:
                 continue
             sized = [replace(forms[k], size=size * self._effort, length=length) for k in tried]
@@ -366,9 +334,6 @@ class Finder:
             gains, _ = integrated(np.zeros(len(tried)), gram[tried], slope[tried], scaled)
             yield from zip(sized, gains.tolist(), strict=True)
 
-    # -----------------------------------------------------------------------------------------------------------
-    # One effect
-    # -----------------------------------------------------------------------------------------------------------
     def merged(
         self, found: Sequence[Learned], amplitudes: Sequence[Array], covariances: Sequence[Array], number: int
     ) -> Hypothesis:

@@ -14,8 +14,9 @@ changed are whitened anew, whenever an effect has been added.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import Generic, Protocol, TypeVar
 
 import numpy as np
@@ -24,32 +25,13 @@ from scipy.special import log_ndtr
 from bayesid.arrays import Array, Integers, Mask
 from bayesid.regression.knowledge import RIDGE, inverse_of
 from bayesid.regression.selection.columns import NO_COLUMNS, Columns
-from bayesid.regression.selection.error_model import ErrorModel, bridged, fit_error
+from bayesid.regression.selection.error_model import ErrorModel, fit_error
 from bayesid.regression.selection.explanation import Observations
 from bayesid.regression.selection.hypotheses import EffectKey
+from bayesid.regression.tuning import TUNING
 
-BLOCKS, FOLDS = 16, 4
-"""Equal stretches of a log, every fourth of which is held back at a time: each fold then has data from all of the log,
-and 16 blocks give a standard error to 18 %. Round numbers; not studied."""
-
-_SHORTEST = 1.0
-"""s, that a block lasts at least: the motion around a shorter one tells what happens in it. A round number; the halves
-of 10 s of Panda's log are what it was found on (study `complete`)."""
-SHORTEST_LOG = FOLDS * _SHORTEST
-"""s: a log that does not fill one such block a fold tells nothing surely."""
-_HARM = 0.04
-"""Share of a joint's mean squared error by which it may rise in any case, a fiftieth of the error: nobody would see it.
-A round number."""
-HELP = 0.1
-"""Share of the joints' mean squared errors, added up, by which an effect lowers them at least to be worth a term: five
-per cent of the error. A round number."""
-_SURE = 1.5
-"""Standard errors over the blocks by which it does: seven chances in a hundred, beside the evidence. A round number:
-two keep effects out of a half of TX40's log that hold in the other half, one lets effects enter that do not."""
-_DEGREES = 4.0
-"""Of Student's t: the usual choice where a few errors may be large (Lange, Little, Taylor 1989)."""
-_TINY = 1e-300
-"""Guard of a division."""
+SHORTEST_LOG = TUNING.folds * TUNING.shortest_block
+"""s: a log that does not fill one block a fold tells nothing surely."""
 
 
 @dataclass(frozen=True)
@@ -77,19 +59,19 @@ class HeldBackErrors:
     def surely_above(self, level: Array) -> Mask:
         """(n,) whether the RMS error is above a level (n,), N m, by more than its scatter over the blocks explains."""
         rise, error = self.rise(HeldBackErrors(self.counts * level**2, self.counts))
-        above: Mask = rise > _SURE * error
+        above: Mask = rise > TUNING.sure * error
         return above
 
     def surely_grown(self, before: HeldBackErrors) -> Mask:
         """(n,) whether the mean squared error has risen: by as much, and as surely, as an effect must lower it."""
         rise, error = self.rise(before)
-        grown: Mask = rise > np.maximum(HELP * before.rms**2, _SURE * error)
+        grown: Mask = rise > np.maximum(TUNING.help * before.rms**2, TUNING.sure * error)
         return grown
 
 
 def blocks_of(duration: float) -> int:
     """How many blocks a log of some seconds is cut into: fewer where they would be too short, but one a fold."""
-    return int(np.clip(duration / _SHORTEST, FOLDS, BLOCKS))
+    return int(np.clip(duration / TUNING.shortest_block, TUNING.folds, TUNING.blocks))
 
 
 Kind = TypeVar("Kind", bound="Explaining")
@@ -124,16 +106,7 @@ class Candidate(Generic[Kind]):
 
 @dataclass(frozen=True, eq=False)
 class _Solved:
-    """The least squares of some columns, for given G and g.
-
-    Attributes:
-        hessian: (m, m) G of all columns.
-        precision: (m,) of what is known of each before.
-        slope: (m,) g, what is known added, and what changes take away.
-        index: (s,) of the columns that are solved for.
-        changes: of the changes that are made.
-        inverse: (s, s) P.
-    """
+    """The least squares of some of the m columns: G, what is known before, g with what is known, and P."""
 
     hessian: Array
     precision: Array
@@ -168,7 +141,6 @@ class _Solved:
         return best
 
 
-@dataclass(eq=False)
 class Products(Generic[Kind]):
     """Whitened columns of model and candidates, multiplied: G and g, joint by joint.
 
@@ -177,9 +149,8 @@ class Products(Generic[Kind]):
         hypotheses: the candidates, linear about their own numbers.
         errors: of each joint.
         uncertain: columns that the model may be wrong by in any case, beside those of every set of candidates.
-        predicting: whether these may take part in predictions of held-back blocks. What evidence tells from them by
-            their prior alone, such as an offset from an error of the geometry fifty times its tolerance, predictions
-            do not.
+        predicting: whether these may take part in predictions of held-back blocks: what evidence tells from them by
+            their prior alone, such as an offset from a large error of the geometry, predictions do not.
 
     Attributes:
         candidates: the hypotheses and their places among all m columns.
@@ -188,28 +159,19 @@ class Products(Generic[Kind]):
         gradient: (m,) g of all joints and folds.
     """
 
-    data: Observations
-    hypotheses: Sequence[Kind]
-    errors: list[ErrorModel]
-    uncertain: Columns = NO_COLUMNS
-    predicting: bool = True
-    candidates: list[Candidate[Kind]] = field(init=False)
-    blocks: int = field(init=False)
-    hessian: Array = field(init=False)
-    gradient: Array = field(init=False)
-    _always: int = field(init=False)
-    _precision: Array = field(init=False)
-    _known: Array = field(init=False)
-    _hessian: list[Array] = field(init=False)
-    _gradient: list[Array] = field(init=False)
-    _by_others: tuple[Array, Array] = field(init=False)
-    _starts: Integers = field(init=False)
-    _columns: list[tuple[Integers, Array]] = field(init=False)
-
-    def __post_init__(self) -> None:
+    def __init__(
+        self,
+        data: Observations,
+        hypotheses: Sequence[Kind],
+        errors: list[ErrorModel],
+        uncertain: Columns = NO_COLUMNS,
+        predicting: bool = True,
+    ) -> None:
+        self.data, self.hypotheses, self.errors = data, hypotheses, errors
+        self.uncertain, self.predicting = uncertain, predicting
         r = self.data.columns.shape[2]
-        self._always = r + len(self.uncertain.sd)
-        self.candidates, end = [], self._always
+        self._always = end = r + len(self.uncertain.sd)
+        self.candidates = list[Candidate[Kind]]()
         for hypothesis in self.hypotheses:
             start, end = end, end + len(hypothesis.columns.sd)
             change = end if hypothesis.columns.shift else -1
@@ -223,7 +185,8 @@ class Products(Generic[Kind]):
         self._precision[:r, :r], self._known[:r] = known.hessian, known.gradient
         samples = len(self.data.used)
         self.blocks = blocks_of(samples / self.data.rate)
-        self._starts = -(-np.arange(self.blocks + 1) * samples // self.blocks)
+        starts = (-(-np.arange(self.blocks + 1) * samples // self.blocks)).tolist()
+        self._rows = [slice(start, stop) for start, stop in pairwise(starts)]
         self._columns = [self._of_joint(j) for j in range(len(self.errors))]
         products = [self._multiplied(j) for j in range(len(self.errors))]
         self._hessian, self._gradient = [p[0] for p in products], [p[1] for p in products]
@@ -234,9 +197,6 @@ class Products(Generic[Kind]):
         by_fold = [np.tensordot(weights, products, axes=1) for products in (self._hessian, self._gradient)]
         self.hessian, self.gradient = (products.sum(axis=0) for products in by_fold)
         self._by_others = self.hessian - by_fold[0], self.gradient - by_fold[1]
-
-    def _rows(self, block: int) -> slice:
-        return slice(self._starts[block], self._starts[block + 1])
 
     def _of_joint(self, joint: int) -> tuple[Integers, Array]:
         """Indices (m,) of the columns that show in a joint, and (N, m) these columns."""
@@ -258,25 +218,22 @@ class Products(Generic[Kind]):
 
     def _multiplied(self, joint: int) -> tuple[Array, Array]:
         index, columns = self._columns[joint]
-        used = self.data.used[:, joint]
-        white = self.errors[joint].innovations(
-            bridged(np.column_stack([columns, self.data.effort[:, joint]]), used), used
-        )
+        both = np.column_stack([columns, self.data.effort[:, joint]])
+        white = self.errors[joint].whiten(both, self.data.used[:, joint])
         size = len(self._known)
-        hessian, gradient = np.zeros((FOLDS, size, size)), np.zeros((FOLDS, size))
-        products = np.zeros((FOLDS, white.shape[1], white.shape[1]))
-        for block in range(self.blocks):
-            rows = white[self._rows(block)]
-            products[block % FOLDS] += rows.T @ rows
+        hessian, gradient = np.zeros((TUNING.folds, size, size)), np.zeros((TUNING.folds, size))
+        products = np.zeros((TUNING.folds, white.shape[1], white.shape[1]))
+        for block, place in enumerate(self._rows):
+            rows = white[place]
+            products[block % TUNING.folds] += rows.T @ rows
         hessian[:, index[:, None], index], gradient[:, index] = products[:, :-1, :-1], products[:, :-1, -1]
         return hessian, gradient
 
     def indices(self, chosen: Sequence[Candidate[Kind]], *, uncertain: bool = True) -> Integers:
         """Of the columns that are always there, uncertain ones among them or not, and of those of some candidates."""
         always = self._always if uncertain else self.data.columns.shape[2]
-        return np.concatenate([np.arange(always), *(np.arange(c.place.start, c.place.stop) for c in chosen)]).astype(
-            int
-        )
+        places = [np.arange(always), *(np.arange(c.place.start, c.place.stop) for c in chosen)]
+        return np.concatenate(places).astype(int)
 
     def best(self, chosen: Sequence[Candidate[Kind]]) -> Array:
         """(m,) coefficients and amplitudes, one for changes, zero for what is not chosen."""
@@ -285,7 +242,7 @@ class Products(Generic[Kind]):
     def _solved(
         self, hessian: Array, gradient: Array, chosen: Sequence[Candidate[Kind]], *, uncertain: bool = True
     ) -> _Solved:
-        """The same for given G and g, and P."""
+        """Least squares of the columns of some candidates for given G and g."""
         index = self.indices(chosen, uncertain=uncertain)
         changes = np.array([c.change for c in chosen if c.change >= 0], dtype=np.int64)
         inverse = inverse_of(hessian[np.ix_(index, index)] + self._precision[np.ix_(index, index)])
@@ -301,12 +258,7 @@ class Products(Generic[Kind]):
         return left * self.data.used
 
     def _showing(self, joint: int, best: Array) -> tuple[list[Integers], list[Array]]:
-        """Which columns count in a joint, those that are always there and others, and both kinds of columns.
-
-        Args:
-            joint: 0-based.
-            best: (m, ...) coefficients and amplitudes; what is zero in all of them is left out.
-        """
+        """Which columns count in a joint, those that are always there and others, and both kinds of columns."""
         index, columns = self._columns[joint]
         counts: Mask = np.any(best.reshape(len(best), -1), axis=1)[index]
         always = int(np.searchsorted(index, self._always))
@@ -332,12 +284,12 @@ class Products(Generic[Kind]):
         for j in range(squares.shape[1]):
             index, columns = self._showing(j, best.transpose(1, 0, 2))
             used = self.data.used[:, j]
-            for b in range(self.blocks):
-                rows, fold = self._rows(b), best[b % FOLDS]
+            for b, rows in enumerate(self._rows):
+                fold = best[b % TUNING.folds]
                 left = self.data.effort[rows, j, None] - columns[0][rows] @ fold[index[0]]
                 left = (left - columns[1][rows] @ fold[index[1]]) * used[rows, None]
                 squares[b, j] = np.einsum("ik,ik->k", left, left)
-        counts = np.stack([self.data.used[self._rows(b)].sum(axis=0) for b in range(self.blocks)])
+        counts = np.stack([self.data.used[rows].sum(axis=0) for rows in self._rows])
         return [HeldBackErrors(squares[:, :, k].copy(), counts) for k in range(len(sets))]
 
     def _without_fold(
@@ -409,5 +361,4 @@ def _gain(inner: Array, slope: Array, columns: Columns) -> float:
 
 
 def _is_one_more(some: Sequence[Candidate[Kind]], base: Sequence[Candidate[Kind]]) -> bool:
-    """Whether candidates are those of a base, and one more at the end."""
     return len(some) == len(base) + 1 and all(one is other for one, other in zip(some, base, strict=False))

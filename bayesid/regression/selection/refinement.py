@@ -1,8 +1,7 @@
-"""Nonlinear numbers of terms, between those that the library holds.
+"""Effects with their own numbers where they fit best, and the model with these effects added.
 
-Distortions about the numbers that were found: they are linear in these near them alone.
-
-A model, what is known of it, and the effects that explain a log, as one model again.
+Nonlinear numbers of terms are sought between those that the library holds. Distortions are linear in their numbers near
+them alone, so that they are linearised about those that were found, again and again.
 """
 
 from __future__ import annotations
@@ -21,11 +20,7 @@ from bayesid.regression.knowledge import Knowledge
 from bayesid.regression.selection.explanation import Explanation, Observations, Regression
 from bayesid.regression.selection.hypotheses import Hypothesis, Library
 from bayesid.regression.selection.scores import Screening, explain_with
-
-_EVALUATIONS = 12
-"""In the search for a nonlinear number: golden sections narrow its bracket to a hundredth or better."""
-_NOTICED = 0.01
-"""Nats by which another number must be likelier to take the place of what it is: less is the search's resolution."""
+from bayesid.regression.tuning import TUNING
 
 
 def refined(
@@ -61,8 +56,10 @@ def _fitted(
 
     now = effect.source.shape[number][0]
     bounds = max((v for v in values if v < now), default=now), min((v for v in values if v > now), default=now)
-    best = scipy.optimize.minimize_scalar(cost, bounds=bounds, method="bounded", options={"maxiter": _EVALUATIONS})
-    return effect.remade(number, float(best.x)) if best.fun < cost(now) - _NOTICED else effect
+    best = scipy.optimize.minimize_scalar(
+        cost, bounds=bounds, method="bounded", options={"maxiter": TUNING.number_evaluations}
+    )
+    return effect.remade(number, float(best.x)) if best.fun < cost(now) - TUNING.noticed else effect
 
 
 def _grid(effect: Hypothesis, library: Library) -> tuple[str, Sequence[float]] | None:
@@ -78,12 +75,6 @@ def _grid(effect: Hypothesis, library: Library) -> tuple[str, Sequence[float]] |
     return None
 
 
-_RELINEARISATIONS = 3
-"""Of distortions about their own numbers: Newton's method, whose error falls with the square each time."""
-_STILL = 1e-4
-"""Of an amplitude's prior standard deviation, up to which a number does not move: nobody would see it."""
-
-
 def sharpened(
     data: Observations, effects: Sequence[Hypothesis], columns: Array, scene_of: Callable[[Array], Scene]
 ) -> tuple[list[Hypothesis], Explanation]:
@@ -97,14 +88,11 @@ def sharpened(
     """
     effects = list(effects)
     _, explanation = explain_with(data, effects)
-    for _ in range(_RELINEARISATIONS):
+    for _ in range(TUNING.relinearisations):
         if not _moves(effects, explanation):
             break
-        shifted = moved(effects, explanation)
-        scene = scene_of(
-            columns @ explanation.beta + effort_of_terms(effects, explanation.amplitudes, data.effort.shape)
-        )
-        effects = about(shifted, scene)
+        of_terms = effort_of_terms(effects, explanation.amplitudes, data.effort.shape)
+        effects = about(moved(effects, explanation), scene_of(columns @ explanation.beta + of_terms))
         _, explanation = explain_with(data, effects, explanation)
     return effects, explanation
 
@@ -115,7 +103,7 @@ def _moves(effects: Sequence[Hypothesis], explanation: Explanation) -> bool:
     distortions = [(effect, amplitude) for effect, amplitude in pairs if not effect.source.linear]
     if any(effect.source.of_effort for effect, _ in distortions):
         return True
-    return any(np.any(np.abs(amplitude) > _STILL * effect.columns.sd) for effect, amplitude in distortions)
+    return any(np.any(np.abs(amplitude) > TUNING.still * effect.columns.sd) for effect, amplitude in distortions)
 
 
 def about(effects: Sequence[Hypothesis], scene: Scene) -> list[Hypothesis]:
@@ -169,8 +157,8 @@ def extend(
         explanation: by these, in this order.
     """
     model, names = knowledge.model, [parameter.name for parameter in knowledge.model.parameters]
-    theta = coefficients.lift(explanation.beta)
-    theta = theta + _without_trace(coefficients, knowledge.theta)
+    without_trace = knowledge.theta - coefficients.lift(coefficients.project(knowledge.theta))
+    theta = coefficients.lift(explanation.beta) + without_trace
     added: list[Array] = []
     for hypothesis, amplitude in zip(chosen, explanation.amplitudes, strict=True):
         if hypothesis.changes:
@@ -186,8 +174,3 @@ def moved(chosen: Sequence[Hypothesis], explanation: Explanation) -> list[Hypoth
     """The same effects, their own numbers where the explanation puts them."""
     pairs = zip(chosen, explanation.amplitudes, strict=True)
     return [h if h.source.linear else replace(h, source=h.source.moved(amplitude)) for h, amplitude in pairs]
-
-
-def _without_trace(coefficients: BaseCoefficients, theta: Array) -> Array:
-    """(P,) the part of parameters that leaves no trace in the efforts."""
-    return theta - coefficients.lift(coefficients.project(theta))

@@ -1,14 +1,12 @@
-"""Scores: how much each effect of the catalogue, in its best form, would add to an explanation.
+"""Scores: how much each effect of the catalogue, or set of effects, in its best form would add to an explanation.
 
-Many hypotheses at once: which effects are worth a closer look.
+`Screening` prices many single effects at once, errors as they are; `assess` looks closer at the most promising.
 
-Sets of effects that could be missing in one joint together, proposed by least squares over all forms at once.
-
-One effect after the other goes wrong where two are missing: the first to be taken is what resembles the sum, and slow
-noise stands for what is left. Here all forms that act in a joint alone are multiplied once, the model's columns taken
-out as far as the earlier log allows. Pairs are tried exhaustively, larger sets by a beam. With the products Q of a
-set's columns, q those with the effort, c = y'y what is left without them, D the amplitudes' prior standard deviations,
-all in units of the floor (:eq:`set-proposal`)::
+One effect after the other goes wrong where two are missing in one joint: the first to be taken is what resembles the
+sum, and slow noise stands for what is left. `joint_sets` multiplies all forms that act in a joint alone once, the
+model's columns taken out as far as the earlier log allows; pairs are tried exhaustively, larger sets by a beam. With
+the products Q of a set's columns, q those with the effort, c = y'y what is left without them, D the amplitudes' prior
+standard deviations, all in units of the floor (:eq:`set-proposal`)::
 
     log p = - N log(s^2) / 2 - (c - q' (Q + s^2 D^-2)^-1 q) / (2 s^2) - log det(1 + D Q D / s^2) / 2,
 
@@ -25,18 +23,14 @@ from itertools import groupby
 import numpy as np
 from scipy.special import log_ndtr, logsumexp
 
-from bayesid.arrays import Array, Integers, Mask
+from bayesid.arrays import TINY, Array, Integers, Mask
 from bayesid.effects.effect import Effect
 from bayesid.regression.knowledge import inverse_of
 from bayesid.regression.selection.columns import NO_COLUMNS, Columns, together
-from bayesid.regression.selection.error_model import ErrorModel, alike, bridged
+from bayesid.regression.selection.error_model import ErrorModel, alike
 from bayesid.regression.selection.explanation import LN10, Explanation, Observations, Regression, Thresholds
 from bayesid.regression.selection.hypotheses import EffectKey, Hypothesis, Library
-
-_SETTLINGS = 2
-"""Times that an explanation is found again with the error models it has left; a round number, not studied."""
-_INITIAL_COLOURED, _INITIAL_CORRELATION = 0.05, 0.1
-"""Coloured part over the white one, and s, of the error model to begin with; it weighs the first fit alone."""
+from bayesid.regression.tuning import TUNING
 
 
 @dataclass(frozen=True)
@@ -96,9 +90,9 @@ def explain_with(
     """
     beside = [uncertain] if len(uncertain.sd) else []
     regression = Regression(data, [*beside, *(effect.columns for effect in effects)])
-    explanation = regression.explain(initial_errors(data) if start is None else start.errors)
-    errors = None
-    for _ in range(_SETTLINGS):
+    begin = data.reference if start is None else start
+    explanation, errors = regression.explain(plain_errors(data) if begin is None else begin.errors), None
+    for _ in range(TUNING.settlings):
         if errors is not None and alike(errors, explanation.errors):
             break
         errors = explanation.errors
@@ -106,23 +100,14 @@ def explain_with(
     return regression, explanation
 
 
-def initial_errors(data: Observations) -> tuple[ErrorModel, ...]:
-    """Error models to begin with: those of the reference, or white noise at its limit."""
-    return plain_errors(data) if data.reference is None else data.reference.errors
-
-
 def plain_errors(data: Observations) -> tuple[ErrorModel, ...]:
     """Error models of what is nothing but white noise at its limit, or little more."""
-    return tuple(
-        ErrorModel(white, _INITIAL_COLOURED * white, _INITIAL_CORRELATION, data.rate) for white in data.limits[:, 0]
-    )
+    share, time = TUNING.initial_coloured, TUNING.initial_time
+    return tuple(ErrorModel(white, share * white, time, data.rate) for white in data.limits[:, 0])
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Of all effects
-# ---------------------------------------------------------------------------------------------------------------
 def assess(regression: Regression, explanation: Explanation, library: Library) -> list[Score]:
-    """Every effect in its best form, best first: by a quick look all of them, by a closer one the most promising.
+    """Every effect in its best form, best first: a quick look at all of them, a closer one at the most promising.
 
     Args:
         regression: with the effects that are added already.
@@ -181,10 +166,7 @@ class BestOfGroup:
 
 
 def best_groups(groups: Sequence[BestOfGroup]) -> list[tuple[int, float]]:
-    """For each effect the group that holds its best form, best first, and what averaging over all changes of its gain.
-
-    Groups by their places.
-    """
+    """Places of the groups that hold the best form of each effect, best first, and what averaging adds to its gain."""
     names: dict[EffectKey, set[str]] = {}
     for group in groups:
         names.setdefault(group.key, set()).update(group.names)
@@ -215,15 +197,11 @@ def _improvement(before: Array, after: Array, thresholds: Thresholds) -> Array:
     return (before - after) / np.maximum(1.0, thresholds.improvement_of_rest / thresholds.improvement * before)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Over a blunt floor
-# ---------------------------------------------------------------------------------------------------------------
 def plain_first(scores: Sequence[Score], data: Observations) -> list[Score]:
     """The scores, best first, but a standard effect before others of its joint that leave hardly less than it does.
 
-    Only where the floor is not sharp, for the earlier model was a poor one there: the friction of a real joint is never
-    exactly what a term says, and an elaborate effect that fits it a little better, or better than the floor asks for,
-    is not what is missing, however certain the little is.
+    Only where the floor is not sharp: the friction of a real joint is never exactly what a term says, and an elaborate
+    effect that fits it a little better is not what is missing, however certain the little is.
     """
     ordered: list[Score] = []
     for score in scores:
@@ -252,17 +230,8 @@ def at_blunt_floor(data: Observations, mean_square: Array) -> Mask:
     return ~data.sharp & (mean_square <= data.thresholds.at_blunt_floor**2)
 
 
-_TINY = 1e-300
-"""Guard of a root; no result depends on it."""
-
-
 class Screening:
-    """Prices many single effects on top of an explanation, errors as they are: what is worth a closer look.
-
-    Args:
-        regression: with the effects that are added already.
-        errors: of each joint.
-    """
+    """Prices many single effects on top of an explanation, given the error of each joint."""
 
     def __init__(self, regression: Regression, errors: Sequence[ErrorModel]) -> None:
         self._data, self._errors = regression.data, errors
@@ -272,9 +241,6 @@ class Screening:
 
     def gains(self, effects: Sequence[Columns]) -> tuple[Array, Array]:
         """Gains in log evidence of k effects with p amplitudes each, in the same joints.
-
-        Args:
-            effects: k of them.
 
         Returns:
             (k,) gains, and (k,) gains to be expected of amplitudes of one prior standard deviation.
@@ -316,8 +282,8 @@ class Screening:
     def _pulled_back(self, joint: int) -> Array:
         """(N,) to multiply columns with for their products with the residual."""
         if joint not in self._pulled:
-            error, used = self._errors[joint], self._data.used[:, joint]
-            left = error.innovations(bridged(self._explanation.residual[:, joint], used), used)
+            error = self._errors[joint]
+            left = error.whiten(self._explanation.residual[:, joint], self._data.used[:, joint])
             self._pulled[joint] = self._data.whitening.pulled_back(left, joint, error)
         return self._pulled[joint]
 
@@ -336,26 +302,11 @@ def integrated(base: Array, gram: Array, slope: Array, effects: Sequence[Columns
     scaled = gram * sd[:, :, None] * sd[:, None, :] + np.eye(p)
     covariance, log_det = np.linalg.inv(scaled), np.linalg.slogdet(scaled)[1]
     best = (covariance @ (slope * sd)[:, :, None])[:, :, 0]
-    spread = np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), _TINY))
+    spread = np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), TINY))
     positive = np.stack([effect.positive for effect in effects])
     sides = np.sum(np.log(2.0) + log_ndtr(best / spread), axis=1, where=positive) if positive.any() else 0.0
     gain = base + 0.5 * np.sum(best * slope * sd, axis=1) - 0.5 * log_det + sides
     return gain, 0.5 * (np.trace(scaled, axis1=1, axis2=2) - p) - 0.5 * log_det
-
-
-_EACH = (3, 5, 4)
-"""Sets of one, two and three effects that are proposed; round numbers."""
-_BEAM = 24
-"""Sets of different effects that larger ones are made of; a round number."""
-_FORMS = 12
-"""Forms of one effect that take part in sets: half of them those that explain most by themselves, half spread evenly
-over its grid, for what explains most beside another effect is not known before. A round number."""
-_SCORED = 16
-"""Forms that are multiplied together where each is scored alone; a round number."""
-_AT_ONCE = 4096
-"""Sets whose products are in memory at once; a round number."""
-_TINY = 1e-300
-"""Guard of a root."""
 
 
 def joint_sets(
@@ -367,7 +318,7 @@ def joint_sets(
 ) -> list[tuple[Hypothesis, ...]]:
     """The likeliest sets of one to three different effects, each in its best forms: some of each size.
 
-    Of each size, for a grid that is coarse lets a set of few effects look worse than it is, and one more seem needed.
+    Of each size, as a coarse grid lets a set of few effects look worse than it is, and one more seem needed.
 
     Args:
         data: the log.
@@ -380,7 +331,7 @@ def joint_sets(
         return []
     forms = sorted(forms, key=lambda form: len(form.columns.sd))
     priors = np.array([log_prior(form) for form in forms])
-    parts = [forms[k : k + _SCORED] for k in range(0, len(forms), _SCORED)]
+    parts = [forms[k : k + TUNING.forms_at_once] for k in range(0, len(forms), TUNING.forms_at_once)]
     alone = [JointForms(data, joint, others, part).scores(np.arange(len(part))[:, None]) for part in parts]
     kept = _spread(forms, np.concatenate(alone) + priors)
     return JointForms(data, joint, others, [forms[k] for k in kept]).best(priors[kept])
@@ -392,22 +343,15 @@ def _spread(forms: Sequence[Hypothesis], scores: Array) -> list[int]:
     order = sorted(range(len(forms)), key=lambda k: forms[k].source.name)
     for _, group in groupby(order, key=lambda k: forms[k].source.name):
         some = list(group)
-        best = sorted(some, key=lambda k: -scores[k])[: _FORMS // 2]
-        places = np.linspace(0, len(some) - 1, min(len(some), _FORMS // 2)).astype(int)
+        best = sorted(some, key=lambda k: -scores[k])[: TUNING.forms_in_sets // 2]
+        places = np.linspace(0, len(some) - 1, min(len(some), TUNING.forms_in_sets // 2)).astype(int)
         kept += sorted({*best, *(some[place] for place in places.tolist())})
     return kept
 
 
 @dataclass(frozen=True, eq=False)
 class JointForms:
-    """Forms that act in one joint alone, and what they are to explain there.
-
-    Attributes:
-        data: the log.
-        joint: 0-based.
-        others: what is added in any case.
-        forms: F of them.
-    """
+    """Forms that act in one (0-based) joint alone, and what they are to explain there beside others."""
 
     data: Observations
     joint: int
@@ -419,17 +363,19 @@ class JointForms:
         names = sorted({form.key for form in self.forms})
         owner = np.array([names.index(form.key) for form in self.forms], dtype=np.int64)
         found, sets = list[tuple[int, ...]](), np.arange(len(owner))[:, None]
-        for size, count in enumerate(_EACH, start=1):
+        for size, count in enumerate(TUNING.proposed_sets, start=1):
             best = _best_each(owner[sets], self.scores(sets) + priors[sets].sum(axis=1))
             found += [tuple(sets[k].tolist()) for k in best[:count]]
-            sets = _one_more(sets if size == 1 else sets[best[:_BEAM]], owner)
+            sets = _one_more(sets if size == 1 else sets[best[: TUNING.set_beam]], owner)
             if not len(sets):
                 break
         return [tuple(self.forms[k] for k in members) for members in found]
 
     def scores(self, sets: Integers) -> Array:
         """(K,) log p of K sets of k forms each (K, k), :eq:`set-proposal`."""
-        return np.concatenate([self._scores(part) for part in np.array_split(sets, -(-len(sets) // _AT_ONCE))])
+        return np.concatenate(
+            [self._scores(part) for part in np.array_split(sets, -(-len(sets) // TUNING.sets_at_once))]
+        )
 
     def _scores(self, sets: Integers) -> Array:
         products, with_effort, left, sd, positive, count = self._products
@@ -441,12 +387,12 @@ class JointForms:
         scale = sd[sets].reshape(len(sets), -1)
         scaled, slope = own * scale[:, :, None] * scale[:, None, :], slope.reshape(len(sets), -1) * scale
         eye = np.eye(k * p)
-        rest = left - _explained(scaled + eye, slope)
+        rest = left - (slope * np.linalg.solve(scaled + eye, slope[:, :, None])[:, :, 0]).sum(axis=1)
         noise = np.maximum(rest / count, 1.0)[:, None, None]
         covariance = np.linalg.inv(scaled / noise + eye)
         noise = noise[:, 0, 0]
         mean = np.einsum("kij,kj->ki", covariance, slope) / noise[:, None]
-        sides = np.log(2.0) + log_ndtr(mean / np.sqrt(np.maximum(np.diagonal(covariance, 0, 1, 2), _TINY)))
+        sides = np.log(2.0) + log_ndtr(mean / np.sqrt(np.maximum(np.diagonal(covariance, 0, 1, 2), TINY)))
         value = -0.5 * count * np.log(noise) - 0.5 * left / noise + 0.5 * (mean * slope).sum(axis=1) / noise
         value += 0.5 * np.linalg.slogdet(covariance)[1]
         total: Array = value + (sides * positive[sets].reshape(len(sets), -1)).sum(axis=1)
@@ -489,13 +435,6 @@ class JointForms:
         hessian[: len(expected), : len(expected)] += known.hessian
         model, effort = model / floor, effort / floor
         return model, effort, inverse_of(hessian + model.T @ model)
-
-
-def _explained(matrix: Array, slope: Array) -> Array:
-    """(K,) slope' matrix^-1 slope of K of each."""
-    solved = np.linalg.solve(matrix, slope[:, :, None])[:, :, 0]
-    explained: Array = (slope * solved).sum(axis=1)
-    return explained
 
 
 def _best_each(owners: Integers, scores: Array) -> list[int]:

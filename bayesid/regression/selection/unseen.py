@@ -1,9 +1,8 @@
 """Effects that may be there, unseen: of the size that the log makes likeliest, they widen what is uncertain.
 
-Automatic relevance determination: how large the effects that did not enter may be, group by group.
-
-The amplitudes of a group are normal about zero; their common variance is the one under which the log is likeliest, all
-amplitudes and coefficients integrated out (MacKay 1994; Tipping 2001; :eq:`relevance`)::
+By automatic relevance determination: the amplitudes of a group are normal about zero; their common variance is the one
+under which the log is likeliest, all amplitudes and coefficients integrated out (MacKay 1994; Tipping 2001;
+:eq:`relevance`)::
 
     s^2  <-  |mu|^2 / (p - tr(Sigma) / s^2 + h),
 
@@ -13,13 +12,8 @@ is believed to be about as large as usual, and has the mean that the log leaves 
 
     s^2 = E[s^2 | log],   p(s) ~ (1 + s^2 / 2)^(-5/2) before it: Student's t, E[s^2] = 1.
 
-Coefficients whose intervals are too narrow if the robot has what the log cannot tell from them.
-
-A counterbalance that balances gravity well is gravity to a log: whatever share of an effect the model's columns stand
-for, its coefficients take, and no residual shows it. Of a geometry that is far off its table the derivatives are no
-longer enough.
-
-How efforts change with the robot's geometry: derivatives by the place of every joint.
+Intervals are too narrow (`TooNarrow`) if the robot has what the log cannot tell from coefficients: a counterbalance
+that balances gravity well is gravity to a log. Of a geometry far off its table the derivatives are no longer enough.
 """
 
 from __future__ import annotations
@@ -45,6 +39,7 @@ from bayesid.regression.selection.hypotheses import EffectKey, Hypothesis
 from bayesid.regression.selection.products import Products
 from bayesid.regression.selection.scores import explain_with
 from bayesid.regression.selection.wanted import SignedLog
+from bayesid.regression.tuning import TUNING
 from bayesid.robot import Robot
 
 KINEMATICS: tuple[str, tuple[int, ...]] = ("kinematics", ())
@@ -128,7 +123,6 @@ def _nuisance(
     there: Sequence[tuple[Hypothesis | _Geometry, Array]],
     relevance: Relevance,
 ) -> Nuisance | None:
-    """Groups that are there, with their directions, on all rows."""
     motion = evidence.signals.motion
     scene = evidence.model.scene(motion, fit.theta, fit.predicted, evidence.signals.magnitude)
     counts = [turn.shape[1] for turn in relevance.turns]
@@ -154,7 +148,7 @@ def _geometry(case: SignedLog, tolerance: KinematicTolerance) -> _Geometry:
 
 
 def _on_all_rows(group: Hypothesis | _Geometry, turn: Array, case: SignedLog, scene: Scene) -> Callable[[slice], Array]:
-    """(N', n, p) efforts of some rows per unit of each turned amplitude, N m; in the joints alone where there are any.
+    """(N', n, p) efforts of some rows per unit of each turned amplitude, N m.
 
     The geometry's are smooth, and dear: what lies between the thinned rows is read off a spline.
     """
@@ -163,7 +157,7 @@ def _on_all_rows(group: Hypothesis | _Geometry, turn: Array, case: SignedLog, sc
     if isinstance(group, _Geometry):
         for j, rows in group.columns.rows.items():
             spline = scipy.interpolate.CubicSpline(t[case.rows], rows @ turn)
-            of_joint[j] = partial(_at, spline, t)
+            of_joint[j] = partial(lambda place, spline: spline(t[place]), spline=spline)
     else:
         for j, rows in group.source.change_by_joint(scene)[1].items():
             of_joint[j] = (rows @ turn).__getitem__
@@ -177,22 +171,8 @@ def _on_all_rows(group: Hypothesis | _Geometry, turn: Array, case: SignedLog, sc
     return columns
 
 
-def _at(spline: Callable[[Array], Array], t: Array, place: slice) -> Array:
-    return spline(t[place])
-
-
-_ROUNDS = 60
-"""Of the fixed point; it has settled to a few per cent by then. Not studied."""
-_START = 0.3
-"""Of s, in units of what was believed before: the fixed point only ever leaves large values slowly."""
-_ABSENT = 0.5
-"""h: half an observation of nothing, as of Jeffreys's prior of a variance."""
 _SCALES = np.geomspace(1e-3, 1e2, 501)
 """Grid of s that the mean is summed over: far finer than what a log tells of a scale, and as far as it matters."""
-_OWN = 1e-2
-"""Share of a direction's square that the model's columns must not explain. A round number; not studied."""
-_GONE = 1e-3
-"""Of s, below which a group is left out."""
 
 
 @dataclass(frozen=True)
@@ -251,7 +231,7 @@ def learn_scales(hessian: Array, gradient: Array, groups: Sequence[Group], free:
     slope = turn.T @ (gradient[columns] - across @ of_model @ gradient[:free])
     owner = np.repeat(np.arange(len(groups)), [own.shape[1] for own in turns])
     there, least = np.array([g.there for g in groups]), np.array([g.least for g in groups])
-    scales = np.where(there, 1.0, _START)
+    scales = np.where(there, 1.0, TUNING.relevance_start)
     for _ in range(2 if there.any() else 1):
         scales = _likeliest(reduced, slope, owner, scales, ~there)
         for k in np.flatnonzero(there).tolist():
@@ -263,11 +243,11 @@ def learn_scales(hessian: Array, gradient: Array, groups: Sequence[Group], free:
 
 def _likeliest(reduced: Array, slope: Array, owner: Integers, scales: Array, learned: Array) -> Array:
     """(groups,) scales after the fixed point, of those that are learned."""
-    for _ in range(_ROUNDS):
+    for _ in range(TUNING.relevance_rounds):
         mean, covariance = _amplitudes(reduced, slope, scales[owner])
         decided = np.bincount(owner, 1.0 - np.diag(covariance), len(scales))
-        likelier = np.sqrt(np.bincount(owner, mean**2, len(scales)) / (decided + _ABSENT))
-        scales = np.where(learned, np.where(likelier < _GONE, 0.0, likelier), scales)
+        likelier = np.sqrt(np.bincount(owner, mean**2, len(scales)) / (decided + TUNING.absent))
+        scales = np.where(learned, np.where(likelier < TUNING.gone, 0.0, likelier), scales)
     return scales
 
 
@@ -295,7 +275,7 @@ def _directions(hessian: Array, of_model: Array, group: Group, free: int) -> tup
     whole = sd @ hessian[place, place] @ sd
     own = sd @ (hessian[place, place] - across @ of_model @ across.T) @ sd
     values, vectors = np.linalg.eigh(own)
-    kept = values > _OWN * np.einsum("ij,ik,kj->j", vectors, whole, vectors)
+    kept = values > TUNING.own_share * np.einsum("ij,ik,kj->j", vectors, whole, vectors)
     return sd @ vectors[:, kept], sd @ vectors[:, ~kept]
 
 
@@ -304,12 +284,6 @@ def _amplitudes(reduced: Array, slope: Array, scale: Array) -> tuple[Array, Arra
     precision: Array = np.eye(len(scale)) + reduced * np.outer(scale, scale)
     covariance = np.asarray(np.linalg.inv(precision), dtype=np.float64)
     return scale * (covariance @ (slope * scale)), covariance
-
-
-_MOVED = 2.0
-"""Standard deviations, half an interval of 95 %, by which an effect moves a coefficient."""
-_FAR_OFF = 2.0
-"""Times the tolerance from which on the geometry is not what it was believed to be: two standard deviations."""
 
 
 @dataclass(frozen=True)
@@ -344,7 +318,7 @@ def too_narrow(
     known = np.isfinite(sd) & (sd > 0.0)
     for (effect, joints), size in stood_for:
         times = np.where(known, size / np.where(known, sd, 1.0), 0.0)
-        if times.max(initial=0.0) <= _MOVED or not of_links[times.argmax()]:
+        if times.max(initial=0.0) <= TUNING.moved_coefficient or not of_links[times.argmax()]:
             continue
         effects, most = moved.setdefault(joints, ([], np.zeros(len(names))))
         effects.append(effect)
@@ -363,7 +337,7 @@ def geometry_far_off(scale: float, by_geometry: Array, names: Sequence[str], sd:
         names: (r,) of the coefficients.
         sd: (r,) their standard deviations without anything unseen.
     """
-    if scale <= _FAR_OFF:
+    if scale <= TUNING.far_off:
         return ()
     known = np.isfinite(sd) & (sd > 0.0)
     times = np.where(known, by_geometry / np.where(known, sd, 1.0), 0.0)
@@ -373,7 +347,7 @@ def geometry_far_off(scale: float, by_geometry: Array, names: Sequence[str], sd:
 
 def _named(names: Sequence[str], times: Array) -> tuple[str, ...]:
     order = np.argsort(-times, kind="stable")
-    return tuple(names[k] for k in order.tolist() if times[k] > _MOVED)
+    return tuple(names[k] for k in order.tolist() if times[k] > TUNING.moved_coefficient)
 
 
 _STEP = 1e-5

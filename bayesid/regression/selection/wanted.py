@@ -1,6 +1,6 @@
 """What a log wants beyond a model, its signs given: effects that evidence and held-back blocks of it bear out.
 
-A log whose signs are settled, as effects are looked for in it: on thinned rows.
+Effects are looked for in a `SignedLog`, on thinned rows.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from bayesid.regression.evidence import Evidence
 from bayesid.regression.knowledge import Information, Knowledge
 from bayesid.regression.least_squares import Fit
 from bayesid.regression.selection.explanation import LN10, Explanation, Observations
-from bayesid.regression.selection.forward import EQUIVALENT, Rules, select_forward
+from bayesid.regression.selection.forward import Rules, select_forward
 from bayesid.regression.selection.hypotheses import (
     EffectKey,
     Hypothesis,
@@ -32,16 +32,7 @@ from bayesid.regression.selection.hypotheses import (
 from bayesid.regression.selection.products import Candidate, HeldBackErrors, Products
 from bayesid.regression.selection.refinement import Extension, about, effort_of_terms, extend, sharpened
 from bayesid.regression.selection.scores import BestOfGroup, Screening, best_groups, explain_with
-
-NEEDED = 12.0
-"""Nats by which an effect enters a model: e^-12 times some 150 places a log leave 1e-3 false ones, even if the noise
-model is off by a factor of two in nats. The prototypes of DESIGN.md 4."""
-_MOST = 16
-"""Effects that are added; a bound against endless loops."""
-_SIGNIFICANT = 3.0
-"""Standard deviations that one number of an effect must be from zero under the final fit: by chance one in 370 is."""
-_SHORT_LIST = 60
-"""Effects that are looked at again after the first of all looks, in their best form. A round number; not studied."""
+from bayesid.regression.tuning import TUNING
 
 
 @dataclass(frozen=True)
@@ -72,9 +63,7 @@ class EnteredEffect:
 
 
 def consistent_with_nothing(effect: EnteredEffect, model: Model, theta: Array, sd: Array) -> bool:
-    """Whether none of an effect's numbers is three standard deviations from zero.
-
-    Not where no number has one.
+    """Whether none of an effect's numbers is three standard deviations from zero; not where no number has one.
 
     Args:
         effect: of the model.
@@ -88,7 +77,7 @@ def consistent_with_nothing(effect: EnteredEffect, model: Model, theta: Array, s
     spreads = np.array([*sd[own].tolist(), *effect.number_sd])
     numbers = np.abs(values[: len(spreads)])
     known = np.isfinite(spreads)
-    return bool(known.any() and np.all(numbers[known] < _SIGNIFICANT * spreads[known]))
+    return bool(known.any() and np.all(numbers[known] < TUNING.significant * spreads[known]))
 
 
 @dataclass(frozen=True)
@@ -131,12 +120,12 @@ def what_is_wanted(
     """
     case = SignedLog.of(evidence, fit, probability)
     regression, alone = explain_with(case.data, ())
-    screened = case.screened(Screening(regression, alone.errors), _SHORT_LIST)
+    screened = case.screened(Screening(regression, alone.errors), TUNING.short_list)
     begun = case.made(start)
     keys = frozenset(hypothesis.key for hypothesis in begun)
     tried = [*begun, *(hypothesis for hypothesis in screened if hypothesis.key not in keys)]
     products = Products(case.data, tried, list(alone.errors))
-    return _selected(case, products, keys, _MOST if enter else 0)
+    return _selected(case, products, keys, TUNING.most_effects if enter else 0)
 
 
 def still_wanted(
@@ -181,7 +170,7 @@ def borne_out(evidence: Evidence, fit: Fit, probability: Array, effects: Sequenc
 def _selected(case: SignedLog, products: Products[Hypothesis], start: frozenset[EffectKey], most: int) -> Wanted:
     """The result of a forward selection from a start, with so many effects at most or, with none, of what stays."""
     evidence = case.evidence
-    products, chosen = select_forward(products, Rules(NEEDED, most, case.sharpened), start)
+    products, chosen = select_forward(products, Rules(TUNING.needed, most, case.sharpened), start)
     effects = [candidate.hypothesis for candidate in chosen]
     _, explanation = explain_with(case.data, effects)
     knowledge = Knowledge(evidence.model, case.fit.theta, np.zeros_like(case.data.information.hessian))
@@ -198,7 +187,6 @@ def _selected(case: SignedLog, products: Products[Hypothesis], start: frozenset[
 def _entered(
     products: Products[Hypothesis], chosen: Sequence[Candidate[Hypothesis]], explanation: Explanation
 ) -> list[EnteredEffect]:
-    """The chosen effects, each weighed given the others, with what could stand in its place."""
     entered = []
     for k, candidate in enumerate(chosen):
         gain, equivalent = _weighed(products, candidate, [other for other in chosen if other is not candidate])
@@ -216,20 +204,8 @@ def _weighed(
     near_by = (c for c in products.candidates if c.hypothesis.columns.joints & candidate.hypothesis.columns.joints)
     rivals = [c for c in near_by if c.hypothesis.key not in taken]
     gain, *gains = products.gains(others, [candidate, *rivals]).tolist()
-    near = {c.hypothesis.effect for c, g in zip(rivals, gains, strict=True) if g > gain - EQUIVALENT}
+    near = {c.hypothesis.effect for c, g in zip(rivals, gains, strict=True) if g > gain - LN10}
     return gain, tuple(sorted(near - {candidate.hypothesis.effect}))
-
-
-_SAMPLES = 2_500
-"""Samples on which effects are selected, thinned evenly: time grows with them. A round number."""
-_SLOWEST = 25.0
-"""Hz; a log is not thinned below it, for friction turns round within a tenth of a second: of a longer one stretches are
-taken."""
-_MOVED = 0.1
-"""Share of a joint's effort by which the model's effort may change with what has entered before it shows in what a
-distortion would do. A round number; not studied."""
-_STRETCHES = 8
-"""Of a log that is too long. A round number."""
 
 
 @dataclass(frozen=True)
@@ -294,7 +270,10 @@ class SignedLog:
             beta, amplitudes = explanation.beta, list(explanation.amplitudes)
         effort = self.columns @ beta + effort_of_terms(effects, amplitudes, self.data.effort.shape)
         change = np.where(self.data.used, effort - self.fit.predicted[self.rows], 0.0)
-        moved = np.sqrt((change**2).sum(axis=0) / np.maximum(self.data.used.sum(axis=0), 1)) > _MOVED * self.rms_effort
+        moved = (
+            np.sqrt((change**2).sum(axis=0) / np.maximum(self.data.used.sum(axis=0), 1))
+            > TUNING.moved_effort * self.rms_effort
+        )
         if moved.any():
             others = [h for h in products.hypotheses if not h.source.linear and all(h is not e for e in effects)]
             forms |= {id(old): new for old, new in zip(others, about(others, self.scene(effort)), strict=True)}
@@ -349,10 +328,10 @@ def _testable(hypothesis: Hypothesis, scene: Scene) -> bool:
 def thinned(signals: Signals) -> tuple[Integers, float]:
     """Evenly spread rows of a log, stretches of it if it is very long, and their rate, Hz."""
     count = len(signals.motion)
-    step = min(-(-count // _SAMPLES), max(1, int(signals.rate / _SLOWEST)))
+    step = min(-(-count // TUNING.thinned_samples), max(1, int(signals.rate / TUNING.slowest_rate)))
     rows = np.arange(0, count, step)
-    if len(rows) > 2 * _SAMPLES:
-        length = _SAMPLES // _STRETCHES
-        starts = np.linspace(0, len(rows) - length, _STRETCHES).astype(int)
+    if len(rows) > 2 * TUNING.thinned_samples:
+        length = TUNING.thinned_samples // TUNING.stretches
+        starts = np.linspace(0, len(rows) - length, TUNING.stretches).astype(int)
         rows = np.concatenate([rows[start : start + length] for start in starts])
     return rows, signals.rate / step

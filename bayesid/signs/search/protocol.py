@@ -25,9 +25,9 @@ from bayesid.arrays import Array, Integers
 from bayesid.effects.coefficients import BaseCoefficients
 from bayesid.effects.parameters import Cone
 from bayesid.progress import SILENT, Progress, Steps, no_steps
-from bayesid.regression.least_squares import POOR_FIT
 from bayesid.regression.moments import Moments
 from bayesid.regression.solver import ConeLeastSquares, Solution
+from bayesid.regression.tuning import TUNING as REGRESSION
 from bayesid.signs.search.result import SearchResult
 from bayesid.signs.tuning import TUNING
 
@@ -68,10 +68,10 @@ class SignProblem:
         return ConeLeastSquares(self.cone, self.coefficients, self.hessian, self.energy)
 
     def is_poor(self, result: SearchResult) -> bool:
-        """Whether a joint's residual exceeds `POOR_FIT` of its effort: the search may have gone wrong."""
+        """Whether a joint's residual exceeds `poor_fit` of its effort: the search may have gone wrong."""
         n_joints = int(self.moments.joint.max(initial=-1)) + 1
         residual = self.moments.residual_sd(self.coefficients.project(result.theta), result.signs, n_joints)
-        return bool(np.any(residual >= POOR_FIT * self.moments.rms_effort(n_joints)))
+        return bool(np.any(residual >= REGRESSION.poor_fit * self.moments.rms_effort(n_joints)))
 
 
 class Search(Protocol):

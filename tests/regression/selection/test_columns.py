@@ -36,7 +36,7 @@ def effects(count, shifted, seed=2):
 
 
 def white(values, joint, used, error=ERROR):
-    return error.whiten(values, used[:, joint]) * error.scale
+    return error.whiten(values, used[:, joint])
 
 
 def test_columns_of_the_model_are_whitened_where_they_show(whitening, used):

@@ -57,7 +57,7 @@ def test_samples_that_do_not_count_do_not_count():
 
 def test_whitened_noise_is_white_and_of_unit_size(error):
     """1200 x 50 innovations: lags of a white sequence are zero to 1 / sqrt(M), its variance one to sqrt(2 / M)."""
-    white = error.whiten(draws(error, 1200 + FORGOTTEN, 50, 7), everything(1200 + FORGOTTEN))[FORGOTTEN:]
+    white = error.whiten(draws(error, 1200 + FORGOTTEN, 50, 7), everything(1200 + FORGOTTEN))[FORGOTTEN:] / error.scale
     assert np.mean(white**2) == pytest.approx(1.0, abs=4.5 * np.sqrt(2.0 / white.size))
     for lag in (1, 2, 3, 5, 8, 13, 40):
         assert np.mean(white[lag:] * white[:-lag]) == pytest.approx(0.0, abs=4.5 / np.sqrt(white.size))

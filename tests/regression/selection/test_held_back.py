@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from bayesid.regression.selection.forward import bears_out, harmed
-from bayesid.regression.selection.products import BLOCKS, HeldBackErrors, blocks_of
+from bayesid.regression.selection.products import HeldBackErrors, blocks_of
+from bayesid.regression.tuning import TUNING
 
 COUNT = 25
 """Samples a block."""
@@ -12,14 +13,14 @@ COUNT = 25
 
 def errors(*mean_squares, counts=COUNT):
     """Of each joint, one number for all blocks or one a block, (N m)^2."""
-    blocks = np.stack([np.broadcast_to(values, BLOCKS) for values in mean_squares], axis=1)
+    blocks = np.stack([np.broadcast_to(values, TUNING.blocks) for values in mean_squares], axis=1)
     counts = np.broadcast_to(counts, blocks.shape)
     return HeldBackErrors(blocks * counts, counts)
 
 
 def spread(mean, sd):
-    """(BLOCKS,) of exactly this mean and standard deviation, in no order."""
-    return mean + sd * np.resize([1.0, -1.0, -1.0, 1.0], BLOCKS)
+    """(TUNING.blocks,) of exactly this mean and standard deviation, in no order."""
+    return mean + sd * np.resize([1.0, -1.0, -1.0, 1.0], TUNING.blocks)
 
 
 def test_rms_weighs_samples_not_blocks():
@@ -81,16 +82,16 @@ def test_shares_of_joints_add_up(first, second, borne_out):
 def test_help_must_be_sure():
     """A fall of a third, by some standard errors."""
     for deviations, borne_out in ((1.3, False), (1.7, True)):
-        scatter = 1.0 / deviations * np.sqrt(BLOCKS)
+        scatter = 1.0 / deviations * np.sqrt(TUNING.blocks)
         assert bears_out(errors(spread(2.0, scatter)), errors(3.0), [0]) is borne_out
 
 
 def test_help_is_weighed_against_harm_elsewhere():
     """Much help in two blocks, nothing in others or twice the square in half of them; then a loss in another joint."""
-    acts = np.isin(np.arange(BLOCKS), (5, 6)).astype(float)
+    acts = np.isin(np.arange(TUNING.blocks), (5, 6)).astype(float)
     before = errors(1.0 + 9.0 * acts)
     for elsewhere in (0.0, 1.0):
-        after = errors(1.0 + 3.0 * acts + elsewhere * np.resize([1.0, 0.0], BLOCKS) * (1.0 - acts))
+        after = errors(1.0 + 3.0 * acts + elsewhere * np.resize([1.0, 0.0], TUNING.blocks) * (1.0 - acts))
         assert bears_out(after, before, [0]) is (elsewhere == 0.0)
         assert bears_out(before, after, [0]) is False
     for rise, borne_out in ((0.75, True), (0.85, False)):  # a fall by four fifths in the first joint
@@ -98,7 +99,7 @@ def test_help_is_weighed_against_harm_elsewhere():
 
 
 def test_joints_without_samples_say_nothing():
-    before = HeldBackErrors(np.zeros((BLOCKS, 1)), np.zeros((BLOCKS, 1), dtype=int))
+    before = HeldBackErrors(np.zeros((TUNING.blocks, 1)), np.zeros((TUNING.blocks, 1), dtype=int))
     assert not bears_out(before, before, [0])
     np.testing.assert_array_equal(harmed(before, before), [False])
 
