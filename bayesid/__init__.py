@@ -34,6 +34,6 @@ def _notebook_view(identification: object) -> str:
         >>> "<svg" in result.notebook_view()
         True
     """
-    from bayesid.report.pages.notebook import identification_view  # jinja2, for pages alone
+    from bayesid.report.pages.identification_page import identification_view  # jinja2, for pages alone
 
     return identification_view(identification)

@@ -24,28 +24,17 @@ const inScroller = (element) => {
 };
 const cut = [];
 for (const element of document.querySelectorAll("main *")) {
-  if (element.closest("svg") && element.tagName !== "svg" && element.tagName !== "text") continue;
+  if (element.closest("svg") && element.tagName !== "svg") continue;
   const box = element.getBoundingClientRect();
   if (!box.width || !box.height || inScroller(element)) continue;
   if (box.left < -1 || box.right > document.documentElement.clientWidth + 1)
     cut.push(`${element.tagName} ${element.getAttribute("class")} ${element.textContent.slice(0, 40)}`);
 }
-for (const svg of document.querySelectorAll("figure svg")) {
-  const frame = svg.getBoundingClientRect();
-  for (const text of svg.querySelectorAll("text")) {
-    const box = text.getBoundingClientRect();
-    if (box.width && (box.left < frame.left - 2 || box.right > frame.right + 2 || box.top < frame.top - 2
-        || box.bottom > frame.bottom + 2)) cut.push(`text outside of its figure: ${text.textContent}`);
-  }
-}
 return [wide, cut];
 """
-_SMALLEST = """
-const sizes = [...document.querySelectorAll("figure svg text")].map((text) => {
-  const scale = text.getScreenCTM();
-  return parseFloat(getComputedStyle(text).fontSize) * Math.hypot(scale.a, scale.b);
-}).filter((size) => size > 0);
-return sizes.length ? Math.min(...sizes) : null;
+_SCALES = """
+return [...document.querySelectorAll("figure canvas")].map((canvas) =>
+  [canvas.getBoundingClientRect().width / canvas.width, canvas.getBoundingClientRect().height / canvas.height]).flat();
 """
 
 
@@ -81,15 +70,15 @@ def look(driver, path, width, scheme, scripts=True):
 
 
 def complaints(driver):
-    """What the console says, and what is cut off or stands outside of its figure."""
+    """What the console says, and what is cut off."""
     said = [entry["message"] for entry in driver.get_log("browser") if entry["level"] != "INFO"]
     wide, cut = driver.execute_script(_CUT_OFF)
     return said + cut + ([f"the page is {wide} px wider than the window"] if wide > 0 else [])
 
 
-def smallest_letters(driver):
-    """px, of all figures."""
-    return driver.execute_script(_SMALLEST)
+def scales(driver):
+    """Of all canvases, px on the screen over px drawn, in width and height: one half, so that letters have 12 px."""
+    return driver.execute_script(_SCALES)
 
 
 def faults(driver, rules=None):

@@ -1,5 +1,6 @@
 """What tests read out of an HTML page: its tables' numbers, references, identifiers and labels."""
 
+import json
 from html.parser import HTMLParser
 
 _VOID = {"meta", "br"}
@@ -8,13 +9,13 @@ _CLOSED = {*_VOID, "path", "use", "image", "rect", "g", "defs"}
 
 
 class Page(HTMLParser):
-    """Checks that tags are balanced; keeps the numbers of tables by their captions, references and labels."""
+    """Checks that tags are balanced; keeps the numbers of tables by their captions, figures' data, and labels."""
 
     def __init__(self, text):
         super().__init__()
         self.open, self.references, self.identifiers, self.tags = [], [], [], []
         self.tables, self.captions, self.labels, self.hidden = [], [], [], 0
-        self.links = []
+        self.links, self.figures = [], []
         self.feed(text)
         self.close()
         assert not self.open
@@ -35,8 +36,10 @@ class Page(HTMLParser):
             self.tables[-1][-1][-1].append(float(attributes["value"]))
         if tag == "svg" and attributes.get("aria-hidden") == "true":  # what stands beside it says the same
             self.hidden += 1
-        elif tag == "svg":
+        elif attributes.get("role") == "img":
             self.labels.append(attributes["aria-label"])
+        if "data-figure" in attributes:
+            self.figures.append(json.loads(attributes["data-figure"]))
         if tag == "a":
             self.links.append(attributes)
         if tag not in _VOID:
@@ -69,6 +72,7 @@ class Page(HTMLParser):
         assert len(set(self.identifiers)) == len(self.identifiers)
         assert {one[1:] for one in self.references if one.startswith("#")} <= set(self.identifiers)
         assert all(self.labels)
+        assert self.tags.count("svg") - self.hidden + len(self.figures) == len(self.labels)
         assert all(self.captions)
         assert text.count("<table") == text.count("<caption>") == len(self.tables)
         assert self.tags.count("figure") == self.tags.count("figcaption")

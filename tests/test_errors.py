@@ -72,4 +72,4 @@ def test_numbers_in_place_of_lists_are_refused(log, tmp_path):
     write_log(tmp_path / "log.csv", log)
     assert refusal(bayesid.read_log, tmp_path / "log.csv", gains=14.0).startswith("`gains`: 14.0 is no list")
     assert refusal(bayesid.read_log, tmp_path / "log.csv", joints=7).startswith("`joints`: 7 is no list")
-    assert "joints=[7]" in refusal(bayesid.plot.style.each_joint, 7, 7, None, 1.0)
+    assert "joints=[7]" in refusal(bayesid.plot.drawing.chosen_joints, 7, 7)

@@ -81,7 +81,7 @@ def save_comparison(
     """
 
     def write_page(path: Path) -> None:
-        from bayesid.report.pages.comparison_page import comparison_page  # jinja2, for pages alone
+        from bayesid.report.pages.discrepancy_page import comparison_page  # jinja2, for pages alone
 
         path.write_text(comparison_page(comparison), encoding="utf-8")
 

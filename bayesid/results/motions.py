@@ -41,7 +41,7 @@ def save_design(design: ExcitationDesign, folder: str | Path) -> Path:
     """
 
     def write(place: Path) -> None:
-        from bayesid.report.plot.designs import excitation_figure  # matplotlib takes a second to import
+        from bayesid.report.plot.motions import excitation_figure  # matplotlib takes a second to import
 
         write_motion(place / "trajectory.csv", design.motion)
         write_json(place / DESIGN_MARKER, design_summary(design))
@@ -140,7 +140,7 @@ def save_next_motion(design: NextMotion, folder: str | Path) -> Path:
     check_next_folder(folder)
 
     def write(place: Path) -> None:
-        from bayesid.report.plot.planned_motion import planned_motion  # matplotlib takes a second to import
+        from bayesid.report.plot.motions import planned_motion  # matplotlib takes a second to import
 
         programs = save_programs(planned(design), place, design.slow)
         write_table(place / "predicted.csv", predicted_rows(design.predicted))
@@ -166,8 +166,8 @@ def planned(design: NextMotion) -> PlannedMotion:
 
 
 def picture(design: NextMotion) -> Any:
-    """What `bayesid.report.plot.planned_motion` draws."""
-    from bayesid.report.plot.planned_motion import JointLimits, MotionPicture, extreme_poses
+    """What `bayesid.report.plot.motions` draws."""
+    from bayesid.report.plot.motions import JointLimits, MotionPicture, extreme_poses
 
     robot, motion, limits = design.known.model.robot, design.motion, design.run.limits
     assert limits is not None

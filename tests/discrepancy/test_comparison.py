@@ -15,7 +15,7 @@ from bayesid.effects.catalogue import make_terms
 from bayesid.effects.model import Model
 from bayesid.log.log import Log, write_log
 from bayesid.report.discrepancy_verdicts import discrepancy_checks
-from bayesid.report.plot.timeline import timeline_figure
+from bayesid.report.plot.discrepancy import timeline_figure
 from bayesid.report.timeline_text import columns
 from bayesid.results.discrepancies import discrepancy_summary
 from bayesid.robot import robot_table
@@ -73,8 +73,8 @@ def test_what_was_there_all_along_is_told_from_what_came(loaded):
     (place,) = [c for c, one in enumerate(line.tracked) if one.name == PAYLOAD]
     assert abs(line.value[1, place] - MASS) < 4.0 * line.sd[1, place]
     assert [line.tracked[c].name for c in np.flatnonzero(line.moved.any(axis=0))] == [PAYLOAD]  # and no link
-    drawn = timeline_figure(loaded).axes[0]  # by the order of logs without dates
-    assert [label.get_text() for label in drawn.get_xticklabels()] == ["1", "2"]
+    places, names = timeline_figure(loaded).panels[0][0].x_ticks  # by the order of logs without dates
+    assert (list(places), list(names)) == ([1.0, 2.0], ["1", "2"])
 
 
 @pytest.mark.long

@@ -77,9 +77,9 @@ def test_the_page_is_whole_and_needs_nothing_else(pages, name):
     page.whole(text, scripts=1)
     static = text.partition("<script>")[0]
     assert not re.search(r"https?:|url\((?!#)|<link|<iframe|srcset", text)
-    assert set(re.findall(r'(?:url\(#|aria-labelledby=")([^")]*)', static)) <= set(page.identifiers)
+    assert set(re.findall(r'aria-labelledby="([^"]*)', static)) <= set(page.identifiers)
     assert page.hidden == len(findings.coefficients.mean)
-    words = re.sub(r"<svg.*?</svg>", "", static, flags=re.DOTALL)
+    words = re.sub(r"<svg.*?</svg>|data-figure='[^']*'", "", static, flags=re.DOTALL)
     assert not re.search(r"\bnan\b|\bNone\b|np\.|array\(|\binf\b(?!\")", words)
     assert f"{escape(findings.summary.robot)}, " in text.partition("</title>")[0]
 
@@ -153,11 +153,11 @@ def test_text_from_outside_is_escaped(pages):
 @pytest.mark.parametrize(
     ("name", "there", "not_there"),
     [
-        ("everything", ["Nominal</th>", 'id="pair-', 'id="rank-', 'id="validation2broad-'], ["No other assignment"]),
-        ("one_joint", ["No other assignment", 'id="pair-', 'id="torque1slim-'], ["Nominal</th>", 'id="validation1']),
-        ("beam", ['id="proof"'], ['id="alternatives-', 'id="pair-', "No other assignment"]),
-        ("unproven", ["800.25", 'id="alternatives-'], ["No other assignment"]),
-        ("signed", [">recorded</li>"], ['id="proof"', "Hatched", 'id="pair-']),
+        ("everything", ["Nominal</th>", 'id="pair"', 'id="rank"', 'id="validation2"'], ["No other assignment"]),
+        ("one_joint", ["No other assignment", 'id="pair"', 'id="torque1"'], ["Nominal</th>", 'id="validation1']),
+        ("beam", ['id="proof"'], ['id="alternatives"', 'id="pair"', "No other assignment"]),
+        ("unproven", ["800.25", 'id="alternatives"'], ["No other assignment"]),
+        ("signed", ['"label":"recorded"'], ['id="proof"', "Hatched", 'id="pair"']),
     ],
 )
 def test_what_is_there_is_shown_and_what_is_not_is_not(pages, name, there, not_there):
@@ -170,4 +170,4 @@ def test_what_is_there_is_shown_and_what_is_not_is_not(pages, name, there, not_t
 def test_a_minute_of_seven_joints_fits_into_a_mail():
     """60 s at 1 kHz, thinned as findings are; 900 segments, 68 coefficients' worth of draws, and a validation."""
     found = make_findings(n=7, count=20_000, per_joint=129, validated=True)
-    assert len(identification_page(found).encode()) < 5_000_000
+    assert len(identification_page(found).encode()) < 3_000_000

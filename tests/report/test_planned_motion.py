@@ -8,8 +8,8 @@ import pytest
 
 import bayesid
 from bayesid.motion import Motion
-from bayesid.report.plot.ink import MAGENTA
-from bayesid.report.plot.planned_motion import JointLimits, MotionPicture, extreme_poses, planned_motion, skeleton_line
+from bayesid.report.plot.figure import MAGENTA
+from bayesid.report.plot.motions import JointLimits, MotionPicture, extreme_poses, planned_motion, skeleton_line
 from bayesid.robot.kinematics import pose
 
 T = np.linspace(0.0, 4.0, 801)

@@ -11,13 +11,14 @@ import pytest
 from conftest import small_robot
 from made_findings import make_findings, with_summary
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 from matplotlib.colors import to_hex, to_rgba
 from matplotlib.figure import Figure
 
 import bayesid
 from bayesid.errors import InputError
 from bayesid.report import plot
-from bayesid.report.plot.ink import BLUE, MAGENTA, ORANGE
+from bayesid.report.plot.figure import BLUE, MAGENTA, ORANGE
 from bayesid.report.thinning import binned
 from bayesid.results.folders import save_identification
 from bayesid.simulation.logs import simulate_log
@@ -131,7 +132,7 @@ def test_efforts_are_those_found():
 def test_bands_are_segments():
     """Blue is plus; opacity from 0.05 at confidence 0.5 to 0.34 at 1, a straight line."""
     for j, ax in enumerate(plot.torques(FOUND)):
-        for sign, name, colour in ((1, "x-plus", BLUE), (-1, "x-minus", ORANGE)):
+        for sign, name, colour in ((1, "sign +", BLUE), (-1, "sign \N{MINUS SIGN}", ORANGE)):
             mine = np.flatnonzero((SEGMENTS.joint == j) & (SEGMENTS.sign == sign))
             bands = gid(ax, name)
             np.testing.assert_allclose(intervals(bands), np.column_stack([SEGMENTS.start[mine], SEGMENTS.end[mine]]))
@@ -148,8 +149,8 @@ def test_residuals_are_drawn_over_a_variable():
         points = np.asarray(ax.collections[0].get_offsets())
         np.testing.assert_array_equal(points, np.column_stack([value, SAMPLES.residual[used, j]]))
         centre, mean, error = binned(value, SAMPLES.residual[used, j])
-        (line, _, (bars,)) = ax.containers[0]
-        np.testing.assert_array_equal(line.get_xydata(), np.column_stack([centre, mean]))
+        np.testing.assert_array_equal(curves(ax)["means"], np.column_stack([centre, mean]))
+        bars = ax.collections[-1]
         ends = np.array([segment[:, 1] for segment in bars.get_segments()])
         np.testing.assert_allclose(ends, np.column_stack([mean - 2.0 * error, mean + 2.0 * error]))
         assert ax.get_xlabel().endswith(", m/s" if j == 2 else ", rad/s")
@@ -163,7 +164,8 @@ def test_intervals_of_draws_are_those_of_each_ensemble():
     assert [names[row] for row in sorted(names)] == [FOUND.coefficients.name[k] for k in chosen]
     assert ax.yaxis_inverted()
     scaled, rows = FOUND.standardised(chosen), []
-    for lines, ensemble in zip(ax.collections[::2], scaled, strict=True):  # each is followed by its quartiles
+    intervals_of = [one for one in ax.collections[1:] if isinstance(one, LineCollection)]  # after the line at zero
+    for lines, ensemble in zip(intervals_of[::2], scaled, strict=True):  # each is followed by its quartiles
         for k, ((low, row), (high, _)) in enumerate(lines.get_segments()):
             rows.append((round(row), row))
             below, above = np.sum(ensemble[:, k] < low), np.sum(ensemble[:, k] > high)

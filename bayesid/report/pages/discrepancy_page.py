@@ -1,4 +1,4 @@
-"""A discrepancy as one self-contained page: words, tables and figures; nothing is fetched, nothing runs."""
+"""A discrepancy, or what changed over several logs, as one self-contained page: words, tables and figures."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from bayesid.discrepancy.compare import Excess
+from bayesid.discrepancy.comparison import ALL_ALONG, CHANGED, GONE, EffectHistory, LogComparison
 from bayesid.discrepancy.selection import GROWN, HELD_BACK, ON_LOG
 from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.effects.catalogue import forms
@@ -30,13 +31,26 @@ from bayesid.report.discrepancy_verdicts import (
 from bayesid.report.pages.rendering import Picture, picture, render
 from bayesid.report.plot.discrepancy import (
     BARS,
+    MOST,
+    by_date,
     candidate_figure,
     effort_figure,
     gap_figure,
     learned_figure,
     residual_figure,
+    timeline_figure,
 )
-from bayesid.report.plot.paper import Paper
+from bayesid.report.timeline_text import (
+    SECTIONS,
+    Moved,
+    changes_lead,
+    columns,
+    log_names,
+    moved_parameters,
+    says,
+    timeline_rule,
+    tracked_name,
+)
 from bayesid.report.verdicts import State
 from bayesid.report.words import best_first, joints_in_words, label, quantity, rounded, score_label, unit_of
 
@@ -65,11 +79,16 @@ _SECTIONS = {
     "not-testable": "What this log cannot tell",
 }
 """Of the page, in their order: name and title."""
+_CHANGES = {"changes": "What changed, what was missing all along", "timeline": "Time line"}
+"""Of the page of several logs, before those of the last comparison."""
 _CANDIDATES = 25
 """Candidates that are listed beside those that were added: a screen full."""
 _ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth", "ninth", "tenth")
 
 
+# ---------------------------------------------------------------------------------------------------------------
+# One discrepancy
+# ---------------------------------------------------------------------------------------------------------------
 @one_at_a_time
 def discrepancy_page(discrepancy: Discrepancy) -> str:
     """The report of a comparison, in HTML: opens in a browser from anywhere, light or dark, and prints."""
@@ -298,7 +317,7 @@ def _gap_picture(discrepancy: Discrepancy) -> Picture:
         for joint, (before, after, floor) in enumerate(gaps, start=1)
     )
     caption = "The same in units of each joint's noise floor."
-    return picture(gap_figure(discrepancy, Paper), "gap", caption, f"Bars of the gap of each joint in N m: {bars}")
+    return picture(gap_figure(discrepancy), "gap-figure", caption, f"Bars of the gap of each joint in N m: {bars}")
 
 
 def _residual_picture(discrepancy: Discrepancy, excess: Excess) -> Picture:
@@ -309,23 +328,109 @@ def _residual_picture(discrepancy: Discrepancy, excess: Excess) -> Picture:
         f"exceeds the noise floor by {rounded(excess.excess)} {unit_of(discrepancy, joint)}, most of it between "
         f"{rounded(low)} and {rounded(high)} {unit_of(discrepancy, joint, variable)}."
     )
-    return picture(residual_figure(discrepancy, joint, Paper), f"residual{joint}", caption, alt)
+    return picture(residual_figure(discrepancy, joint), f"residual{joint}", caption, alt)
 
 
 def _effort_picture(discrepancy: Discrepancy, joint: int) -> Picture:
     alt = f"Effort of joint {joint} over time: measured, by the model as it was, and by the extended model."
-    return picture(effort_figure(discrepancy, joint, Paper), f"effort{joint}", f"Joint {joint}.", alt)
+    return picture(effort_figure(discrepancy, joint), f"effort{joint}", f"Joint {joint}.", alt)
 
 
 def _learned_picture(discrepancy: Discrepancy, effect: AddedEffect) -> Picture:
     joint, unit = effect.joints[0], unit_of(discrepancy, effect.joints[0])
     caption = f"Joint {joint}: what was learned over the range that the log has seen, with its 95 % band."
     alt = f"The effort learned in joint {joint}: {effect.formula}."
-    return picture(learned_figure(effect, unit, Paper), f"learned{joint}", caption, alt)
+    return picture(learned_figure(effect, unit), f"learned{joint}", caption, alt)
 
 
 def _candidate_picture(discrepancy: Discrepancy) -> Picture:
     scores = discrepancy.scores
     caption = f"The first {min(BARS, len(scores))}, each by itself; blue: added. Dashed: what is needed to be added."
     bars = "; ".join(f"{score_label(score)}: {rounded(score.gain / LN10)}" for score in best_first(scores)[:BARS])
-    return picture(candidate_figure(discrepancy, Paper), "candidates", caption, f"Bars of log10 Bayes factors: {bars}")
+    return picture(candidate_figure(discrepancy), "candidates-figure", caption, f"Bars of log10 Bayes factors: {bars}")
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Several logs
+# ---------------------------------------------------------------------------------------------------------------
+@one_at_a_time
+def comparison_page(comparison: LogComparison) -> str:
+    """The report of several logs, in HTML: opens in a browser from anywhere, light or dark, and prints."""
+    last = discrepancy_content(comparison.found[-1])
+    said = columns(comparison)
+    logs = log_names(comparison)
+    both = CHANGED, ALL_ALONG
+    content = last | {
+        "lead": changes_lead(comparison),
+        "about": [("Robot", comparison.earlier.model.robot.name), ("Logs", "; ".join(logs)), *_order(comparison)],
+        "contents": _CHANGES | last["contents"],
+        "status": {"colour": "", "text": _status(comparison)},
+        "warnings": comparison.warnings,
+        "columns": [(SECTIONS[which], said[which]) for which in both],
+        "more": [(SECTIONS[which], lines) for which, lines in said.items() if lines and which not in both],
+        "first": logs[0],
+        "logs": logs,
+        "histories": [_history(one) for one in comparison.effects if one.by_log],
+        "rule": timeline_rule(comparison),
+        "moved": [_moved(row) for row in moved_parameters(comparison)],
+        "stayed": _stayed(comparison),
+        "timeline_pictures": [_timeline_picture(comparison)],
+        "last": logs[-1],
+        "last_lead": last["lead"],
+    }
+    return render("comparison.html.jinja", "What changed since the first log", subject(comparison.found[-1]), **content)
+
+
+def _status(comparison: LogComparison) -> str:
+    """In a few words."""
+    moved = bool(comparison.of(CHANGED) or comparison.timeline.moved.any() or comparison.of(GONE))
+    along = "something was missing all along" if comparison.of(ALL_ALONG) else "nothing is known to be missing"
+    return f"Something has changed, {along}" if moved else f"Nothing has surely changed, {along}"
+
+
+def _order(comparison: LogComparison) -> list[tuple[str, str]]:
+    return [("Order", comparison.dates.basis), ("Last one scored on", comparison.found[-1].holdout)]
+
+
+def _history(history: EffectHistory) -> dict[str, Any]:
+    return {
+        "name": label(history.name),
+        "joints": joints_in_words(history.joints).split(" ", 1)[1] if history.joints else "whole robot",
+        "became": SECTIONS[history.became],
+        "says": [says(what) for what in history.by_log],
+    }
+
+
+def _moved(row: Moved) -> dict[str, Any]:
+    return {
+        "name": row.name,
+        "values": [
+            (value, quantity(value, sd, row.unit)) if np.isfinite(sd) and np.isfinite(value) else None
+            for value, sd in zip(row.value, row.sd, strict=True)
+        ],
+        "change": row.change,
+        "z": [z for z in row.z if np.isfinite(z)][-1],
+    }
+
+
+def _stayed(comparison: LogComparison) -> dict[str, Any]:
+    """Names of what did not move, and of what too few logs show."""
+    line = comparison.timeline
+    tested, moved = np.isfinite(line.p).any(axis=0), line.moved.any(axis=0)
+    flat, unseen = np.flatnonzero(tested & ~moved).tolist(), np.flatnonzero(~tested).tolist()
+    return {
+        "flat": [tracked_name(line.tracked[c]) for c in flat],
+        "unseen": [tracked_name(line.tracked[c]) for c in unseen],
+    }
+
+
+def _timeline_picture(comparison: LogComparison) -> Picture:
+    rows = moved_parameters(comparison)
+    over = "days since the first log" if by_date(comparison) else "the logs in their order"
+    more = f" The {len(rows) - MOST} that moved least are in the table alone." if len(rows) > MOST else ""
+    caption = (
+        f"Parameters that moved, with 95 % intervals, over {over}.{more} Last: the changes of all others, in their "
+        "standard deviations."
+    )
+    alt = "; ".join(row.text for row in rows) or "No parameter moved."
+    return picture(timeline_figure(comparison), "timeline-figure", caption, f"Time line. {alt}")

@@ -3,24 +3,31 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
 from markupsafe import Markup
 
-from bayesid.identification.identification import SURE
+from bayesid.identification.identification import SURE, Identification
 from bayesid.identification.warnings import convergence
-from bayesid.parallel import in_parallel, one_at_a_time
+from bayesid.parallel import one_at_a_time
 from bayesid.progress import SILENT, Progress
-from bayesid.report import commands, plot
-from bayesid.report.findings import Findings
+from bayesid.report import commands
+from bayesid.report.findings import Findings, find_findings
 from bayesid.report.findings.summary import SearchSummary
-from bayesid.report.pages.rendering import Picture, data, number, picture, render
-from bayesid.report.plot.paper import Paper
-from bayesid.report.plot.remainder import VARIABLES
+from bayesid.report.pages.rendering import Picture, data, fragment, number, picture, render
+from bayesid.report.plot.drawing import draw, svg_of
+from bayesid.report.plot.figure import WIDE, Figure, Panel
+from bayesid.report.plot.identification import (
+    VARIABLES,
+    alternatives_figure,
+    autocorrelation_panel,
+    residual_panel,
+    torque_panel,
+    validation_panel,
+)
+from bayesid.report.plot.posterior import forest_figure, pair_figure, rank_figure, trace_figure
 from bayesid.report.verdicts import (
     EFFECT_HEADINGS,
     GAIN_HEADINGS,
@@ -41,6 +48,8 @@ _STATES: Mapping[State, Mapping[str, str]] = {
     "not done": {"colour": "open", "text": "not done"},
 }
 """Of each state the class on the page and the word."""
+_NOTEBOOK: Mapping[State, str] = {"good": "#1f7a3d", "look": "#8a5a00", "bad": "#b3261e", "not done": "#59636e"}
+"""Colours as in style.css; a notebook has no style of ours."""
 _VERDICT: Mapping[State, str] = {
     "good": "Nothing speaks against this result",
     "look": "Usable; look at what is marked",
@@ -86,14 +95,12 @@ _ALTERNATIVES = 10
 """Other assignments that are listed: half a screen, as each is a long row."""
 _SPANS = 5
 """Segments of another assignment that are linked: what fits into a cell."""
-_PANEL = (5.4, 4.4)
-"""in, width and height of a joint's four panels: two such figures stand side by side."""
 _ROUNDING = 1e-9
 """Of a coefficient: what remains of link parameters that cancel, some 1e6 times the spacing of numbers."""
-_SLIM_HEIGHT = 2.3
-"""in, of a figure over time on a narrow screen: with its width of 5.4 in, letters stay legible at 400 px."""
-_PAPER: Any = Paper
-"""What figures are drawn on in place of matplotlib's, of which it has what they use."""
+_CURVE = 2400
+"""Points of a curve over time, at most about: some two a pixel."""
+_SCATTER = 600
+"""Samples of a residual over a variable, at most: more would hide each other."""
 _BAR = (60.0, 28.0, 2.0)
 """Zero of a coefficient's bar, its own size, and where it is cut off in such sizes: the picture is 120 wide."""
 
@@ -129,10 +136,11 @@ def identification_page(findings: Findings, progress: Progress = SILENT) -> str:
         "gain_headings": list(map(upper, GAIN_HEADINGS)),
     }
     parts = (_torques, _doubts, _coefficients, _posterior, _residuals, _proof, _validation, _run)
-    for more in in_parallel([partial(part, findings) for part in parts], partial(progress, "report")):
-        content |= more
+    for done, part in enumerate(parts, start=1):
+        content |= part(findings)
+        progress("report", done, len(parts))
     subject = f"{summary.robot}, {summary.log}"
-    return render("identification.html.jinja", "Identification", subject, script="zoom.js", **content)
+    return render("identification.html.jinja", "Identification", subject, **content)
 
 
 def _lead(findings: Findings) -> str:
@@ -170,16 +178,21 @@ def _torques(findings: Findings) -> dict[str, Any]:
     return {
         "thinned": "" if every == 1 else f" One of {every} samples is shown.",
         "torques": [
-            _zoomable(
-                partial(plot.torques, findings, [j + 1], key=False),
-                f"torque{j + 1}",
-                f"Effort of joint {j + 1} over time: recorded, signed, and by the model. {_signs(findings, j)}",
-                f"Joint {j + 1}.",
-                _bands(findings, j),
+            _over_time(
+                torque_panel(findings, joint, _CURVE),
+                "torque",
+                joint,
+                f"Effort of joint {joint} over time: recorded, signed, and by the model. {_signs(findings, joint - 1)}",
             )
-            for j in range(findings.n_joints)
+            for joint in range(1, findings.n_joints + 1)
         ],
     }
+
+
+def _over_time(panel: Panel, group: str, joint: int, alt: str) -> Picture:
+    """One joint's panel of a group; the legend above the first one is that of all."""
+    figure = Figure([[panel]], 2.6, WIDE, key=joint == 1)
+    return picture(figure, f"{group}{joint}", f"Joint {joint}.", alt, group)
 
 
 def _signs(findings: Findings, j: int) -> str:
@@ -188,18 +201,6 @@ def _signs(findings: Findings, j: int) -> str:
     here = table.joint == j
     plus = int((table.sign[here] > 0).sum())
     return f"{plus} segments are plus, {int(here.sum()) - plus} minus, {int(table.ambiguous[here].sum())} ambiguous."
-
-
-def _bands(findings: Findings, j: int) -> list[list[float]]:
-    """Start, end, sign, confidence, and 1 if ambiguous, of a joint's segments, for the page's script."""
-    table = findings.segments
-    here = np.flatnonzero(table.joint == j)
-    times = np.round([table.start[here], table.end[here]], 4).tolist()
-    confidence = np.round(table.confidence[here], 3).tolist()
-    return [
-        [start, end, int(table.sign[k]), sure, int(table.ambiguous[k])]
-        for k, start, end, sure in zip(here, *times, confidence, strict=True)
-    ]
 
 
 def _doubts(findings: Findings) -> dict[str, Any]:
@@ -278,31 +279,20 @@ def _posterior(findings: Findings) -> dict[str, Any]:
         return {"posterior": None}
     few = len(findings.coefficients.mean) < 2
     drawn = [
-        (
-            "forest",
-            plot.forest(findings, ax=_PAPER),
-            "Intervals of 95 % of the worst-decided coefficients, one an ensemble.",
-        ),
-        *(
-            []
-            if few
-            else [("pair", plot.pair(findings, axes=_PAPER)[0], "Draws of the three worst-decided against each other.")]
-        ),
-        (
-            "trace",
-            plot.trace(findings, axes=_PAPER)[0],
-            "Densities and draws, sweep after sweep; one colour an ensemble.",
-        ),
-        (
-            "rank",
-            plot.rank(findings, axes=_PAPER)[0],
-            "Ranks of each ensemble's draws: flat where the ensembles agree.",
-        ),
+        (forest_figure, "forest", 12, "Intervals of 95 % of the worst-decided coefficients, one an ensemble."),
+        (pair_figure, "pair", 3, "Draws of the three worst-decided against each other."),
+        (trace_figure, "trace", 4, "Densities and draws, sweep after sweep; one colour an ensemble."),
+        (rank_figure, "rank", 4, "Ranks of each ensemble's draws: flat where the ensembles agree."),
+    ]
+    pictures = [
+        picture(figure(findings, count), name, caption)
+        for figure, name, count, caption in drawn
+        if not (few and name == "pair")
     ]
     return {
         "posterior": posterior,
         "convergence": convergence(posterior.max_rhat, posterior.min_ess),
-        "draws": [picture(ax.figure, name, caption) for name, ax, caption in drawn],
+        "draws": pictures,
     }
 
 
@@ -311,12 +301,8 @@ def _residuals(findings: Findings) -> dict[str, Any]:
 
 
 def _residual(findings: Findings, joint: int) -> Picture:
-    width, height = _PANEL
-    figure = Paper(height, width)
-    *panels, last = figure.subplots(2, 2).ravel().tolist()
-    for variable, ax in zip(VARIABLES, panels, strict=True):
-        plot.residuals(findings, variable, [joint], [ax])
-    plot.autocorrelation(findings, [joint], [last])
+    panels = [residual_panel(findings, joint, variable, _SCATTER) for variable in VARIABLES]
+    figure = Figure([panels[:2], [panels[2], autocorrelation_panel(findings, joint)]], 4.4)
     caption = f"Joint {joint}: residual over time, velocity and position, and its autocorrelation."
     return picture(figure, f"residual{joint}", caption)
 
@@ -327,15 +313,8 @@ def _proof(findings: Findings) -> dict[str, Any]:
         return {}
     proven = search.lower_bound is not None
     others = list(_others(findings)) if search.certified else []  # else the list says nothing about the others
-    pictures = (
-        [
-            picture(
-                plot.alternatives(findings, ax=_PAPER).figure, "alternatives", "Costs of the assignments that remain."
-            )
-        ]
-        if proven
-        else []
-    )
+    caption = "Costs of the assignments that remain."
+    pictures = [picture(alternatives_figure(findings), "alternatives", caption)] if proven else []
     return {
         "search_text": _search_text(search),
         "proven": proven,
@@ -408,12 +387,11 @@ def _validation(findings: Findings) -> dict[str, Any]:
     if prediction is None:
         return {"prediction": None, "validate": commands.validate(findings)}
     pictures = [
-        _zoomable(
-            partial(plot.validation, findings, [joint], key=False),
-            f"validation{joint}",
+        _over_time(
+            validation_panel(findings, joint, _CURVE),
+            "validation",
+            joint,
             f"Effort of joint {joint} over time on another log: measured, predicted, and the band of 95 %.",
-            f"Joint {joint}.",
-            [],
         )
         for joint in range(1, findings.n_joints + 1)
     ]
@@ -440,27 +418,18 @@ def _option(value: object) -> str:
 
 
 # ---------------------------------------------------------------------------------------------------------------
-# Figures over time
+# In a notebook
 # ---------------------------------------------------------------------------------------------------------------
-@dataclass(frozen=True)
-class _Zoomable:
-    """A figure over time, for wide and for narrow screens, with its ends and what its script draws anew."""
-
-    name: str
-    caption: str
-    left: float
-    right: float
-    bands: Sequence[Sequence[float]]
-    broad: Markup
-    slim: Markup
-
-
-def _zoomable(
-    draw: Callable[..., list[Any]], name: str, alt: str, caption: str, bands: Sequence[Sequence[float]]
-) -> _Zoomable:
-    images, left, right = [], 0.0, 1.0
-    for kind, axes in (("broad", _PAPER), ("slim", [Paper(_SLIM_HEIGHT).subplots()])):
-        (ax,) = draw(axes=axes)
-        left, right = (float(end) for end in ax.get_xlim())
-        images.append(Markup(ax.figure.svg(f"{name}{kind}", alt)))
-    return _Zoomable(name, caption, left, right, bands, *images)
+@one_at_a_time
+def identification_view(identification: Identification) -> str:
+    """What its text says, the checks, and the efforts of the joint that fits worst; HTML without a script."""
+    findings = find_findings(identification)
+    joint = int(identification.fit.relative_residual.argmax()) + 1
+    (ax,) = draw(Figure([[torque_panel(findings, joint)]], 3.0, WIDE, key=True))
+    return fragment(
+        "notebook.html.jinja",
+        text=repr(identification),
+        checks=[(check, check.remedy, _NOTEBOOK[check.state]) for check in check_findings(findings)],
+        joint=joint,
+        figure=Markup(svg_of(ax, f"efforts of joint {joint}, recorded and by the model")),
+    )

@@ -1,10 +1,11 @@
-"""What pages are made of: jinja2's templates, the style and script beside them, and numbers as people read them."""
+"""What pages are made of: jinja2's templates, figures for the script, and numbers as people read them."""
 
 from __future__ import annotations
 
-import json
+import math
 import re
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
 from functools import cache
 from importlib import resources
 from importlib.metadata import version
@@ -13,46 +14,57 @@ from typing import Any
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
+from numpy.typing import ArrayLike
 
+from bayesid.arrays import Array
+from bayesid.report.plot.figure import Band, Boxes, Figure, Line, Mark, Panel, Strokes, Ticks
+from bayesid.report.thinning import evenly
 from bayesid.report.words import rounded
 
 _ROOM = "bayesid.report.pages"
 NONE = Markup('<span class="none">&ndash;</span>')
+_DOTS = 1500
+"""Of a scatter on a page, at most: more would hide each other."""
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure on a page: what is drawn, HTML, and what it shows, text."""
+    """A figure on a page.
 
-    svg: Markup
-    caption: str
-
-
-def picture(figure: Any, name: str, caption: str, alt: str = "") -> Picture:
-    """A figure of this package on a page.
-
-    Args:
-        figure: a `bayesid.report.plot.paper.Paper`.
-        name: begins its identifiers.
+    Attributes:
+        name: its identifier.
+        data: what `figures.js` draws.
         caption: below it.
-        alt: for those who do not see it; the caption by default.
+        alt: what it shows, for those who do not see it.
+        group: name of the figures that share the range of their x axes; empty if it stands by itself.
     """
-    return Picture(Markup(figure.svg(name, alt or caption)), caption)
+
+    name: str
+    data: Mapping[str, Any]
+    caption: str
+    alt: str
+    group: str = ""
 
 
-def render(template: str, title: str, subject: str, script: str = "", **content: Any) -> str:
+def picture(figure: Figure, name: str, caption: str, alt: str = "", group: str = "") -> Picture:
+    """A figure on a page; what it shows is the caption by default."""
+    rows = [[None if panel is None else _panel(panel) for panel in row] for row in figure.panels]
+    data = {"panels": rows, "height": figure.height, "x_name": figure.x_name, "key": figure.key}
+    return Picture(name, data, caption, alt or caption, group)
+
+
+def render(template: str, title: str, subject: str, **content: Any) -> str:
     """A whole page that opens from anywhere, light or dark, and prints; nothing is fetched.
 
     Args:
         template: its file.
         title: its heading.
         subject: what it is about, robot and log, for the window's title.
-        script: file of what makes it more comfortable; without it the page says the same.
         content: what the template needs; text is escaped.
     """
-    page = {"title": title, "subject": subject, "version": version("bayesid"), "style": _read("style.css")}
-    script = _read(script) if script else ""
-    return _environment().get_template(template).render(**page, script=script, **content)
+    page = {"title": title, "subject": subject, "version": version("bayesid")}
+    page |= {"style": _read("uPlot.min.css") + _read("style.css"), "script": _script()}
+    return _environment().get_template(template).render(**page, **content)
 
 
 def fragment(template: str, **content: Any) -> str:
@@ -62,6 +74,16 @@ def fragment(template: str, **content: Any) -> str:
 
 def _read(file: str) -> Markup:
     return Markup(resources.files(_ROOM).joinpath(file).read_text(encoding="utf-8"))
+
+
+@cache
+def _script() -> Markup:
+    """The library uPlot under its licence, which draws at twice a screen's resolution, to print well; and ours."""
+    code = _read("uPlot.iife.min.js").partition("\n")[2]  # without its address
+    sharp = "const uPlot = ((devicePixelRatio) => {{\n{}\nreturn uPlot;\n}})(Math.max(2, devicePixelRatio));\n"
+    return (
+        Markup("/* uPlot 1.6.32\n") + _read("uPlot.LICENSE") + "*/\n" + Markup(sharp.format(code)) + _read("figures.js")
+    )
 
 
 @cache
@@ -75,9 +97,73 @@ def _environment() -> Environment:
         undefined=StrictUndefined,
     )
     filters = (typeset, code, data, number, probability, percent)
-    environment.filters |= {function.__name__: function for function in filters} | {"json": json.dumps}
+    environment.filters |= {function.__name__: function for function in filters}
+    environment.policies["json.dumps_kwargs"] = {"separators": (",", ":")}
     environment.globals["NONE"] = NONE
     return environment
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Figures
+# ---------------------------------------------------------------------------------------------------------------
+def _panel(panel: Panel) -> dict[str, Any]:
+    """For `figures.js`: numbers to a hundred-thousandth of an axis in x, to a ten-thousandth in y; nan is null."""
+    x_ends, y_ends = panel.limits
+    x_digits, y_digits = _digits(x_ends, 5), _digits(y_ends, 4)
+    shared: dict[bytes, int] = {}
+    xs: list[list[float | None]] = []
+
+    def across(x: Array) -> int:
+        """Index of the x values of a curve, which several have in common."""
+        key = np.asarray(x).tobytes()
+        if key not in shared:
+            shared[key] = len(xs)
+            xs.append(_rounded(x, x_digits))
+        return shared[key]
+
+    def told(mark: Mark) -> dict[str, Any]:
+        named = {one.name: getattr(mark, one.name) for one in fields(mark)}
+        if isinstance(mark, Line):
+            named |= {"x": across(mark.x), "y": _rounded(mark.y, y_digits)}
+        elif isinstance(mark, Band):
+            named |= {"x": across(mark.x), "low": _rounded(mark.low, y_digits), "high": _rounded(mark.high, y_digits)}
+        elif isinstance(mark, Boxes | Strokes):
+            x, y = mark.corners
+            named["x"] = None if mark.x is None else [_rounded(end, x_digits) for end in x.T]
+            named["y"] = None if mark.y is None else [_rounded(end, y_digits) for end in y.T]
+        else:
+            places = np.ravel(mark.x), np.ravel(mark.y)
+            chosen = evenly(len(places[0]), _DOTS)
+            named |= {"x": _rounded(places[0][chosen], x_digits), "y": _rounded(places[1][chosen], y_digits)}
+        if isinstance(mark, Boxes) and np.ndim(mark.alpha):
+            named["alpha"] = _rounded(mark.alpha, 3)
+        return {"kind": type(mark).__name__.lower(), **named}
+
+    marks = [told(mark) for mark in panel.marks]
+    return {
+        "xs": xs,
+        "marks": marks,
+        "x": _axis(panel.x_name, x_ends, panel.x_ticks, True),
+        "y": _axis(panel.y_name, y_ends, panel.y_ticks, panel.grid == "both"),
+        "title": panel.title,
+        "tint": panel.title_colour,
+        "downwards": panel.downwards,
+    }
+
+
+def _axis(name: str, ends: tuple[float, float], ticks: Ticks, grid: bool) -> dict[str, Any]:
+    places = None if ticks is None else [np.asarray(ticks[0], dtype=float).tolist(), list(ticks[1])]
+    return {"name": name, "ends": ends, "ticks": places, "grid": grid}
+
+
+def _digits(ends: tuple[float, float], figures: int) -> int:
+    """Behind the point, so that an axis is divided into ten to the power of so many figures at least."""
+    return figures - math.floor(math.log10(ends[1] - ends[0]))
+
+
+def _rounded(values: ArrayLike, digits: int) -> list[float | None]:
+    array = np.round(np.asarray(values, dtype=float), digits)
+    return [value if math.isfinite(value) else None for value in array.tolist()]
 
 
 # ---------------------------------------------------------------------------------------------------------------

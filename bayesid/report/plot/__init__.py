@@ -10,12 +10,16 @@ Example:
     >>> ax.figure.savefig("torques.png")
 """
 
-from bayesid.report.plot.designs import excitation
-from bayesid.report.plot.draws import forest, pair, rank, trace
-from bayesid.report.plot.efforts import torques, validation
-from bayesid.report.plot.estimates import coefficients
-from bayesid.report.plot.proof import alternatives
-from bayesid.report.plot.remainder import autocorrelation, residuals
+from bayesid.report.plot.identification import (
+    alternatives,
+    autocorrelation,
+    coefficients,
+    residuals,
+    torques,
+    validation,
+)
+from bayesid.report.plot.motions import excitation
+from bayesid.report.plot.posterior import forest, pair, rank, trace
 from bayesid.report.plot.robots import skeleton
 
 __all__ = [

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bayesid.arrays import Array
-from bayesid.report.plot.ink import BLUE, INK, MAGENTA, ORANGE, SIZE
-from bayesid.report.plot.style import dress, grid_of_axes
+from bayesid.report.plot.drawing import SIZE, dress, given_axes, new_figure
+from bayesid.report.plot.figure import BLUE, INK, MAGENTA, ORANGE
 from bayesid.robot import Robot, load_robot
 from bayesid.robot.kinematics import Pose, pose
 
@@ -65,7 +65,8 @@ def skeleton(robot: Robot | str | Path, q: ArrayLike | None = None, axes: Sequen
         'ur10e, side'
     """
     here = pose(robot if isinstance(robot, Robot) else load_robot(robot), q)
-    drawn: list[Axes] = grid_of_axes(axes, 1, len(_VIEWS), _HEIGHT, _WIDTH)[0].tolist()
+    given = new_figure(_HEIGHT, _WIDTH).subplots(1, len(_VIEWS)) if axes is None else axes
+    drawn: list[Axes] = given_axes(given, len(_VIEWS)).tolist()
     points = np.concatenate([np.zeros((1, 3)), *here.lines])
     size = max(float(np.ptp(points, axis=0).max()), _SHORTEST)
     for ax, (name, right, up) in zip(drawn, _VIEWS, strict=True):

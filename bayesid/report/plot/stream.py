@@ -11,8 +11,8 @@ from bayesid.identification.prediction import NORMAL_95
 from bayesid.monitor.alarms import Alarm
 from bayesid.monitor.kinds import CONTACT, PAYLOAD
 from bayesid.monitor.replay import Replay
-from bayesid.report.plot.ink import BLUE, INK, MAGENTA, ORANGE, SIZE
-from bayesid.report.plot.style import dress, new_figure
+from bayesid.report.plot.drawing import SIZE, dress, new_figure
+from bayesid.report.plot.figure import BLUE, INK, MAGENTA, ORANGE
 from bayesid.report.thinning import envelope
 
 if TYPE_CHECKING:

@@ -1,25 +1,26 @@
-"""The picture to look at before a robot runs a planned motion: curves against limits, extreme poses, distances."""
+"""Motions before a robot runs them: a designed one, and any planned one against limits, with poses and distances."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from bayesid.arrays import Array, Integers
+from bayesid.excitation.design import ExcitationDesign
 from bayesid.motion import Motion
-from bayesid.report.plot.ink import BLUE, INK, MAGENTA, ORANGE, SIZE
-from bayesid.report.plot.style import dress, new_figure
+from bayesid.report.plot.drawing import SIZE, draw, dress, new_figure
+from bayesid.report.plot.figure import BLUE, INK, MAGENTA, ORANGE, Boxes, Figure, Line, Panel
 from bayesid.report.thinning import evenly
 from bayesid.robot import Robot
 from bayesid.robot.kinematics import pose
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure as MatplotlibFigure
 
 _POINTS = 500
 """Of a curve, at most, beside its highest and its lowest: twice as many as a column has pixels."""
@@ -37,6 +38,71 @@ _LOOKS = ((BLUE, "-"), (ORANGE, "-"), (MAGENTA, "-"), (INK, "-"), (BLUE, "--"), 
 """Colour and line of the poses."""
 
 
+def excitation(design: ExcitationDesign, axes: Any = None) -> list[Axes]:
+    """Positions, velocities and accelerations as shares of their limits, and expected |effort|, a column a joint.
+
+    Segments are blue; orange are those that are weak: the first to have a wrong sign when the noise grows.
+
+    Args:
+        design: what to show.
+        axes: (4, n) of them; new ones by default.
+
+    Returns:
+        4 n Axes, row by row.
+
+    Raises:
+        ValueError: there are not as many Axes.
+
+    Example:
+        >>> axes = bayesid.plot.excitation(design)
+        >>> len(axes), axes[0].get_ylabel()
+        (12, 'position / limit')
+    """
+    return draw(_excitation(design), axes)
+
+
+def excitation_figure(design: ExcitationDesign) -> MatplotlibFigure:
+    """`excitation` in a figure of its own."""
+    return cast("MatplotlibFigure", excitation(design)[0].figure)
+
+
+def _excitation(design: ExcitationDesign) -> Figure:
+    n, t = design.model.robot.n_joints, design.motion.t
+    shares, shown = design.of_limits, evenly(len(design.motion), _POINTS)
+    within = Boxes(None, ([-1.0], [1.0]), INK, "", 0.1)
+    ends = float(t[0]), float(t[-1])
+    rows: list[list[Panel | None]] = []
+    for name, values in (("position", shares.q), ("velocity", shares.dq), ("acceleration", shares.ddq)):
+        rows.append([])
+        for j in range(n):
+            title = f"joint {j + 1}" if name == "position" else ""
+            marks = within, Line(t[shown], values[shown, j], BLUE, "", 1.0)
+            y_name = f"{name} / limit" if j == 0 else ""
+            rows[-1].append(Panel(marks, "", y_name, title, x_limits=ends, y_limits=(-1.1, 1.1)))
+    rows.append([_expected(design, j) for j in range(n)])
+    return Figure(rows, 6.4, max(3.0, 1.7 * n), key=True)
+
+
+def _expected(design: ExcitationDesign, joint: int) -> Panel:
+    """|effort|, those of weak segments in orange."""
+    quality, t = design.reached, design.motion.t
+    segments, magnitude = quality.segments, quality.magnitude[:, joint]
+    here = np.flatnonzero(segments.joint == joint)
+    lines = []
+    for weak, colour, label in ((False, BLUE, "expected |effort|"), (True, ORANGE, "its sign is easily mistaken")):
+        curve = np.full(len(t), np.nan)
+        for k in here[quality.weak[here] == weak]:
+            rows = slice(segments.start[k], segments.end[k] + 1)  # to the next one's first sample
+            curve[rows] = magnitude[rows]
+        lines.append(Line(t, curve, colour, label, 1.2))
+    most = 1.05 * float(magnitude.max()) or 1.0
+    y_name = "|effort|, N m (N)" if joint == 0 else ""
+    return Panel(lines, "time, s", y_name, x_limits=(float(t[0]), float(t[-1])), y_limits=(0.0, most))
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# A planned motion
+# ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class JointLimits:
     """Limits of n joints, each None where nothing is known.
@@ -130,7 +196,7 @@ class _Quantity:
     band: tuple[Array, Array] | None = None
 
 
-def planned_motion(picture: MotionPicture) -> Figure:
+def planned_motion(picture: MotionPicture) -> MatplotlibFigure:
     """Positions, velocities, accelerations and efforts against limits; extreme poses from two sides; distances.
 
     A row a joint, a column a quantity: curves are blue, limits orange. Above a panel is how much of a limit is used, of

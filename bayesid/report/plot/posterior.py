@@ -13,14 +13,30 @@ import numpy as np
 
 from bayesid.arrays import Array, Integers
 from bayesid.report.findings import Findings
-from bayesid.report.plot.ink import BLUE, INK, MAGENTA, ORANGE, SIZE
-from bayesid.report.plot.source import Source, findings_of
-from bayesid.report.plot.style import dress, given_axes, grid_of_axes, one_axes
+from bayesid.report.plot.drawing import draw
+from bayesid.report.plot.figure import (
+    BLUE,
+    INK,
+    MAGENTA,
+    NO_TICKS,
+    ORANGE,
+    Band,
+    Dots,
+    Figure,
+    Line,
+    Mark,
+    Panel,
+    Strokes,
+    level,
+    rows_of,
+    upright,
+)
+from bayesid.report.plot.identification import Source, findings_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_COLOURS = [BLUE, ORANGE, INK, MAGENTA]
+_COLOURS = (BLUE, ORANGE, INK, MAGENTA)
 """Of the ensembles, in turn."""
 _SCALE = "over the prior's sd"
 _QUANTILES = (0.025, 0.25, 0.5, 0.75, 0.975)
@@ -48,23 +64,31 @@ def forest(result: Source, count: int = 12, ax: Axes | None = None) -> Axes:
         >>> len(ax.get_yticks())
         5
     """
-    findings = findings_of(result)
+    return draw(forest_figure(findings_of(result), count), ax)[0]
+
+
+def forest_figure(findings: Findings, count: int) -> Figure:
+    """Of `forest`."""
     chosen = findings.worst(count)
-    ax = one_axes(ax, 1.0 + 0.36 * len(chosen))
-    names = _names(findings, chosen)
     quantiles = np.quantile(_values(findings, chosen), _QUANTILES, axis=1)
     ensembles = quantiles.shape[1]
+    marks: list[Mark] = [upright(0.0)]
     for e, (low, first, middle, third, high) in enumerate(quantiles.transpose(1, 0, 2)):
         rows = np.arange(len(chosen)) + _ROW * ((e + 0.5) / ensembles - 0.5)
-        ax.hlines(rows, low, high, colors=INK, linewidth=1.4)
-        ax.hlines(rows, first, third, colors=INK, linewidth=2.8)
-        ax.plot(middle, rows, "o", color=INK, markersize=3)
-    ax.set_yticks(np.arange(len(chosen)), names)
-    ax.invert_yaxis()
-    ax.axvline(0.0, color=INK, linewidth=0.8)
-    ax.set_xlabel(f"coefficient less its mean, {_SCALE}", fontsize=SIZE, color=INK)
-    dress(ax, "x")
-    return ax
+        marks += [
+            Strokes((low, high), (rows, rows), INK, width=1.4),
+            Strokes((first, third), (rows, rows), INK, width=2.8),
+        ]
+        marks.append(Dots(middle, rows, INK))
+    panel = Panel(
+        marks,
+        f"coefficient less its mean, {_SCALE}",
+        y_limits=(-0.5, len(chosen) - 0.5),
+        y_ticks=(np.arange(len(chosen)), _names(findings, chosen)),
+        grid="x",
+        downwards=True,
+    )
+    return Figure([[panel]], 1.0 + 0.36 * len(chosen))
 
 
 def pair(result: Source, count: int = 3, axes: Any = None) -> list[Axes]:
@@ -87,25 +111,31 @@ def pair(result: Source, count: int = 3, axes: Any = None) -> list[Axes]:
         >>> len(axes)
         3
     """
-    findings = findings_of(result)
+    return draw(pair_figure(findings_of(result), count), axes)
+
+
+def pair_figure(findings: Findings, count: int) -> Figure:
+    """Of `pair`."""
     chosen = findings.worst(count)
     if len(chosen) < 2:
         raise ValueError("a pair needs two coefficients")
     size = len(chosen) - 1
-    grid = grid_of_axes(axes, size, size, 1.2 + 1.9 * size)
     names = _names(findings, chosen)
     draws = _values(findings, chosen).reshape(-1, len(chosen))
-    for row in range(size):
-        for column in range(size):
-            ax = grid[row, column]
-            if column > row:
-                ax.set_axis_off()
-                continue
-            ax.scatter(draws[:, column], draws[:, row + 1], color=BLUE, alpha=0.4, s=2.0, rasterized=True)
-            ax.set_xlabel(names[column] if row == size - 1 else "", fontsize=SIZE, color=INK)
-            ax.set_ylabel(names[row + 1] if column == 0 else "", fontsize=SIZE, color=INK)
-            dress(ax)
-    return [ax for ax in grid.ravel() if ax.axison]
+    panels = [
+        [
+            Panel(
+                [Dots(draws[:, column], draws[:, row + 1], BLUE, size=1.4, alpha=0.4)],
+                names[column] if row == size - 1 else "",
+                names[row + 1] if column == 0 else "",
+            )
+            if column <= row
+            else None
+            for column in range(size)
+        ]
+        for row in range(size)
+    ]
+    return Figure(panels, 1.2 + 1.9 * size)
 
 
 def trace(result: Source, count: int = 4, axes: Any = None) -> list[Axes]:
@@ -128,24 +158,34 @@ def trace(result: Source, count: int = 4, axes: Any = None) -> list[Axes]:
         >>> len(axes)
         6
     """
-    findings = findings_of(result)
+    return draw(trace_figure(findings_of(result), count), axes)
+
+
+def trace_figure(findings: Findings, count: int) -> Figure:
+    """Of `trace`."""
     chosen = findings.worst(count)
-    grid = grid_of_axes(axes, len(chosen), 2, 0.6 + 1.15 * len(chosen))
-    names = _names(findings, chosen)
-    values = _values(findings, chosen)
-    for k, (density, draws) in enumerate(grid):
+    names, values = _names(findings, chosen), _values(findings, chosen)
+    place = np.arange(values.shape[1], dtype=float)
+    rows: list[list[Panel | None]] = []
+    for k, name in enumerate(names):
         edges = np.histogram_bin_edges(values[..., k], _BINS)
-        for ensemble, colour in zip(values[..., k], cycle(_COLOURS), strict=False):
-            density.stairs(np.histogram(ensemble, edges, density=True)[0], edges, color=colour)
-            # as a picture, or it would be a thousand strokes inside the figure
-            draws.plot(ensemble, color=colour, alpha=0.5, linewidth=0.4, rasterized=True)
-        density.set_ylabel(names[k], fontsize=SIZE - 1.0, color=INK)
-        for ax in (density, draws):
-            dress(ax)
-        density.set_yticks([])
-    grid[-1][0].set_xlabel(_SCALE, fontsize=SIZE, color=INK)
-    grid[-1][1].set_xlabel("draw, in the order of sweeps", fontsize=SIZE, color=INK)
-    return [ax for row in grid for ax in row]
+        densities = [np.histogram(ensemble, edges, density=True)[0] for ensemble in values[..., k]]
+        outlines = [
+            Line(np.repeat(edges, 2), np.array([0.0, *np.repeat(density, 2), 0.0]), colour, width=1.0)
+            for density, colour in zip(densities, cycle(_COLOURS), strict=False)
+        ]
+        traces = [
+            Line(place, ensemble, colour, width=0.4, alpha=0.5)
+            for ensemble, colour in zip(values[..., k], cycle(_COLOURS), strict=False)
+        ]
+        last = k == len(names) - 1
+        rows.append(
+            [
+                Panel(outlines, _SCALE if last else "", name, y_ticks=NO_TICKS),
+                Panel(traces, "draw, in the order of sweeps" if last else ""),
+            ]
+        )
+    return Figure(rows, 0.6 + 1.15 * len(chosen))
 
 
 def rank(result: Source, count: int = 4, axes: Any = None) -> list[Axes]:
@@ -168,38 +208,36 @@ def rank(result: Source, count: int = 4, axes: Any = None) -> list[Axes]:
         >>> len(axes)
         4
     """
-    findings = findings_of(result)
+    return draw(rank_figure(findings_of(result), count), axes)
+
+
+def rank_figure(findings: Findings, count: int) -> Figure:
+    """Of `rank`."""
     chosen = findings.worst(count)
-    if axes is None or callable(axes):
-        rows = -(-len(chosen) // 2)
-        places = grid_of_axes(axes, rows, min(2, len(chosen)), 0.5 + 1.7 * rows).ravel()
-    else:
-        places = given_axes(axes, len(chosen))
-    for ax, k, name in zip(places, chosen, _names(findings, chosen), strict=False):
-        _draw_ranks(ax, _values(findings, np.array([k]))[..., 0])
-        ax.set_title(name, fontsize=SIZE, color=INK)
-        ax.set_xlabel("rank among all draws", fontsize=SIZE - 1.0, color=INK)
-        ax.set_ylabel("ensemble", fontsize=SIZE - 1.0, color=INK)
-        dress(ax)
-        ax.set_yticks([])
-    for ax in places[len(chosen) :]:
-        ax.set_axis_off()
-    return [ax for ax in places if ax.axison]
+    values = _values(findings, chosen)
+    panels = [_ranks(values[..., k], name) for k, name in enumerate(_names(findings, chosen))]
+    rows = rows_of(panels, min(2, len(panels)))
+    return Figure(rows, 0.5 + 1.7 * len(rows))
 
 
 # ---------------------------------------------------------------------------------------------------------------
 # Parts
 # ---------------------------------------------------------------------------------------------------------------
-def _draw_ranks(ax: Axes, draws: Array) -> None:
+def _ranks(draws: Array, name: str) -> Panel:
     """Histograms of the ranks of each ensemble's draws (E, D) among all, one above the other; dashed if uniform."""
     ordered = np.sort(draws, axis=None)
     ranks = 0.5 * (1.0 + np.searchsorted(ordered, draws) + np.searchsorted(ordered, draws, "right"))
     edges = np.linspace(0.5, draws.size + 0.5, _BINS + 1)
     counts = np.array([np.histogram(ensemble, edges)[0] for ensemble in ranks])
     even, room = draws.shape[1] / _BINS, 1.2 * float(counts.max())
+    marks: list[Mark] = []
     for e, colour in zip(range(len(draws)), cycle(_COLOURS), strict=False):
-        ax.stairs(e * room + counts[e], edges, baseline=e * room, fill=True, color=colour)
-        ax.axhline(e * room + even, color=INK, linestyle="--", linewidth=1.0)
+        x, top = np.repeat(edges, 2)[1:-1], e * room + np.repeat(counts[e], 2)
+        marks += [
+            Band(x, np.full(len(x), e * room), top, colour, alpha=1.0),
+            level(e * room + even, INK, 1.0, "dashed"),
+        ]
+    return Panel(marks, "rank among all draws", "ensemble", name, y_ticks=NO_TICKS)
 
 
 def _values(findings: Findings, chosen: Integers) -> Array:

@@ -1,0 +1,270 @@
+"""A figure as data: panels of lines, bands, boxes, dots and words.
+
+Two renderers draw it: matplotlib (`bayesid.report.plot.drawing`) and, on HTML pages, `pages/figures.js` with uPlot.
+Colours: grey ink, which a page replaces by the colour of its text; orange, blue and magenta are visible on white and on
+black, and to colour-blind readers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from bayesid.arrays import Array
+from bayesid.report.thinning import envelope
+
+INK, ORANGE, BLUE, MAGENTA = "#767676", "#cc6a1a", "#2b83c6", "#c2408f"
+WIDTH, WIDE = 5.4, 10.0
+"""in; two figures of the first width fit side by side on a page, the second is a whole page's."""
+Style = Literal["solid", "dashed", "dotted"]
+Ends = tuple[ArrayLike, ArrayLike] | None
+"""(K,) lower and (K,) upper ends; None: the whole panel."""
+Ticks = tuple[ArrayLike, Sequence[str]] | None
+"""Places and what stands there; None: round numbers."""
+NO_TICKS: Ticks = ((), ())
+
+
+@dataclass(frozen=True)
+class Line:
+    """A curve through (N,) points, interrupted where one is nan; width in points."""
+
+    x: Array
+    y: Array
+    colour: str
+    label: str = ""
+    width: float = 1.4
+    alpha: float = 1.0
+    style: Style = "solid"
+
+
+@dataclass(frozen=True)
+class Band:
+    """The area between two curves of (N,) points."""
+
+    x: Array
+    low: Array
+    high: Array
+    colour: str
+    label: str = ""
+    alpha: float = 0.25
+
+
+@dataclass(frozen=True)
+class Boxes:
+    """K rectangles: bars, or shaded ranges of an axis.
+
+    Attributes:
+        x: ends to the left and the right.
+        y: ends below and above.
+        colour: of all, or of each.
+        label: in the legend.
+        alpha: opacity of all, or of each.
+        hatched: instead of filled.
+        letters: K texts above the panel, each shown if it is narrower than its box; none by default.
+        details: K texts that a page adds to a letter under the pointer.
+    """
+
+    x: Ends
+    y: Ends
+    colour: str | Sequence[str]
+    label: str = ""
+    alpha: ArrayLike = 1.0
+    hatched: bool = False
+    letters: Sequence[str] = ()
+    details: Sequence[str] = ()
+
+    @property
+    def corners(self) -> tuple[Array, Array]:
+        """(K, 2) ends in x and (K, 2) in y, which are 0 and 1 for a whole panel."""
+        return _pairs(self.x, self.y)
+
+
+@dataclass(frozen=True)
+class Strokes:
+    """K straight lines, each from (left, bottom) to (right, top): intervals, error bars, or limits across a panel."""
+
+    x: Ends
+    y: Ends
+    colour: str
+    label: str = ""
+    width: float = 1.2
+    style: Style = "solid"
+
+    @property
+    def corners(self) -> tuple[Array, Array]:
+        """(K, 2) ends in x and (K, 2) in y, which are 0 and 1 for a whole panel."""
+        return _pairs(self.x, self.y)
+
+
+@dataclass(frozen=True)
+class Dots:
+    """(N,) points; their diameter in points."""
+
+    x: ArrayLike
+    y: ArrayLike
+    colour: str
+    label: str = ""
+    size: float = 3.0
+    alpha: float = 1.0
+
+
+@dataclass(frozen=True)
+class Words:
+    """Texts to the right of (K,) places."""
+
+    x: ArrayLike
+    y: ArrayLike
+    texts: Sequence[str]
+
+
+Mark = Line | Band | Boxes | Strokes | Dots | Words
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One pair of axes.
+
+    Attributes:
+        marks: what is drawn, the first one lowest.
+        x_name: of the x axis, with its unit.
+        y_name: of the y axis, with its unit.
+        title: above.
+        title_colour: of the title.
+        x_limits: ends of the x axis; None: those of the data with a margin.
+        y_limits: ends of the y axis, the lower one first.
+        x_ticks: what stands at the x axis.
+        y_ticks: what stands at the y axis.
+        grid: along which axes' numbers there are lines.
+        margins: of x and y, as a share of what the data take.
+        downwards: whether y grows downwards.
+    """
+
+    marks: Sequence[Mark]
+    x_name: str = ""
+    y_name: str = ""
+    title: str = ""
+    title_colour: str = INK
+    x_limits: tuple[float, float] | None = None
+    y_limits: tuple[float, float] | None = None
+    x_ticks: Ticks = None
+    y_ticks: Ticks = None
+    grid: Literal["both", "x"] = "both"
+    margins: tuple[float, float] = (0.05, 0.05)
+    downwards: bool = False
+
+    @property
+    def limits(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Ends of both axes. Where boxes reach to zero, as bars do, an axis ends there."""
+        boxes = any(isinstance(mark, Boxes) for mark in self.marks)
+        x, y = (_around(list(self._values(side)), self.margins[side], boxes) for side in (0, 1))
+        return self.x_limits or x, self.y_limits or y
+
+    @property
+    def labelled(self) -> dict[str, Mark]:
+        """The marks of a legend by their labels."""
+        return {mark.label: mark for mark in self.marks if not isinstance(mark, Words) and mark.label}
+
+    def _values(self, side: int) -> Iterator[Array]:
+        """What a mark covers in x (0) or y (1)."""
+        for mark in self.marks:
+            if isinstance(mark, Boxes | Strokes):
+                ends = (mark.x, mark.y)[side]
+                yield from () if ends is None else (np.ravel(np.asarray(end, dtype=float)) for end in ends)
+            elif isinstance(mark, Band) and side:
+                yield from (mark.low, mark.high)
+            else:
+                yield np.ravel(np.asarray(mark.x if side == 0 or isinstance(mark, Band) else mark.y, dtype=float))
+
+
+@dataclass(frozen=True)
+class Figure:
+    """Panels in rows, None where there is none.
+
+    Attributes:
+        panels: rows of equally many.
+        height: in.
+        width: in.
+        x_name: below all.
+        key: whether a legend says what is drawn.
+    """
+
+    panels: Sequence[Sequence[Panel | None]]
+    height: float
+    width: float = WIDTH
+    x_name: str = ""
+    key: bool = False
+
+    @property
+    def shown(self) -> list[Panel]:
+        """The panels, row by row."""
+        return [panel for row in self.panels for panel in row if panel is not None]
+
+
+def rows_of(panels: Sequence[Panel], columns: int) -> list[list[Panel | None]]:
+    """Panels in rows of so many, the last one filled up with None."""
+    filled: list[Panel | None] = [*panels, *[None] * (-len(panels) % columns)]
+    return [filled[first : first + columns] for first in range(0, len(filled), columns)]
+
+
+def with_common_limits(panels: Sequence[Panel]) -> list[Panel]:
+    """The same panels, with the same ends of their axes."""
+    x, y = (np.array(ends) for ends in zip(*(panel.limits for panel in panels), strict=True))
+    common = [(float(ends[:, 0].min()), float(ends[:, 1].max())) for ends in (x, y)]
+    return [replace(panel, x_limits=common[0], y_limits=common[1]) for panel in panels]
+
+
+def thinned(curves: Sequence[Line | Band], most: int) -> list[Line | Band]:
+    """Curves over the same x at common rows, at most about so many, so that each keeps its extremes."""
+    edges = [(one.low, one.high) if isinstance(one, Band) else (one.y,) for one in curves]
+    values = [edge for pair in edges for edge in pair]
+    rows = np.unique(np.concatenate([envelope(value, most // len(values)) for value in values]))
+    x = curves[0].x[rows]
+    return [
+        replace(one, x=x, low=one.low[rows], high=one.high[rows])
+        if isinstance(one, Band)
+        else replace(one, x=x, y=one.y[rows])
+        for one in curves
+    ]
+
+
+def level(at: float, colour: str = INK, width: float = 0.8, style: Style = "solid", label: str = "") -> Strokes:
+    """A line across a panel."""
+    return Strokes(None, ([at], [at]), colour, label, width, style)
+
+
+def upright(at: float, colour: str = INK, width: float = 0.8, style: Style = "solid", label: str = "") -> Strokes:
+    """A line up a panel."""
+    return Strokes(([at], [at]), None, colour, label, width, style)
+
+
+def means(x: Array, mean: Array, half: Array, colour: str, size: float = 3.0) -> list[Mark]:
+    """A curve with dots and error bars of a half length each."""
+    return [
+        Line(x, mean, colour, "means"),
+        Dots(x, mean, colour, size=size),
+        Strokes((x, x), (mean - half, mean + half), colour, width=1.4),
+    ]
+
+
+def _pairs(x: Ends, y: Ends) -> tuple[Array, Array]:
+    count = max(np.size(end) for ends in (x, y) if ends is not None for end in ends)
+    pairs = [(0.0, 1.0) if ends is None else ends for ends in (x, y)]
+    left, right = (np.stack([np.broadcast_to(np.asarray(end, float), (count,)) for end in pair], 1) for pair in pairs)
+    return left, right
+
+
+def _around(values: Sequence[Array], margin: float, boxes: bool) -> tuple[float, float]:
+    finite = np.concatenate([np.empty(0), *values])
+    finite = finite[np.isfinite(finite)]
+    if not finite.size:
+        return 0.0, 1.0
+    low, high = float(finite.min()), float(finite.max())
+    if high - low <= 1e-12 * max(abs(low), abs(high)):  # one value: room for it
+        room = 0.05 * abs(low) or 0.05
+        return low - room, high + room
+    room = margin * (high - low)
+    return low - room * (low != 0.0 or not boxes), high + room * (high != 0.0 or not boxes)

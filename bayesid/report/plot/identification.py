@@ -1,0 +1,361 @@
+"""Figures of an identification: efforts over time with signs, residuals, coefficients, and the proof."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bayesid.arrays import Array
+from bayesid.identification.identification import Identification
+from bayesid.report.findings import Findings, find_findings, read_findings
+from bayesid.report.plot.drawing import chosen_joints, draw
+from bayesid.report.plot.figure import (
+    BLUE,
+    INK,
+    MAGENTA,
+    NO_TICKS,
+    ORANGE,
+    WIDE,
+    Band,
+    Boxes,
+    Dots,
+    Figure,
+    Line,
+    Mark,
+    Panel,
+    Strokes,
+    level,
+    means,
+    rows_of,
+    thinned,
+    upright,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Source = Identification | Findings | str | Path
+"""An identification, its findings, or its result folder."""
+VARIABLES = ("t", "velocity", "position")
+"""Over which a residual can be drawn; names as in `bayesid.report.findings.Samples`."""
+_CURVE = 3000
+"""Points of a curve over time, at most about: some four a pixel."""
+_EFFORTS, _RESIDUALS = 2.6, 2.1
+"""in, of a joint."""
+_FAINTEST, _STRONGEST = 0.05, 0.34
+"""Opacity of a sign that is a guess, and of one that is certain: curves in front of it keep their colours."""
+_SCATTER = 1200
+"""Samples of a scatter, at most: more would hide each other."""
+_CLIP = 2.5
+"""Sizes beyond which a coefficient's interval is cut off: what is known so badly needs no more room."""
+_SHOWN = 12
+"""Assignments of signs, at most: as many as a figure on a telephone has room for."""
+
+
+def findings_of(result: Source) -> Findings:
+    """What there is to draw.
+
+    Raises:
+        InputError: a folder holds no result.
+    """
+    if isinstance(result, Findings):
+        return result
+    return find_findings(result) if isinstance(result, Identification) else read_findings(result)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Efforts over time
+# ---------------------------------------------------------------------------------------------------------------
+def torques(
+    result: Source, joints: Sequence[int] | None = None, axes: Sequence[Axes] | Axes | None = None, key: bool = True
+) -> list[Axes]:
+    """Efforts over time: recorded, with signs, and by the model; bands tell the sign of each segment.
+
+    Blue bands are plus and orange ones minus, the paler the less sure; hatched ones are ambiguous and bear a question
+    mark. This is the figure of Gaz and De Luca's paper, with confidences.
+
+    Args:
+        result: an identification, its findings, or a result folder.
+        joints: from 1; all by default.
+        axes: one for each joint, or the one of a single joint; new ones by default, whose `figure` can be saved.
+        key: whether to say what colours and lines mean.
+
+    Returns:
+        One Axes for each joint.
+
+    Raises:
+        InputError: the folder holds no result.
+        ValueError: there is no such joint, or not one Axes for each.
+
+    Example:
+        >>> first, second = bayesid.plot.torques(result, joints=[1, 3])
+        >>> first.figure.savefig("torques.png")
+    """
+    findings = findings_of(result)
+    panels = [torque_panel(findings, joint) for joint in chosen_joints(findings.n_joints, joints)]
+    return draw(Figure(rows_of(panels, 1), _EFFORTS * len(panels), WIDE, key=key), axes)
+
+
+def torque_panel(findings: Findings, joint: int, most: int = _CURVE) -> Panel:
+    """Of `torques`, for a joint from 1; curves of at most about so many points each."""
+    samples, j = findings.samples, joint - 1
+    hidden = joint not in findings.summary.signed_joints
+    curves = [
+        Line(samples.t, samples.recorded[:, j], INK, "recorded, without sign", 1.1, 0.9, "dotted"),
+        Line(samples.t, samples.signed[:, j], INK, "with signs" if hidden else "recorded", 1.6, 0.9),
+        Line(samples.t, samples.predicted[:, j], MAGENTA, "model", 1.0),
+    ]
+    lines = thinned(curves if hidden else curves[1:], most)
+    return _over_time(findings, joint, samples.t, [*_signs(findings, j), *lines])
+
+
+def validation(
+    result: Source, joints: Sequence[int] | None = None, axes: Sequence[Axes] | Axes | None = None, key: bool = True
+) -> list[Axes]:
+    """Efforts of a log that the model has not seen: measured, predicted, and the band that holds 95 % of them.
+
+    Args:
+        result: findings with a validation (`Findings.with_validation`).
+        joints: from 1; all by default.
+        axes: one for each joint, or the one of a single joint; new ones by default.
+        key: whether to say what colours and lines mean.
+
+    Returns:
+        One Axes for each joint.
+
+    Raises:
+        ValueError: there is no validation, no such joint, or not one Axes for each.
+
+    Example:
+        >>> (ax,) = bayesid.plot.validation(findings.with_validation(check), joints=[2])
+        >>> ax.figure.savefig("validation.svg")
+    """
+    findings = findings_of(result)
+    if findings.prediction is None:
+        raise ValueError("nothing was validated: use Findings.with_validation(result.validate(log))")
+    panels = [validation_panel(findings, joint) for joint in chosen_joints(findings.n_joints, joints)]
+    return draw(Figure(rows_of(panels, 1), _EFFORTS * len(panels), WIDE, key=key), axes)
+
+
+def validation_panel(findings: Findings, joint: int, most: int = _CURVE) -> Panel:
+    """Of `validation`, for a joint from 1; curves of at most about so many points each."""
+    prediction, j = findings.prediction, joint - 1
+    assert prediction is not None
+    t = prediction.t
+    curves = (
+        Band(t, prediction.lower[:, j], prediction.upper[:, j], BLUE, "95 % band"),
+        Line(t, prediction.measured[:, j], INK, "measured", 1.6, 0.9),
+        Line(t, prediction.predicted[:, j], MAGENTA, "predicted", 1.0),
+    )
+    marks = thinned(curves, most)
+    return _over_time(findings, joint, prediction.t, marks)
+
+
+def _over_time(findings: Findings, joint: int, t: Array, marks: Sequence[Mark]) -> Panel:
+    y_name = f"joint {joint}: effort, {findings.effort_unit[joint - 1]}"
+    return Panel(marks, "time, s", y_name, x_limits=(float(t[0]), float(t[-1])))
+
+
+def _signs(findings: Findings, j: int) -> list[Boxes]:
+    """Behind the curves, a box for each segment with its sign above."""
+    table = findings.segments
+    boxes = []
+    for sign, colour, name in ((1, BLUE, "+"), (-1, ORANGE, "\N{MINUS SIGN}")):
+        here = np.flatnonzero((table.joint == j) & (table.sign == sign))
+        alpha = _FAINTEST + (_STRONGEST - _FAINTEST) * (2.0 * table.confidence[here] - 1.0)
+        letters = [f"{name}?" if table.ambiguous[k] else name for k in here]
+        details = [f"{table.confidence[k]:.2f}" for k in here]
+        ends = table.start[here], table.end[here]
+        if len(here):
+            boxes.append(Boxes(ends, None, colour, f"sign {name}", alpha, letters=letters, details=details))
+    doubtful = (table.joint == j) & table.ambiguous
+    if doubtful.any():
+        boxes.append(Boxes((table.start[doubtful], table.end[doubtful]), None, INK, "ambiguous", hatched=True))
+    return boxes
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Residuals
+# ---------------------------------------------------------------------------------------------------------------
+def residuals(
+    result: Source, variable: str = "t", joints: Sequence[int] | None = None, axes: Sequence[Axes] | Axes | None = None
+) -> list[Axes]:
+    """Residuals in motion over a variable, with their means over equally many samples and twice the standard errors.
+
+    Samples are taken as independent for the standard errors. Where the means leave zero, an effect is missing.
+
+    Args:
+        result: an identification, its findings, or a result folder.
+        variable: "t", "velocity" or "position", of the actuators.
+        joints: from 1; all by default.
+        axes: one for each joint, or the one of a single joint; new ones by default.
+
+    Returns:
+        One Axes for each joint.
+
+    Raises:
+        InputError: the folder holds no result.
+        ValueError: there is no such variable or joint, or not one Axes for each.
+
+    Example:
+        >>> (ax,) = bayesid.plot.residuals(result, "velocity", joints=[2])
+        >>> ax.get_ylabel()
+        'residual 2, N m'
+    """
+    if variable not in VARIABLES:
+        raise ValueError(f"{variable!r} is none of {', '.join(VARIABLES)}")
+    findings = findings_of(result)
+    panels = [residual_panel(findings, joint, variable) for joint in chosen_joints(findings.n_joints, joints)]
+    return draw(Figure(rows_of(panels, 1), _RESIDUALS * len(panels)), axes)
+
+
+def residual_panel(findings: Findings, joint: int, variable: str, most: int = _SCATTER) -> Panel:
+    """Of `residuals`, for a joint from 1; at most so many dots."""
+    centre, mean, error = findings.trend(joint - 1, variable)
+    position = findings.position_unit[joint - 1]
+    x_name = {"t": "time, s", "velocity": f"velocity, {position}/s", "position": f"position, {position}"}[variable]
+    marks = (
+        Dots(*findings.scatter(joint - 1, variable, most), BLUE, size=2.0, alpha=0.4),
+        level(0.0),
+        *means(centre, mean, 2.0 * error, ORANGE),
+    )
+    return Panel(marks, x_name, f"residual {joint}, {findings.effort_unit[joint - 1]}")
+
+
+def autocorrelation(
+    result: Source, joints: Sequence[int] | None = None, axes: Sequence[Axes] | Axes | None = None
+) -> list[Axes]:
+    """Autocorrelation of the residuals in motion; 95 % of white noise's values lie in the grey band.
+
+    Args:
+        result: an identification, its findings, or a result folder.
+        joints: from 1; all by default.
+        axes: one for each joint, or the one of a single joint; new ones by default.
+
+    Returns:
+        One Axes for each joint.
+
+    Raises:
+        InputError: the folder holds no result.
+        ValueError: there is no such joint, or not one Axes for each.
+
+    Example:
+        >>> from matplotlib.figure import Figure
+        >>> left, right = Figure().subplots(1, 2)
+        >>> bayesid.plot.autocorrelation(result, joints=[1, 2], axes=[left, right]) == [left, right]
+        True
+    """
+    findings = findings_of(result)
+    panels = [autocorrelation_panel(findings, joint) for joint in chosen_joints(findings.n_joints, joints)]
+    return draw(Figure(rows_of(panels, 1), _RESIDUALS * len(panels)), axes)
+
+
+def autocorrelation_panel(findings: Findings, joint: int) -> Panel:
+    """Of `autocorrelation`, for a joint from 1."""
+    table = findings.correlation
+    bound = float(table.bound[joint - 1])
+    marks = (
+        Boxes(None, ([-bound], [bound]), INK, "white noise", 0.25),
+        level(0.0),
+        Line(table.lag, table.value[joint - 1], BLUE, "autocorrelation"),
+    )
+    return Panel(marks, "lag, s", f"autocorrelation {joint}")
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Coefficients and proof
+# ---------------------------------------------------------------------------------------------------------------
+def coefficients(result: Source, ax: Axes | None = None) -> Axes:
+    """Mean, 95 % interval and nominal value of every coefficient, over its size.
+
+    Orange ones are decided by the prior, not by the data. The size of a coefficient is that of its mean, or of half its
+    interval where that is larger.
+
+    Args:
+        result: an identification, its findings, or a result folder.
+        ax: where to draw; new by default.
+
+    Raises:
+        InputError: the folder holds no result.
+
+    Example:
+        >>> ax = bayesid.plot.coefficients(result)
+        >>> ax.figure.savefig("coefficients.svg")
+    """
+    findings = findings_of(result)
+    table = findings.coefficients
+    place, bar = np.arange(len(table.mean)), table.bar
+    marks: list[Mark] = []
+    for chosen, colour, name in ((table.by_data, BLUE, "decided by data"), (~table.by_data, ORANGE, "by the prior")):
+        if chosen.any():
+            row, mean = place[chosen], bar.mean[chosen]
+            low, high = bar.low[chosen].clip(-_CLIP, _CLIP), bar.high[chosen].clip(-_CLIP, _CLIP)
+            ends = np.minimum(mean, 0.0), np.maximum(mean, 0.0)
+            marks += [Boxes(ends, (row - 0.3, row + 0.3), colour, name, 0.35)]
+            marks += [Strokes((low, high), (row, row), colour, width=2.0)]
+    known = np.isfinite(bar.nominal)
+    if known.any():
+        nominal, row = bar.nominal[known].clip(-_CLIP, _CLIP), place[known]
+        marks.append(Strokes((nominal, nominal), (row - 0.4, row + 0.4), INK, "nominal", 1.6))
+    panel = Panel(
+        [*marks, upright(0.0)],
+        "value over its size",
+        y_limits=(-0.6, len(place) - 0.4),
+        y_ticks=(place, table.name),
+        grid="x",
+        downwards=True,
+    )
+    return draw(Figure([[panel]], 1.0 + 0.19 * len(place), key=True), ax)[0]
+
+
+def alternatives(result: Source, ax: Axes | None = None) -> Axes:
+    """How much more than the best assignment the others cost: those that remain, and all that the proof rules out.
+
+    A cost that is larger by x makes an assignment exp(-x / 2) times as probable, but for the volume of its cone.
+
+    Args:
+        result: an identification, its findings, or a result folder.
+        ax: where to draw; new by default.
+
+    Raises:
+        InputError: the folder holds no result.
+        ValueError: nothing has been proven: signs were known, or found by a beam alone.
+
+    Example:
+        >>> ax = bayesid.plot.alternatives(result)
+        >>> ax.get_xlabel()
+        'cost above that of the best assignment'
+    """
+    return draw(alternatives_figure(findings_of(result)), ax)[0]
+
+
+def alternatives_figure(findings: Findings) -> Figure:
+    """Of `alternatives`."""
+    search = findings.summary.search
+    if search.lower_bound is None or search.cost is None:
+        raise ValueError("nothing has been proven about the signs")
+    above = (findings.alternatives.cost - search.cost)[:_SHOWN]
+    count = max(1, len(above))
+    marks: list[Mark] = []
+    if search.certified:
+        within = search.within or 0.0
+        marks.append(Boxes(([within], [max(1.6 * within, 1.0)]), None, INK, "all others", 0.18))
+        marks.append(upright(within, width=1.2, style="dashed"))
+    else:
+        open_costs = [search.lower_bound - search.cost], [0.0]
+        marks.append(Boxes(open_costs, None, MAGENTA, "not ruled out", 0.25))
+    if len(above) > 1:
+        marks.append(Dots(above[1:], np.arange(1, count), ORANGE, "alternative", 7.0))
+    marks.append(Dots([0.0], [0.0], BLUE, "best found", 8.0))
+    panel = Panel(
+        marks,
+        "cost above that of the best assignment",
+        y_limits=(-0.6, count - 0.4),
+        y_ticks=NO_TICKS,
+        grid="x",
+        downwards=True,
+    )
+    return Figure([[panel]], 1.1 + 0.22 * count, key=True)
