@@ -6,7 +6,6 @@ import numpy as np
 
 from bayesid.identification.provenance import Provenance
 from bayesid.report.findings import (
-    AMBIGUOUS,
     Alternatives,
     CoefficientTable,
     Correlation,
@@ -24,6 +23,7 @@ from bayesid.report.findings.summary import (
     SearchSummary,
     SignsSummary,
 )
+from bayesid.report.tuning import TUNING
 
 RATE = 100.0
 NAMES = ("J1zz", "mc2x", "mc2y", "fv1", "fc1", "Ia2", "m2", "off2")
@@ -70,7 +70,7 @@ def make_segments(samples, per_joint, seed=0):
         sign=np.where(samples.signed[place, joint] > 0.0, 1, -1),
         confidence=confidence,
         moving=np.arange(len(joint)) % per_joint > 0,
-        ambiguous=confidence < AMBIGUOUS,
+        ambiguous=confidence < TUNING.ambiguous,
     )
 
 

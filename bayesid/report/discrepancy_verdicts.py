@@ -15,19 +15,10 @@ from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.effects.catalogue import forms, noun, owner
 from bayesid.effects.effect import ReadableUnit
 from bayesid.regression.selection.added_effect import AddedEffect, Quantity
+from bayesid.report.tuning import TUNING
 from bayesid.report.verdicts import Check
 from bayesid.report.words import in_percent, joints_in_words, label, listed, quantity, rounded, unit_of, upper
 
-_MOST = 3
-"""Joints whose gaps are named one by one: more make a sentence that nobody reads."""
-_SURE = 0.9
-"""Probability below which it is mentioned; a round number."""
-_LISTED = 0.01
-"""Probability from which on a set of effects is listed; for display."""
-_SAME = 0.98
-"""Share of a gap from which on it has not fallen: 2 % hardly show in two digits."""
-_MOSTLY = 0.5
-"""Share of a joint's excess from which on most of it is explained."""
 _WHOSE = {MODELS_RESIDUAL: "earlier model's", REFIT: "refitted model's"}
 """Own error a floor may be, by where it was taken from."""
 _CHANGE = "change of "
@@ -73,7 +64,7 @@ def _in_brief(discrepancy: Discrepancy) -> Iterator[str]:
 
 def listed_sets(discrepancy: Discrepancy) -> list[WeighedSet]:
     """The sets that are worth a line."""
-    return [one for one in discrepancy.sets if one.probability >= _LISTED]
+    return [one for one in discrepancy.sets if one.probability >= TUNING.set_listed]
 
 
 def set_in_words(some: WeighedSet) -> str:
@@ -91,7 +82,7 @@ def _explains(discrepancy: Discrepancy) -> str:
     """It explains what showed in joints 2 and 3, and most of what showed in joint 4."""
     left = dict(discrepancy.unexplained)
     showed = {excess.joint for excess in discrepancy.where}
-    most = sorted(j for j in showed & set(left) if _share_explained(discrepancy, j) >= _MOSTLY)
+    most = sorted(j for j in showed & set(left) if _share_explained(discrepancy, j) >= TUNING.mostly)
     whole = sorted(showed - set(left))
     parts = [f"what showed in {joints_in_words(whole)}"] if whole else []
     parts += [f"most of what showed in {joints_in_words(most)}"] if most else []
@@ -148,7 +139,7 @@ def _found(discrepancy: Discrepancy, added: AddedEffect) -> Check:
     if added.description is not None:
         parts[0] = f"{parts[0].removesuffix('.')}: {added.formula}. It {added.description.sentence}."
     parts += worth(discrepancy, added)
-    if added.probability < _SURE:
+    if added.probability < TUNING.sure:
         parts.append(
             f"The probability of this, the others given, is {_percent(added.probability)}; that nothing is missing in "
             "its place, "
@@ -158,7 +149,7 @@ def _found(discrepancy: Discrepancy, added: AddedEffect) -> Check:
     if alike := equivalents(added, noun):
         parts.append(f"This log cannot tell it from {listed(alike, 'or')}.")
         remedy = f"{distinguishing_motions(added)} would tell"
-    doubtful = bool(alike) or added.probability < _SURE
+    doubtful = bool(alike) or added.probability < TUNING.sure
     return Check(name, "look" if doubtful else "good", " ".join(parts).removesuffix("."), remedy)
 
 
@@ -324,11 +315,11 @@ def _gap(discrepancy: Discrepancy) -> str:
     """With it the gap on the holdout falls from 2.4 to 0.31 N m in joint 3, the noise floor being 0.30 N m."""
     joints, floor = _worth_naming(discrepancy), discrepancy.floor.rms
     with_ = "With it" if len(discrepancy.added) == 1 else "With them"
-    falls = _falls(discrepancy, joints[:_MOST], with_floor=len(joints) > 1)
+    falls = _falls(discrepancy, joints[: TUNING.joints_named], with_floor=len(joints) > 1)
     sentence = f"{with_} the gap on {_data(discrepancy)} {falls}"
     if len(joints) == 1:
         return f"{sentence}, the noise floor being {_effort(discrepancy, floor[joints[0] - 1], joints[0])}"
-    rest = joints[_MOST:]
+    rest = joints[TUNING.joints_named :]
     if not rest:
         return sentence
     most = max(float(discrepancy.after[j - 1] / floor[j - 1]) for j in rest)
@@ -352,7 +343,8 @@ def _falls(discrepancy: Discrepancy, joints: Sequence[int], with_floor: bool) ->
     verb = ""
     for joint in joints:
         before, after = float(discrepancy.before[joint - 1]), float(discrepancy.after[joint - 1])
-        earlier, verb = verb, "falls" if after < _SAME * before else "stays" if after < before / _SAME else "rises"
+        fell, rose = after < TUNING.same_gap * before, after >= before / TUNING.same_gap
+        earlier, verb = verb, "falls" if fell else "rises" if rose else "stays"
         sizes = f"at {rounded(after)}" if verb == "stays" else f"from {rounded(before)} to {rounded(after)}"
         floor = f" (noise floor {rounded(float(discrepancy.floor.rms[joint - 1]))})" if with_floor else ""
         sentence = f"{sizes} {unit_of(discrepancy, joint)} in joint {joint}{floor}"
@@ -373,7 +365,7 @@ def _nothing_found(discrepancy: Discrepancy) -> str:
         return "Something is missing from the model, but no effect of the catalogue explains it."
     if discrepancy.where:
         joints = joints_in_words(excess.joint for excess in discrepancy.where)
-        falls = _falls(discrepancy, _worth_naming(discrepancy)[:_MOST], with_floor=True)
+        falls = _falls(discrepancy, _worth_naming(discrepancy)[: TUNING.joints_named], with_floor=True)
         sentence = f"No effect is missing from the model, but its parameters do not quite fit {joints}"
         return f"{sentence}: with these identified again, the gap on {_data(discrepancy)} {falls}."
     ratio = discrepancy.before / discrepancy.floor.rms
@@ -411,7 +403,7 @@ def _lasting_floor(discrepancy: Discrepancy) -> list[Check]:
         whose.setdefault(floor.origin[j], []).append(j)
     checks = []
     for origin, joints in whose.items():
-        most = sorted(joints, key=lambda j: -float(floor.rms[j] / floor.white[j]))[:_MOST]
+        most = sorted(joints, key=lambda j: -float(floor.rms[j] / floor.white[j]))[: TUNING.joints_named]
         sizes = [
             f"{rounded(float(floor.white[j]))} of {_effort(discrepancy, floor.rms[j], j + 1)} in joint {j + 1}"
             for j in most

@@ -7,10 +7,8 @@ import numpy as np
 from bayesid.excitation.next_motion import NextMotion, PredictedKnowledge
 from bayesid.excitation.rivals import TELLING
 from bayesid.identification.identification import KNOWN
+from bayesid.report.tuning import TUNING
 from bayesid.report.words import table
-
-_SHOWN = 12
-"""Coefficients that a table shows: those of which most is learned."""
 
 
 def next_motion_text(design: NextMotion) -> str:
@@ -46,7 +44,7 @@ def _of_goal(design: NextMotion) -> list[str]:
     if not chosen:
         lines.append(f"aimed at {len(design.goal.names)} sums of them; those of which most is learned on the way:")
         chosen = list(range(len(after.names)))
-    most = sorted(chosen, key=lambda k: after.sd[k] / after.sd_now[k])[:_SHOWN]
+    most = sorted(chosen, key=lambda k: after.sd[k] / after.sd_now[k])[: TUNING.next_coefficients]
     sds = after.sd_now, after.sd, random.sd
     rows = [[after.names[k], f"{after.mean[k]:.4g}", *(f"{sd[k]:.2g}" for sd in sds), after.units[k]] for k in most]
     return [*lines, table(["name", "value", "sd now", "sd then", "random motion", "unit"], rows)]

@@ -5,9 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bayesid.arrays import Array, Integers
-
-_BINS = 24
-"""Means of a curve, at most: points that can be kept from each other on a figure of 5 in."""
+from bayesid.report.tuning import TUNING
 
 
 def binned(value: Array, residual: Array) -> tuple[Array, Array, Array]:
@@ -17,7 +15,7 @@ def binned(value: Array, residual: Array) -> tuple[Array, Array, Array]:
         value: (N,) a variable.
         residual: (N,) what goes with it; samples are taken as independent.
     """
-    order = np.array_split(np.argsort(value, kind="stable"), min(_BINS, max(1, len(value) // 2)))
+    order = np.array_split(np.argsort(value, kind="stable"), min(TUNING.bins, max(1, len(value) // 2)))
     full = [rows for rows in order if len(rows) > 1]
     centre, mean = (np.array([values[rows].mean() for rows in full]) for values in (value, residual))
     error = np.array([residual[rows].std(ddof=1) / np.sqrt(len(rows)) for rows in full])

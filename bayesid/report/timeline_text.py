@@ -15,6 +15,7 @@ from bayesid.effects.catalogue import forms
 from bayesid.effects.effect import Effect, ReadableUnit
 from bayesid.identification.identification import KNOWN
 from bayesid.report.discrepancy_verdicts import discrepancy_checks
+from bayesid.report.tuning import TUNING
 from bayesid.report.words import joints_in_words, label, listed, quantity, rounded, upper
 
 SECTIONS: Mapping[str, str] = {
@@ -24,8 +25,6 @@ SECTIONS: Mapping[str, str] = {
     UNDECIDED: "These logs cannot tell",
 }
 """Headings, in the order in which they are said."""
-_FEW = 4
-"""Of what is listed in one sentence: more make one that nobody reads."""
 _SAYS: Mapping[str, str] = {SHOWN: "shown", ABSENT: "not there", OPEN: "cannot tell"}
 
 
@@ -172,8 +171,8 @@ def changes_lead(comparison: LogComparison) -> str:
 
 
 def _first_few(texts: Sequence[str]) -> str:
-    more = len(texts) - _FEW
-    return "; ".join([*texts[:_FEW], *([f"{more} more"] if more > 0 else [])])
+    more = len(texts) - TUNING.most_listed
+    return "; ".join([*texts[: TUNING.most_listed], *([f"{more} more"] if more > 0 else [])])
 
 
 def _new(comparison: LogComparison) -> list[EffectHistory]:

@@ -9,13 +9,12 @@ from bayesid.monitor.figures import StreamFigures
 from bayesid.monitor.kinds import CONTACT, FRICTION, GAIN, PAYLOAD
 from bayesid.monitor.replay import Agreement
 from bayesid.monitor.tracked import Counts
+from bayesid.report.tuning import TUNING
 from bayesid.report.verdicts import Check
 from bayesid.report.words import joints_in_words, rounded
 
 HEADINGS = ("joint", "signs agree", "sure (99 %)", "RMS residual, N m", "external / threshold")
 NOTE = "external / threshold: the most that two samples in a row have of it; beyond 1 it is a contact, or a change"
-_SOON = 0.05
-"""s after which an alarm is not said to have come later."""
 _NOTHING = "-"
 
 
@@ -85,7 +84,7 @@ def count_line(counts: Counts, figures: StreamFigures, lag: float, bad: int = 0)
 def alarm_line(alarm: Alarm) -> str:
     """When, what, in which joints, by how much, and when it was said."""
     later = alarm.raised - alarm.time
-    said = f", said {later:.1f} s later" if later >= _SOON else ""
+    said = f", said {later:.1f} s later" if later >= TUNING.soon else ""
     amount = _amount(alarm)
     lasted = f", {alarm.duration:.2f} s long" if alarm.kind == CONTACT and alarm.duration else ""
     name = "unknown change" if alarm.kind not in (CONTACT, PAYLOAD, FRICTION, GAIN) else alarm.kind

@@ -38,42 +38,14 @@ from bayesid.identification.warnings import (
 )
 from bayesid.regression.tuning import TUNING as REGRESSION
 from bayesid.report import commands
-from bayesid.report.findings import AMBIGUOUS, Findings, Summary
+from bayesid.report.findings import Findings, Summary
 from bayesid.report.findings.summary import EffectSummary, Numbers
+from bayesid.report.tuning import TUNING
 from bayesid.report.words import in_percent, joints_in_words, label, listed, quantity, rounded
 
 State = Literal["good", "look", "bad", "not done"]
 
-_WELL_CONDITIONED = 100.0
-"""Condition number up to which a motion excites well: the field's custom. Study `excitation`: efforts of a new motion
-are 2 % off at 66."""
-_ILL_CONDITIONED = 1000.0
-"""Condition number beyond which it does not: a round number between 66 and 6000, where efforts of a new motion are some
-20 % off in study `excitation`."""
-_MOSTLY_SURE = 0.95
-"""Share of the |effort| that should have a sign which is as good as certain: the custom of 95 %."""
-_UNSURE = 0.8
-"""Such a share below which too much is guessed; a round number, not studied."""
-_WHITE = 0.3
-"""Share of the residual's variance that may last longer than sensor noise does; a round number, not studied."""
-_DECIDED = 0.9
-"""Share of the coefficients that the data should decide; a round number, not studied."""
-_HALF_DECIDED = 0.5
-"""Such a share below which the prior decides most."""
-_POORLY_KNOWN = 1.0
-"""Standard deviation over value from which on not even the sign of a coefficient is known."""
-_COVERED = (0.9, 0.99)
-"""Share of a new log's efforts inside a band of 95 %: outside of this the standard deviations do not hold there; round
-numbers about 95 %."""
-_WORSE = 1.5
-"""Times the RMS residual of the log itself that a new log's may reach, as shares of the effort depend on the motion; a
-round number, not studied."""
-_LARGER = 4.0
-"""Times a budget in seconds that did not suffice: enough to be worth another run; a round number."""
 
-_ANOTHER_ROBOT = 10.0
-"""Times as far off as believed from which on a geometry is another robot's: a centimetre where a millimetre was stated.
-A round number; not studied."""
 _FIRST = "mend what the first check says"
 _WANTED = "wanted are at most 1.01, and at least 400 and four a walker"
 _TELL_APART = "record a motion that loads or accelerates these joints"
@@ -138,7 +110,7 @@ def _excite(summary: Summary) -> str:
 def _more(summary: Summary, budget: str) -> str:
     """The command with a larger budget of search or posterior."""
     given = summary.provenance.options.get(f"{budget}.budget")
-    return commands.again(summary, f"--{budget}-budget {_LARGER * given:g}") if isinstance(given, float) else ""
+    return commands.again(summary, f"--{budget}-budget {TUNING.larger * given:g}") if isinstance(given, float) else ""
 
 
 def worst(checks: Iterable[Check]) -> State:
@@ -188,7 +160,7 @@ def _geometry(summary: Summary) -> Check | None:
     """Whether the log is explained by a geometry that is far off the file's, however well it then fits."""
     found = () if summary.complete is None else summary.complete.too_narrow
     times = max((one.times or 0.0 for one in found), default=0.0)
-    if times < _ANOTHER_ROBOT:
+    if times < TUNING.another_robot:
         return None
     said = f"the residual looks like a geometry {times:.0f} times as far off the file's as believed"
     return Check("Robot file", "bad", said, "check that it is the robot of the log, and its lengths")
@@ -213,9 +185,9 @@ def _excitation(findings: Findings) -> Check:
         )
     number = f"the condition number of the regressor is {condition:.0f}"
     message = f"{number} (rows over their noise, columns of equal length)"
-    if condition <= _WELL_CONDITIONED:
+    if condition <= TUNING.well_conditioned:
         return Check("Excitation", "good", message)
-    state: State = "look" if condition <= _ILL_CONDITIONED else "bad"
+    state: State = "look" if condition <= TUNING.ill_conditioned else "bad"
     return Check(
         "Excitation", state, message, f"some coefficients can hardly be separated: {_excite(findings.summary)}"
     )
@@ -229,17 +201,17 @@ def _segments(findings: Findings) -> Check:
     doubtful = findings.segments.ambiguous & moving
     message = (
         f"{share:.1%} of the |effort| has a sign that is sure to {SURE:.0%}; {int(doubtful.sum())} of "
-        f"{int(moving.sum())} segments in motion are ambiguous (confidence below {AMBIGUOUS:g})"
+        f"{int(moving.sum())} segments in motion are ambiguous (confidence below {TUNING.ambiguous:g})"
     )
     doubt = [share or 0.0 for share in findings.summary.signs.doubt]
     message += f"; {still}" if (still := at_standstill(findings)) else ""
     lowered = max(doubt, default=0.0) >= SHOWN_DOUBT
     if lowered:
         message += f"; {confidences_lowered(doubt)}"
-    if share >= _MOSTLY_SURE and not lowered:
+    if share >= TUNING.mostly_sure and not lowered:
         return Check(name, "good", message)
     remedy = "validate on a log with known signs, move these joints faster or loaded, or join several logs"
-    return Check(name, "look" if share >= _UNSURE else "bad", message, remedy)
+    return Check(name, "look" if share >= TUNING.unsure else "bad", message, remedy)
 
 
 def at_standstill(findings: Findings) -> str:
@@ -343,7 +315,7 @@ def modes(findings: Findings) -> tuple[Check, ...]:
         values = found[k].coefficients.items()
         differs = [f"{label} {value:.3g} instead of {first[label]:.3g}" for label, value in values if value is not None]
         message += f"; in mode {k + 1}: {', '.join(differs)}" if differs else ""
-    state: State = "look" if weights[written] >= _MOSTLY_SURE else "bad"
+    state: State = "look" if weights[written] >= TUNING.mostly_sure else "bad"
     remedy = "`--mode` writes another one; a motion that loads or accelerates these joints tells them apart"
     return (Check(name, state, message, remedy),)
 
@@ -521,9 +493,9 @@ def _whiteness(findings: Findings) -> Check:
         f"up to {lasting.max():.0%} of the residual's variance lasts longer than sensor noise (joint {joint + 1}); up "
         f"to {counts.max():.0f} samples count as one (joint {int(counts.argmax()) + 1})"
     )
-    if lasting.max() <= _WHITE:
+    if lasting.max() <= TUNING.white:
         return Check(name, "good", message)
-    lasts = [str(j + 1) for j in np.flatnonzero(lasting > _WHITE)]
+    lasts = [str(j + 1) for j in np.flatnonzero(lasting > TUNING.white)]
     shows = f"of what shows in joint{'s' * (len(lasts) > 1)} {listed(lasts)}"
     remedy = (
         f"standard deviations allow for its colour, not for a bias: intervals {shows} may be too narrow, as something "
@@ -535,7 +507,7 @@ def _whiteness(findings: Findings) -> Check:
 def _decided(findings: Findings) -> Check:
     table, by_prior = findings.coefficients, len(findings.prior_parameters)
     count, by_data = len(table.mean), int(table.by_data.sum())
-    poor = int((table.relative_sd > _POORLY_KNOWN).sum())
+    poor = int((table.relative_sd > TUNING.poorly_known).sum())
     message = (
         f"the data decide {by_data} of {count} coefficients; {poor} are smaller than their standard deviation; "
         f"{by_prior} single parameters rest on the prior, as efforts show them only in sums"
@@ -545,9 +517,9 @@ def _decided(findings: Findings) -> Check:
     if posterior is not None and posterior.pressed_windows:
         message = f"{pressed_windows(posterior.pressed_windows)}; {message}"
         return Check("Data or prior", "bad", message, "give the scales of the links by --links, then " + remedy)
-    if by_data >= _DECIDED * count:
+    if by_data >= TUNING.decided * count:
         return Check("Data or prior", "good", message)
-    return Check("Data or prior", "look" if by_data >= _HALF_DECIDED * count else "bad", message, remedy)
+    return Check("Data or prior", "look" if by_data >= TUNING.half_decided * count else "bad", message, remedy)
 
 
 def _validation(findings: Findings) -> Check:
@@ -566,8 +538,9 @@ def _validation(findings: Findings) -> Check:
     lacks = _names_it(findings, prediction.source)
     if share.max() > REGRESSION.poor_fit:
         return Check("Validation", "bad", message, f"do not use the model for this motion; {lacks}")
-    covered = _COVERED[0] <= coverage.min() and coverage.max() <= _COVERED[1]
-    if covered and np.all(prediction.rms_error <= _WORSE * np.array(findings.summary.noise.residual_sd, dtype=float)):
+    low, high = TUNING.covered
+    usual = TUNING.worse * np.array(findings.summary.noise.residual_sd, dtype=float)
+    if low <= coverage.min() and coverage.max() <= high and np.all(prediction.rms_error <= usual):
         return Check("Validation", "good", message)
     return Check("Validation", "look", message, f"other loads, speeds or temperatures than in the log? {lacks}")
 

@@ -21,18 +21,7 @@ from scipy.special import bdtrc, chdtrc, chdtri
 
 from bayesid.arrays import Array, Integers, Mask
 from bayesid.errors import InputError
-
-_LEVEL = 0.01
-"""p-value below which a coefficient is said to differ between the runs: a usual level; of 60 coefficients less than
-one does by chance."""
-_CHANCE = 1e-3
-"""Probability below which a number of such coefficients is more than chance: a round number, a tenth of the level, for
-all coefficients together are tested once."""
-_ALIKE = 1.3
-"""Runs that differ up to so many times as much as they should, and down to its inverse, agree as they should: with
-right standard deviations nine in ten pairs of runs of a UR10e do (58 coefficients, correlated as in its posterior)."""
-_WORST = 10
-"""Coefficients in the printed table: as many as a terminal shows with the sentence above; all are in agreement.csv."""
+from bayesid.report.tuning import TUNING
 
 Row = Mapping[str, Any]
 """A coefficient of one run, as in coefficients.csv: `name`, `expression`, `unit`, `mean`, `sd`; others are ignored."""
@@ -110,7 +99,7 @@ class Agreement:
     @property
     def differing(self) -> Mask:
         """(C,) whether the runs differ at 1 %."""
-        differing: Mask = self.p < _LEVEL  # NaN is not
+        differing: Mask = self.p < TUNING.level  # NaN is not
         return differing
 
     @property
@@ -128,7 +117,9 @@ class Agreement:
         number, count = int(self.compared.sum()), int(self.differing.sum())
         if not number:
             return False
-        return bool(bdtrc(count - 1, number, _LEVEL) < _CHANCE or np.nanmin(self.p) < _CHANCE / number)
+        return bool(
+            bdtrc(count - 1, number, TUNING.level) < TUNING.chance or np.nanmin(self.p) < TUNING.chance / number
+        )
 
     @property
     def sentence(self) -> str:
@@ -140,13 +131,13 @@ class Agreement:
         say, times = "their standard deviations say", f"{self.factor:.1f} times as much"
         of = f"(median of {number} coefficient{'s' * (number > 1)}, {k} runs)"
         differing = f"{int(self.differing.sum())} of {number} differ at 1 %"
-        count = f"{differing}, chance alone gives {_LEVEL * number:.2g}{apart}"
-        if self.factor > _ALIKE:
+        count = f"{differing}, chance alone gives {TUNING.level * number:.2g}{apart}"
+        if self.factor > TUNING.alike:
             chance = "" if self.beyond_chance else ", which may be chance"
             return f"the runs differ {times} as {say} {of}{chance}: {count}"
         if self.beyond_chance:
             return f"some coefficients differ by more than {say}, though the typical one differs {times} {of}: {count}"
-        words = "as well as" if self.factor >= 1.0 / _ALIKE else "better than"
+        words = "as well as" if self.factor >= 1.0 / TUNING.alike else "better than"
         return f"the runs agree {words} {say}, they differ {times} {of}: {count}"
 
 
@@ -241,7 +232,7 @@ def rows(agreement: Agreement) -> list[dict[str, object]]:
 def text(agreement: Agreement) -> str:
     """What to print: the sentence, and the ten coefficients that differ most by their ratio."""
     worst = np.flatnonzero(agreement.compared)
-    worst = worst[np.argsort(-agreement.ratio[worst], kind="stable")][:_WORST]
+    worst = worst[np.argsort(-agreement.ratio[worst], kind="stable")][: TUNING.worst_coefficients]
     if not len(worst):
         return agreement.sentence
     named = [f"{agreement.names[c]}, {agreement.units[c]}" for c in worst]

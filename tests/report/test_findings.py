@@ -14,6 +14,7 @@ from bayesid.log.log import join_logs
 from bayesid.posterior.sampler import Sampling
 from bayesid.regression.knowledge import Beliefs
 from bayesid.report.findings import FILE, as_json, collect, content, find_findings, read_findings, write_findings
+from bayesid.report.tuning import TUNING
 from bayesid.report.verdicts import check_findings, verdict
 from bayesid.results.folders import save_identification
 from bayesid.robot import robot_from_table, robot_table
@@ -213,7 +214,7 @@ def test_what_differs_in_other_assignments(half_signed):
 def test_long_logs_are_thinned(half_signed, monkeypatch, tmp_path):
     whole, validation = find_findings(half_signed), half_signed.validate(half_signed.log)
     for module in (collect, content):
-        monkeypatch.setattr(module, "MOST", 100)
+        monkeypatch.setattr(module, "TUNING", replace(TUNING, samples=100))
     thin = find_findings(half_signed).with_validation(validation)
     count = len(whole.samples.t)
     assert thin.samples.every == round(count / 100) == 5

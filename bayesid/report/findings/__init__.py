@@ -4,9 +4,8 @@ Plotting code computes nothing: all that it draws stands here, from an identific
 folder (`read_findings`), which gives the same.
 """
 
-from bayesid.report.findings.collect import find_findings
+from bayesid.report.findings.collect import find_findings, log_parts, summarise
 from bayesid.report.findings.content import (
-    AMBIGUOUS,
     Alternatives,
     Bar,
     CoefficientTable,
@@ -17,10 +16,9 @@ from bayesid.report.findings.content import (
     SegmentTable,
 )
 from bayesid.report.findings.store import FILE, read_findings, write_findings
-from bayesid.report.findings.summary import Summary, as_json, log_parts, summarise
+from bayesid.report.findings.summary import Summary, as_json
 
 __all__ = [
-    "AMBIGUOUS",
     "FILE",
     "Alternatives",
     "Bar",

@@ -6,18 +6,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from bayesid.arrays import Array, Integers, Mask
+from bayesid.arrays import TINY, Array, Integers, Mask
 from bayesid.identification.validation import Validation
 from bayesid.report.findings.summary import Summary
 from bayesid.report.thinning import binned, evenly
-
-AMBIGUOUS = 0.95
-"""Confidence below which a segment's sign is called ambiguous: the custom of 95 %."""
-MOST = 40_000
-"""Samples that are kept, evenly spread ones of a longer log: a minute of seven joints then makes a report of under
-5 MB (tests/report/test_identification_page.py)."""
-_TINY = 1e-300
-"""Keeps a division by nothing finite."""
+from bayesid.report.tuning import TUNING
 
 
 @dataclass(frozen=True)
@@ -60,7 +53,7 @@ class SegmentTable:
         sign: (S,) +1 or -1.
         confidence: (S,) expected share of the segment's energy whose sign is right.
         moving: (S,) whether the actuator moves.
-        ambiguous: (S,) confidence below `AMBIGUOUS`.
+        ambiguous: (S,) confidence below `TUNING.ambiguous`.
     """
 
     joint: Integers
@@ -136,14 +129,14 @@ class CoefficientTable:
     def bar(self) -> Bar:
         """(r,) mean, interval and nominal value over the size of the mean, or of the interval where that is larger."""
         finite = np.where(np.isfinite(self.sd), np.abs(self.high - self.low), 0.0)
-        size = np.maximum(np.maximum(np.abs(self.mean), 0.5 * finite), _TINY)
+        size = np.maximum(np.maximum(np.abs(self.mean), 0.5 * finite), TINY)
         low, high = np.where(np.isfinite(self.sd), [self.low, self.high], [[-np.inf], [np.inf]])
         return Bar(self.mean / size, low / size, high / size, self.nominal / size)
 
     @property
     def relative_sd(self) -> Array:
         """(r,) standard deviation over the size of the value."""
-        return np.abs(self.sd / np.where(self.mean == 0.0, _TINY, self.mean))
+        return np.abs(self.sd / np.where(self.mean == 0.0, TINY, self.mean))
 
 
 @dataclass(frozen=True)
@@ -243,35 +236,20 @@ class Findings:
 
     @property
     def n_joints(self) -> int:
-        """Number of joints n.
-
-        Example:
-            >>> findings.n_joints
-            3
-        """
+        """Number of joints n."""
         return len(self.effort_unit)
 
     @property
     def segment_size(self) -> Array:
-        """(S,) largest |effort| of each segment, as a share of its joint's.
-
-        Example:
-            >>> float(findings.segment_size.max())
-            1.0
-        """
+        """(S,) largest |effort| of each segment, as a share of its joint's."""
         t, effort, table = self.samples.t, np.abs(self.samples.recorded), self.segments
         ranges = zip(table.joint, np.searchsorted(t, table.start), np.searchsorted(t, table.end, "right"), strict=True)
         largest = np.array([effort[a:b, j].max(initial=0.0) for j, a, b in ranges])
-        return largest / np.maximum(effort.max(axis=0), _TINY)[table.joint]
+        return largest / np.maximum(effort.max(axis=0), TINY)[table.joint]
 
     @property
     def n_ensembles(self) -> int:
-        """E, that were sampled; 0 without draws.
-
-        Example:
-            >>> findings.n_ensembles
-            4
-        """
+        """E, that were sampled; 0 without draws."""
         return 0 if self.draws is None else len(self.draws)
 
     def trend(self, joint: int, variable: str) -> tuple[Array, Array, Array]:
@@ -280,60 +258,33 @@ class Findings:
         Args:
             joint: from 0.
             variable: "t", "velocity" or "position".
-
-        Example:
-            >>> velocity, mean, error = findings.trend(1, "velocity")
-            >>> bool((np.abs(mean) < 4.0 * error).all())  # nothing is missing over the velocity of joint 2
-            True
         """
         value, residual = self.scatter(joint, variable, len(self.samples.t))
         return binned(value, residual)
 
     def scatter(self, joint: int, variable: str, most: int) -> tuple[Array, Array]:
-        """At most so many values of a variable and of the residual, of a joint (from 0) in motion, evenly spread.
-
-        Example:
-            >>> velocity, residual = findings.scatter(1, "velocity", most=100)
-            >>> len(velocity), len(residual)
-            (100, 100)
-        """
+        """At most so many values of a variable and of the residual, of a joint (from 0) in motion, evenly spread."""
         used = np.flatnonzero(self.samples.used[:, joint])
         rows = used[evenly(len(used), most)] if len(used) else used
         value = getattr(self.samples, variable)[rows]
         return (value if value.ndim == 1 else value[:, joint]), self.samples.residual[rows, joint]
 
     def worst(self, count: int) -> Integers:
-        """Indices of at most so many coefficients: those that the log decides worst, by sd over the prior's sd.
-
-        Example:
-            >>> sorted(findings.coefficients.name[k] for k in findings.worst(2))
-            ['J2xy', 'J2zz']
-        """
+        """Indices of at most so many coefficients: those that the log decides worst, by sd over the prior's sd."""
         table = self.coefficients
         undecided = np.where(np.isfinite(table.prior_sd), table.sd / table.prior_sd, table.relative_sd)
         return np.argsort(-undecided, kind="stable")[:count]
 
     def standardised(self, chosen: Integers) -> Array:
-        """(E, D, K) draws of K coefficients about their mean, in units of the prior's sd; none without draws.
-
-        Example:
-            >>> float(findings.standardised(findings.worst(2)).std()) < 1.5  # sds of the prior
-            True
-        """
+        """(E, D, K) draws of K coefficients about their mean, in units of the prior's sd; none without draws."""
         assert self.draws is not None
         table = self.coefficients
         scaled: Array = (self.draws[:, :, chosen] - table.mean[chosen]) / table.prior_sd[chosen]
         return scaled
 
     def with_validation(self, validation: Validation) -> Findings:
-        """The same, with a validation.
-
-        Example:
-            >>> validated = findings.with_validation(check)
-            >>> validated.prediction.coverage.round(2)
-            array([0.93, 0.97, 0.99])
-        """
-        rows = evenly(len(validation.measured), MOST)
+        """The same, with a validation."""
+        rows = evenly(len(validation.measured), TUNING.samples)
         motion = validation.signals.motion
         return replace(
             self,

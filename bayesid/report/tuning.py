@@ -1,0 +1,89 @@
+"""Numbers that were chosen: from which values on a check is good, to be looked at or bad, and how much is shown."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tuning:
+    """Choices of this package, with what each is for; `TUNING` holds those in use."""
+
+    # Verdicts of an identification
+    well_conditioned: float = 100.0
+    """Condition number up to which a motion excites well: the field's custom. Study `excitation`: efforts of a new
+    motion are 2 % off at 66."""
+    ill_conditioned: float = 1000.0
+    """Condition number beyond which it does not: a round number between 66 and 6000, where efforts of a new motion are
+    some 20 % off in study `excitation`."""
+    mostly_sure: float = 0.95
+    """Share of the |effort| that should have a sign which is as good as certain: the custom of 95 %."""
+    unsure: float = 0.8
+    """Such a share below which too much is guessed; a round number, not studied."""
+    ambiguous: float = 0.95
+    """Confidence below which a segment's sign is called ambiguous: the custom of 95 %."""
+    white: float = 0.3
+    """Share of the residual's variance that may last longer than sensor noise does; a round number, not studied."""
+    decided: float = 0.9
+    """Share of the coefficients that the data should decide; a round number, not studied."""
+    half_decided: float = 0.5
+    """Such a share below which the prior decides most."""
+    poorly_known: float = 1.0
+    """Standard deviation over value from which on not even the sign of a coefficient is known."""
+    covered: tuple[float, float] = (0.9, 0.99)
+    """Share of a new log's efforts inside a band of 95 %: outside of this the standard deviations do not hold there;
+    round numbers about 95 %."""
+    worse: float = 1.5
+    """Times the RMS residual of the log itself that a new log's may reach, as shares of the effort depend on the
+    motion; a round number, not studied."""
+    larger: float = 4.0
+    """Times a budget in seconds that did not suffice: enough to be worth another run; a round number."""
+    another_robot: float = 10.0
+    """Times as far off as believed from which on a geometry is another robot's: a centimetre where a millimetre was
+    stated. A round number; not studied."""
+
+    # Verdicts of a discrepancy
+    joints_named: int = 3
+    """Joints whose gaps are named one by one: more make a sentence that nobody reads."""
+    sure: float = 0.9
+    """Probability below which it is mentioned; a round number."""
+    set_listed: float = 0.01
+    """Probability from which on a set of effects is listed; for display."""
+    same_gap: float = 0.98
+    """Share of a gap from which on it has not fallen: 2 % hardly show in two digits."""
+    mostly: float = 0.5
+    """Share of a joint's excess from which on most of it is explained."""
+
+    # Whether separate runs agree
+    level: float = 0.01
+    """p-value below which a coefficient is said to differ between the runs: a usual level; of 60 coefficients less than
+    one does by chance."""
+    chance: float = 1e-3
+    """Probability below which a number of such coefficients is more than chance: a round number, a tenth of the level,
+    for all coefficients together are tested once."""
+    alike: float = 1.3
+    """Runs that differ up to so many times as much as they should, and down to its inverse, agree as they should: with
+    right standard deviations nine in ten pairs of runs of a UR10e do (58 coefficients, correlated as in its
+    posterior)."""
+
+    # What is shown
+    samples: int = 40_000
+    """Samples that are kept, evenly spread ones of a longer log: a minute of seven joints then makes a report of under
+    5 MB (tests/report/test_identification_page.py)."""
+    lags: float = 0.5
+    """s up to which the residual's autocorrelation is shown; a round number, not studied."""
+    bins: int = 24
+    """Means of a curve, at most: points that can be kept from each other on a figure of 5 in."""
+    most_different: int = 3
+    """Coefficients of another mode that are named; a round number."""
+    most_listed: int = 4
+    """Of what is listed in one sentence of a time line: more make one that nobody reads."""
+    worst_coefficients: int = 10
+    """Coefficients in the printed table of an agreement: as many as a terminal shows with the sentence above."""
+    next_coefficients: int = 12
+    """Coefficients in the table of a next motion: those of which most is learned."""
+    soon: float = 0.05
+    """s after which an alarm is not said to have come later."""
+
+
+TUNING = Tuning()
