@@ -7,7 +7,7 @@ import pytest
 from conftest import small_robot, smooth_motion
 
 import bayesid
-from bayesid.cli.parser import make_parser
+from bayesid.cli.arguments import make_parser
 from bayesid.cli.terminal import OPTIONS, in_options
 from bayesid.errors import InputError
 from bayesid.log.log import Log, write_log

@@ -19,6 +19,13 @@ from bayesid.errors import BayesidError, InputError
 
 __all__ = ["main"]
 
+_MODULES = dict.fromkeys(("validate", "predict", "report", "payload"), "results") | {
+    "completion": "arguments",
+    "simulate": "demo",
+    "study": "demo",
+}
+"""The module of each command whose module has another name."""
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs one command and returns its exit code."""
@@ -56,10 +63,11 @@ def _run(arguments: Sequence[str] | None, terminated: Sequence[int]) -> int:
         if isinstance(stream, io.TextIOWrapper):  # an ASCII terminal gets the rest escaped
             stream.reconfigure(errors="backslashreplace")
     try:
-        from bayesid.cli.parser import parse  # nor here: Ctrl-C while modules load is an interruption like any other
+        from bayesid.cli.arguments import parse  # nor here: Ctrl-C while modules load is an interruption like any other
 
         options = parse(sys.argv[1:] if arguments is None else arguments)
-        import_module(f"bayesid.cli.commands.{options.command}").run(options)
+        module = import_module(f"bayesid.cli.{_MODULES.get(options.command, options.command)}")
+        getattr(module, f"{options.command}_command")(options)
         sys.stdout.flush()
     except BrokenPipeError:  # whoever reads the output has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # nor shall Python complain when it ends

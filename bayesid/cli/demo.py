@@ -1,7 +1,11 @@
-"""The paper's experiment, simulated: KR5 Sixx, 13.33 s of |effort| with 5 % noise: signs, Table II, new torques."""
+"""Commands on simulated logs: `bayesid demo`, `bayesid simulate` and `bayesid study`.
+
+The demo is the paper's experiment: KR5 Sixx, 13.33 s of |effort| with 5 % noise: signs, Table II, new torques.
+"""
 
 from __future__ import annotations
 
+import argparse
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -9,23 +13,27 @@ import numpy as np
 from rich.console import RenderableType
 
 from bayesid.arrays import Array
-from bayesid.cli.options import command_line
-from bayesid.cli.terminal import table
+from bayesid.cli.options import command_line, end_with, robot_of
+from bayesid.cli.terminal import CountBar, StageBars, show, table, warn
 from bayesid.effects.coefficients import base_coefficients
+from bayesid.errors import BayesidError, InputError
+from bayesid.files.writing import check_place
 from bayesid.identification.identification import Identification
 from bayesid.identification.pipeline import identify
-from bayesid.log.log import Log
+from bayesid.identification.validation import Validation
+from bayesid.log.log import Log, write_log
 from bayesid.motion import Motion
 from bayesid.posterior.sampler import Sampling
 from bayesid.progress import SILENT, Progress
 from bayesid.regression.knowledge import Beliefs
 from bayesid.regression.noise import relative_rms
-from bayesid.results.folders import check_result_folder, save_identification
+from bayesid.results.folders import check_result_folder, collect_incomplete, save_identification
 from bayesid.signs.search.certified import Certified
 from bayesid.signs.search.protocol import Search
-from bayesid.simulation.logs import simulate
+from bayesid.simulation.logs import parse_effect, simulate, simulate_log
 from bayesid.simulation.paper import TABLE_II, nominal_parameters, paper_model
 from bayesid.simulation.trajectories import exciting_trajectory, random_trajectory
+from bayesid.study.study import check_results, run_study, save_results
 
 _SAMPLES = 667
 """Of each joint, as in the paper."""
@@ -123,14 +131,22 @@ def _truth(result: Identification, effort: Array) -> tuple[Array, Array]:
     return np.sign(largest), np.abs(largest) >= STRONG * top[segments.joint]
 
 
-def run_demo(folder: Path, seed: int, posterior: Sampling, progress: Progress = SILENT) -> list[RenderableType]:
-    """Runs the experiment, writes its result folder with the log, and returns what there is to say.
+def demo_command(options: argparse.Namespace) -> None:
+    """The experiment, its result folder with the log, and what there is to say of it."""
+    folder = check_result_folder(options.out)
+    with StageBars(options.quiet) as bars, collect_incomplete() as incomplete:
+        progress = Progress(bars.show)
+        sampling = Sampling(budget=options.posterior_budget, seed=options.seed)
+        experiment = run_experiment(options.seed, posterior=sampling, progress=progress)
+        validation = _save(experiment, folder, progress)
+    if not options.quiet:
+        errors = _error_lines(experiment, validation.relative_residual)
+        show(*_signs_lines(experiment), _coefficient_table(experiment), *errors, f"written to {folder}/")
+    end_with(incomplete)
 
-    Raises:
-        InputError: the folder cannot be written.
-    """
-    check_result_folder(folder)
-    experiment = run_experiment(seed, posterior=posterior, progress=progress)
+
+def _save(experiment: Experiment, folder: Path, progress: Progress) -> Validation:
+    """Writes the folder; the validation is that on the new trajectory."""
     truth = nominal_parameters()  # for the report to show beside the estimates; identification knew nothing of it
     names = [parameter.name for parameter in experiment.result.model.parameters]
     stated = {name: (value, np.nan) for name, value in zip(names, truth.tolist(), strict=True)}
@@ -138,12 +154,7 @@ def run_demo(folder: Path, seed: int, posterior: Sampling, progress: Progress = 
     result = replace(experiment.result, beliefs=Beliefs(nominal=stated), provenance=run_by)
     validation = result.validate(experiment.new_log)
     save_identification(result, folder, with_log=True, validation=validation, progress=progress)
-    return [
-        *_signs_lines(experiment),
-        _coefficient_table(experiment),
-        *_error_lines(experiment, validation.relative_residual),
-        f"written to {folder}/",
-    ]
+    return validation
 
 
 def _signs_lines(experiment: Experiment) -> list[str]:
@@ -185,3 +196,51 @@ def _error_lines(experiment: Experiment, of_measured: Array) -> list[str]:
         "  against measured ones, with noise:  " + "  ".join(f"{error:.2%}" for error in of_measured),
         "  (the report shows the second: a real robot has no true torques)",
     ]
+
+
+def simulate_command(options: argparse.Namespace) -> None:
+    """A log without signs, and beside it the same with its signs."""
+    if options.out.is_dir():
+        raise InputError("is a folder", str(options.out), "give --out the name of a file")
+    check_place(options.out)
+    robot = robot_of(options)
+    for note in robot.notes:
+        warn(note)
+    effects = [parse_effect(text, robot) for text in options.effect]
+    unsigned, signed = simulate_log(robot, options.duration, options.rate, options.noise, effects, options.seed)
+    truth = options.out.with_name(f"{options.out.stem}_signed.csv")
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    write_log(options.out, unsigned)
+    write_log(truth, signed)
+    if not options.quiet:
+        show(f"written to {options.out}, with the signs in {truth}")
+
+
+def study_command(options: argparse.Namespace) -> None:
+    """A folder with the trials' rows, a report and a figure."""
+    if options.floor and options.trials is not None:
+        raise InputError("--floor runs all logs", "--trials", "leave it out")
+    from bayesid.studies import load  # its studies take long to import
+
+    study, folder = load(options.name, floor=options.floor), options.out or Path(f"bayesid-study-{options.name}")
+    check_results(folder)
+    with CountBar("trials", options.quiet) as bar:
+        finished = run_study(
+            study,
+            options.trials,
+            options.seed,
+            workers=options.workers,
+            scheduler=options.scheduler,
+            out=folder,
+            resume=options.resume,
+            progress=bar.show,
+        )
+        text = save_results(finished, folder)
+    for row in finished.failed:
+        warn(f"trial {row['trial']} failed: {row['error']}")
+    if not options.quiet:
+        show(text, f"written to {folder}/")
+    if finished.short:
+        raise BayesidError(
+            f"{options.name}: {len(finished.short)} figures are below their floor: see {folder}/report.txt"
+        )

@@ -13,7 +13,7 @@ from command_line import QUICK, assert_refused, everything, identify, no_large_f
 from oracles import urdf_text
 
 import bayesid
-from bayesid.cli.parser import parse
+from bayesid.cli.arguments import parse
 from bayesid.effects import STANDARD
 from bayesid.errors import SolverError
 
@@ -125,7 +125,7 @@ def test_options_reach_the_identification(arm_place, monkeypatch):
         seen.update(zip(("robot", "log"), arguments, strict=True), **named)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("bayesid.cli.commands.identify.identify", spy)
+    monkeypatch.setattr("bayesid.cli.identify.identify", spy)
     options = "--unsigned", "1,3", "--beam-width", 7, "--initial-segments", 4, "--cutoff", "11.5", "--seed", 8
     options += "--search", "beam", "--search-budget", 2.5, "--posterior-budget", 3.5, "--nominal", "cad.csv"
     options += "--complete", "only-uncertainty", "--kinematic-tolerance", "3mm,0.5deg"
@@ -196,7 +196,7 @@ def test_faults_have_their_own_codes(arm_place, monkeypatch, capfd, fault, code,
     def fail(*_, **__):
         raise fault
 
-    monkeypatch.setattr("bayesid.cli.commands.identify.identify", fail)
+    monkeypatch.setattr("bayesid.cli.identify.identify", fail)
     before = everything(arm_place)
     assert run(*identify()) == code
     out, err = capfd.readouterr()

@@ -41,7 +41,7 @@ def test_a_strangers_log_is_read_by_the_columns_named(place, recorded, monkeypat
         seen.append(log)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("bayesid.cli.commands.identify.identify", spy)
+    monkeypatch.setattr("bayesid.cli.identify.identify", spy)
     arguments = ("identify", "messung.csv", "--robot", "kr5", "--gains", GAINS, "--unsigned", "none")
     assert run(*arguments, "--columns", COLUMNS) == 130
     np.testing.assert_allclose(seen[0].t, recorded.t, atol=1e-12)

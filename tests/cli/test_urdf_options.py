@@ -105,7 +105,7 @@ def test_limits_are_those_of_the_chosen_joints(place, monkeypatch, capfd):
         seen.update(named, robot=robot)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("bayesid.cli.commands.excite.design_excitation", spy)
+    monkeypatch.setattr("bayesid.cli.excite.design_excitation", spy)
     for options in ((), ("--limits", "two arms.urdf")):
         assert run("excite", "--robot", "two arms.urdf", "--tip", "right2", *options) == 130
         assert [joint.name for joint in seen["robot"].joints] == ["lift", "right1", "right2"]

@@ -10,7 +10,7 @@ from pkgutil import resolve_name
 import pytest
 
 import bayesid
-from bayesid.cli.parser import make_parser
+from bayesid.cli.arguments import make_parser
 from bayesid.robot.built_in import BUILT_IN, built_in_table
 
 ROOT = Path(__file__).parents[2]

@@ -18,7 +18,7 @@ from bayesid.log.tuning import TUNING
 _ANGLES = {"rad": 1.0, "deg": DEGREE, "°": DEGREE, "Grad": DEGREE, "degree": DEGREE, "degrees": DEGREE, "mrad": 1e-3}
 _ANGLES |= dict.fromkeys(("rev", "turn", "turns", "U", "Umdr"), 2.0 * pi)
 _LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
-_TORQUES = {"Nm": 1.0, "N m": 1.0, "N*m": 1.0, "N·m": 1.0, "N.m": 1.0}
+_NEWTON_METRES = {"Nm": 1.0, "N m": 1.0, "N*m": 1.0, "N·m": 1.0, "N.m": 1.0}
 UNITS: dict[str, dict[str, float]] = {
     "t": {
         "s": 1.0,
@@ -36,8 +36,8 @@ UNITS: dict[str, dict[str, float]] = {
     "dq": {f"{angle}{per}": factor for per in ("/s", "_s", "", "/sec") for angle, factor in _ANGLES.items()}
     | {"rpm": 6.0 * DEGREE, "1/min": 6.0 * DEGREE, "U/min": 6.0 * DEGREE}
     | {f"{length}/s": factor for length, factor in _LENGTHS.items()},
-    "tau": _TORQUES
-    | {f"m{unit}": 1e-3 for unit in _TORQUES}
+    "tau": _NEWTON_METRES
+    | {f"m{unit}": 1e-3 for unit in _NEWTON_METRES}
     | {"kNm": 1e3, "Ncm": 1e-2, "Nmm": 1e-3, "N mm": 1e-3, "N": 1.0},
     "i": {"A": 1.0, "mA": 1e-3},
 }

@@ -1,37 +1,114 @@
-"""What `bayesid excite --for` does: reads a result, its robot's limits and shapes, and designs the next motion."""
+"""`bayesid excite`: a motion to record, for a robot or for a result, or what a log's motion leaves undecided."""
 
 from __future__ import annotations
 
 import argparse
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from bayesid.arrays import Array
-from bayesid.cli.options import robot_of
-from bayesid.cli.progress import StageBars
-from bayesid.cli.terminal import warn
+from bayesid.cli.options import beliefs, read, reading_options, robot_of, term_names
+from bayesid.cli.terminal import StageBars, show, warn
 from bayesid.discrepancy.numbers import CHANGE_OF
 from bayesid.errors import InputError
+from bayesid.excitation.design import ExcitationDesign, Objective, TrajectoryShape, design_excitation
+from bayesid.excitation.judgement import judge_log
 from bayesid.excitation.limits import read_limits
 from bayesid.excitation.next_motion import Hypotheses, NextMotion, RunSettings, design_next, equivalent_classes
 from bayesid.excitation.rivals import parse_key
 from bayesid.files.tables import read_json
+from bayesid.files.writing import check_folder
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.model_file import load_model
 from bayesid.motion import Motion
 from bayesid.progress import Progress
+from bayesid.report.excitation_text import design_text, judgement_text
 from bayesid.report.findings import read_findings
 from bayesid.report.next_motion_text import next_motion_text
-from bayesid.results.motions import check_next_folder, save_next_motion
+from bayesid.results.motions import DESIGN_FILES, DESIGN_MARKER, check_next_folder, save_design, save_next_motion
 from bayesid.robot import Robot
 from bayesid.robot.collision import Capsules, CollisionModel, NoShapes, collision_model
 from bayesid.simulation.trajectories import MotionLimits
 
-_DISCREPANCY = "discrepancy.json"
+_FOR_RESULT = (
+    *("--about", "--between", "--criterion", "--start", "--payload", "--effort-limits"),
+    *("--capsules", "--tool", "--floor", "--margin", "--meshes", "--changes"),
+)
+"""Options that mean nothing without `--for`."""
+_FOR_ROBOT = (
+    *("--terms", "--harmonics", "--periods", "--noise", "--nominal", "--cutoff", "--seed"),
+    *("--gains", "--unsigned", "--degrees", "--no-degrees", "--columns", "--topic", "--joints"),
+)
+"""Options that mean nothing with it: the result has its own terms, noise and parameters."""
+
+
+def excite_command(options: argparse.Namespace) -> None:
+    """A design's folder, or a judgement."""
+    if options.result is not None:
+        if options.log is not None:
+            raise InputError("asks for a judgement and for a design", "--log", "leave it or --for out")
+        _refuse(options, _FOR_ROBOT, "means nothing for a result, which has its own", "leave it or --for out")
+        show_unless_quiet(design_for_result(options), options)
+        return
+    _refuse(options, _FOR_RESULT, "is for the motion after a result", "give --for RESULT_DIR")
+    if options.robot is None:
+        raise InputError("no robot and no result", "excite", "give --robot R, or --for RESULT_DIR")
+    robot = robot_of(options)
+    for note in robot.notes:
+        warn(note)
+    with StageBars(options.quiet) as bars:
+        text = _design(robot, options, bars) if options.log is None else _judge(robot, options, bars)
+    show_unless_quiet(text, options)
+
+
+def _refuse(options: argparse.Namespace, names: Sequence[str], said: str, remedy: str) -> None:
+    """Raises InputError if one of some options was given."""
+    for name in names:
+        if name in options.given:
+            raise InputError(said, name, remedy)
+
+
+def show_unless_quiet(text: str, options: argparse.Namespace) -> None:
+    """Prints a text, unless nothing is to be printed."""
+    if not options.quiet:
+        show(text)
+
+
+def _judge(robot: Robot, options: argparse.Namespace, bars: StageBars) -> str:
+    log = read(options.log, reading_options(options))
+    bars.show("judge", 0, 1)
+    terms = term_names(options)
+    return judgement_text(judge_log(robot, log, terms, noise=options.noise, cutoff=options.cutoff, seed=options.seed))
+
+
+def _design(robot: Robot, options: argparse.Namespace, bars: StageBars) -> str:
+    folder = check_folder(options.out, DESIGN_FILES, DESIGN_MARKER)
+    design = _designed(robot, options, bars)
+    save_design(design, folder)
+    return f"{design_text(design)}\nwritten to {folder}/"
+
+
+def _designed(robot: Robot, options: argparse.Namespace, bars: StageBars) -> ExcitationDesign:
+    source = options.limits or (None if robot.origin is None else robot.origin.urdf)
+    return design_excitation(
+        robot,
+        term_names(options),
+        shape=TrajectoryShape(
+            duration=options.duration, rate=options.rate, harmonics=options.harmonics, periods=options.periods
+        ),
+        limits=None if source is None else read_limits(source, robot),
+        objective=Objective(noise=options.noise),
+        beliefs=beliefs(options),
+        seed=options.seed,
+        progress=Progress(bars.show),
+    )
+
+
+_DISCREPANCY_FILE = "discrepancy.json"
 _BEEN = 300
 """Poses of the log that the robot is known to have been in without touching itself. A round number."""
 
@@ -43,29 +120,29 @@ def design_for_result(options: argparse.Namespace) -> str:
         bars.show("read", 0, 1)
         identified = load_model(options.result)
         recorded = recorded_motion(options.result)
-        robot = _robot(options, identified)
+        robot = _robot_with_shapes(options, identified)
         clearance = _clearance(options, robot, _poses(options, identified.model.robot, recorded))
         run = RunSettings(
             duration=options.duration,
             rate=options.rate,
-            start=_numbers(options.start, "--start"),
+            start=_floats(options.start, "--start"),
             limits=_limits(options, robot),
-            effort_limits=_numbers(options.effort_limits, "--effort-limits"),
+            effort_limits=_floats(options.effort_limits, "--effort-limits"),
             clearance=clearance if isinstance(clearance, CollisionModel) else None,
             no_clearance="" if isinstance(clearance, CollisionModel) else clearance.reason,
             payload=options.payload,
         )
-        design = _design(options, identified, recorded, run, bars)
+        design = _next_motion(options, identified, recorded, run, bars)
         bars.show("write", 0, 1)
         save_next_motion(design, folder)
     return f"{next_motion_text(design)}\nwritten to {folder}/"
 
 
-def _design(
+def _next_motion(
     options: argparse.Namespace, identified: IdentifiedModel, recorded: Motion | None, run: RunSettings, bars: StageBars
 ) -> NextMotion:
     about, between = _words(options.about, "--about"), _words(options.between, "--between")
-    found = _found(options.result)
+    found = _hypotheses(options.result)
     if between:
         found = Hypotheses((tuple(map(parse_key, between)),), found.changed)
     elif about:
@@ -92,9 +169,9 @@ def recorded_motion(folder: Path) -> Motion | None:
     return Motion(samples.t, samples.position, samples.velocity, ddq)
 
 
-def _found(folder: Path) -> Hypotheses:
+def _hypotheses(folder: Path) -> Hypotheses:
     """Hypotheses that a discrepancy's log could not tell apart, and changes of what its model had; none of a result."""
-    path = folder / _DISCREPANCY
+    path = folder / _DISCREPANCY_FILE
     if not os.path.exists(path):
         return Hypotheses()
     remedy = "give a folder that `bayesid discrepancy` wrote"
@@ -124,7 +201,7 @@ def _equivalents(found: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def _robot(options: argparse.Namespace, identified: IdentifiedModel) -> Robot:
+def _robot_with_shapes(options: argparse.Namespace, identified: IdentifiedModel) -> Robot:
     """The robot whose limits and shapes count: that of a file if one is given."""
     if options.robot is None:
         return identified.model.robot
@@ -141,7 +218,7 @@ def _limits(options: argparse.Namespace, robot: Robot) -> MotionLimits | None:
 
 
 def _clearance(options: argparse.Namespace, robot: Robot, poses: Array) -> CollisionModel | NoShapes:
-    radii, tool = _numbers(options.capsules, "--capsules"), _numbers(options.tool, "--tool")
+    radii, tool = _floats(options.capsules, "--capsules"), _floats(options.tool, "--tool")
     if tool is not None and radii is None:
         raise InputError("is the end of capsules", "--tool", "give --capsules too")
     if radii is not None and options.meshes:
@@ -172,7 +249,7 @@ def _height(text: str) -> float | None:
 
 def _poses(options: argparse.Namespace, robot: Robot, recorded: Motion | None) -> Array:
     """(M, n) where the robot has been."""
-    start = _numbers(options.start, "--start")
+    start = _floats(options.start, "--start")
     parts = [] if start is None or len(start) != robot.n_joints else [np.array([start])]
     if recorded is not None:
         parts.append(recorded.q[:: max(1, len(recorded) // _BEEN)])
@@ -186,7 +263,7 @@ def _words(text: str | None, option: str) -> tuple[str, ...]:
     return words
 
 
-def _numbers(text: str | None, option: str) -> tuple[float, ...] | None:
+def _floats(text: str | None, option: str) -> tuple[float, ...] | None:
     if text is None:
         return None
     try:

@@ -32,7 +32,7 @@ _TWO_TURNS = 4.0 * np.pi
 """rad; positions beyond are degrees, as in logs."""
 
 
-def run(options: argparse.Namespace) -> None:
+def robot_command(options: argparse.Namespace) -> None:
     """What is asked for."""
     {"new": _new, "show": _show, "list": _list}[options.action](options)
 

@@ -1,1 +1,0 @@
-"""What each command does: read, call the Python interface, write and show. A module a command, with its `run`."""
