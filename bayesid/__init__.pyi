@@ -31,7 +31,7 @@ from .identification.payload import PayloadReading as PayloadReading
 from .identification.payload import identify_payload as identify_payload
 from .identification.pipeline import identify as identify
 from .identification.prediction import PredictedEfforts as PredictedEfforts
-from .identification.validation import Validation as Validation
+from .identification.prediction import Validation as Validation
 from .log.gains import Gains as Gains
 from .log.log import Log as Log
 from .log.log import join_logs as join_logs

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from bayesid.identification.provenance import Provenance
+from bayesid.identification.options import Provenance
 from bayesid.report.findings import (
     Alternatives,
     CoefficientTable,

@@ -20,7 +20,7 @@ from bayesid.errors import BayesidError, InputError
 from bayesid.files.writing import check_place
 from bayesid.identification.identification import Identification
 from bayesid.identification.pipeline import identify
-from bayesid.identification.validation import Validation
+from bayesid.identification.prediction import Validation
 from bayesid.log.log import Log, write_log
 from bayesid.motion import Motion
 from bayesid.posterior.sampler import Sampling

@@ -14,7 +14,7 @@ from bayesid.identification.model_file import load_model
 from bayesid.identification.options import Preparation
 from bayesid.identification.payload import PayloadReading, identify_payload
 from bayesid.identification.pipeline import QUICK
-from bayesid.identification.validation import Validation
+from bayesid.identification.prediction import Validation
 from bayesid.posterior.sampler import Sampling
 from bayesid.progress import Progress
 from bayesid.results.folders import (

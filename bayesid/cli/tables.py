@@ -13,8 +13,7 @@ from rich.text import Text
 from bayesid.cli.terminal import table
 from bayesid.identification.identification import KNOWN, SURE, Identification
 from bayesid.identification.payload import PayloadReading
-from bayesid.identification.prediction import PredictedEfforts
-from bayesid.identification.validation import Validation
+from bayesid.identification.prediction import PredictedEfforts, Validation
 from bayesid.report.findings import Summary, summarise
 from bayesid.report.payload_text import HEADINGS, payload_checks, payload_rows
 from bayesid.report.verdicts import (

@@ -21,7 +21,7 @@ from bayesid.files.tables import plain
 from bayesid.files.writing import check_folder, save_folder
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.model_file import load_model
-from bayesid.identification.validation import Validation, check_joints
+from bayesid.identification.prediction import Validation, check_joints
 from bayesid.log.formats import STANDARD_INPUT
 from bayesid.log.formats.base import Options
 from bayesid.log.log import Log, check_exact_gains

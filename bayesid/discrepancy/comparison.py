@@ -28,10 +28,9 @@ from bayesid.effects.effect import Effect
 from bayesid.effects.model import Model
 from bayesid.errors import InputError
 from bayesid.identification.identification import Identification
-from bayesid.identification.options import Preparation
+from bayesid.identification.options import Preparation, hashes
 from bayesid.identification.pipeline import identify, identify_alone
-from bayesid.identification.provenance import hashes
-from bayesid.identification.validation import check_joints
+from bayesid.identification.prediction import check_joints
 from bayesid.log.dates import Dates, dates_of
 from bayesid.log.log import Log, check_exact_gains
 from bayesid.log.reading import LogSource, as_log

@@ -8,7 +8,7 @@ from bayesid.arrays import Array
 from bayesid.discrepancy.compare import ENCODER_RANGE, Trial
 from bayesid.errors import InputError
 from bayesid.identification.identified_model import IdentifiedModel
-from bayesid.identification.validation import check_joints
+from bayesid.identification.prediction import check_joints
 from bayesid.log.log import Log
 from bayesid.regression.selection.explanation import Thresholds
 from bayesid.regression.selection.products import SHORTEST_LOG

@@ -10,6 +10,7 @@ from scipy.special import ndtri
 
 from bayesid.arrays import Array, Mask
 from bayesid.effects.load_dependent_friction import LoadDependentFriction
+from bayesid.identification.tuning import TUNING
 from bayesid.log.gains import Gains
 from bayesid.log.log import Log
 from bayesid.posterior.prior import usual_links
@@ -20,17 +21,6 @@ from bayesid.regression.least_squares import Fit
 from bayesid.regression.noise import Noise
 from bayesid.regression.tuning import TUNING as REGRESSION
 
-_STILL = 0.3
-"""Posterior standard deviations by which gains may still want to move when they are left where they are."""
-_UNSETTLED = 1.0
-"""The same from which on they are said not to have settled: as much as their sd says they may be off."""
-_MOST_MOVES = 4
-"""Times that gains move and signs are searched again; one or two are usual, each takes as long as an identification of
-its own. A round number."""
-_LEFT = 0.1
-"""Share of what a log says of a gain that must be left beside load-dependent friction: as for a gain."""
-_MOST_OF_IT = 0.5
-"""Weight of the exact gains from which on the factor common to all is theirs: a half."""
 _ROUNDING = 1e-9
 """Of a column's square, below which what is left of it beside others is rounding: ten ridges of `inverse_of`."""
 GIVEN, BY_DATA, BY_PRIOR = "given", "data", "prior"
@@ -162,7 +152,7 @@ class IdentifiedGains:
             >>> gains.factor_decided_by
             'prior'
         """
-        if self.weights[self.stated.exact].sum() > _MOST_OF_IT:
+        if self.weights[self.stated.exact].sum() > TUNING.exact_gains_weight:
             return GIVEN
         before = float(self.weights @ self.prior @ self.weights)
         return BY_DATA if self.factor_sd**2 <= REGRESSION.decided_gain * before or before == 0.0 else BY_PRIOR
@@ -236,7 +226,7 @@ class UnknownGains:
         )
         nominal = self._beliefs.of(model.parameters)
         self.fit = fit_gains(evidence, moments, noise, self._prior, links, nominal)
-        if self._off(self.fit) > _STILL and self._moves < _MOST_MOVES:
+        if self._off(self.fit) > TUNING.still_gains and self._moves < TUNING.gain_moves:
             self.log, self._prior = self.log.rescaled(np.exp(self.fit.log)), self._prior.moved(self.fit.log)
             self._moves += 1
             return True
@@ -261,7 +251,7 @@ class UnknownGains:
             prior=self.fit.prior.covariance,
             weights=self.fit.weights,
             stated=self._stated,
-            settled=self.fit.settled and self._off(self.fit) < _UNSETTLED,
+            settled=self.fit.settled and self._off(self.fit) < TUNING.unsettled_gains,
             like_friction=self._like_friction,
         )
 
@@ -294,7 +284,7 @@ def _like_friction(evidence: Evidence, noise: Noise, fit: GainFit) -> tuple[int,
     new = friction > _ROUNDING * squares[:, 1, 1]  # the model may hold that friction already
     beside = gain - np.where(new, both**2 / np.where(new, friction, 1.0), 0.0)
     told = gain > 1.0 / np.diag(fit.prior.covariance)[loose]
-    return tuple((np.array(loose, dtype=int)[told & (beside < _LEFT * gain)] + 1).tolist())
+    return tuple((np.array(loose, dtype=int)[told & (beside < TUNING.left_beside_friction * gain)] + 1).tolist())
 
 
 def spread_by_gains(gains: GainFit, evidence: Evidence) -> Array:

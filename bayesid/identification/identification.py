@@ -15,26 +15,23 @@ from bayesid.effects.model import Model
 from bayesid.errors import InputError
 from bayesid.identification.gains import IdentifiedGains
 from bayesid.identification.identified_model import IdentifiedModel
+from bayesid.identification.options import Provenance
 from bayesid.identification.other_readings import BetterReading
-from bayesid.identification.prediction import NORMAL_95, MotionLike, PredictedEfforts
-from bayesid.identification.provenance import Provenance
-from bayesid.identification.recorded import recorded_segments
-from bayesid.identification.records import Coefficient, ParameterValue, Records, SegmentSign, named
-from bayesid.identification.validation import Validation
+from bayesid.identification.prediction import NORMAL_95, MotionLike, PredictedEfforts, Validation
+from bayesid.identification.records import Coefficient, ParameterValue, Records, SegmentSign, named, recorded_segments
+from bayesid.identification.tuning import TUNING
 from bayesid.log.log import Log
 from bayesid.log.reading import LogSource
 from bayesid.log.segments import Segments
 from bayesid.log.signals import Signals
 from bayesid.posterior.inference import Posterior
-from bayesid.posterior.tuning import TUNING
+from bayesid.posterior.tuning import TUNING as POSTERIOR
 from bayesid.regression.knowledge import Beliefs, Knowledge
 from bayesid.regression.least_squares import Fit
 from bayesid.regression.noise import Noise
 from bayesid.signs.completion import Completion
 from bayesid.signs.search.result import SearchResult
 
-_SHOWN = 3
-"""Warnings that a short text shows."""
 _NONE = 1e-9
 """Share of a coefficient below which a parameter's is rounding."""
 
@@ -136,8 +133,8 @@ class Identification:
             f"posterior     {self._about_posterior}",
             f"effects       {self._about_effects}",
             f"warnings      {len(self.warnings) or 'none'}",
-            *(f"  - {warning}" for warning in self.warnings[:_SHOWN]),
-            *(["  - .warnings has all"] if len(self.warnings) > _SHOWN else []),
+            *(f"  - {warning}" for warning in self.warnings[: TUNING.warnings_shown]),
+            *(["  - .warnings has all"] if len(self.warnings) > TUNING.warnings_shown else []),
             "checks        bayesid.check_findings(bayesid.find_findings(result))",
             "go on with    .coefficient(NAME), .segments_table(), .predict(motion), .validate(log)",
         ]
@@ -283,7 +280,7 @@ class Identification:
         if self.posterior is None:
             return np.full(len(self.coefficients), np.nan), np.isfinite(self.sd)
         sd = np.linalg.norm(self.coefficients.projection * self.posterior.target.prior.sd, axis=1)
-        return sd, self.sd**2 <= TUNING.of_prior * sd**2
+        return sd, self.sd**2 <= POSTERIOR.of_prior * sd**2
 
     @property
     def nominal_beta(self) -> Array:

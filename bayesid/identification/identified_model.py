@@ -11,6 +11,7 @@ from bayesid.arrays import Array, Integers
 from bayesid.effects.model import Model
 from bayesid.errors import InputError
 from bayesid.identification.gains import IdentifiedGains
+from bayesid.identification.options import hashes
 from bayesid.identification.prediction import (
     BY_INFORMATION,
     BY_POSTERIOR,
@@ -18,23 +19,22 @@ from bayesid.identification.prediction import (
     MotionLike,
     PredictedEfforts,
     Spread,
+    Validation,
+    check_joints,
     check_payloads,
+    compare,
     drawn_noise,
     motion_of,
     spread_of,
     spread_of_draws,
 )
-from bayesid.identification.provenance import hashes
-from bayesid.identification.validation import Validation, check_joints, compare
+from bayesid.identification.tuning import TUNING
 from bayesid.log.log import Log, check_exact_gains
 from bayesid.log.reading import LogSource, as_log
 from bayesid.log.signals import prepare
 from bayesid.motion import Motion
 from bayesid.regression.knowledge import Knowledge
 from bayesid.regression.noise import Noise
-
-_DRAWS = 256
-"""Draws, evenly spread, that a band rests on: the Monte Carlo error of its width is 4 %."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ class IdentifiedModel:
         by_gains: (r, r) covariance by which they are less certain for the gains' sake, without draws; None where all
             were exact, or draws show it.
         logs: by which the logs that it was identified from are known again
-            (`bayesid.identification.provenance.hashes`); none of a model that was written by hand.
+            (`bayesid.identification.options.hashes`); none of a model that was written by hand.
         gains: by which its log's readings were made efforts, where they were unknowns; other logs are to be read by
             the same.
 
@@ -220,7 +220,7 @@ class IdentifiedModel:
             spread = self.spread
             return np.concatenate([spread.sd(columns) for columns in chunks])
         count = len(self.draws.theta)
-        chosen = np.linspace(0, count - 1, min(_DRAWS, count)).astype(int)
+        chosen = np.linspace(0, count - 1, min(TUNING.band_draws, count)).astype(int)
         return np.concatenate([self.draws.efforts(columns, chosen).std(axis=2) for columns in chunks])
 
     def _drawn_efforts(self, motion: Motion, count: int, noise: bool, rng: np.random.Generator) -> Array:

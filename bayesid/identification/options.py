@@ -1,16 +1,27 @@
-"""What a user may choose of an identification, beside search and sampling, and what was chosen as plain values."""
+"""What may be chosen of an identification beside search and sampling, what a run needs, and what was run on what."""
 
 from __future__ import annotations
 
+import hashlib
 import os
+import platform
 from collections.abc import Mapping
-from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
+from dataclasses import MISSING, Field, dataclass, fields, is_dataclass, replace
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
 from typing import Any, Literal, get_args
 
+import numpy as np
+
+from bayesid.arrays import Array
 from bayesid.errors import InputError
+from bayesid.identification.tuning import TUNING
 from bayesid.log.log import Log
 from bayesid.log.segments import USUAL, Cutting
 
+_PACKAGES = ("bayesid", "numpy", "scipy", "pin", "clarabel", "emcee", "arviz")
+"""Whose versions may change a result."""
 Completeness = Literal["auto", "off", "only-uncertainty"]
 """What the catalogue has a say in, beyond the terms asked for."""
 COMPLETENESS = get_args(Completeness)
@@ -114,3 +125,117 @@ def _is_plain(value: object) -> bool:
     if isinstance(value, list | tuple):
         return all(map(_is_plain, value))
     return value is None or isinstance(value, str | bool | int | float)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Memory
+# ---------------------------------------------------------------------------------------------------------------
+def check_memory(log: Log, limit: float | None) -> None:
+    """Checks that a log fits into so many GB; None is 0.8 of the machine's memory, where the system tells that.
+
+    Raises:
+        InputError: it does not fit.
+    """
+    allowed = _usual_limit() if limit is None else limit
+    needed = memory_needed(log)
+    if needed > allowed:
+        said = (
+            f"{len(log)} rows of {log.n_joints} joints need about {needed:.2g} GB of memory, {allowed:.2g} are allowed"
+        )
+        raise InputError(
+            said, log.source, "give more `Preparation.max_memory`, resample the log at a lower rate, or cut it"
+        )
+
+
+def memory_needed(log: Log) -> float:
+    """GB that an identification of a log will need at its peak, about."""
+    steps = np.diff(log.t)
+    grid = (log.t[-1] - log.t[0]) / max(float(np.median(steps)), np.finfo(float).tiny) if len(steps) else 0.0
+    instants = max(float(len(log)), grid)
+    kept = TUNING.memory_a_kept_value * min(instants, TUNING.kept_instants)
+    return float(1e-9 * (TUNING.memory_at_least + log.n_joints * (TUNING.memory_a_value * instants + kept)))
+
+
+def _usual_limit() -> float:
+    try:
+        return 1e-9 * TUNING.memory_share * os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, ValueError, OSError):  # Windows has no sysconf
+        return float("inf")
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Provenance
+# ---------------------------------------------------------------------------------------------------------------
+@dataclass(frozen=True)
+class Provenance:
+    """How a result came about.
+
+    Attributes:
+        options: what was asked for, by name; plain values only.
+        data: SHA-256 of the samples, see `fingerprint`.
+        files: each file of the log to its SHA-256; a log that never was a file has none.
+        versions: of Python and of the packages that take part.
+        machine: processor and system.
+        date: when it ended, UTC, ISO 8601.
+        command: the command line, if there was one.
+        call: the Python call that does the same.
+    """
+
+    options: Mapping[str, object]
+    data: str
+    files: Mapping[str, str]
+    versions: Mapping[str, str]
+    machine: str
+    date: str
+    command: str | None = None
+    call: str = ""
+
+
+def record_provenance(options: Mapping[str, object], log: Log, call: str = "") -> Provenance:
+    """What is to be noted after a run on a log with some options, by a Python call."""
+    return Provenance(
+        options=options,
+        data=fingerprint(log),
+        files=_file_digests(log),
+        versions={"python": platform.python_version(), **{name: version(name) for name in _PACKAGES}},
+        machine=f"{platform.machine()}, {platform.system()}",
+        date=datetime.now(UTC).isoformat(timespec="seconds"),
+        call=call,
+    )
+
+
+def hashes(log: Log) -> frozenset[str]:
+    """By which a log is known again: SHA-256 of the samples and of the file of each recording that it holds.
+
+    The file's is the same however it is read, the samples' whatever they are kept in.
+    """
+    parts = [slice(piece.start_row, piece.stop_row) for piece in log.pieces]
+    pieces = [
+        replace(log, t=piece.t, q=log.q[rows], effort=log.effort[rows], dq=_rows(log.dq, rows), pieces=())
+        for piece, rows in zip(log.pieces, parts, strict=True)
+    ]
+    return frozenset([fingerprint(log), *map(fingerprint, pieces), *_file_digests(log).values()])
+
+
+def _rows(values: Array | None, rows: slice) -> Array | None:
+    return None if values is None else values[rows]
+
+
+def _file_digests(log: Log) -> dict[str, str]:
+    """Each file of a log to its SHA-256; a log that never was a file has none."""
+    sources = [piece.source for piece in log.pieces] or [log.source]
+    return {source: _digest_of_file(Path(source)) for source in sources if Path(source).is_file()}
+
+
+def _digest_of_file(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def fingerprint(log: Log) -> str:
+    """SHA-256 of t, q, effort, dq and signed, as little-endian float64 row by row: the same from any file format."""
+    parts = [log.t, log.q, log.effort, *([] if log.dq is None else [log.dq]), log.signed]
+    digest = hashlib.sha256()
+    for part in parts:
+        digest.update(np.ascontiguousarray(part, dtype="<f8").data)
+    return digest.hexdigest()

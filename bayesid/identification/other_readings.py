@@ -29,39 +29,16 @@ from bayesid.effects import STANDARD
 from bayesid.effects.catalogue import TERMS
 from bayesid.effects.model import Model
 from bayesid.effects.payload import carried_payloads
+from bayesid.identification.tuning import TUNING
 from bayesid.motion import Motion
 from bayesid.regression.evidence import Evidence
 from bayesid.regression.least_squares import Fit
 from bayesid.regression.noise import autocovariance, integrated_time
 from bayesid.robot import BUILT_IN, Joint, Robot, load_robot
 
-SUSPICIOUS = 0.1
-"""Share of a joint's effort that a fit leaves from which on other readings are tried, and the report has a look: a
-model may well leave as much. A round number; not studied."""
-_CLEARLY = 0.8
-"""Share of the given reading's residual that a better one may leave at most: a fifth less is more than a poor model's
-accidents. Under right files the best of all others leaves 0.95 and more of it on the logs of study `real`, but 0.85 of
-the LWR4's with its signs given, whose rigid model is the poorest. A round number; not studied."""
-_HALF = 0.5
-"""Share of a joint's residual that other units of one joint may leave at most, where the others keep theirs: what is
-wrong with one joint hardly shows in all. A round number; not studied."""
 _DECISIVE = np.log(1000.0)
 """Nats, for each reading being as likely beforehand as all others together: three times the digits of a decisive Bayes
 factor (Jeffreys 1961, appendix B), for the finding is a red light."""
-_INSTANTS = 600
-"""Of the log, that readings are fitted to: some 3600 rows for 60 to 80 coefficients. A round number; not studied."""
-_FIRST = 3
-"""Of so many instants one is looked at first. It saves time alone."""
-_PROMISING = 0.9
-"""Share of what the given reading leaves of these that a promising one leaves at most: it must leave `_CLEARLY` of all.
-It saves time alone."""
-_TABLES = 20
-"""Drawn at random: of tables with such twists one in some ten comes near to an arm of the usual make. Not studied."""
-_LONGEST_SHARE = 10
-"""Of an excerpt's instants one in so many is the longest lag of a residual's autocorrelation. A round number; not
-studied."""
-_ROUNDS = 12
-"""In which signs and coefficients are made to agree; more change little. A round number; not studied."""
 _BLIND = 1e-9
 """Square of what is left of a column of length 1, once others have explained it, that is rounding."""
 _LEAST = 1e-6
@@ -90,27 +67,16 @@ class BetterReading:
 
 @dataclass(frozen=True)
 class _Reading:
-    """How a log might have to be read.
+    """How a log might have to be read."""
 
-    Attributes:
-        kind: see `BetterReading`.
-        change: see there.
-        robot: whose log it is.
-        order: (n,) the recorded joint that each joint of the robot is, by its positions.
-        efforts: (n,) and by its efforts.
-        factor: (n,) of the recorded positions.
-        turned: (n,) +1 or -1, of the recorded efforts where their signs are known.
-        units: (n,) factor of the recorded efforts.
-    """
-
-    kind: str
-    change: str
-    robot: Robot
-    order: Integers
-    efforts: Integers
-    factor: Array
-    turned: Array
-    units: Array
+    kind: str  # see `BetterReading`
+    change: str  # see there
+    robot: Robot  # whose log it is
+    order: Integers  # (n,) the recorded joint that each joint of the robot is, by its positions
+    efforts: Integers  # (n,) and by its efforts
+    factor: Array  # (n,) of the recorded positions
+    turned: Array  # (n,) +1 or -1, of the recorded efforts where their signs are known
+    units: Array  # (n,) factor of the recorded efforts
 
     @property
     def of_one_joint(self) -> bool:
@@ -149,7 +115,9 @@ class _Excerpt:
     def of(cls, evidence: Evidence, signs: Array) -> _Excerpt:
         signals, used = evidence.signals, evidence.used
         candidates = np.flatnonzero(used.any(axis=1))
-        rows = candidates[np.linspace(0, len(candidates) - 1, min(_INSTANTS, len(candidates))).round().astype(int)]
+        rows = candidates[
+            np.linspace(0, len(candidates) - 1, min(TUNING.instants, len(candidates))).round().astype(int)
+        ]
         effort = np.where(signals.signed, signals.effort, signs * np.abs(signals.effort))
         return cls(signals.motion[rows], effort[rows], used[rows], signals.signed)
 
@@ -166,7 +134,7 @@ def suspected_reading(evidence: Evidence, fit: Fit, probability: Array) -> Bette
         fit: of the model to it.
         probability: (N, n) P(sign = +) of every sample.
     """
-    if fit.relative_residual.max() <= SUSPICIOUS or not evidence.used.any(axis=0).all():
+    if fit.relative_residual.max() <= TUNING.suspicious or not evidence.used.any(axis=0).all():
         return None  # a joint whose efforts are all in fault cannot be compared with another
     return better_reading(evidence, np.where(probability >= 0.5, 1.0, -1.0), fit.residual.autocorrelation)
 
@@ -182,15 +150,15 @@ def better_reading(evidence: Evidence, signs: Array, time: Array) -> BetterReadi
     robot, excerpt = evidence.model.robot, _Excerpt.of(evidence, signs)
     count = np.maximum(evidence.used.sum(axis=0) / time, 1.0)
     every = list(_readings(robot))
-    readings = _promising(every, _as_given(robot), excerpt[::_FIRST])
+    readings = _promising(every, _as_given(robot), excerpt[:: TUNING.first_look])
     given, *left = _left_by([_as_given(robot), *readings], excerpt)
     count = _of_the_least(given, count, left)
     best, found = 2.0 * (_DECISIVE + np.log(len(every))), None
     for reading, other in zip(readings, left, strict=True):
         gain = 2.0 * count @ np.log(given.share / other.share) - (other.size - given.size) * np.log(count.sum())
-        clearly = other.rms < _CLEARLY * given.rms
+        clearly = other.rms < TUNING.clearly_better * given.rms
         if reading.of_one_joint:
-            clearly |= other.rms < given.rms and bool((other.share < _HALF * given.share).any())
+            clearly |= other.rms < given.rms and bool((other.share < TUNING.one_joint_better * given.share).any())
         if gain > best and clearly:
             best, found = float(gain), BetterReading(reading.kind, reading.change, other.rms, given.rms)
     return found
@@ -201,24 +169,18 @@ def _promising(readings: Sequence[_Reading], as_given: _Reading, some: _Excerpt)
     (given, *left), promising = _left_by([as_given, *readings], some), []
     for reading, other in zip(readings, left, strict=True):
         less = other.share / given.share if reading.of_one_joint else other.rms / given.rms
-        if np.min(less) < _PROMISING:
+        if np.min(less) < TUNING.promising:
             promising.append(reading)
     return promising
 
 
 @dataclass(frozen=True)
 class _Left:
-    """What a reading leaves of an excerpt.
+    """What a reading leaves of an excerpt."""
 
-    Attributes:
-        residual: (N, n) of each recorded joint, relative to its effort.
-        used: (N, n) which count.
-        size: number of coefficients.
-    """
-
-    residual: Array
-    used: Mask
-    size: int
+    residual: Array  # (N, n) of each recorded joint, relative to its effort
+    used: Mask  # (N, n) which count
+    size: int  # number of coefficients
 
     @cached_property
     def share(self) -> Array:
@@ -233,7 +195,7 @@ class _Left:
     def count(self, j: int) -> float:
         """Effective samples of a recorded joint."""
         residual, used = self.residual[:, j], self.used[:, j]
-        return used.sum() / integrated_time(autocovariance(residual, used, len(residual) // _LONGEST_SHARE))
+        return used.sum() / integrated_time(autocovariance(residual, used, len(residual) // TUNING.longest_lag_share))
 
 
 def _of_the_least(given: _Left, count: Array, others: Sequence[_Left]) -> Array:
@@ -275,15 +237,10 @@ def _leaves(reading: _Reading, excerpt: _Excerpt, columns: Array) -> _Left:
 
 @dataclass(frozen=True)
 class _Basis:
-    """An orthonormal basis of r columns with R rows: rows @ mix, which is not formed.
+    """An orthonormal basis of r columns with R rows: rows @ mix, which is not formed."""
 
-    Attributes:
-        rows: (R, r) independent columns.
-        mix: (r, r).
-    """
-
-    rows: Array
-    mix: Array
+    rows: Array  # (R, r) independent columns
+    mix: Array  # (r, r)
 
     @property
     def size(self) -> int:
@@ -327,7 +284,7 @@ def _settled(basis: _Basis, effort: Array, signed: Mask, believed: Mask) -> tupl
     if not believed.all():
         rows = np.broadcast_to(believed, effort.shape).ravel()
         inverse = np.linalg.pinv(basis.gram(rows), rcond=_BLIND, hermitian=True)
-    for _ in range(_ROUNDS):
+    for _ in range(TUNING.reading_rounds):
         shares = basis.shares((effort * believed).ravel())
         predicted = basis.sums(shares if inverse is None else inverse @ shares).reshape(effort.shape)
         followed = np.where(signed, effort, np.where(predicted >= 0.0, 1.0, -1.0) * np.abs(effort))
@@ -357,7 +314,7 @@ def _readings(robot: Robot) -> Iterator[_Reading]:
         if other.n_joints == robot.n_joints and not robot.same_kinematics(other):
             yield replace(given, kind="robot", change=f"the built-in table of {name}", robot=other)
     rng = np.random.default_rng(0)
-    for _ in range(_TABLES if robot.n_joints > 1 else 0):
+    for _ in range(TUNING.random_tables if robot.n_joints > 1 else 0):
         yield replace(given, kind="robot", change="a table drawn at random", robot=_random_table(robot, rng))
 
 

@@ -17,11 +17,14 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 from scipy.special import chdtri, ndtri
 
-from bayesid.arrays import Array
+from bayesid.arrays import Array, Integers, Mask
+from bayesid.effects.coefficients import base_coefficients, embedding
+from bayesid.effects.model import Model
 from bayesid.effects.payload import Payload
 from bayesid.errors import InputError
 from bayesid.files.bounded import LARGEST
@@ -30,8 +33,8 @@ from bayesid.identification.identification import Identification, identified_of
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.options import Preparation, call_of, call_of_log
 from bayesid.identification.pipeline import QUICK, identify_again
-from bayesid.identification.unchanged import UnchangedCheck, check_unchanged
-from bayesid.identification.validation import check_joints
+from bayesid.identification.prediction import check_joints
+from bayesid.identification.tuning import TUNING
 from bayesid.identification.warnings import edge_warning
 from bayesid.log.gains import gains_of
 from bayesid.log.log import Log
@@ -41,6 +44,8 @@ from bayesid.parallel import one_blas_thread
 from bayesid.posterior.inference import Posterior
 from bayesid.posterior.sampler import Sampling
 from bayesid.progress import SILENT, Progress
+from bayesid.regression.knowledge import Knowledge, scale_of
+from bayesid.regression.noise import Noise
 from bayesid.regression.selection.explanation import Thresholds
 from bayesid.robot.inertia import about_centre_of_mass
 from bayesid.signs.search.protocol import Search
@@ -49,15 +54,111 @@ AXES = ("xx", "yy", "zz", "xy", "xz", "yz")
 """Order of the six numbers of an inertia matrix."""
 _PLACES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 """Of them in the matrix."""
-NO_PAYLOAD = 0.01
-"""Largest rate at which a robot that carries nothing is said to carry something, where noise is all that differs."""
-BRIEF = Sampling(budget=10.0)
-"""Of a payload's posterior: one of six joints has converged after some 5 s of two processors."""
+BRIEF = Sampling(budget=TUNING.payload_budget)
+"""Of a payload's posterior."""
 _MASS = 0.95
 """Of the intervals."""
-_THIN = 0.01
-"""m, of the root mean square along an axis, below which bodies are not told apart: a guard of a division, thinner than
-any gripper or workpiece."""
+_UNSHOWN = 1e-9
+"""Eigenvalue of a precision with a diagonal of 1 below which a direction is one that no log has shown."""
+
+
+@dataclass(frozen=True)
+class UnchangedCheck:
+    """What a later log leaves of n joints, and how far it moved what was known of the robot.
+
+    Attributes:
+        residual: (n,) RMS residual of the later log over the noise of the earlier one.
+        moved: (n,) chi-square of how far each joint's own coefficients (friction, offset) moved.
+        moved_freedom: (n,) their degrees of freedom; 0 where none was known.
+        chi_square: the same of all coefficients of the robot together.
+        freedom: its degrees of freedom.
+    """
+
+    MOST_RESIDUAL: ClassVar[float] = Thresholds().above_blunt_floor
+    """Residual over the earlier noise beyond which a joint has changed: `find_discrepancy` takes the same ratio where
+    the floor may lack some of the model's own error, which is another one in another motion. No false-alarm rate is
+    known for real robots; docs/how-to/read-a-payload.md tells what it said of logs of one."""
+    FALSE_ALARM: ClassVar[float] = TUNING.unchanged_false_alarm
+    """Largest rate at which any chi-square is too large by chance, where the knowledge's covariance is right."""
+
+    residual: Array
+    moved: Array
+    moved_freedom: Integers
+    chi_square: float
+    freedom: int
+
+    @property
+    def moved_limits(self) -> Array:
+        """(n,) largest chi-square of a joint that chance explains: all of them have half of the false alarms."""
+        limits: Array = chdtri(np.maximum(self.moved_freedom, 1), 0.5 * self.FALSE_ALARM / len(self.moved))
+        return limits
+
+    @property
+    def limit(self) -> float:
+        """Largest chi-square of all coefficients that chance explains: it has the other half."""
+        return float(chdtri(max(self.freedom, 1), 0.5 * self.FALSE_ALARM))
+
+    @property
+    def joints(self) -> tuple[int, ...]:
+        """Joints, from 1, that have changed."""
+        changed = (self.residual > self.MOST_RESIDUAL) | (self.moved > self.moved_limits)
+        return tuple((np.flatnonzero(changed) + 1).tolist())
+
+    @property
+    def passed(self) -> bool:
+        """Whether nothing has changed, as far as the log shows."""
+        return not self.joints and self.chi_square <= self.limit
+
+
+def check_unchanged(knowledge: Knowledge, noise: Noise, later: Identification) -> UnchangedCheck:
+    """Holds a later log against what an earlier one has shown.
+
+    The move is that of the joint estimate, which both logs pull at: its chi-square is less than that of two separate
+    estimates, so false alarms are no more frequent than `UnchangedCheck.FALSE_ALARM`.
+
+    Args:
+        knowledge: of the robot, from the earlier log.
+        noise: of the earlier log.
+        later: the later log under the same model, or an extended one, with this knowledge.
+    """
+    model, known = knowledge.model, base_coefficients(knowledge.model)
+    extended = later.model.before_sensors
+    theta = embedding(model, extended) @ later.coefficients.lift(later.fit.beta)
+    move = known.project(theta - knowledge.theta)
+    scale = scale_of(knowledge.precision)
+    precision, move = knowledge.precision / np.outer(scale, scale), move * scale
+    joint = _actuators(model)[known.kept]
+    of_joints = [_moved(precision, move, joint == j) for j in range(1, model.robot.n_joints + 1)]
+    chi_square, freedom = _moved(precision, move, np.ones(len(move), dtype=bool))
+    return UnchangedCheck(
+        residual=later.fit.residual.sigma / noise.sigma,
+        moved=np.array([one for one, _ in of_joints]),
+        moved_freedom=np.array([count for _, count in of_joints]),
+        chi_square=chi_square,
+        freedom=freedom,
+    )
+
+
+def _actuators(model: Model) -> Integers:
+    """(P,) joint, from 1, whose actuator a parameter is of, as friction; 0 of what links and payloads are made of."""
+    of_terms = [(0 if term.of_links else one.joint) for term in model.terms for one in term.parameters(model.robot)]
+    return np.array(of_terms, dtype=np.int64)
+
+
+def _moved(precision: Array, move: Array, which: Mask) -> tuple[float, int]:
+    """Chi-square of some of the coefficients, whatever the others, and its degrees of freedom.
+
+    Args:
+        precision: (r, r) of all, scaled to a diagonal of 1.
+        move: (r,) of all, scaled alike.
+        which: (r,) that count.
+    """
+    if not which.any():
+        return 0.0, 0
+    across, rest = precision[np.ix_(which, ~which)], precision[np.ix_(~which, ~which)]
+    marginal = precision[np.ix_(which, which)] - across @ np.linalg.pinv(rest, _UNSHOWN, hermitian=True) @ across.T
+    freedom = int((np.linalg.eigvalsh(marginal) > _UNSHOWN).sum())
+    return float(move[which] @ marginal @ move[which]), freedom
 
 
 @dataclass(frozen=True)
@@ -156,7 +257,7 @@ def evenly_sized(draws: Array) -> Array:
     _, inertia = about_centre_of_mass(draws)
     diagonal = np.diagonal(inertia, axis1=1, axis2=2)
     moments = 0.5 * diagonal.sum(axis=1, keepdims=True) - diagonal
-    weights = 1.0 / np.prod(np.maximum(moments / mass[:, None], _THIN**2) * mass[:, None], axis=1)
+    weights = 1.0 / np.prod(np.maximum(moments / mass[:, None], TUNING.thin_body**2) * mass[:, None], axis=1)
     shares = np.cumsum(weights) / weights.sum()
     resampled: Array = draws[np.searchsorted(shares, (np.arange(len(draws)) + 0.5) / len(draws))]
     return resampled
@@ -334,7 +435,7 @@ def identify_payload(
         provenance=replace(again.provenance, call=call),
     )
     draws, evidence = _payload_draws(again), _evidence(again)
-    shown = evidence > float(chdtri(10, NO_PAYLOAD))
+    shown = evidence > float(chdtri(10, TUNING.payload_false_alarm))
     return PayloadReading(
         body=PayloadBody.of_draws(draws, shown, common_sd),
         check=check_unchanged(known.knowledge, known.noise, again),

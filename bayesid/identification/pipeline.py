@@ -23,18 +23,20 @@ from bayesid.errors import InputError
 from bayesid.identification.gains import UnknownGains, spread_by_gains, widened_by_gains
 from bayesid.identification.identification import Identification
 from bayesid.identification.identified_model import IdentifiedModel, ParameterDraws
-from bayesid.identification.memory import check_memory
 from bayesid.identification.options import (
     Completeness,
     Preparation,
     call_of,
     call_of_log,
     check_completeness,
+    check_memory,
+    hashes,
     plain_options,
+    record_provenance,
 )
 from bayesid.identification.other_readings import suspected_reading
-from bayesid.identification.provenance import hashes, record_provenance
-from bayesid.identification.recorded import segment_signs
+from bayesid.identification.records import segment_signs
+from bayesid.identification.tuning import TUNING
 from bayesid.identification.warnings import warnings_of
 from bayesid.log.log import Log, check_exact_gains
 from bayesid.log.reading import LogSource, as_log
@@ -46,7 +48,7 @@ from bayesid.posterior.inference import Posterior, infer, widened, with_gains
 from bayesid.posterior.prior import usual_links
 from bayesid.posterior.sampler import Sampling
 from bayesid.posterior.target import PosteriorProblem
-from bayesid.posterior.tuning import TUNING
+from bayesid.posterior.tuning import TUNING as POSTERIOR
 from bayesid.progress import SILENT, Progress
 from bayesid.regression.evidence import Evidence
 from bayesid.regression.gains import GainFit
@@ -63,17 +65,8 @@ from bayesid.signs.search.protocol import OneBudget, Search
 from bayesid.signs.settling import Earlier, Settled, restored, settle_signs
 from bayesid.signs.smoothing import sign_probabilities
 
-QUICK = Certified(budget=3.0)
-"""Search of signs that an earlier log helps to settle; its budget is a round number, not studied."""
-_SAMPLES_A_COEFFICIENT = 3
-"""Samples in motion that a coefficient needs at least. A round number; not studied."""
-_POINTWISE = 150
-"""Blocks of each joint whose likelihood is kept by itself, for comparisons of models; weaker ones share one. A round
-number; not studied."""
-_SMOOTHED = 24
-"""Draws of a mode over which the samples' probabilities are averaged: their Monte Carlo error is at most 0.1."""
-_OF_LIGHT = 8
-"""The same of a mode that has less than half of the mass: the error is at most 0.18 times its weight."""
+QUICK = Certified(budget=TUNING.quick_budget)
+"""Search of signs that an earlier log helps to settle."""
 
 
 @one_blas_thread
@@ -447,8 +440,8 @@ def _identified(
         by_gains = None if gains is None else spread_by_gains(gains, evidence)
         return IdentifiedModel(model, fit.theta, fit.noise, precision, lacking=lacking, by_gains=by_gains)
     precision = of_base(model, evidence.coefficients, _inverse(posterior.covariance_of_log))
-    theta, log_scale = posterior.target.split(posterior.uncertain.spread(TUNING.few_draws))
-    log_gain = None if gains is None else posterior.gains_of(posterior.uncertain.places(TUNING.few_draws))
+    theta, log_scale = posterior.target.split(posterior.uncertain.spread(POSTERIOR.few_draws))
+    log_gain = None if gains is None else posterior.gains_of(posterior.uncertain.places(POSTERIOR.few_draws))
     draws = ParameterDraws(theta, posterior.target.likelihood.sigma * np.exp(log_scale), log_gain)
     return IdentifiedModel(model, posterior.theta, fit.noise, precision, draws)
 
@@ -478,7 +471,7 @@ def _sample(run: _Run, averaged: AveragedSigns, sampling: Sampling) -> Posterior
     known = segments.known if averaged.by_asked else search.signs
     pieces, segment = divide(segments, fit.noise.autocorrelation)
     expected = 2.0 * settled.probability - 1.0
-    moments = evidence.moments(expected, pieces, _POINTWISE, orientation, summed_out=False)
+    moments = evidence.moments(expected, pieces, TUNING.pointwise_blocks, orientation, summed_out=False)
     blocks = SegmentBlocks(replace(moments, known=known[segment]), segment, pieces.start, pieces.end)
     if not averaged.by_asked or evidence.information is not None:
         search = replace(search, theta=fit.theta, branches=(), settled=None)
@@ -527,7 +520,7 @@ def _average_over_draws(averaged: AveragedSigns, posterior: Posterior, progress:
     probability = np.zeros(known.shape)
     for sampled in posterior.modes:
         draws, log_scale = posterior.target.split(
-            sampled.draws.spread(_SMOOTHED if sampled.weight > 0.5 else _OF_LIGHT)
+            sampled.draws.spread(TUNING.smoothed_draws if sampled.weight > 0.5 else TUNING.smoothed_draws_light)
         )
         predicted = evidence.model.effort(signals.motion, draws.T)
         noise = averaged.asked.fit.noise.scaled(np.exp(log_scale.mean(axis=0)))
@@ -569,7 +562,7 @@ def _check(robot: Robot, log: Log) -> None:
 
 def _check_amount(segments: Segments, coefficients: BaseCoefficients, log: Log) -> None:
     samples = int((segments.end - segments.start)[segments.fitted].sum())
-    if samples < _SAMPLES_A_COEFFICIENT * len(coefficients):
+    if samples < TUNING.samples_a_coefficient * len(coefficients):
         which = "in motion" if np.array_equal(segments.fitted, segments.moving) else "in motion above the threshold"
         counts = f"{samples} samples {which} for {len(coefficients)} coefficients"
         raise InputError(counts, log.source, "record a longer log or name fewer `terms`")

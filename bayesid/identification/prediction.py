@@ -1,4 +1,4 @@
-"""Efforts of a motion with their uncertainty: what `validate` compares with a log, and `predict` hands out."""
+"""Efforts of a motion with their uncertainty, and how well they predict a log that the model has not seen."""
 
 from __future__ import annotations
 
@@ -18,11 +18,13 @@ from bayesid.files.writing import replace_file
 from bayesid.log.formats.memory import Frame, Variables
 from bayesid.log.log import GIVEN, Log, RecordedMotion, motion_of_log
 from bayesid.log.reading import motion_of_arrays, motion_of_variables, read_motion
-from bayesid.log.signals import filtered_motion
+from bayesid.log.segments import Segments, find_segments
+from bayesid.log.signals import Signals, filtered_motion, signed_effort
 from bayesid.motion import Motion
 from bayesid.regression.knowledge import scale_of
-from bayesid.regression.noise import Noise
+from bayesid.regression.noise import Noise, relative_rms
 from bayesid.robot import Robot
+from bayesid.signs.smoothing import sign_probabilities
 
 if TYPE_CHECKING:
     from pandas import DataFrame  # pandas and xarray take half a second to import
@@ -260,19 +262,12 @@ _REMEDY = "give a file, a log, a DataFrame, or arrays (t, q[, dq[, ddq]])"
 # ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Spread:
-    """A normal distribution of the r base coefficients about their mean.
+    """A normal distribution of the r base coefficients about their mean."""
 
-    Attributes:
-        kept: (r,) indices of the parameters whose columns are the coefficients'.
-        root: (r, k) of their covariance: it is root root'.
-        unknown: (r, u) combinations of which nothing is known.
-        scale: (r,) by which columns are divided before they are compared with these.
-    """
-
-    kept: Integers
-    root: Array
-    unknown: Array
-    scale: Array
+    kept: Integers  # (r,) indices of the parameters whose columns are the coefficients'
+    root: Array  # (r, k) of their covariance: it is root root'
+    unknown: Array  # (r, u) combinations of which nothing is known
+    scale: Array  # (r,) by which columns are divided before they are compared with these
 
     def sd(self, columns: Array) -> Array:
         """(N, n) of the efforts, of the model's columns (N, n, P)."""
@@ -314,3 +309,106 @@ def drawn_noise(noise: Noise, sigma: Array, t: Array, rng: np.random.Generator) 
     period = float(np.median(steps[steps > 0.0])) if np.any(steps > 0.0) else 1.0
     unit = noise.draw(len(t), len(sigma), 1.0 / period, rng) / noise.sigma[:, None]
     return np.moveaxis(unit, 2, 0) * sigma[:, None]
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Validation
+# ---------------------------------------------------------------------------------------------------------------
+@dataclass(frozen=True)
+class Validation:
+    """How well a model predicts a log.
+
+    Attributes:
+        log: the raw log.
+        signals: the log on an even grid of N instants.
+        segments: its segments.
+        probability: (N, n) P(sign = +) of every sample under the model; 0 or 1 where the log is signed.
+        measured: (N, n) efforts with their likelier signs, lightly filtered, N m.
+        predicted: (N, n) the model's efforts, N m.
+        rms_error: (n,) RMS of measured - predicted in motion, N m.
+        relative_residual: (n,) the same over the RMS of the measured effort.
+        lower: (N, n) lower end of the 95 % band of the unfiltered effort, N m (:eq:`prediction-band`).
+        upper: (N, n) its upper end, N m.
+        coverage: (n,) share of the unfiltered efforts in motion, with their likelier signs, that lie in the band.
+        band: what the band accounts for.
+        seen: whether the model was identified from this log: then it is no validation.
+
+    Example:
+        >>> check = result.validate("another_log.csv")
+        >>> check.rms_error.round(1), check.coverage.round(2)  # N m, share inside the 95 % band
+        (array([0.2, 0.6, 0.2]), array([0.93, 0.97, 0.99]))
+    """
+
+    log: Log
+    signals: Signals
+    segments: Segments
+    probability: Array
+    measured: Array
+    predicted: Array
+    rms_error: Array
+    relative_residual: Array
+    lower: Array
+    upper: Array
+    coverage: Array
+    band: str
+    seen: bool = False
+
+    def __repr__(self) -> str:
+        figures = zip(self.rms_error, self.relative_residual, self.coverage, strict=True)
+        joints = [
+            f"{j:>5}   {error:>10.4g}   {share:>17.1%}   {inside:>14.1%}"
+            for j, (error, share, inside) in enumerate(figures, start=1)
+        ]
+        lines = [
+            f"Validation on {self.log.source}: {len(self.log)} rows",
+            "joint    RMS error   relative residual   in 95 % band",
+            *joints,
+            f"the band holds {self.band}",
+            *(["no validation: the model was identified from this log"] if self.seen else []),
+        ]
+        return "\n  ".join(lines)
+
+
+def check_joints(robot: Robot, log: Log) -> None:
+    """A log has as many joints as a model's robot.
+
+    Raises:
+        InputError: it has not.
+    """
+    if log.n_joints != robot.n_joints:
+        counts = f"the log has {log.n_joints} joints, the model's robot {robot.name} has {robot.n_joints}"
+        raise InputError(counts, log.source, "give a log of the same robot")
+
+
+def compare(log: Log, signals: Signals, robot: Robot, prediction: PredictedEfforts, noise: Noise) -> Validation:
+    """Settles a log's unknown signs under a prediction, and compares the two.
+
+    Args:
+        log: the raw log.
+        signals: the log on an even grid of N instants.
+        robot: of the log.
+        prediction: of its motion, with the noise of a measurement.
+        noise: of the model's residual on the log it was identified from.
+    """
+    segments = find_segments(signals, robot.actuators(signals.motion))
+    moving = segments.per_sample(segments.moving, *signals.effort.shape) > 0
+    predicted, lower, upper = prediction.mean, prediction.lower, prediction.upper
+    probability = sign_probabilities(signals, predicted, moving, noise)
+    signs = np.where(probability >= 0.5, 1.0, -1.0)
+    measured, unfiltered = signed_effort(signals, signs), signed_effort(signals, signs, filtered=False)
+    residual, count = measured - predicted, np.maximum(moving.sum(axis=0), 1)
+    inside = (unfiltered >= lower) & (unfiltered <= upper)
+    return Validation(
+        log=log,
+        signals=signals,
+        segments=segments,
+        probability=probability,
+        measured=measured,
+        predicted=predicted,
+        rms_error=np.sqrt((residual**2 * moving).sum(axis=0) / count),
+        relative_residual=relative_rms(residual, measured, moving),
+        lower=lower,
+        upper=upper,
+        coverage=(inside & moving).sum(axis=0) / count,
+        band=prediction.holds,
+    )

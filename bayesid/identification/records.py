@@ -4,9 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Generic, Protocol, TypeVar, overload
+from typing import TYPE_CHECKING, Generic, TypeVar, overload
 
+import numpy as np
+
+from bayesid.arrays import Array, Integers
 from bayesid.errors import InputError, near_names
+from bayesid.log.log import Log
+from bayesid.log.segments import Segments
 
 if TYPE_CHECKING:
     from pandas import DataFrame  # pandas takes half a second to import
@@ -124,15 +129,7 @@ class Records(Sequence[Record], Generic[Record]):
         return DataFrame({field.name: [getattr(row, field.name) for row in self.rows] for field in fields(self.kind)})
 
 
-class Named(Protocol):
-    """What has a name."""
-
-    @property
-    def name(self) -> str:
-        """It."""
-
-
-Entry = TypeVar("Entry", bound=Named)
+Entry = TypeVar("Entry", Coefficient, ParameterValue)
 
 
 def named(entries: Sequence[Entry], name: str, what: str, elsewhere: str = "") -> Entry:
@@ -152,3 +149,37 @@ def named(entries: Sequence[Entry], name: str, what: str, elsewhere: str = "") -
         return entries[names.index(name)]
     remedy = elsewhere or near_names(str(name), names) or f"choose from {', '.join(names)}"
     raise InputError(f"there is no {what} {name!r}", f"{what}(name)", remedy)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Segments of joined logs
+# ---------------------------------------------------------------------------------------------------------------
+def segment_signs(segments: Segments, probability: Array, effort: Array) -> tuple[Integers, Array]:
+    """(S,) signs and (S,) confidences: each segment's mean probability, weighted with the squared effort.
+
+    Args:
+        segments: S over N samples.
+        probability: (N, n) P(sign = +).
+        effort: (N, n) N m.
+    """
+    share = np.empty(len(segments))
+    for k, (j, a, b) in enumerate(zip(segments.joint, segments.start, segments.end, strict=True)):
+        weights = effort[a:b, j] ** 2 + 1e-24  # far below any sensor: a segment of exact zeros has a confidence too
+        share[k] = np.average(probability[a:b, j], weights=weights)
+    return np.where(share >= 0.5, 1, -1), np.maximum(share, 1.0 - share)
+
+
+def recorded_segments(
+    log: Log, t: Array, segments: Segments, probability: Array, effort: Array
+) -> tuple[Segments, Integers, Array]:
+    """The segments of what was recorded, their signs (S,) and confidences (S,); instants t (N,) are in s.
+
+    The segments of a log that was joined from several also cover the pauses between these, in which there are
+    interpolated values only. They are cut where a recording begins and ends, what lies in a pause is left out, and sign
+    and confidence follow from the samples that remain, as an identification's do (:eq:`confidence`).
+    """
+    place, _ = log.clock(t)
+    edges = np.flatnonzero(place[1:] != place[:-1]) + 1
+    cut = segments.split([(j, int(at)) for j in range(log.n_joints) for at in edges])
+    cut = cut[place[cut.start] >= 0]
+    return cut, *segment_signs(cut, probability, effort)

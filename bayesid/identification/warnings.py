@@ -10,6 +10,7 @@ import numpy as np
 from bayesid.arrays import Array
 from bayesid.identification.gains import BY_PRIOR, IdentifiedGains
 from bayesid.identification.other_readings import BetterReading
+from bayesid.identification.tuning import TUNING
 from bayesid.log.log import Log
 from bayesid.log.low_pass import AfterRectifier
 from bayesid.log.signals import still_joints
@@ -21,20 +22,6 @@ from bayesid.regression.least_squares import Fit
 from bayesid.regression.tuning import TUNING as REGRESSION
 from bayesid.signs.averaging import AveragedSigns
 from bayesid.signs.rounds import SegmentSigns
-
-_UNDERSHOOT = 0.05
-"""A filter after the rectifier makes |effort| reach below zero, by less than this share of its maximum. A round number;
-not studied."""
-EXCLUDED = 0.01
-"""Share of a joint's effort from which on search and posterior contradict each other: as for modes."""
-OTHER_MODE = 0.01
-"""Weight beyond which another mode of the posterior is spoken of: one in a hundred, a round number."""
-_CONTRADICTS = 4.0
-"""Standard deviations from which on a stated parameter contradicts the log: once in 16,000 parameters by chance."""
-_WIDE = 0.5
-"""Standard deviation of a logarithm from which on it is told as a factor: symmetric about no value any more."""
-_GAP = 1e-8
-"""Relative gap of the solver above which there is a warning: a hundred times what is tried first."""
 
 
 def warnings_of(
@@ -120,13 +107,9 @@ def excluded_yet_likely(share: float) -> str:
     )
 
 
-SHOWN_DOUBT = 0.01
-"""Doubt from which on a joint is named: less does not show in two digits."""
-
-
 def confidences_lowered(doubt: Sequence[float]) -> str:
     """That (n,) signs are guesses with a probability, because the model is not the robot's."""
-    joints = ", ".join(str(j) for j, share in enumerate(doubt, start=1) if share >= SHOWN_DOUBT)
+    joints = ", ".join(str(j) for j, share in enumerate(doubt, start=1) if share >= TUNING.shown_doubt)
     lowered = f"confidences of joint {joints} are lowered, to {1.0 - 0.5 * max(doubt):.2f} at worst"
     return f"the model's own error is large: {lowered}"
 
@@ -142,7 +125,11 @@ def factor_by_prior(relative_sd: float, unknown: bool) -> str:
 
 def spread_in_words(relative_sd: float) -> str:
     """A relative standard deviation: 12 %; a factor of 3.7."""
-    return f"a factor of {math.exp(relative_sd):.2g}" if relative_sd > _WIDE else f"{100.0 * relative_sd:.2g} %"
+    return (
+        f"a factor of {math.exp(relative_sd):.2g}"
+        if relative_sd > TUNING.wide_factor
+        else f"{100.0 * relative_sd:.2g} %"
+    )
 
 
 FACTOR_REMEDY = "add a log with a weighed --payload, or give one gain that you trust as exact"
@@ -159,7 +146,7 @@ def pressed_windows(pressed: Mapping[str, float | None]) -> str:
 
 def other_modes(weights: Sequence[float], turned: Sequence[Sequence[int]], chosen: int = 0) -> str:
     """That a log allows several models: their weights, and the joints (from 1) that each turns against the first."""
-    others = [k for k in range(len(weights)) if k != chosen and weights[k] > OTHER_MODE]
+    others = [k for k in range(len(weights)) if k != chosen and weights[k] > TUNING.other_mode]
     parts = [f"{weights[k]:.2g} for mode {k + 1}{_turns(turned[k]) if k else ''}" for k in others]
     written = f"mode {chosen + 1} ({weights[chosen]:.2g})"
     return f"the log allows other models than the one written, {written}: {'; '.join(parts)}"
@@ -205,7 +192,7 @@ def _hardly_negative(log: Log) -> list[str]:
     return [
         f"the effort of joint {j + 1} is hardly ever negative; if it was rectified and then filtered, say "
         f"--unsigned {j + 1}"
-        for j in np.flatnonzero(log.signed & (least > -_UNDERSHOOT * largest))
+        for j in np.flatnonzero(log.signed & (least > -TUNING.undershoot * largest))
     ]
 
 
@@ -261,7 +248,9 @@ def _search_warnings(signs: SegmentSigns) -> list[str]:
 
 
 def _tolerance_warning(fit: Fit) -> list[str]:
-    return [f"the final fit reached a relative gap of {fit.tolerance:g} only"] if fit.tolerance > _GAP else []
+    return (
+        [f"the final fit reached a relative gap of {fit.tolerance:g} only"] if fit.tolerance > TUNING.solver_gap else []
+    )
 
 
 def _missing_terms(averaged: AveragedSigns) -> list[str]:
@@ -277,7 +266,7 @@ def _missing_terms(averaged: AveragedSigns) -> list[str]:
 
 
 def _doubt_warning(doubt: Array) -> list[str]:
-    return [confidences_lowered(doubt.tolist())] if doubt.max(initial=0.0) >= SHOWN_DOUBT else []
+    return [confidences_lowered(doubt.tolist())] if doubt.max(initial=0.0) >= TUNING.shown_doubt else []
 
 
 def _posterior_warning(posterior: Posterior | None) -> list[str]:
@@ -303,14 +292,14 @@ def _modes_warning(posterior: Posterior | None) -> list[str]:
     if asked > len(weights):
         return [f"there is no mode {asked} of the posterior, of {len(weights)}: the heaviest is written"]
     others = [weight for k, weight in enumerate(weights) if k != posterior.chosen]
-    if max(others, default=0.0) <= OTHER_MODE:
+    if max(others, default=0.0) <= TUNING.other_mode:
         return []
     turned = [posterior.turned_joints(k) for k in range(len(weights))]
     return [f"{other_modes(weights, turned, posterior.chosen)}; --mode writes another one"]
 
 
 def _excluded_warning(posterior: Posterior | None) -> list[str]:
-    if posterior is None or posterior.excluded is None or posterior.excluded <= EXCLUDED:
+    if posterior is None or posterior.excluded is None or posterior.excluded <= TUNING.excluded:
         return []
     return [excluded_yet_likely(posterior.excluded)]
 
@@ -325,7 +314,7 @@ def _nominal_warning(evidence: Evidence, fit: Fit, nominal: Nominal | None) -> l
         value, sd = fit.beta[row] / projection[row, place], fit.sd[row] / abs(projection[row, place])
         stated, spread = nominal.mean[place], nominal.sd[place]
         far = abs(value - stated) / np.hypot(sd, spread)
-        if far > _CONTRADICTS:  # not where nothing is stated: NaN
+        if far > TUNING.contradicts:  # not where nothing is stated: NaN
             name = evidence.model.parameters[place].name
             said.append(
                 f"{name} was stated as {stated:.4g} +- {spread:.2g}, the log alone says {value:.4g} +- {sd:.2g}: "

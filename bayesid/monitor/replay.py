@@ -10,7 +10,7 @@ import numpy as np
 from bayesid.arrays import Array, Mask
 from bayesid.errors import InputError
 from bayesid.identification.identification import SURE
-from bayesid.identification.validation import Validation
+from bayesid.identification.prediction import Validation
 from bayesid.log.log import Log
 from bayesid.monitor.alarms import Alarm
 from bayesid.monitor.figures import StreamFigures, looked_at

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bayesid.identification.identification import Identification
-from bayesid.identification.validation import Validation
+from bayesid.identification.prediction import Validation
 from bayesid.report.findings import as_json, log_parts, summarise
 
 if TYPE_CHECKING:

@@ -28,9 +28,8 @@ from bayesid.files.tables import numbered, write_columns, write_json, write_tabl
 from bayesid.files.writing import check_folder, check_place, replace_file, save_folder
 from bayesid.identification.identification import Identification
 from bayesid.identification.model_file import model_table
-from bayesid.identification.payload import Estimate, PayloadReading
-from bayesid.identification.unchanged import UnchangedCheck
-from bayesid.identification.validation import Validation
+from bayesid.identification.payload import Estimate, PayloadReading, UnchangedCheck
+from bayesid.identification.prediction import Validation
 from bayesid.log.log import Log, write_log
 from bayesid.log.signals import Signals
 from bayesid.parallel import one_blas_thread

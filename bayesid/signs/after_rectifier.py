@@ -123,7 +123,8 @@ def significance(contrast: Array) -> float:
 
 def _tried(rate: float) -> list[LowPass]:
     """Half an octave apart."""
-    return _low_passes(TUNING.lowest_cutoff * 2.0 ** (0.5 * np.arange(TUNING.half_octaves)), rate)
+    cutoffs = [TUNING.lowest_cutoff * 2.0 ** (0.5 * k) for k in range(TUNING.half_octaves)]
+    return _low_passes(np.array(cutoffs), rate)
 
 
 def _finer(low_pass: LowPass, rate: float) -> list[LowPass]:

@@ -13,7 +13,6 @@ from bayesid.errors import InputError
 from bayesid.identification.identified_model import IdentifiedModel, ParameterDraws
 from bayesid.identification.model_file import load_model
 from bayesid.identification.pipeline import identify
-from bayesid.identification.provenance import hashes
 from bayesid.log.log import join_logs
 from bayesid.regression.noise import Noise
 from bayesid.results.folders import save_identification

@@ -16,11 +16,11 @@ from bayesid.identification.payload import (
     AXES,
     Estimate,
     PayloadBody,
+    UnchangedCheck,
     evenly_sized,
     identify_payload,
     with_common_factor,
 )
-from bayesid.identification.unchanged import UnchangedCheck
 from bayesid.report.payload_text import payload_checks
 from bayesid.robot.inertia import pseudo_inertia
 

@@ -12,8 +12,7 @@ import numpy as np
 from identified_arm import ROBOT, log_of
 
 import bayesid
-from bayesid.identification.options import call_of, call_of_log, plain_options
-from bayesid.identification.provenance import fingerprint, hashes, record_provenance
+from bayesid.identification.options import call_of, call_of_log, fingerprint, hashes, plain_options, record_provenance
 from bayesid.log.log import Log, join_logs, write_log
 from bayesid.log.reading import read_log
 from bayesid.posterior.sampler import Sampling

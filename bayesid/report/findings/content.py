@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from bayesid.arrays import TINY, Array, Integers, Mask
-from bayesid.identification.validation import Validation
+from bayesid.identification.prediction import Validation
 from bayesid.report.findings.summary import Summary
 from bayesid.report.thinning import binned, evenly
 from bayesid.report.tuning import TUNING

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, fields, is_dataclass
 from typing import Any
 
 from bayesid.files.tables import plain
+from bayesid.identification.options import Provenance
 from bayesid.identification.other_readings import BetterReading
-from bayesid.identification.provenance import Provenance
 from bayesid.regression.selection.unseen import TooNarrow
 
 Number = float | None

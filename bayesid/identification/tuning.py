@@ -1,0 +1,107 @@
+"""Numbers that were chosen: when gains move, readings are tried and warnings are given, and what a run may need."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tuning:
+    """Choices of this package, with what each is for; `TUNING` holds those in use."""
+
+    # The pipeline
+    quick_budget: float = 3.0
+    """Nominal seconds of a search of signs that an earlier log helps to settle. A round number, not studied."""
+    samples_a_coefficient: int = 3
+    """Samples in motion that a coefficient needs at least. A round number; not studied."""
+    pointwise_blocks: int = 150
+    """Blocks of each joint whose likelihood is kept by itself, for comparisons of models; weaker ones share one. A
+    round number; not studied."""
+    smoothed_draws: int = 24
+    """Draws of a mode over which the samples' probabilities are averaged: their Monte Carlo error is at most 0.1."""
+    smoothed_draws_light: int = 8
+    """The same of a mode that has less than half of the mass: the error is at most 0.18 times its weight."""
+    band_draws: int = 256
+    """Draws, evenly spread, that a prediction's band rests on: the Monte Carlo error of its width is 4 %."""
+
+    # Memory
+    memory_at_least: float = 0.4e9
+    """Bytes, whatever the log: what is loaded, and what is smoothed at once. As measured."""
+    memory_a_value: float = 30.0
+    """Bytes for each value of |effort| on the log's even grid, which is read and filtered joint by joint."""
+    memory_a_kept_value: float = 800.0
+    """Bytes more for each that is left when a long log has been thinned: columns of all terms, and what a fit makes of
+    them. On a UR10e's logs: 0.6 GB in all for 100,000 rows, 1.0 GB for 360,000, 1.4 GB for 3,600,000."""
+    kept_instants: int = 100_000
+    """To about so many instants a long log is thinned."""
+    memory_share: float = 0.8
+    """Of the machine's memory that an identification may have unless another limit is asked for. A round number."""
+
+    # Gains
+    still_gains: float = 0.3
+    """Posterior standard deviations by which gains may still want to move when they are left where they are."""
+    unsettled_gains: float = 1.0
+    """The same from which on they are said not to have settled: as much as their sd says they may be off."""
+    gain_moves: int = 4
+    """Times that gains move and signs are searched again; one or two are usual, each takes as long as an identification
+    of its own. A round number."""
+    left_beside_friction: float = 0.1
+    """Share of what a log says of a gain that must be left beside load-dependent friction: as for `DECIDED`."""
+    exact_gains_weight: float = 0.5
+    """Weight of the exact gains from which on the factor common to all is theirs: a half."""
+
+    # Other readings of a log
+    suspicious: float = 0.1
+    """Share of a joint's effort that a fit leaves from which on other readings are tried, and the report has a look: a
+    model may well leave as much. A round number; not studied."""
+    clearly_better: float = 0.8
+    """Share of the given reading's residual that a better one may leave at most. Under right files the best of all
+    others leaves 0.95 and more on the logs of study `real`, but 0.85 of the LWR4's with its signs. Not studied."""
+    one_joint_better: float = 0.5
+    """Share of a joint's residual that other units of one joint may leave at most, where the others keep theirs: what
+    is wrong with one joint hardly shows in all. A round number; not studied."""
+    instants: int = 600
+    """Of the log, that readings are fitted to: some 3600 rows for 60 to 80 coefficients. Not studied."""
+    first_look: int = 3
+    """Of so many instants one is looked at first. It saves time alone."""
+    promising: float = 0.9
+    """Share of what the given reading leaves of these that a promising one leaves at most. It saves time alone."""
+    random_tables: int = 20
+    """Drawn at random: of tables with such twists one in some ten comes near to an arm of the usual make. Not
+    studied."""
+    longest_lag_share: int = 10
+    """Of an excerpt's instants one in so many is the longest lag of a residual's autocorrelation. Not studied."""
+    reading_rounds: int = 12
+    """In which signs and coefficients are made to agree; more change little. A round number; not studied."""
+
+    # Payloads
+    payload_false_alarm: float = 0.01
+    """Largest rate at which a robot that carries nothing is said to carry something, where noise alone differs."""
+    payload_budget: float = 10.0
+    """Nominal seconds of a payload's sampling: one of six joints has converged after some 5 s of two processors."""
+    unchanged_false_alarm: float = 0.01
+    """Largest rate at which any chi-square of what has changed is too large by chance, where covariances are right."""
+    thin_body: float = 0.01
+    """m, of the root mean square along an axis, below which bodies are not told apart: thinner than any workpiece."""
+
+    # Warnings
+    warnings_shown: int = 3
+    """Warnings that a short text shows."""
+    undershoot: float = 0.05
+    """A filter after the rectifier makes |effort| reach below zero, by less than this share of its maximum. Not
+    studied."""
+    excluded: float = 0.01
+    """Share of a joint's effort from which on search and posterior contradict each other: as for modes."""
+    other_mode: float = 0.01
+    """Weight beyond which another mode of the posterior is spoken of: one in a hundred, a round number."""
+    contradicts: float = 4.0
+    """Standard deviations from which on a stated parameter contradicts the log: by chance once in 16,000 parameters."""
+    wide_factor: float = 0.5
+    """Standard deviation of a logarithm from which on it is told as a factor: symmetric about no value any more."""
+    solver_gap: float = 1e-8
+    """Relative gap of the solver above which there is a warning: a hundred times what is tried first."""
+    shown_doubt: float = 0.01
+    """Doubt from which on a joint is named: less does not show in two digits."""
+
+
+TUNING = Tuning()
