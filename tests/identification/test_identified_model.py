@@ -12,6 +12,7 @@ from bayesid.effects.coefficients import base_coefficients
 from bayesid.errors import InputError
 from bayesid.identification.identified_model import IdentifiedModel, ParameterDraws
 from bayesid.identification.model_file import load_model
+from bayesid.identification.options import hashes
 from bayesid.identification.pipeline import identify
 from bayesid.log.log import join_logs
 from bayesid.regression.noise import Noise
