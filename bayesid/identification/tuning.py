@@ -46,7 +46,7 @@ class Tuning:
     """Times that gains move and signs are searched again; one or two are usual, each takes as long as an identification
     of its own. A round number."""
     left_beside_friction: float = 0.1
-    """Share of what a log says of a gain that must be left beside load-dependent friction: as for `DECIDED`."""
+    """Share of what a log says of a gain that must be left beside load-dependent friction: as for a gain."""
     exact_gains_weight: float = 0.5
     """Weight of the exact gains from which on the factor common to all is theirs: a half."""
 

@@ -17,7 +17,7 @@ from bayesid.effects.catalogue import noun, phrase_of
 from bayesid.effects.effect import ReadableUnit
 from bayesid.identification.gains import BY_DATA, BY_PRIOR, GIVEN
 from bayesid.identification.identification import SURE, sure_share_of
-from bayesid.identification.tuning import TUNING
+from bayesid.identification.tuning import TUNING as IDENTIFICATION
 from bayesid.identification.warnings import (
     FACTOR_REMEDY,
     GAINS_UNSETTLED,
@@ -202,7 +202,7 @@ def _segments(findings: Findings) -> Check:
     )
     doubt = [share or 0.0 for share in findings.summary.signs.doubt]
     message += f"; {still}" if (still := at_standstill(findings)) else ""
-    lowered = max(doubt, default=0.0) >= TUNING.shown_doubt
+    lowered = max(doubt, default=0.0) >= IDENTIFICATION.shown_doubt
     if lowered:
         message += f"; {confidences_lowered(doubt)}"
     if share >= TUNING.mostly_sure and not lowered:
@@ -248,7 +248,7 @@ def proof(summary: Summary) -> Check:
     if not summary.hidden_joints:
         return Check(name, "good", "there was nothing to prove: all signs were known")
     excluded = 0.0 if summary.posterior is None else summary.posterior.excluded or 0.0
-    if excluded > TUNING.excluded:
+    if excluded > IDENTIFICATION.excluded:
         remedy = f"{_TELL_APART}; or validate on a log with known signs"
         return Check(name, "bad", excluded_yet_likely(excluded), remedy)
     if search.certified:
@@ -303,9 +303,11 @@ def modes(findings: Findings) -> tuple[Check, ...]:
         return ()
     name, found, written = "Modes", findings.summary.modes, posterior.mode - 1
     weights = [mode.weight or 0.0 for mode in found]
-    others = [k for k in range(len(weights)) if k != written and weights[k] > TUNING.other_mode]
+    others = [k for k in range(len(weights)) if k != written and weights[k] > IDENTIFICATION.other_mode]
     if not others:
-        return (Check(name, "good", f"no other model has more than {TUNING.other_mode:.0%} of the probability"),)
+        return (
+            Check(name, "good", f"no other model has more than {IDENTIFICATION.other_mode:.0%} of the probability"),
+        )
     message = other_modes(weights, [mode.turned_joints for mode in found], written)
     first = dict(zip(findings.coefficients.name, findings.coefficients.mean.tolist(), strict=True))
     for k in others[:1]:
@@ -323,7 +325,7 @@ def _fit(findings: Findings) -> Check:
     message = f"the model leaves {share.min():.1%} to {share.max():.1%} of a joint's effort, most in joint {joint + 1}"
     if share.max() > REGRESSION.poor_fit:
         return Check("Fit", "bad", message, f"a term is missing, or signs are wrong: {_names_it(findings)}")
-    if share.max() > TUNING.suspicious:
+    if share.max() > IDENTIFICATION.suspicious:
         return Check("Fit", "look", message, _names_it(findings))
     return Check("Fit", "good", message)
 
