@@ -77,6 +77,11 @@ class InputError(BayesidError, ValueError):
         return printable(f"{place}: {self.what}; {self.remedy}")
 
 
+def missing(library: str, extra: str, where: str) -> InputError:
+    """The error where a library is needed that an extra of bayesid installs."""
+    return InputError(f"needs {library}, which is not installed", where, f"pip install 'bayesid[{extra}]'")
+
+
 class SolverError(BayesidError, RuntimeError):
     """An optimisation ended without a solution.
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from bayesid.cli.parser import MOTION, READING, ROBOT, SHARED, TERMS, Parser, share, whole
+from bayesid.errors import missing
 from bayesid.study import STUDIES
 
 SHELLS = ("bash", "zsh", "tcsh")
@@ -463,8 +464,10 @@ def _add_completion(commands: _Commands) -> None:
 
 def completion_command(options: argparse.Namespace) -> None:
     """Prints a script for the user's shell."""
-    import shtab
-
+    try:
+        import shtab
+    except ImportError:
+        raise missing("shtab", "completion", "bayesid completion") from None
     main = make_parser()
     for parser in _parsers(main):
         for action in parser.paths:

@@ -33,7 +33,6 @@ from bayesid.signs.search.protocol import Search
 from bayesid.simulation.logs import parse_effect, simulate, simulate_log
 from bayesid.simulation.paper import TABLE_II, nominal_parameters, paper_model
 from bayesid.simulation.trajectories import exciting_trajectory, random_trajectory
-from bayesid.study.study import check_results, run_study, save_results
 
 _SAMPLES = 667
 """Of each joint, as in the paper."""
@@ -220,7 +219,8 @@ def study_command(options: argparse.Namespace) -> None:
     """A folder with the trials' rows, a report and a figure."""
     if options.floor and options.trials is not None:
         raise InputError("--floor runs all logs", "--trials", "leave it out")
-    from bayesid.studies import load  # its studies take long to import
+    from bayesid.studies import load  # takes long to import, and needs pyarrow
+    from bayesid.study.study import check_results, run_study, save_results
 
     study, folder = load(options.name, floor=options.floor), options.out or Path(f"bayesid-study-{options.name}")
     check_results(folder)

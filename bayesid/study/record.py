@@ -12,11 +12,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import pyarrow as pa
-from pyarrow import parquet
-
-from bayesid.errors import InputError
+from bayesid.errors import InputError, missing
 from bayesid.files.writing import check_place
+
+try:
+    import pyarrow as pa
+    from pyarrow import parquet
+except ImportError:
+    raise missing("pyarrow", "parquet", "the rows of a study") from None
 
 Row = dict[str, Any]
 KEY = "trial"

@@ -37,3 +37,22 @@ def test_nothing_heavy_is_imported_at_the_start(script):
 def test_the_start_takes_little_time(script):
     """The best of three: other programs steal caches, not CPU time."""
     assert min(cpu_time(script) for _ in range(3)) <= BUDGET
+
+
+def test_what_an_extra_installs_is_missed_by_its_own_command_alone(tmp_path):
+    (tmp_path / "log.parquet").write_bytes(b"PAR1")
+    script = f"""
+import sys
+sys.modules |= dict.fromkeys(("pyarrow", "rosbags", "shtab", "distributed", "mujoco", "cvxpy"))
+import bayesid.cli.demo, bayesid.cli.discrepancy, bayesid.cli.excite, bayesid.cli.identify, bayesid.cli.results
+import bayesid.cli.robot, bayesid.cli.track
+from bayesid.cli import main
+for words in ("completion bash", "study noise", "identify {tmp_path}/log.parquet --robot kr5 --out {tmp_path}/out"):
+    assert main(words.split()) == 2
+"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, cwd=tmp_path)
+    assert done.stderr.splitlines() == [
+        "bayesid: bayesid completion: needs shtab, which is not installed; pip install 'bayesid[completion]'",
+        "bayesid: the rows of a study: needs pyarrow, which is not installed; pip install 'bayesid[parquet]'",
+        f"bayesid: {tmp_path}/log.parquet: needs pyarrow, which is not installed; pip install 'bayesid[parquet]'",
+    ]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from bayesid.arrays import Array
-from bayesid.errors import InputError
+from bayesid.errors import InputError, missing
 from bayesid.files.bounded import MOST_UNPACKED, fits_memory
 from bayesid.log.formats.base import Format, Options
 from bayesid.log.formats.names import choose
@@ -43,9 +43,11 @@ class _Place(NamedTuple):
 
 
 def _read(path: Path, options: Options) -> Table:
-    import pyarrow
-    from pyarrow import parquet
-
+    try:
+        import pyarrow
+        from pyarrow import parquet
+    except ImportError:
+        raise missing("pyarrow", "parquet", str(path)) from None
     try:
         file = parquet.ParquetFile(path)
         places = _places(file, str(path))
