@@ -188,7 +188,7 @@ def make_nuisance(
         used: (N, n) samples that a fit rests on.
         weight: (n,) sd of the error, N m, its autocorrelation included.
         names: of the effects.
-        scales: of each effect, relative to what was believed of it before.
+        scales: their learned sizes, relative to what was believed before.
         moments: (p, p) A, second moments of the amplitudes.
     """
     products: Array | float = 0.0

@@ -76,10 +76,6 @@ def likely_gains(evidence: Evidence, gains: Gains) -> Array:
 
     Links taper off to the tip, each with its centre of mass about half the scale of distances from its frame: the
     efforts of the log's motion then have an expected energy in each joint.
-
-    Args:
-        evidence: the model, the log, and which samples count.
-        gains: by which its efforts were made.
     """
     robot, cone = evidence.model.robot, evidence.model.cone
     reach = TUNING.gain_reach * robot.stretched
@@ -161,13 +157,9 @@ def fit_gains(
 ) -> GainFit:
     """The gains that suit a log with known signs best, and how well it shows them.
 
-    Args:
-        evidence: the model, the log, and which samples count.
-        moments: of the log in its signs, not scaled (`signed_moments`).
-        noise: of its efforts, by which rows are weighed.
-        prior: of the gains.
-        links: what is believed of any link: it scales with the common factor, and so says nothing of it.
-        nominal: what is stated of the parameters; it does not scale.
+    The moments are those of the log in its signs, not scaled (`signed_moments`); the noise of its efforts weighs rows.
+    What is believed of links scales with the common factor, and so says nothing of it; what is stated (`nominal`) does
+    not.
 
     Raises:
         SolverError: a cone problem could not be solved.

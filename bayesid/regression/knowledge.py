@@ -80,14 +80,10 @@ class Knowledge:
         return Information(0.5 * (hessian + hessian.T), gradient, float(centre @ self.precision @ centre))
 
     def widened(self, names: tuple[str, ...], sd: Array, coefficients: BaseCoefficients | None = None) -> Knowledge:
-        """The same, but that these parameters may have changed, by a normal step of standard deviations sd (p,).
+        """The same, but that named parameters may have changed, by a normal step of standard deviations sd (p,).
 
-        (C + B D B')^-1 = L - L B (D^-1 + B' L B)^-1 B' L with L = C^-1 (Woodbury).
-
-        Args:
-            names: of the parameters.
-            sd: (p,) of the step.
-            coefficients: the model's base coefficients, where they are at hand.
+        (C + B D B')^-1 = L - L B (D^-1 + B' L B)^-1 B' L with L = C^-1 (Woodbury). The model's base coefficients may be
+        given where they are at hand.
         """
         coefficients = base_coefficients(self.model) if coefficients is None else coefficients
         labels = [parameter.name for parameter in self.model.parameters]

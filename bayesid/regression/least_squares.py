@@ -133,13 +133,7 @@ def fit_signed(evidence: Evidence, signs: Array, *, most_corrected: int = TUNING
 
 
 def widened(fit: Fit, evidence: Evidence, signs: Array) -> Fit:
-    """A fit with a nuisance summed out: no estimate moves, the covariance is wider (:eq:`nuisance-spread`).
-
-    Args:
-        fit: without it, of the same model to the same signs.
-        evidence: with the nuisance.
-        signs: (N, n) expected sign of every sample.
-    """
+    """A fit with the evidence's nuisance summed out: only the covariance is wider (:eq:`nuisance-spread`)."""
     weights = fit.noise.sigma * np.sqrt(fit.noise.autocorrelation)
     moments = evidence.moments(signs, constant_stretches(evidence.used))
     return replace(fit, covariance=covariance_of(_effective(moments, weights, evidence.information))[0])

@@ -6,7 +6,7 @@ sign is unknown), :eq:`moments`::
     H_k = Y_k' Y_k,   g_k = Y_k' e_k,   c_k = e_k' e_k,
 
 and the cost of coefficients beta under signs s is  f = beta' (sum H_k) beta - 2 beta' (sum s_k g_k) + sum c_k
-(:eq:`cost`). Moments of chunks of one log add; those of different logs, with different segments, join.
+(:eq:`cost`). Moments of different logs, with different segments, join.
 
 The efforts of a robot's last joint depend on a few coefficients only, so `Hessians` holds each H_k in the columns that
 its joint feels: those of an hour's segments, held in full, would take several times the memory.
@@ -74,13 +74,6 @@ class Moments:
         """(r, r) sum over the parts to which these segments belong."""
         return self.hessian.of(np.unique(self.part[segments]))
 
-    def __add__(self, other: Moments) -> Moments:
-        """Moments of the same segments from more of their samples."""
-        if not all(np.array_equal(getattr(self, name), getattr(other, name)) for name in ("joint", "known", "part")):
-            raise ValueError("only moments of the same segments add; join those of different logs")
-        sums = {name: getattr(self, name) + getattr(other, name) for name in ("hessian", "gradient", "energy", "count")}
-        return replace(self, **sums)
-
     def join(self, *others: Moments) -> Moments:
         """Moments of several logs of the same model: the segments of one after those of the other."""
         names, every = ("joint", "known", "gradient", "energy", "count"), (self, *others)
@@ -110,11 +103,9 @@ class Moments:
         return replace(self, part=part, hessian=self.hessian.summed(part[first]))
 
     def merged(self, into: Integers) -> Moments:
-        """Moments of segments that these are parts of, each of one joint and one sign.
+        """Moments of segments that these are parts of, each of one joint and sign, by their indices (S,) without gaps.
 
-        Args:
-            into: (S,) index, counted from 0 without gaps, of the segment that each becomes a part of. Segments whose
-                parts share a part of the Hessian share one too.
+        Segments whose parts share a part of the Hessian share one too.
         """
         size = len(np.unique(into))
         links = scipy.sparse.csr_array(
@@ -208,11 +199,9 @@ def moments(
 
 
 def join_moments(pieces: Iterable[Moments], most_individual: int) -> Moments:
-    """Moments of many logs, or of the pieces of a long one, joined one after the other in bounded memory.
+    """Moments of logs of one model, or of the pieces of a long one, joined one after the other in bounded memory.
 
-    Args:
-        pieces: moments of the same model; at least one.
-        most_individual: segments of each joint that keep an individual part, those with most energy.
+    The segments of each joint with most energy, so many at most, keep an individual part.
     """
     waiting: list[Moments] = []
     held, bound = 0, 0
@@ -333,13 +322,6 @@ class Hessians:
         for each in (self, *others):
             sums.add(each, np.arange(first, first + len(each)))
             first += len(each)
-        return sums.done()
-
-    def __add__(self, other: Hessians) -> Hessians:
-        """The sums of each part of these and the same part of others."""
-        sums, same = HessianSums(self.size, self.joint), np.arange(len(self))
-        sums.add(self, same)
-        sums.add(other, same)
         return sums.done()
 
     def summed(self, into: Integers) -> Hessians:

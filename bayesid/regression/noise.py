@@ -81,13 +81,9 @@ class Normals:
 
 
 def residual_noise(residual: Array, used: Mask, rate: float, pairs: Sequence[Array] | None = None) -> Noise:
-    """Splits each joint's residual into a white and an exponentially correlated part (:eq:`noise-split`).
+    """Splits each joint's residual (N, n), N m, into a white and an exponentially correlated part (:eq:`noise-split`).
 
-    Args:
-        residual: (N, n) residuals, N m.
-        used: (N, n) which samples count.
-        rate: Hz.
-        pairs: of each joint, as of `pairs_of_joints`, where they have been counted already.
+    Over the samples that are used (N, n), at a rate in Hz; `pairs_of_joints` may have been counted already.
     """
     pairs = pairs_of_joints(used, rate) if pairs is None else pairs
     columns = [_split(residual[:, j], used[:, j], rate, counts) for j, counts in enumerate(pairs)]
@@ -97,15 +93,9 @@ def residual_noise(residual: Array, used: Mask, rate: float, pairs: Sequence[Arr
 def noise_before_fit(observed: Noise, residuals: Callable[[Array], Array], used: Mask, rate: float) -> Noise:
     """The noise whose residuals look like the observed ones *after a fit*, by indirect inference.
 
-    A fit takes for itself what it can of the noise, and of slow noise most. Replicates of a noise are put through the
-    same fit, and its figures are changed until the replicates' residuals have the observed figures on average
-    (Gourieroux, Monfort and Renault 1993).
-
-    Args:
-        observed: figures of the residual.
-        residuals: from noise (N, n, K) to the residuals (N, n, K) of a fit to it, N m.
-        used: (N, n) which samples count.
-        rate: Hz.
+    A fit takes for itself what it can of the noise, and of slow noise most. Replicates of a noise (N, n, K), N m, are
+    put through the same fit, which gives their `residuals`, and its figures are changed until these have the observed
+    figures on average (Gourieroux, Monfort and Renault 1993).
     """
     noise, pairs = observed, pairs_of_joints(used, rate)
     normals = Normals.draw(

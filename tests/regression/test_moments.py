@@ -148,12 +148,6 @@ def test_joined_moments_keep_their_parts_apart(whole):
     np.testing.assert_array_equal(both.individual, np.concatenate([first.individual, other.individual]))
 
 
-def test_moments_with_different_parts_do_not_add(whole):
-    np.testing.assert_allclose((whole.compact(2) + whole.compact(2)).hessian[:], 2 * whole.compact(2).hessian[:])
-    with pytest.raises(ValueError, match="same segments"):
-        whole.compact(2) + whole
-
-
 def pieces(long_case, count):
     """The case cut into pieces of equal length, each with its own share of the segments."""
     model, coefficients, motion, effort, segments = long_case

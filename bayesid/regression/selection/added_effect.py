@@ -35,9 +35,9 @@ class AddedEffect:
         included: probability of this effect over all sets that are weighed (`bayesid.discrepancy.sets.WeighedSet`).
         elsewhere: of an error of the robot's table, those of other joints' rows that the log cannot tell from it.
         parameters: by their names; of what the earlier model has too, the new value and the change.
-        readable: what people read in place of parameters (`bayesid.effects.effect.Effect.readable`), by its names.
+        readable: what people read in place of parameters, by its names.
         description: of an effect without a name: its variables, formula and families.
-        size: how large its effort is on held-back data; None while that is not known, as of effects that were refused.
+        size: how large its effort is on held-back data; None while that is not known.
         cost: what the error there is without it; None likewise.
     """
 
@@ -73,12 +73,12 @@ class AddedEffect:
 
     @property
     def variables(self) -> tuple[str, ...]:
-        """What an effect without a name depends on, such as q4, dq5, tau5 or t; none of those that have one."""
+        """What an effect without a name depends on, such as q4, dq5, tau5 or t; empty of others."""
         return () if self.description is None else self.description.variables
 
     @property
     def formula(self) -> str:
-        """Of an effect without a name; empty of those that have one."""
+        """Of an effect without a name; empty of others."""
         return "" if self.description is None else self.description.formula
 
     @property
@@ -100,17 +100,10 @@ def weigh(
     effect: Hypothesis,
     uncertain: Columns = NO_COLUMNS,
 ) -> AddedEffect:
-    """An effect against all that could stand in its place, the others that were added given.
+    """An effect of an explanation against all in the library that could stand in its place, the other effects given.
 
-    One without a name is what was outside of the catalogue: it shares that prior.
-
-    Args:
-        data: what is explained.
-        library: all hypotheses.
-        effects: that were added.
-        explanation: by these.
-        effect: one of them.
-        uncertain: columns that the model may be wrong by beside.
+    One without a name is what was outside of the catalogue: it shares that prior. `uncertain` are columns that the
+    model may be wrong by beside.
     """
     limits = data.thresholds
     others = [other for other in effects if other is not effect]
@@ -162,10 +155,7 @@ def _rivals(library: Library, effect: Hypothesis, others: Sequence[Hypothesis]) 
 def not_testable(scores: Sequence[Score], n_joints: int, thresholds: Thresholds = Thresholds()) -> list[EffectKey]:
     """Effects and joints that this log could not show even if they were of a usual size.
 
-    Args:
-        scores: of all that could be tried.
-        n_joints: of the robot; an effect that has no score in some joint could not be tried there.
-        thresholds: that decide.
+    An effect that has no score in one of the n joints could not be tried there.
     """
     tried = {score.key: score for score in scores}
     single = {(j,) for j in range(1, n_joints + 1)}
@@ -243,11 +233,7 @@ def all_along(
 
     The floor holds what the earlier model left of its own log. An error that was there already is a part of it, however
     well it explains what this log leaves; one that is new adds to it, most of all in the joint where it is largest.
-
-    Args:
-        data: what is to be explained.
-        without: the explanation by the model alone.
-        library: all hypotheses.
+    `without` is the explanation by the model alone.
     """
     limits = data.thresholds
     most = np.where(data.sharp, limits.above_floor, limits.above_blunt_floor)
@@ -260,11 +246,6 @@ def was_there(data: Observations, with_it: Explanation, without: Explanation) ->
 
     A model that was bent by the error fits it badly: its coefficients have to move far from what that log showed. Those
     of a model that was right then stay, and without the error they would have to move.
-
-    Args:
-        data: what is explained.
-        with_it: the explanation with the error.
-        without: the same without it.
     """
     against = 0.5 * (data.information.misfit(with_it.beta) - data.information.misfit(without.beta))
     return against > data.thresholds.log10_bayes_factor * LN10

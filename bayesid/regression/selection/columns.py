@@ -54,10 +54,8 @@ NO_COLUMNS = Columns(rows={}, shift={}, sd=np.zeros(0), positive=np.zeros(0, dty
 class Whitening:
     """Columns filtered to innovations, not divided by their standard deviation: what differs in size alone is shared.
 
-    Args:
-        columns: (N, n, r) of the model.
-        used: (N, n) samples that count.
-        most_bytes: that innovations kept may take together.
+    Those of the model (N, n, r), where samples are used (N, n), and of effects; the latest are kept, up to
+    `most_bytes`.
     """
 
     def __init__(self, columns: Array, used: Mask, *, most_bytes: int = TUNING.kept_bytes) -> None:

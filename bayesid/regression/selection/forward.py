@@ -44,13 +44,9 @@ def harmed(after: HeldBackErrors, before: HeldBackErrors) -> Mask:
 def log_density(residual: Array, used: Mask, sd: Array) -> Array:
     """(N,) log predictive density of residuals (N, n), joints added up, up to a constant that all predictions share.
 
-    Student's t of four degrees, the usual choice where a few errors may be large (Lange, Little, Taylor 1989): a few
-    samples where friction turns round decide nothing.
-
-    Args:
-        residual: N m.
-        used: (N, n) samples that count.
-        sd: (n,) scale of the errors, N m.
+    Student's t of four degrees about the errors' scale sd (n,), the usual choice where a few errors may be large
+    (Lange, Little, Taylor 1989): a few samples where friction turns round decide nothing. Only used samples (N, n)
+    count.
     """
     degrees = 4.0
     density = -0.5 * (degrees + 1.0) * np.log1p((residual / sd) ** 2 / degrees)
@@ -90,13 +86,8 @@ def select_forward(
 ) -> tuple[Products[Kind], list[Candidate[Kind]]]:
     """Adds the borne-out candidate of the largest gain until none is left; what that makes needless goes.
 
-    Args:
-        products: of all candidates.
-        rules: what decides.
-        start: what is chosen to begin with, and goes if it is not worth it beside the rest.
-
-    Returns:
-        Products whose noise is that of the result, and the candidates that were chosen.
+    What is chosen at the start goes too if it is not worth it beside the rest. Returns products whose noise is that of
+    the result, and the candidates that were chosen.
     """
     refused = set[EffectKey]()
     chosen = [candidate for candidate in products.candidates if candidate.hypothesis.key in start]

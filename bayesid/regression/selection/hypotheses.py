@@ -32,7 +32,7 @@ class Curve:
         turning: the speed with whose direction it turns round; empty where with none.
         x: (g,) values of the variable over the range seen.
         levels: (k,) of the other variable, at each of which there is a curve; one where there is none.
-        mean: (k, g) N m, and
+        mean: (k, g) N m.
         sd: (k, g) its standard deviation.
     """
 
@@ -101,11 +101,7 @@ Library = Sequence[list[Hypothesis]]
 def hypotheses(model: Model, scene: Scene, used: Mask, *, refinements: bool = False) -> Iterator[list[Hypothesis]]:
     """Lists of forms that act in the same joints with as many amplitudes, for one call of `Screening.gains` each.
 
-    Args:
-        model: as it is.
-        scene: the log.
-        used: (N, n) samples that count.
-        refinements: whether finer forms of standard terms are among them.
+    Of a model as it is, on a log of which samples (N, n) are used; with finer forms of standard terms or without.
     """
     make = maker(model, scene, used)
     for kind in kinds_of_forms(refinements=refinements):
@@ -192,10 +188,7 @@ def _held(source: Effect, model: Model) -> Effect | None:
 def usual_amplitudes(rows: Mapping[int, Array], size: Array, used: Mask) -> Array:
     """(p,) amplitudes whose largest effort is usual for the joint in which it is largest.
 
-    Args:
-        rows: joint (0-based) to (N, p) columns.
-        size: (n,) RMS of the measured efforts, N m.
-        used: (N, n) samples that count.
+    Of columns (N, p) by joint (0-based), with the joints' RMS efforts (n,), N m, over the used samples (N, n).
     """
     peaks = {j: np.abs(x.T.compress(used[:, j], axis=1)).max(axis=1, initial=0.0) for j, x in rows.items()}
     relative = [peak / max(size[j], TINY) for j, peak in peaks.items()]
@@ -209,12 +202,7 @@ def near_standstill(model: Model, motion: Motion, size: Array, used: Mask) -> Co
     A term smooths the turn as tanh(u' / v), with v the speed below which a log hardly shows its direction. Friction
     that turns round at once differs from it by tanh(k u' / v) - tanh(u' / v), up to half of it at speeds about v: on a
     log with little noise enough for the evidence of an effect that acts at low speed (study `complete`, 8 bit).
-
-    Args:
-        model: whose terms of dry friction are looked at.
-        motion: N instants.
-        size: (n,) RMS effort of each joint, N m.
-        used: (N, n) samples that count.
+    The joints' RMS efforts (n,), N m, over the used samples (N, n) give the amplitudes' prior.
     """
     columns = [_turning_at_once(model, term, motion) for term in model.terms if isinstance(term, DryTerm)]
     if not columns:

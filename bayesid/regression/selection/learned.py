@@ -254,14 +254,8 @@ class Finder:
         """The most promising functions, one for each set of variables, best first, on top of some effects.
 
         What is left before anything is learned looks like lasting noise, under which slow functions count for little,
-        so that functions are weighed again by what the best of them leaves.
-
-        Args:
-            data: what is to be explained.
-            effects: chosen already.
-            errors: that a function has left, to weigh others by; by default those that the effects leave.
-            uncertain: columns that the model may be wrong by beside.
-            bounded: whether only functions are tried that stay as they are beyond the range seen.
+        so that functions are weighed again by the errors that the best of them leaves. Bounded functions stay as they
+        are beyond the range seen. `uncertain` are columns that the model may be wrong by beside.
         """
         regression, explanation = explain_with(data, effects, None, uncertain)
         again, errors = errors is not None, explanation.errors if errors is None else errors
@@ -339,13 +333,8 @@ class Finder:
     ) -> Hypothesis:
         """One effect of some functions: those of many columns in the shape that was found, their RMS made one.
 
-        A log's signs, searched from scratch, must not be free to choose the shape.
-
-        Args:
-            found: the functions.
-            amplitudes: (p,) of each, and
-            covariances: (p, p) of these.
-            number: of the effect among those learned in this joint.
+        A log's signs, searched from scratch, must not be free to choose the shape. The amplitudes (p,) of each function
+        have covariances (p, p); the effect has a number among those learned in this joint.
         """
         used, components, parts = self.used[:, self.joint - 1], [], []
         for one, amplitude in zip(found, amplitudes, strict=True):

@@ -275,9 +275,7 @@ class Products(Generic[Kind]):
     ) -> list[HeldBackErrors]:
         """The same of k sets of candidates, which takes far less time than one by one.
 
-        Args:
-            sets: of candidates.
-            base: what most of the sets are but for one more at the end, if so.
+        Faster still where most of the sets are a base and one more at the end.
         """
         best = np.stack([self._without_fold(*others, sets, base) for others in zip(*self._by_others, strict=True)])
         squares = np.empty((self.blocks, self.data.effort.shape[1], len(sets)))

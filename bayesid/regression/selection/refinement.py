@@ -28,11 +28,8 @@ def refined(
 ) -> list[Hypothesis]:
     """Effects with their nonlinear numbers where they fit best, each given all others.
 
-    Args:
-        data: what is to be explained.
-        effects: that explain it.
-        library: all hypotheses; a number stays between its neighbours there.
-        joints: (0-based) effects that act in none of these stay as they are; by default all are looked at.
+    A number stays between its neighbours in the library. Effects that act in none of some (0-based) joints stay as they
+    are; by default all are looked at.
     """
     effects = list(effects)
     for k, effect in enumerate(effects):
@@ -148,14 +145,7 @@ class Extension:
 def extend(
     knowledge: Knowledge, coefficients: BaseCoefficients, chosen: Sequence[Hypothesis], explanation: Explanation
 ) -> Extension:
-    """The model of an explanation.
-
-    Args:
-        knowledge: of the model without the effects.
-        coefficients: its base coefficients.
-        chosen: the effects that explain.
-        explanation: by these, in this order.
-    """
+    """The model of an explanation by some effects, from what is known of it without them and its base coefficients."""
     model, names = knowledge.model, [parameter.name for parameter in knowledge.model.parameters]
     without_trace = knowledge.theta - coefficients.lift(coefficients.project(knowledge.theta))
     theta = coefficients.lift(explanation.beta) + without_trace

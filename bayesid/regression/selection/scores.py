@@ -80,13 +80,9 @@ class Score:
 def explain_with(
     data: Observations, effects: Sequence[Hypothesis], start: Explanation | None = None, uncertain: Columns = NO_COLUMNS
 ) -> tuple[Regression, Explanation]:
-    """The explanation by some effects, error models found with it.
+    """The explanation by some effects, error models found with it, from those of another explanation or the reference.
 
-    Args:
-        data: what is explained.
-        effects: by which.
-        start: an explanation whose error models are those to begin with.
-        uncertain: columns that the model may be wrong by beside; if any, theirs are the first amplitudes.
+    Columns that the model may be wrong by beside come first; theirs are the first amplitudes.
     """
     beside = [uncertain] if len(uncertain.sd) else []
     regression = Regression(data, [*beside, *(effect.columns for effect in effects)])
@@ -107,12 +103,9 @@ def plain_errors(data: Observations) -> tuple[ErrorModel, ...]:
 
 
 def assess(regression: Regression, explanation: Explanation, library: Library) -> list[Score]:
-    """Every effect in its best form, best first: a quick look at all of them, a closer one at the most promising.
+    """Every effect of the library in its best form, best first, on top of an explanation by the regression's effects.
 
-    Args:
-        regression: with the effects that are added already.
-        explanation: by these.
-        library: all hypotheses.
+    By a quick look all of them, by a closer one the most promising.
     """
     count = regression.data.thresholds.close_looks
     screening = Screening(regression, explanation.errors)
@@ -316,9 +309,9 @@ def joint_sets(
     forms: Sequence[Hypothesis],
     log_prior: Callable[[Hypothesis], float],
 ) -> list[tuple[Hypothesis, ...]]:
-    """The likeliest sets of one to three different effects, each in its best forms: some of each size.
+    """The likeliest sets of one to three different effects of a (0-based) joint, each in its best forms.
 
-    Of each size, as a coarse grid lets a set of few effects look worse than it is, and one more seem needed.
+    Some of each size, as a coarse grid lets a set of few effects look worse than it is, and one more seem needed.
 
     Args:
         data: the log.

@@ -75,12 +75,8 @@ def find_unseen(
 ) -> Unseen:
     """Effects that may be there, unseen, each of the size that the log makes likeliest; and the geometry's tolerance.
 
-    Args:
-        evidence: the completed model, the log, and which samples count.
-        fit: of the model to the log.
-        probability: (N, n) P(sign = +) of every sample.
-        rest: effects that did not enter.
-        tolerance: of the geometry; its scale may grow, and shrink if nobody has stated it.
+    Of a completed model's fit to a log with P(sign = +) (N, n), the effects that did not enter. The tolerance's scale
+    may grow, and shrink if nobody has stated it.
     """
     case = SignedLog.of(evidence, fit, probability)
     _, alone = explain_with(case.data, ())
@@ -331,11 +327,7 @@ def too_narrow(
 def geometry_far_off(scale: float, by_geometry: Array, names: Sequence[str], sd: Array) -> tuple[TooNarrow, ...]:
     """What a geometry off by `scale` times what was believed makes doubtful; nothing where it is as believed.
 
-    Args:
-        scale: of the geometry's error.
-        by_geometry: (r,) sd that this adds to the coefficients.
-        names: (r,) of the coefficients.
-        sd: (r,) their standard deviations without anything unseen.
+    It adds sd `by_geometry` (r,) to the coefficients, whose sd (r,) are those without anything unseen.
     """
     if scale <= TUNING.far_off:
         return ()
@@ -360,14 +352,8 @@ def kinematic_columns(
     """(N, n, k) efforts of one standard deviation of each place and direction of the robot's geometry, N m.
 
     Those are of each joint, along the axes of its frame; in the standard convention, where a link's frame stands at the
-    next joint and its parameters are about that, of the base, and the numbers d, theta, a and alpha of each row.
-
-    Args:
-        robot: as its table has it.
-        motion: N samples.
-        links: (10 n,) parameters of the links.
-        tolerance: the standard deviations.
-        known: whether base and parameters are known by another log of the robot: then they do not go along.
+    next joint and its parameters (10 n,) are about that, of the base, and the numbers d, theta, a and alpha of each
+    row. Where base and parameters are known by another log of the robot, they do not go along.
     """
 
     def column(move: _Move, axis: Array, moved: Callable[[Array], Robot], sd: float) -> Array:

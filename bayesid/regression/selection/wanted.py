@@ -65,11 +65,7 @@ class EnteredEffect:
 def consistent_with_nothing(effect: EnteredEffect, model: Model, theta: Array, sd: Array) -> bool:
     """Whether none of an effect's numbers is three standard deviations from zero; not where no number has one.
 
-    Args:
-        effect: of the model.
-        model: with the effect.
-        theta: (P,) parameters.
-        sd: (P,) of them; NaN where a parameter is not decided by itself.
+    Of a model with the effect, at parameters (P,) with sd (P,), NaN where a parameter is not decided by itself.
     """
     place = {parameter.name: k for k, parameter in enumerate(model.parameters)}
     own = [place[parameter.name] for parameter in effect.source.parameters(model.robot)]
@@ -109,14 +105,9 @@ class Wanted:
 def what_is_wanted(
     evidence: Evidence, fit: Fit, probability: Array, start: Sequence[Effect] = (), *, enter: bool = True
 ) -> Wanted:
-    """Effects that a log wants beyond a model.
+    """Effects that a log, with P(sign = +) (N, n), wants beyond a model that was fitted to it.
 
-    Args:
-        evidence: the model, the log, and which samples count.
-        fit: of the model to the log.
-        probability: (N, n) P(sign = +) of every sample.
-        start: effects with which the selection begins; each goes again if it is not worth it.
-        enter: whether effects may enter.
+    The selection begins with some effects; each goes again if it is not worth it. Others may enter, or not.
     """
     case = SignedLog.of(evidence, fit, probability)
     regression, alone = explain_with(case.data, ())
@@ -133,12 +124,7 @@ def still_wanted(
 ) -> Wanted:
     """Those of the effects that are worth it too if nobody knows how dry friction turns round near standstill.
 
-    Args:
-        evidence: the model, the log, and which samples count.
-        fit: of the model to the log.
-        probability: (N, n) P(sign = +) of every sample, settled with the effects.
-        wanted: the effects that were selected.
-        without: effects that are left out.
+    The probability (N, n) is P(sign = +), settled with the effects; some of them are left out.
     """
     kept = [effect.source for effect in wanted.effects if (effect.effect, effect.joints) not in without]
     left = borne_out(evidence, fit, probability, kept)
@@ -150,13 +136,8 @@ def still_wanted(
 def borne_out(evidence: Evidence, fit: Fit, probability: Array, effects: Sequence[Effect]) -> Wanted:
     """Those of some effects that a log's evidence and held-back blocks of it bear out, beside each other.
 
-    That is what an effect must pass to stay in a model (`bayesid.signs.completion`), near standstill too.
-
-    Args:
-        evidence: the model without them, the log, and which samples count.
-        fit: of the model to the log.
-        probability: (N, n) P(sign = +) of every sample, settled with the effects.
-        effects: terms and distortions.
+    That is what an effect must pass to stay in a model (`bayesid.signs.completion`), near standstill too. The evidence
+    is of the model without them; the probability (N, n) is P(sign = +), settled with them.
     """
     case = SignedLog.of(evidence, fit, probability)
     _, alone = explain_with(case.data, ())
