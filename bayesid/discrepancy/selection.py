@@ -236,9 +236,7 @@ def _at_floor(chosen: EffectSet) -> Mask:
     return at_blunt_floor(chosen.data, chosen.data.mean_square(chosen.explanation.residual))
 
 
-def _sharper(
-    case: Case, products: Products[Hypothesis], found: Sequence[Candidate[Hypothesis]]
-) -> Mapping[int, Hypothesis]:
+def _sharper(case: Case, products: Products, found: Sequence[Candidate]) -> Mapping[int, Hypothesis]:
     """Distortions about the numbers that were found, by the ids of their old forms: they are linear near these."""
     effects = [candidate.hypothesis for candidate in found]
     if all(effect.source.linear for effect in effects):

@@ -41,9 +41,7 @@ from bayesid.robot.inertia import from_pseudo_inertia
 class GainPrior:
     """A normal distribution of the logarithms of n gains, relative to those that made the efforts.
 
-    Attributes:
-        mean: (n,).
-        covariance: (n, n); zero rows where a gain is exact.
+    The covariance (n, n) has zero rows where a gain is exact.
     """
 
     mean: Array

@@ -54,12 +54,9 @@ class Information:
 
 @dataclass(frozen=True)
 class Knowledge:
-    """A normal distribution of the base coefficients of a model.
+    """A normal distribution of the base coefficients of a model, centred on those of theta (P,).
 
-    Attributes:
-        model: robot and terms.
-        theta: (P,) parameters; the distribution is centred on their coefficients.
-        precision: (r, r) inverse covariance of the r base coefficients; singular where a log has shown nothing.
+    The precision (r, r), their inverse covariance, is singular where a log has shown nothing.
     """
 
     model: Model
@@ -190,12 +187,7 @@ class Links:
 
 @dataclass(frozen=True)
 class Nominal:
-    """What is stated of the P parameters of a model.
-
-    Attributes:
-        mean: (P,) NaN where nothing is stated.
-        sd: (P,) their standard deviations.
-    """
+    """What is stated of the P parameters of a model: means (P,), NaN where nothing is stated, and their sd (P,)."""
 
     mean: Array
     sd: Array

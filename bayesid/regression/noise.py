@@ -62,10 +62,8 @@ class Noise:
 class Normals:
     """Standard normal variables of which a noise is made.
 
-    Attributes:
-        white: (samples, n, replicates).
-        innovation: (n, samples, replicates) of the coloured part.
-        start: (n, 1, replicates) where it begins.
+    White ones (samples, n, replicates), those of the coloured part (n, samples, replicates), and where that begins
+    (n, 1, replicates).
     """
 
     white: Array

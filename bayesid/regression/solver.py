@@ -51,12 +51,9 @@ _STRETCH = np.where(_ROWS == _COLUMNS, 1.0, np.sqrt(2.0))
 class _Attempt(NamedTuple):
     """Settings of one attempt.
 
-    Attributes:
-        coarser: factor on the tolerance asked for.
-        equilibrate: whether Clarabel scales the rows.
-        step: most of the way to the edge of the cone that it steps: full steps may go back and forth without end.
-        constant: on the diagonal of its linear systems, as small as the finest tolerance asked of it.
-        whitened: whether it is asked for y = L'x with P = LL', where curvatures differ by more than their rounding.
+    The tolerance asked for grows by a factor; Clarabel scales the rows or not; it steps at most so far to the edge of
+    the cone, as full steps may go back and forth without end; a constant is added to the diagonal of its linear
+    systems; or it is asked for y = L'x with P = LL', where curvatures differ by no more than their rounding.
     """
 
     coarser: float = 1.0
@@ -102,11 +99,11 @@ class Solution:
 
 
 class ConeLeastSquares:
-    """The problem of one cone, stated once.
+    """The problem of one cone of P parameters and r base coefficients, stated once.
 
     Args:
-        cone: the cone of the P parameters.
-        coefficients: the r base coefficients, for B.
+        cone: the cone.
+        coefficients: for B.
         hessian: (r, r) H of all data; it sets the sizes by which the parameters are scaled.
         energy: c of all data.
         margin: smallest eigenvalue left to every pseudo-inertia.

@@ -121,7 +121,8 @@ def weigh(
     total = float(logsumexp([*logs, *unnamed, nothing, np.log(limits.something_else)]))
     level = scored if scored > 0.0 else gain  # others are in the library's forms too
     alike = {s.key: s for s in scores if s.gain > level - limits.equivalent * LN10}
-    elsewhere = {key for key, score in alike.items() if _in_another_row(effect, score.hypothesis)}
+    rows = {key for key, score in alike.items() if score.hypothesis.source.of_table}
+    elsewhere = {key for key in rows if effect.source.of_table and key[1] != effect.joints}
     equivalent = {name for name, _ in set(alike) - elsewhere} - {effect.effect}
     class_logs = [
         value
@@ -138,11 +139,6 @@ def weigh(
         equivalent=tuple(sorted(equivalent)),
         elsewhere=tuple(sorted(elsewhere)),
     )
-
-
-def _in_another_row(one: Hypothesis, other: Hypothesis) -> bool:
-    """Whether both are errors of the robot's table, of different rows."""
-    return one.source.of_table and other.source.of_table and one.joints != other.joints
 
 
 def _rivals(library: Library, effect: Hypothesis, others: Sequence[Hypothesis]) -> list[list[Hypothesis]]:

@@ -171,22 +171,21 @@ class _Left:
 
     def _within_shares(self, square: float, point: Array) -> Array:
         """The point moved along the largest share, if that is where it is and more than rounding is lost there."""
+        most = TUNING.error_logits[1]
 
         def left(log_time: float) -> float:
-            return _innovations(
-                self.residual, self.used, *self._arma(np.array([TUNING.error_logits[1], log_time]))[:2]
-            )[0]
+            memory, theta, _ = self._arma(np.array([most, log_time]))
+            return _innovations(self.residual, self.used, memory, theta)[0]
 
-        if point[0] < TUNING.error_logits[1]:
+        if point[0] < most:
             return point
         lost = 0.5 * len(self.residual) * math.log((left(float(point[1])) + TINY) / (square + TINY))
         if lost < TUNING.error_enough:
             return point
         bounds = math.log(TUNING.shortest_time), math.log(TUNING.longest_time)
-        best = scipy.optimize.minimize_scalar(
-            left, bounds=bounds, method="bounded", options={"xatol": 0.5 * TUNING.error_resolution}
-        )
-        return np.array([TUNING.error_logits[1], best.x])
+        options = {"xatol": 0.5 * TUNING.error_resolution}
+        best = scipy.optimize.minimize_scalar(left, bounds=bounds, method="bounded", options=options)
+        return np.array([most, best.x])
 
     def _arma(self, point: Array) -> tuple[float, float, float]:
         return _arma(*_from_point(point), self.rate)
@@ -315,13 +314,9 @@ def _arma(share: float, correlation: float, rate: float) -> tuple[float, float, 
     memory = math.exp(-1.0 / (correlation * rate))
     white = 1.0 - share
     total = share * (1.0 - memory**2) + white * (1.0 + memory**2)
-    theta = _theta_of(memory * white / total)
+    ratio = memory * white / total  # theta / (1 + theta^2)
+    theta = 2.0 * ratio / (1.0 + math.sqrt(max(1.0 - 4.0 * ratio**2, 0.0)))
     return memory, theta, total / (1.0 + theta**2)
-
-
-def _theta_of(ratio: float) -> float:
-    """Theta of theta / (1 + theta^2)."""
-    return 2.0 * ratio / (1.0 + math.sqrt(max(1.0 - 4.0 * ratio**2, 0.0)))
 
 
 def _innovations(residual: Array, used: Mask, memory: float, theta: float) -> tuple[float, int]:

@@ -144,14 +144,10 @@ class Observations:
 
 @dataclass(frozen=True, eq=False)
 class JudgedJoint:
-    """What is left in one joint, judged where somebody asks: most explanations are asked for their error models alone.
+    """What is left in one joint (N,), N m, judged where somebody asks: most are asked for their error models alone.
 
-    Attributes:
-        residual: (N,) N m.
-        used: (N,) samples that count.
-        rate: Hz.
-        limits: largest white and coloured part of the error that is nothing but noise, N m.
-        previous: of another explanation of the same data, whose error model is kept.
+    The limits are the largest white and coloured part of the error that is nothing but noise, N m. Of a previous
+    explanation of the same data the error model is kept.
     """
 
     residual: Array

@@ -7,16 +7,15 @@ effects do to the error on data that had no say.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence, Set
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import islice
-from typing import Generic
 
 import numpy as np
 
 from bayesid.arrays import TINY, Array, Mask
 from bayesid.regression.selection.explanation import LN10
-from bayesid.regression.selection.hypotheses import EffectKey
-from bayesid.regression.selection.products import Candidate, HeldBackErrors, Kind, Products
+from bayesid.regression.selection.hypotheses import EffectKey, Hypothesis
+from bayesid.regression.selection.products import Candidate, HeldBackErrors, Products
 from bayesid.regression.tuning import TUNING
 
 
@@ -66,7 +65,7 @@ def _surely_more(of_blocks: Array, least: float) -> bool:
 
 
 @dataclass(frozen=True)
-class Rules(Generic[Kind]):
+class Rules:
     """What decides in a forward selection.
 
     Attributes:
@@ -78,148 +77,141 @@ class Rules(Generic[Kind]):
 
     needed: float
     most: int
-    sharpen: Callable[[Products[Kind], Sequence[Candidate[Kind]]], Mapping[int, Kind]] = lambda products, chosen: {}
+    sharpen: Callable[[Products, Sequence[Candidate]], Mapping[int, Hypothesis]] = lambda products, chosen: {}
 
 
 def select_forward(
-    products: Products[Kind], rules: Rules[Kind], start: Set[EffectKey] = frozenset()
-) -> tuple[Products[Kind], list[Candidate[Kind]]]:
+    products: Products, rules: Rules, start: Set[EffectKey] = frozenset()
+) -> tuple[Products, list[Candidate]]:
     """Adds the borne-out candidate of the largest gain until none is left; what that makes needless goes.
 
     What is chosen at the start goes too if it is not worth it beside the rest. Returns products whose noise is that of
     the result, and the candidates that were chosen.
     """
-    refused = set[EffectKey]()
-    chosen = [candidate for candidate in products.candidates if candidate.hypothesis.key in start]
-    if chosen:
-        products, chosen = _settled(products, chosen, rules)
-        chosen = _worth_it(products, chosen, rules.needed)
+    selection = _Selection(products, rules, [candidate for candidate in products.candidates if candidate.key in start])
+    if selection.chosen:
+        selection.settle()
+        selection.drop_idle()
     while True:
-        products, grown = _grown(products, chosen, rules, refused)
-        chosen = _harmless(products, _worth_it(products, grown, rules.needed))
-        if len(chosen) == len(grown):
-            return products, chosen
-        refused |= _keys(grown) - _keys(chosen)
-        products, chosen = _settled(products, chosen, rules)
+        selection.grow()
+        grown = selection.chosen
+        selection.drop_idle()
+        selection.drop_harmful()
+        if len(selection.chosen) == len(grown):
+            return selection.products, selection.chosen
+        selection.refuse(grown)
+        selection.settle()
 
 
-def _keys(chosen: Sequence[Candidate[Kind]]) -> set[EffectKey]:
-    return {candidate.hypothesis.key for candidate in chosen}
+@dataclass(eq=False)
+class _Selection:
+    """What is chosen of the products' candidates, and what is never tried again."""
+
+    products: Products
+    rules: Rules
+    chosen: list[Candidate]
+    refused: set[EffectKey] = field(default_factory=set)
+
+    def refuse(self, tried: Sequence[Candidate]) -> None:
+        """Those that were tried and are not chosen would come and go for ever."""
+        self.refused |= {candidate.key for candidate in tried} - {candidate.key for candidate in self.chosen}
+
+    def grow(self) -> None:
+        """Adds candidates as long as one is borne out; what that makes needless is refused from then on."""
+        while len(self.chosen) < self.rules.most:
+            taken = {candidate.key for candidate in self.chosen} | self.refused
+            tried = [candidate for candidate in self.products.candidates if candidate.key not in taken]
+            gains = self.products.gains(self.chosen, tried)
+            more = self._first_borne_out([tried[k] for k in np.argsort(-gains) if gains[k] > self.rules.needed])
+            if more is None:
+                break
+            self.chosen = self._exchanged(more)
+            self.settle()
+            self.refuse(more)
+
+    def _first_borne_out(self, promising: Sequence[Candidate]) -> list[Candidate] | None:
+        """The chosen and the first candidate that is borne out, if any. More and more are looked at at once."""
+        before = self.products.held_back(self.chosen)
+        left, count = iter([_with(self.chosen, entering) for entering in promising]), 1
+        while some := list(islice(left, count)):
+            after = self.products.held_back_each(some, self.chosen)
+            for more, errors in zip(some, after, strict=True):
+                if bears_out(errors, before, more[-1].columns.joints):
+                    return more
+            count = min(2 * count, TUNING.sets_predicted_at_once)
+        return None
+
+    def _exchanged(self, chosen: list[Candidate]) -> list[Candidate]:
+        """Some, each replaced by what explains more in its joints, and is borne out, beside others that act there.
+
+        What came first may be what resembles the sum of two best. Of what cannot be told apart (Jeffreys 1961,
+        appendix B), the one of fewest columns.
+        """
+        for candidate in list(chosen):
+            others, joints = _without(chosen, candidate), candidate.columns.joints
+            if not any(joints & other.columns.joints for other in others):
+                continue
+            taken = {other.key for other in others}
+            rivals = [c for c in self.products.candidates if c.columns.joints == joints and c.key not in taken]
+            gains = self.products.gains(others, rivals)
+            equal = [k for k in np.argsort(-gains) if gains[k] > gains.max() - LN10]
+            winner = rivals[min(equal, key=lambda k: len(rivals[k].columns.sd))]
+            exchanged = [winner if other is candidate else other for other in chosen]
+            after, before = self.products.held_back_each([exchanged, others])
+            if bears_out(after, before, winner.columns.joints):
+                chosen = exchanged
+        return chosen
+
+    def settle(self) -> None:
+        """Sharpens the forms of the chosen and estimates noise anew, until none of them is needless."""
+        while True:
+            forms = self.rules.sharpen(self.products, self.chosen)
+            self.products, self.chosen = self.products.with_forms(forms, self.chosen)
+            self.products.with_noise_of(self.chosen, range(len(self.products.errors)))
+            count = len(self.chosen)
+            self.drop_needless()
+            if len(self.chosen) in (count, 0):
+                return
+
+    def drop_needless(self) -> None:
+        """Leaves out those whose gain, given the others, is too small, the smallest first."""
+        while self.chosen:
+            gains = [self._gain(candidate) for candidate in self.chosen]
+            if min(gains) > self.rules.needed:
+                break
+            self.chosen = _without(self.chosen, self.chosen[int(np.argmin(gains))])
+
+    def drop_idle(self) -> None:
+        """Leaves out what others make needless, or what held-back data do not bear out beside these."""
+        self.drop_needless()
+        while self.chosen:
+            after, *before = self.products.held_back_each(
+                [self.chosen, *(_without(self.chosen, c) for c in self.chosen)]
+            )
+            pairs = zip(self.chosen, before, strict=True)
+            idle = [c for c, errors in pairs if not bears_out(after, errors, c.columns.joints)]
+            if not idle:
+                break
+            self.chosen = _without(self.chosen, min(idle, key=self._gain))
+            self.drop_needless()
+
+    def drop_harmful(self) -> None:
+        """Leaves out those that harm a joint, the most harmful first."""
+        nothing = self.products.held_back(())
+        while (joints := harmed(self.products.held_back(self.chosen), nothing)).any():
+            others = self.products.held_back_each([_without(self.chosen, c) for c in self.chosen])
+            relative = [(errors.rms / nothing.rms)[joints].sum() for errors in others]
+            self.chosen = _without(self.chosen, self.chosen[int(np.argmin(relative))])
+
+    def _gain(self, candidate: Candidate) -> float:
+        return float(self.products.gains(_without(self.chosen, candidate), [candidate])[0])
 
 
-def _grown(
-    products: Products[Kind], chosen: list[Candidate[Kind]], rules: Rules[Kind], refused: set[EffectKey]
-) -> tuple[Products[Kind], list[Candidate[Kind]]]:
-    """With candidates added as long as one is borne out; what that makes needless is refused from then on."""
-    while len(chosen) < rules.most:
-        tried = [c for c in products.candidates if c.hypothesis.key not in _keys(chosen) | refused]
-        gains = products.gains(chosen, tried)
-        before = products.held_back(chosen)
-        promising = [_with(chosen, tried[k]) for k in np.argsort(-gains) if gains[k] > rules.needed]
-        more = _first_borne_out(products, promising, before, chosen)
-        if more is None:
-            break
-        products, chosen = _settled(products, _exchanged(products, more), rules)
-        refused |= _keys(more) - _keys(chosen)  # or it would come and go for ever
-    return products, chosen
-
-
-def _first_borne_out(
-    products: Products[Kind],
-    sets: Sequence[list[Candidate[Kind]]],
-    before: HeldBackErrors,
-    chosen: Sequence[Candidate[Kind]],
-) -> list[Candidate[Kind]] | None:
-    """The first set whose last candidate is borne out; None if there is none. More and more are looked at at once."""
-    left, count = iter(sets), 1
-    while some := list(islice(left, count)):
-        after = products.held_back_each(some, chosen)
-        for more, errors in zip(some, after, strict=True):
-            if _borne_out(errors, before, more[-1]):
-                return more
-        count = min(2 * count, TUNING.sets_predicted_at_once)
-    return None
-
-
-def _exchanged(products: Products[Kind], chosen: list[Candidate[Kind]]) -> list[Candidate[Kind]]:
-    """The chosen, each replaced by what explains more in its joints, and is borne out, beside others that act there.
-
-    What came first may be what resembles the sum of two best. Of what cannot be told apart, the one of fewest columns.
-    """
-    for candidate in list(chosen):
-        others, joints = _without(chosen, candidate), candidate.hypothesis.columns.joints
-        if not any(joints & other.hypothesis.columns.joints for other in others):
-            continue
-        taken = _keys(others)
-        rivals = [
-            c for c in products.candidates if c.hypothesis.columns.joints == joints and c.hypothesis.key not in taken
-        ]
-        gains = products.gains(others, rivals)
-        equal = [k for k in np.argsort(-gains) if gains[k] > gains.max() - LN10]  # Jeffreys 1961, appendix B
-        winner = rivals[min(equal, key=lambda k: len(rivals[k].hypothesis.columns.sd))]
-        exchanged = [winner if other is candidate else other for other in chosen]
-        after, before = products.held_back_each([exchanged, others])
-        if _borne_out(after, before, winner):
-            chosen = exchanged
-    return chosen
-
-
-def _with(chosen: Sequence[Candidate[Kind]], entering: Candidate[Kind]) -> list[Candidate[Kind]]:
+def _with(chosen: Sequence[Candidate], entering: Candidate) -> list[Candidate]:
     """The chosen and one more, which takes the place of the same effect in some of its joints."""
-    effect, joints = entering.hypothesis.key[0], entering.hypothesis.columns.joints
-    covered = (c.hypothesis.key[0] == effect and c.hypothesis.columns.joints <= joints for c in chosen)
-    return [*(c for c, gone in zip(chosen, covered, strict=True) if not gone), entering]
+    effect, joints = entering.key[0], entering.columns.joints
+    return [*(c for c in chosen if not (c.key[0] == effect and c.columns.joints <= joints)), entering]
 
 
-def _settled(
-    products: Products[Kind], chosen: list[Candidate[Kind]], rules: Rules[Kind]
-) -> tuple[Products[Kind], list[Candidate[Kind]]]:
-    """The chosen in their sharpened forms, noise estimated anew, until none of them is needless."""
-    while True:
-        products, chosen = products.with_forms(rules.sharpen(products, chosen), chosen)
-        products.with_noise_of(chosen, range(len(products.errors)))
-        needed = _needed(products, chosen, rules.needed)
-        if len(needed) == len(chosen) or not needed:
-            return products, needed
-        chosen = needed
-
-
-def _needed(products: Products[Kind], chosen: list[Candidate[Kind]], needed: float) -> list[Candidate[Kind]]:
-    """The chosen without those whose gain, given the others, is too small, the smallest first."""
-    while chosen:
-        gains = [float(products.gains(_without(chosen, c), [c])[0]) for c in chosen]
-        if min(gains) > needed:
-            break
-        chosen = _without(chosen, chosen[int(np.argmin(gains))])
-    return chosen
-
-
-def _worth_it(products: Products[Kind], chosen: list[Candidate[Kind]], needed: float) -> list[Candidate[Kind]]:
-    """The chosen without those that others make needless, or that held-back data do not bear out beside these."""
-    chosen = _needed(products, chosen, needed)
-    while chosen:
-        after, *before = products.held_back_each([chosen, *(_without(chosen, c) for c in chosen)])
-        idle = [c for c, errors in zip(chosen, before, strict=True) if not _borne_out(after, errors, c)]
-        if not idle:
-            break
-        least = min(idle, key=lambda c: float(products.gains(_without(chosen, c), [c])[0]))
-        chosen = _needed(products, _without(chosen, least), needed)
-    return chosen
-
-
-def _harmless(products: Products[Kind], chosen: list[Candidate[Kind]]) -> list[Candidate[Kind]]:
-    """The chosen without those that harm a joint, the most harmful first."""
-    nothing = products.held_back(())
-    while (joints := harmed(products.held_back(chosen), nothing)).any():
-        others = products.held_back_each([_without(chosen, c) for c in chosen])
-        relative = [(errors.rms / nothing.rms)[joints].sum() for errors in others]
-        chosen = _without(chosen, chosen[int(np.argmin(relative))])
-    return chosen
-
-
-def _borne_out(after: HeldBackErrors, before: HeldBackErrors, candidate: Candidate[Kind]) -> bool:
-    return bears_out(after, before, candidate.hypothesis.columns.joints)
-
-
-def _without(chosen: Sequence[Candidate[Kind]], left_out: Candidate[Kind]) -> list[Candidate[Kind]]:
+def _without(chosen: Sequence[Candidate], left_out: Candidate) -> list[Candidate]:
     return [candidate for candidate in chosen if candidate is not left_out]

@@ -41,10 +41,7 @@ _POINTS, _LEVELS = 301, (0.15, 0.5, 0.85)
 class Form:
     """A product of functions of some variables.
 
-    Attributes:
-        axes: the variables with their functions.
-        length: of smooth functions' kernel, as a share of the range.
-        size: prior sd of the function, N m.
+    Smooth functions have a kernel of a length, as a share of the range; the size is the function's prior sd, N m.
     """
 
     axes: tuple[Axis, ...]
@@ -81,11 +78,7 @@ class Form:
 class Learned:
     """A function that may be what is left of a joint.
 
-    Attributes:
-        form: which.
-        hypothesis: the effect.
-        gain: log Bayes factor for adding it, averaged over its forms, less the price of having looked everywhere.
-        price: what is off the gain for that, and for its other forms.
+    The gain is the log Bayes factor for adding it, averaged over its forms, less the price of having looked everywhere.
     """
 
     form: Form

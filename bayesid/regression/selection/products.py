@@ -17,7 +17,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 from scipy.special import log_ndtr
@@ -27,7 +26,7 @@ from bayesid.regression.knowledge import RIDGE, inverse_of
 from bayesid.regression.selection.columns import NO_COLUMNS, Columns
 from bayesid.regression.selection.error_model import ErrorModel, fit_error
 from bayesid.regression.selection.explanation import Observations
-from bayesid.regression.selection.hypotheses import EffectKey
+from bayesid.regression.selection.hypotheses import EffectKey, Hypothesis
 from bayesid.regression.tuning import TUNING
 
 SHORTEST_LOG = TUNING.folds * TUNING.shortest_block
@@ -36,12 +35,7 @@ SHORTEST_LOG = TUNING.folds * TUNING.shortest_block
 
 @dataclass(frozen=True)
 class HeldBackErrors:
-    """Sums of squared errors on held-back blocks.
-
-    Attributes:
-        squares: (blocks, n) (N m)^2.
-        counts: (blocks, n) samples.
-    """
+    """Sums of squared errors (blocks, n), (N m)^2, on held-back blocks, and their numbers of samples (blocks, n)."""
 
     squares: Array
     counts: Array
@@ -74,34 +68,31 @@ def blocks_of(duration: float) -> int:
     return int(np.clip(duration / TUNING.shortest_block, TUNING.folds, TUNING.blocks))
 
 
-Kind = TypeVar("Kind", bound="Explaining")
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """What may explain efforts, and the place of its columns among all.
 
+    The change that it makes by itself has an index too; -1 where it makes none.
+    """
 
-class Explaining(Protocol):
-    """What may explain efforts: a form of an effect, or how they change with the geometry."""
+    hypothesis: Hypothesis
+    place: slice
+    change: int = -1
 
     @property
     def columns(self) -> Columns:
         """What it adds to the efforts."""
+        return self.hypothesis.columns
 
     @property
     def key(self) -> EffectKey:
         """Effect and joints."""
+        return self.hypothesis.key
 
-
-@dataclass(frozen=True, eq=False)
-class Candidate(Generic[Kind]):
-    """What may explain efforts, and its place among all columns.
-
-    Attributes:
-        hypothesis: one form of an effect.
-        place: indices of its columns.
-        change: index of the change that it makes by itself; -1 where it makes none.
-    """
-
-    hypothesis: Kind
-    place: slice
-    change: int = -1
+    @property
+    def own(self) -> Integers:
+        """Indices of its columns."""
+        return np.arange(self.place.start, self.place.stop)
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,9 +114,9 @@ class _Solved:
         best[self.index] = self.inverse @ self.slope[self.index]
         return best
 
-    def best_with(self, more: Candidate[Kind]) -> Array:
+    def best_with(self, more: Candidate) -> Array:
         """(m,) the same with one more candidate: its own few columns are all that is solved for anew."""
-        own, slope, best = np.arange(more.place.start, more.place.stop), self.slope, self.best.copy()
+        own, slope, best = more.own, self.slope, self.best.copy()
         if more.change >= 0:
             slope = slope - self.hessian[:, more.change]
             best[self.index] = self.inverse @ slope[self.index]
@@ -141,7 +132,7 @@ class _Solved:
         return best
 
 
-class Products(Generic[Kind]):
+class Products:
     """Whitened columns of model and candidates, multiplied: G and g, joint by joint.
 
     Args:
@@ -162,7 +153,7 @@ class Products(Generic[Kind]):
     def __init__(
         self,
         data: Observations,
-        hypotheses: Sequence[Kind],
+        hypotheses: Sequence[Hypothesis],
         errors: list[ErrorModel],
         uncertain: Columns = NO_COLUMNS,
         predicting: bool = True,
@@ -171,7 +162,7 @@ class Products(Generic[Kind]):
         self.uncertain, self.predicting = uncertain, predicting
         r = self.data.columns.shape[2]
         self._always = end = r + len(self.uncertain.sd)
-        self.candidates = list[Candidate[Kind]]()
+        self.candidates = list[Candidate]()
         for hypothesis in self.hypotheses:
             start, end = end, end + len(hypothesis.columns.sd)
             change = end if hypothesis.columns.shift else -1
@@ -180,7 +171,7 @@ class Products(Generic[Kind]):
         known, own = self.data.information, np.zeros(end)
         own[r : self._always] = 1.0 / self.uncertain.sd**2
         for candidate in self.candidates:
-            own[candidate.place] = 1.0 / candidate.hypothesis.columns.sd**2
+            own[candidate.place] = 1.0 / candidate.columns.sd**2
         self._precision, self._known = np.diag(own), np.zeros(end)
         self._precision[:r, :r], self._known[:r] = known.hessian, known.gradient
         samples = len(self.data.used)
@@ -207,9 +198,9 @@ class Products(Generic[Kind]):
             index.append(np.arange(r, self._always))
             parts.append(self.uncertain.rows[joint] * used)
         for candidate in self.candidates:
-            columns = candidate.hypothesis.columns
+            columns = candidate.columns
             if joint in columns.rows:
-                index.append(np.arange(candidate.place.start, candidate.place.stop))
+                index.append(candidate.own)
                 parts.append(columns.rows[joint] * used)
             if candidate.change >= 0 and joint in columns.shift:
                 index.append(np.array([candidate.change]))
@@ -229,18 +220,17 @@ class Products(Generic[Kind]):
         hessian[:, index[:, None], index], gradient[:, index] = products[:, :-1, :-1], products[:, :-1, -1]
         return hessian, gradient
 
-    def indices(self, chosen: Sequence[Candidate[Kind]], *, uncertain: bool = True) -> Integers:
+    def indices(self, chosen: Sequence[Candidate], *, uncertain: bool = True) -> Integers:
         """Of the columns that are always there, uncertain ones among them or not, and of those of some candidates."""
         always = self._always if uncertain else self.data.columns.shape[2]
-        places = [np.arange(always), *(np.arange(c.place.start, c.place.stop) for c in chosen)]
-        return np.concatenate(places).astype(int)
+        return np.concatenate([np.arange(always), *(c.own for c in chosen)]).astype(int)
 
-    def best(self, chosen: Sequence[Candidate[Kind]]) -> Array:
+    def best(self, chosen: Sequence[Candidate]) -> Array:
         """(m,) coefficients and amplitudes, one for changes, zero for what is not chosen."""
         return self._solved(self.hessian, self.gradient, chosen).best
 
     def _solved(
-        self, hessian: Array, gradient: Array, chosen: Sequence[Candidate[Kind]], *, uncertain: bool = True
+        self, hessian: Array, gradient: Array, chosen: Sequence[Candidate], *, uncertain: bool = True
     ) -> _Solved:
         """Least squares of the columns of some candidates for given G and g."""
         index = self.indices(chosen, uncertain=uncertain)
@@ -249,7 +239,7 @@ class Products(Generic[Kind]):
         slope = gradient + self._known - hessian[:, changes].sum(axis=1)
         return _Solved(hessian, np.diag(self._precision), slope, index, changes, inverse)
 
-    def residual(self, chosen: Sequence[Candidate[Kind]]) -> Array:
+    def residual(self, chosen: Sequence[Candidate]) -> Array:
         """(N, n) what these leave, N m."""
         best, left = self.best(chosen)[:, None], np.empty_like(self.data.effort)
         for j in range(left.shape[1]):
@@ -266,12 +256,12 @@ class Products(Generic[Kind]):
         others = np.asarray(always + np.flatnonzero(counts[always:]), dtype=np.int64)
         return [index[:last], index[others]], [columns[:, :last], columns[:, others]]
 
-    def held_back(self, chosen: Sequence[Candidate[Kind]]) -> HeldBackErrors:
+    def held_back(self, chosen: Sequence[Candidate]) -> HeldBackErrors:
         """Every block predicted by a fit of some candidates to the folds that it is not in."""
         return self.held_back_each([chosen])[0]
 
     def held_back_each(
-        self, sets: Sequence[Sequence[Candidate[Kind]]], base: Sequence[Candidate[Kind]] | None = None
+        self, sets: Sequence[Sequence[Candidate]], base: Sequence[Candidate] | None = None
     ) -> list[HeldBackErrors]:
         """The same of k sets of candidates, which takes far less time than one by one.
 
@@ -291,11 +281,7 @@ class Products(Generic[Kind]):
         return [HeldBackErrors(squares[:, :, k].copy(), counts) for k in range(len(sets))]
 
     def _without_fold(
-        self,
-        hessian: Array,
-        gradient: Array,
-        sets: Sequence[Sequence[Candidate[Kind]]],
-        base: Sequence[Candidate[Kind]] | None,
+        self, hessian: Array, gradient: Array, sets: Sequence[Sequence[Candidate]], base: Sequence[Candidate] | None
     ) -> Array:
         """(m, k) coefficients and amplitudes of k sets of candidates, from given G and g."""
         of_base = None if base is None else self._solved(hessian, gradient, base, uncertain=self.predicting)
@@ -308,8 +294,8 @@ class Products(Generic[Kind]):
         return best
 
     def with_forms(
-        self, forms: Mapping[int, Kind], chosen: Sequence[Candidate[Kind]]
-    ) -> tuple[Products[Kind], list[Candidate[Kind]]]:
+        self, forms: Mapping[int, Hypothesis], chosen: Sequence[Candidate]
+    ) -> tuple[Products, list[Candidate]]:
         """The same with other forms of some hypotheses, by the ids of the old ones, and the chosen among them."""
         if not forms:
             return self, list(chosen)
@@ -318,7 +304,7 @@ class Products(Generic[Kind]):
         of_old = {id(old): new for old, new in zip(self.hypotheses, products.candidates, strict=True)}
         return products, [of_old[id(candidate.hypothesis)] for candidate in chosen]
 
-    def with_noise_of(self, chosen: Sequence[Candidate[Kind]], joints: Iterable[int]) -> None:
+    def with_noise_of(self, chosen: Sequence[Candidate], joints: Iterable[int]) -> None:
         """Whitens some (0-based) joints anew, by the errors that a set of candidates leaves there."""
         residual = self.residual(chosen)
         for j in joints:
@@ -328,19 +314,18 @@ class Products(Generic[Kind]):
                 self._hessian[j], self._gradient[j] = self._multiplied(j)
         self._add_up()
 
-    def gains(self, chosen: Sequence[Candidate[Kind]], tried: Sequence[Candidate[Kind]]) -> Array:
+    def gains(self, chosen: Sequence[Candidate], tried: Sequence[Candidate]) -> Array:
         """Log Bayes factors of candidates on top of a set (:eq:`forward-gain`)."""
         index, hessian, gradient = self.indices(chosen), self.hessian, self.gradient
         solved = self._solved(hessian, gradient, chosen)
         best, inverse = solved.best, solved.inverse
         gains = np.empty(len(tried))
         for k, candidate in enumerate(tried):
-            own = np.arange(candidate.place.start, candidate.place.stop)
-            own = own if candidate.change < 0 else np.append(own, candidate.change)
+            own = candidate.own if candidate.change < 0 else np.append(candidate.own, candidate.change)
             across = hessian[np.ix_(own, index)]
             inner = hessian[np.ix_(own, own)] - across @ inverse @ across.T
             slope = gradient[own] - hessian[own] @ best
-            gains[k] = _gain(inner, slope, candidate.hypothesis.columns)
+            gains[k] = _gain(inner, slope, candidate.columns)
         return gains
 
 
@@ -358,5 +343,5 @@ def _gain(inner: Array, slope: Array, columns: Columns) -> float:
     return base + float(0.5 * (slope * sd) @ amplitude - 0.5 * np.linalg.slogdet(scaled)[1]) + sides
 
 
-def _is_one_more(some: Sequence[Candidate[Kind]], base: Sequence[Candidate[Kind]]) -> bool:
+def _is_one_more(some: Sequence[Candidate], base: Sequence[Candidate]) -> bool:
     return len(some) == len(base) + 1 and all(one is other for one, other in zip(some, base, strict=False))

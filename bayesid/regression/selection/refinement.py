@@ -131,10 +131,8 @@ def _relinearised(effect: Hypothesis, scene: Scene) -> Hypothesis:
 class Extension:
     """A model with effects added.
 
-    Attributes:
-        model: robot, terms and distortions.
-        knowledge: of its parameters, from the earlier log; wider where an effect is a change of what was there.
-        theta: (P,) parameters of the explanation; not feasible in general, but with its efforts.
+    The knowledge of its parameters, from the earlier log, is wider where an effect is a change of what was there. The
+    parameters theta (P,) of the explanation are not feasible in general, but have its efforts.
     """
 
     model: Model

@@ -87,12 +87,12 @@ def explain_with(
     beside = [uncertain] if len(uncertain.sd) else []
     regression = Regression(data, [*beside, *(effect.columns for effect in effects)])
     begin = data.reference if start is None else start
-    explanation, errors = regression.explain(plain_errors(data) if begin is None else begin.errors), None
+    explanation = regression.explain(plain_errors(data) if begin is None else begin.errors)
     for _ in range(TUNING.settlings):
-        if errors is not None and alike(errors, explanation.errors):
-            break
         errors = explanation.errors
         explanation = regression.explain(errors)
+        if alike(errors, explanation.errors):
+            break
     return regression, explanation
 
 
@@ -118,9 +118,8 @@ def best_forms(screening: Screening, library: Library) -> list[tuple[Score, floa
     """Each effect in its best form, best first, and what averaging over its forms has changed of its gain."""
     groups = [BestOfGroup.of(screening, group) for group in library if group]
     tops = [group[best.place] for group, best in zip(filter(None, library), groups, strict=True)]
-    return [
-        (Score(tops[k], groups[k].gain + spread, groups[k].expected_gain), spread) for k, spread in best_groups(groups)
-    ]
+    ordered = best_groups(groups)
+    return [(Score(tops[k], groups[k].gain + more, groups[k].expected_gain), more) for k, more in ordered]
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import ClassVar
 
 import numpy as np
 import scipy
@@ -28,7 +29,7 @@ from scipy.linalg import block_diag
 
 from bayesid.arrays import Array, Integers, Mask
 from bayesid.effects.displaced import is_distal, shift, turn, with_joint, with_link
-from bayesid.effects.effect import Scene
+from bayesid.effects.effect import Effect, Scene
 from bayesid.motion import Motion
 from bayesid.parallel import in_parallel
 from bayesid.regression.evidence import Evidence, Nuisance, make_nuisance
@@ -47,11 +48,10 @@ KINEMATICS: tuple[str, tuple[int, ...]] = ("kinematics", ())
 
 
 @dataclass(frozen=True)
-class _Geometry:
-    """How efforts change with the robot's geometry, as one group of columns."""
+class _Geometry(Effect):
+    """The robot's geometry, off its table: always there, and not of the catalogue."""
 
-    columns: Columns
-    key: EffectKey = KINEMATICS
+    name: ClassVar[str] = KINEMATICS[0]
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ def find_unseen(
     case = SignedLog.of(evidence, fit, probability)
     _, alone = explain_with(case.data, ())
     geometry = _geometry(case, tolerance)
-    groups: list[Hypothesis | _Geometry] = [*rest, *([geometry] if len(geometry.columns.sd) else [])]
+    groups = [*rest, *([geometry] if len(geometry.columns.sd) else [])]
     if not groups:
         return Unseen()
     products = Products(case.data, groups, list(alone.errors))
@@ -89,7 +89,7 @@ def find_unseen(
     for candidate in products.candidates:
         always = candidate.hypothesis is geometry
         least = float(always and tolerance.stated)
-        placed.append(Group(candidate.place, candidate.hypothesis.columns.sd, always, least))
+        placed.append(Group(candidate.place, candidate.columns.sd, always, least))
     free = case.data.columns.shape[2]
     relevance = learn_scales(products.hessian, products.gradient, placed, free)
     moves = inverse_of(products.hessian[:free, :free]) @ products.hessian[:free]
@@ -113,11 +113,7 @@ def find_unseen(
 
 
 def _nuisance(
-    evidence: Evidence,
-    fit: Fit,
-    case: SignedLog,
-    there: Sequence[tuple[Hypothesis | _Geometry, Array]],
-    relevance: Relevance,
+    evidence: Evidence, fit: Fit, case: SignedLog, there: Sequence[tuple[Hypothesis, Array]], relevance: Relevance
 ) -> Nuisance | None:
     motion = evidence.signals.motion
     scene = evidence.model.scene(motion, fit.theta, fit.predicted, evidence.signals.magnitude)
@@ -135,22 +131,27 @@ def _nuisance(
     )
 
 
-def _geometry(case: SignedLog, tolerance: KinematicTolerance) -> _Geometry:
+def _geometry(case: SignedLog, tolerance: KinematicTolerance) -> Hypothesis:
     motion, model = case.evidence.signals.motion[case.rows], case.evidence.model
     columns = kinematic_columns(model.robot, motion, model.links(case.fit.theta).ravel(), tolerance)
     rows = {j: columns[:, j] for j in range(columns.shape[1])}
     count = columns.shape[2]
-    return _Geometry(Columns(rows, {}, np.ones(count), np.zeros(count, dtype=bool)))
+    changes = Columns(rows, {}, np.ones(count), np.zeros(count, dtype=bool))
+    return Hypothesis(_Geometry(), changes, _no_other_form)
 
 
-def _on_all_rows(group: Hypothesis | _Geometry, turn: Array, case: SignedLog, scene: Scene) -> Callable[[slice], Array]:
+def _no_other_form(source: Effect) -> Hypothesis:
+    raise NotImplementedError(f"{source.name} has one form")
+
+
+def _on_all_rows(group: Hypothesis, turn: Array, case: SignedLog, scene: Scene) -> Callable[[slice], Array]:
     """(N', n, p) efforts of some rows per unit of each turned amplitude, N m.
 
     The geometry's are smooth, and dear: what lies between the thinned rows is read off a spline.
     """
     n, t = scene.robot.n_joints, scene.motion.t
     of_joint: dict[int, Callable[[slice], Array]] = {}
-    if isinstance(group, _Geometry):
+    if isinstance(group.source, _Geometry):
         for j, rows in group.columns.rows.items():
             spline = scipy.interpolate.CubicSpline(t[case.rows], rows @ turn)
             of_joint[j] = partial(lambda place, spline: spline(t[place]), spline=spline)

@@ -37,10 +37,10 @@ from bayesid.regression.tuning import TUNING
 
 @dataclass(frozen=True)
 class EnteredEffect:
-    """An effect that entered a model.
+    """An effect that entered a model, as it was added.
 
     Attributes:
-        source: the term or distortion, as it was added.
+        source: the term or distortion.
         log10_bayes_factor: for it, given all others that entered.
         equivalent: effects that the log cannot tell from it.
         number_sd: standard deviations of its nonlinear numbers; empty where the log was not asked for them.
@@ -148,7 +148,7 @@ def borne_out(evidence: Evidence, fit: Fit, probability: Array, effects: Sequenc
     return _selected(case, products, frozenset(hypothesis.key for hypothesis in begun), 0)
 
 
-def _selected(case: SignedLog, products: Products[Hypothesis], start: frozenset[EffectKey], most: int) -> Wanted:
+def _selected(case: SignedLog, products: Products, start: frozenset[EffectKey], most: int) -> Wanted:
     """The result of a forward selection from a start, with so many effects at most or, with none, of what stays."""
     evidence = case.evidence
     products, chosen = select_forward(products, Rules(TUNING.needed, most, case.sharpened), start)
@@ -165,9 +165,7 @@ def _selected(case: SignedLog, products: Products[Hypothesis], start: frozenset[
     )
 
 
-def _entered(
-    products: Products[Hypothesis], chosen: Sequence[Candidate[Hypothesis]], explanation: Explanation
-) -> list[EnteredEffect]:
+def _entered(products: Products, chosen: Sequence[Candidate], explanation: Explanation) -> list[EnteredEffect]:
     entered = []
     for k, candidate in enumerate(chosen):
         gain, equivalent = _weighed(products, candidate, [other for other in chosen if other is not candidate])
@@ -177,13 +175,11 @@ def _entered(
     return entered
 
 
-def _weighed(
-    products: Products[Hypothesis], candidate: Candidate[Hypothesis], others: Sequence[Candidate[Hypothesis]]
-) -> tuple[float, tuple[str, ...]]:
+def _weighed(products: Products, candidate: Candidate, others: Sequence[Candidate]) -> tuple[float, tuple[str, ...]]:
     """Log Bayes factor of a candidate, given the others, and what could stand in its place."""
-    taken = {candidate.hypothesis.key, *(other.hypothesis.key for other in others)}
-    near_by = (c for c in products.candidates if c.hypothesis.columns.joints & candidate.hypothesis.columns.joints)
-    rivals = [c for c in near_by if c.hypothesis.key not in taken]
+    taken = {candidate.key, *(other.key for other in others)}
+    near_by = (c for c in products.candidates if c.columns.joints & candidate.columns.joints)
+    rivals = [c for c in near_by if c.key not in taken]
     gain, *gains = products.gains(others, [candidate, *rivals]).tolist()
     near = {c.hypothesis.effect for c, g in zip(rivals, gains, strict=True) if g > gain - LN10}
     return gain, tuple(sorted(near - {candidate.hypothesis.effect}))
@@ -193,12 +189,7 @@ def _weighed(
 class SignedLog:
     """A log with its signs settled, as effects are looked for in it.
 
-    Attributes:
-        evidence: the model, the log, and which samples count.
-        fit: of the model to the log.
-        rows: of the log, thinned.
-        data: the log on these rows.
-        columns: (N, n, r) of the model there, at samples that are not used too.
+    On thinned rows there are the observations, and the model's columns (N, n, r) at samples that are not used too.
     """
 
     evidence: Evidence
@@ -233,9 +224,7 @@ class SignedLog:
         used = self.data.used
         return np.sqrt((self.data.effort**2).sum(axis=0) / np.maximum(used.sum(axis=0), 1))
 
-    def sharpened(
-        self, products: Products[Hypothesis], chosen: Sequence[Candidate[Hypothesis]]
-    ) -> Mapping[int, Hypothesis]:
+    def sharpened(self, products: Products, chosen: Sequence[Candidate]) -> Mapping[int, Hypothesis]:
         """Distortions as they are near what has been found, by the ids of their old forms.
 
         Those that were chosen are linearised about their own numbers; where the effort of the model with the chosen
@@ -251,11 +240,8 @@ class SignedLog:
             beta, amplitudes = explanation.beta, list(explanation.amplitudes)
         effort = self.columns @ beta + effort_of_terms(effects, amplitudes, self.data.effort.shape)
         change = np.where(self.data.used, effort - self.fit.predicted[self.rows], 0.0)
-        moved = (
-            np.sqrt((change**2).sum(axis=0) / np.maximum(self.data.used.sum(axis=0), 1))
-            > TUNING.moved_effort * self.rms_effort
-        )
-        if moved.any():
+        rms = np.sqrt((change**2).sum(axis=0) / np.maximum(self.data.used.sum(axis=0), 1))
+        if np.any(rms > TUNING.moved_effort * self.rms_effort):
             others = [h for h in products.hypotheses if not h.source.linear and all(h is not e for e in effects)]
             forms |= {id(old): new for old, new in zip(others, about(others, self.scene(effort)), strict=True)}
         return forms
