@@ -16,18 +16,8 @@ from bayesid.identification.payload import PayloadReading
 from bayesid.identification.prediction import PredictedEfforts, Validation
 from bayesid.report.findings import Summary, summarise
 from bayesid.report.payload_text import HEADINGS, payload_checks, payload_rows
-from bayesid.report.verdicts import (
-    EFFECT_HEADINGS,
-    GAIN_HEADINGS,
-    Check,
-    beyond_the_terms,
-    effect_rows,
-    gain_rows,
-    gains,
-    intervals,
-    proof,
-    sampling,
-)
+from bayesid.report.tables import EFFECT_HEADINGS, GAIN_HEADINGS, effect_rows, gain_rows
+from bayesid.report.verdicts import Check, beyond_the_terms, gains, intervals, proof, sampling
 from bayesid.report.words import quantity
 from bayesid.results.agreement import text as agreement_text
 from bayesid.results.several_logs import Separate

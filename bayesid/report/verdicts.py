@@ -7,9 +7,9 @@ studies of docs/studies.md or on the field's customs, as said there.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -38,12 +38,11 @@ from bayesid.report import commands
 from bayesid.report.findings import Findings, Summary
 from bayesid.report.findings.summary import EffectSummary, Numbers
 from bayesid.report.tuning import TUNING
-from bayesid.report.words import in_percent, joints_in_words, label, listed, quantity, rounded
+from bayesid.report.words import in_percent, joints_in_words, listed, quantity, rounded
 
 State = Literal["good", "look", "bad", "not done"]
 
 
-_FIRST = "mend what the first check says"
 _WANTED = "wanted are at most 1.01, and at least 400 and four a walker"
 _TELL_APART = "record a motion that loads or accelerates these joints"
 _ALTERNATIVES = "see below where they differ; the posterior weighs them"
@@ -91,8 +90,8 @@ def check_findings(findings: Findings) -> tuple[Check, ...]:
         _validation(findings),
         _warnings(summary),
     )
-    if reading.state == "bad":  # nothing else is to be mended before
-        others = tuple(replace(check, remedy=_FIRST) if check.remedy else check for check in others)
+    if reading.state == "bad":
+        others = tuple(replace(one, remedy="fix the robot file first") if one.remedy else one for one in others)
     return (reading, *others)
 
 
@@ -116,39 +115,23 @@ def worst(checks: Iterable[Check]) -> State:
     return "bad" if "bad" in states else "look" if states & {"look", "not done"} else "good"
 
 
-@dataclass(frozen=True)
-class Verdict:
-    """How an identification stands.
-
-    Attributes:
-        state: the worst of its checks'; what was not done is to be looked at.
-        reasons: the checks that are not good, the worst ones first.
-    """
-
-    state: State
-    reasons: tuple[Check, ...]
-
-    @property
-    def plain(self) -> dict[str, object]:
-        """For summary.json."""
-        reasons = [
-            {"check": one.name, "state": one.state, "message": one.message, "remedy": one.remedy}
-            for one in self.reasons
-        ]
-        return {"state": self.state, "reasons": reasons}
-
-
-def verdict(checks: Sequence[Check]) -> Verdict:
-    """Of all checks."""
+def verdict(checks: Sequence[Check]) -> dict[str, object]:
+    """For summary.json: the worst state of the checks, and those that are not good, the worst ones first."""
     order: tuple[State, ...] = ("bad", "look", "not done")
-    return Verdict(worst(checks), tuple(check for state in order for check in checks if check.state == state))
+    reasons = [
+        {"check": check.name, "state": state, "message": check.message, "remedy": check.remedy}
+        for state in order
+        for check in checks
+        if check.state == state
+    ]
+    return {"state": worst(checks), "reasons": reasons}
 
 
 def robot_file(summary: Summary) -> Check:
     """Whether the log is of another robot than the file's, or read wrongly."""
     name, reading = "Robot file", summary.better_reading
     if reading is None:
-        return _geometry(summary) or Check(name, "good", "nothing speaks for another robot, joint order or unit")
+        return _geometry(summary) or Check(name, "good", "robot, joint order and units look consistent")
     message = other_reading(reading.change, reading.leaves, reading.given)
     return Check(name, "bad", message, f"check the robot file{_REMEDY_OF_READING[reading.kind]}")
 
@@ -173,21 +156,18 @@ _REMEDY_OF_READING = {
 
 
 def _excitation(findings: Findings) -> Check:
-    condition = findings.summary.fit.condition_number
+    name, condition = "Excitation", findings.summary.fit.condition_number
     silent = int(np.isinf(findings.coefficients.sd).sum())
     if condition is None or silent:
         message = not_excited(silent or "some", len(findings.coefficients.mean))
-        return Check(
-            "Excitation", "bad", message, f"record a motion that moves more joints at once: {_excite(findings.summary)}"
-        )
+        remedy = f"record a motion that moves more joints at once: {_excite(findings.summary)}"
+        return Check(name, "bad", message, remedy)
     number = f"the condition number of the regressor is {condition:.0f}"
     message = f"{number} (rows over their noise, columns of equal length)"
     if condition <= TUNING.well_conditioned:
-        return Check("Excitation", "good", message)
-    state: State = "look" if condition <= TUNING.ill_conditioned else "bad"
-    return Check(
-        "Excitation", state, message, f"some coefficients can hardly be separated: {_excite(findings.summary)}"
-    )
+        return Check(name, "good", message)
+    remedy = f"some coefficients can hardly be separated: {_excite(findings.summary)}"
+    return Check(name, "look" if condition <= TUNING.ill_conditioned else "bad", message, remedy)
 
 
 def _segments(findings: Findings) -> Check:
@@ -265,12 +245,10 @@ def proof(summary: Summary) -> Check:
     if search.lower_bound is None:
         message = "not proven (a beam search proves nothing)"
         if undecided := (search.beam_nodes or {}).get("undecided", 0):
-            message += (
-                f"; its budget ended before {undecided} segment{'s' * (undecided != 1)}, whose signs are predicted"
-            )
-        return Check(
-            name, "look", message, f"leave out --search beam{commands.again(summary, without=('--search', 'beam'))}"
-        )
+            segments = f"{undecided} segment{'s' * (undecided != 1)}"
+            message += f"; its budget ended before {segments}, whose signs are predicted"
+        remedy = f"leave out --search beam{commands.again(summary, without=('--search', 'beam'))}"
+        return Check(name, "look", message, remedy)
     if search.withheld:
         return Check(name, "look", f"not proven ({WITHHELD[search.withheld]})", f"{_TELL_APART}; {_ALTERNATIVES}")
     message = not_proven(search.gap or 0.0, search.cost or 0.0, search.seconds)
@@ -284,9 +262,8 @@ def sampling(summary: Summary) -> Check:
     name, posterior = "Sampling", summary.posterior
     if posterior is None:
         message = "no posterior was sampled: standard deviations leave physical feasibility out"
-        return Check(
-            name, "not done", message, f"leave out --no-posterior{commands.again(summary, without=('--no-posterior',))}"
-        )
+        remedy = f"leave out --no-posterior{commands.again(summary, without=('--no-posterior',))}"
+        return Check(name, "not done", message, remedy)
     message = convergence(posterior.max_rhat, posterior.min_ess)
     if posterior.converged:
         return Check(name, "good", f"converged: {message}, at worst")
@@ -340,36 +317,12 @@ def beyond_the_terms(summary: Summary) -> tuple[Check, ...]:
         message = f"none added, as asked; {len(complete.uncertain)} effects widen the uncertainty"
         return (Check(name, "not done", message, "leave out --complete to have what the log bears out added"),)
     if not complete.effects:
-        return (Check(name, "good", "nothing that evidence and held-back blocks bear out"),)
+        return (Check(name, "good", "no additional effects detected"),)
     forms = {effect.form for effect in complete.effects}
     parts = [_of_form([effect for effect in complete.effects if effect.form == form]) for form in sorted(forms)]
     before, after = (_relative(values, errors.effort) for values in (errors.before, errors.after))
     fall = f"held-back torque error {100 * before:.1f} -> {100 * after:.1f} % of the effort"
     return (Check(name, "good", f"{'; '.join(parts)}; {fall}"),)
-
-
-GAIN_HEADINGS = ("gain of joint", "stated", "value and sd", "95 % interval", "ratio to others known to", "decided by")
-"""Of `gain_rows`."""
-
-
-def gain_rows(summary: Summary) -> list[tuple[str, ...]]:
-    """Gains that were unknowns: as stated, as found, the interval, how well its ratio to others is known, by what."""
-    of_log = summary.gains
-    if of_log is None:
-        return []
-    stated = of_log.stated.split(",")
-    columns = (stated, of_log.mean, of_log.sd, of_log.lower, of_log.upper, of_log.ratio_sd, of_log.decided_by)
-    return [
-        (
-            str(joint),
-            said,
-            quantity(mean or 0.0, sd or 0.0, of_log.unit),
-            f"{rounded(lower or 0.0)} to {rounded(upper or 0.0)}",
-            "" if by == GIVEN else in_percent(ratio or 0.0),
-            by,
-        )
-        for joint, (said, mean, sd, lower, upper, ratio, by) in enumerate(zip(*columns, strict=True), start=1)
-    ]
 
 
 def gains(summary: Summary) -> tuple[Check, ...]:
@@ -408,12 +361,10 @@ def intervals(summary: Summary) -> Check:
     """Which intervals do not allow for what may be there besides."""
     name = "Intervals"
     if summary.complete is None:
-        message = "nobody asked what the log cannot tell from the links"
-        return Check(name, "not done", message, "leave out --complete off")
+        return Check(name, "not done", "not checked (`--complete off`)", "leave out --complete off")
     if max(share or 0.0 for share in summary.fit.relative_residual) > REGRESSION.poor_fit:
-        return Check(
-            name, "not done", "not judged: of a model that leaves so much, no interval holds", "mend the fit first"
-        )
+        message = "not judged: of a model that leaves so much, no interval holds"
+        return Check(name, "not done", message, "mend the fit first")
     found = summary.complete.too_narrow
     if not found:
         return Check(name, "good", "nothing of the catalogue would look like the links' own coefficients")
@@ -427,35 +378,9 @@ def intervals(summary: Summary) -> Check:
         else:
             there = listed([noun(effect) for effect in one.effects], "or")
             where = joints_in_words(one.joints) if one.joints else "the robot"
-            parts.append(
-                f"this log cannot tell {there} from the links: if {where} has one, {named} are off, many times as far "
-                "as their intervals say; if not, nothing is amiss"
-            )
+            parts.append(f"if {where} has {there}, these intervals are too narrow: {named}")
             remedies.append("if it has one, state what is known of these links by `--nominal`")
     return Check(name, "look", "; ".join(parts), " and ".join(dict.fromkeys(remedies)))
-
-
-EFFECT_HEADINGS = ("beyond the terms", "log10 Bayes factor", "size and sd", "not told from")
-"""Of `effect_rows`."""
-
-
-def effect_rows(summary: Summary) -> list[tuple[str, str, str, str]]:
-    """The effects that came on top of the terms: which, its evidence, its numbers, what could stand in its place."""
-    effects = () if summary.complete is None else summary.complete.effects
-    return [
-        (
-            label(effect.form, effect.joints),
-            f"{effect.log10_bayes_factor or 0.0:.1f}",
-            "; ".join(_number(name, value) for name, value in effect.parameters.items()),
-            ", ".join(label(other) for other in effect.equivalent),
-        )
-        for effect in effects
-    ]
-
-
-def _number(name: str, number: Mapping[str, Any]) -> str:
-    sd = math.nan if number["sd"] is None else number["sd"]
-    return f"{name} {quantity(number['value'], sd, number['unit'].removeprefix('1'))}"
 
 
 def _relative(error: Numbers, effort: Numbers) -> float:
@@ -489,8 +414,8 @@ def _whiteness(findings: Findings) -> Check:
     lasting = (np.array(noise.coloured_sd, dtype=float) / np.array(noise.sd, dtype=float)) ** 2
     joint, counts = int(lasting.argmax()), np.array(noise.samples_that_count_as_one, dtype=float)
     message = (
-        f"up to {lasting.max():.0%} of the residual's variance lasts longer than sensor noise (joint {joint + 1}); up "
-        f"to {counts.max():.0f} samples count as one (joint {int(counts.argmax()) + 1})"
+        f"up to {lasting.max():.0%} of the residual's variance lasts longer than sensor noise (joint {joint + 1}); "
+        f"residual correlation time: {counts.max():.0f} samples (joint {int(counts.argmax()) + 1})"
     )
     if lasting.max() <= TUNING.white:
         return Check(name, "good", message)
@@ -509,7 +434,7 @@ def _decided(findings: Findings) -> Check:
     poor = int((table.relative_sd > TUNING.poorly_known).sum())
     message = (
         f"the data decide {by_data} of {count} coefficients; {poor} are smaller than their standard deviation; "
-        f"{by_prior} single parameters rest on the prior, as efforts show them only in sums"
+        f"{by_prior} individual parameters are not identifiable"
     )
     remedy = f"{_excite(findings.summary)}; or give what you know by --nominal"
     posterior = findings.summary.posterior

@@ -257,8 +257,7 @@ def _write_identification(
 
         with _without(place / "posterior.nc", missing):
             write_draws(kept_draws(identification), place / "posterior.nc")
-    verdicts = verdict(check_findings(findings)).plain
-    summary = as_json(findings.summary) | {"verdict": verdicts, "not_written": missing}
+    summary = as_json(findings.summary) | {"verdict": verdict(check_findings(findings)), "not_written": missing}
     write_json(place / MARKER, summary)
 
 

@@ -112,7 +112,7 @@ def test_a_folder_holds_the_same(any_of_them, tmp_path):
     assert (found.folder, back.folder) == ("", str(folder))
     assert (found.draws is None) == (any_of_them.posterior is None)
     written = json.loads((folder / "summary.json").read_text())
-    assert written.pop("verdict") == verdict(check_findings(back)).plain
+    assert written.pop("verdict") == verdict(check_findings(back))
     assert written.pop("not_written") == {}
     assert as_json(found.summary) == written
 

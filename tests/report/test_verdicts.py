@@ -230,7 +230,8 @@ def test_a_wrong_robot_leads_the_verdict_and_the_first_remedy_is_its_file():
     for kind in ("joint order", "direction", "units", "mounting", "robot"):
         another = replace(OTHER, kind=kind)
         found = verdict(check_findings(with_summary(fit(relative_residual=[0.04, 0.21]), better_reading=another)))
-        assert [found.state, *(one.name for one in found.reasons[:2])] == ["bad", "Robot file", "Fit"]
-        assert "robot file" in found.plain["reasons"][0]["remedy"]
-    assert verdict([Check("One", "good", "seen")]).plain == {"state": "good", "reasons": []}
+        reasons = found["reasons"]
+        assert [found["state"], *(one["check"] for one in reasons[:2])] == ["bad", "Robot file", "Fit"]
+        assert "robot file" in reasons[0]["remedy"]
+    assert verdict([Check("One", "good", "seen")]) == {"state": "good", "reasons": []}
     assert worst([Check("One", "good", "seen"), Check("Two", "not done", "seen")]) == "look"

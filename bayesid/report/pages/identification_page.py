@@ -28,17 +28,8 @@ from bayesid.report.plot.identification import (
     validation_panel,
 )
 from bayesid.report.plot.posterior import forest_figure, pair_figure, rank_figure, trace_figure
-from bayesid.report.verdicts import (
-    EFFECT_HEADINGS,
-    GAIN_HEADINGS,
-    State,
-    at_standstill,
-    check_findings,
-    effect_rows,
-    gain_rows,
-    sure_share,
-    worst,
-)
+from bayesid.report.tables import EFFECT_HEADINGS, GAIN_HEADINGS, effect_rows, gain_rows
+from bayesid.report.verdicts import State, at_standstill, check_findings, sure_share, worst
 from bayesid.report.words import listed, quantity, upper
 
 _STATES: Mapping[State, Mapping[str, str]] = {
