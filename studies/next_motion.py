@@ -12,7 +12,7 @@ Hypotheses: an effect is hidden in a joint that hardly moves in a short log, so 
 logs together are explained again. An effect is told apart if it is named, nothing is equivalent any more, and its Bayes
 factor against each that was is decisive.
 
-A design here tries about half as many changes as by default (`CHANGES`, `TELLING_CHANGES`).
+A design here tries about half as many changes as by default (`TUNING.changes`, `TUNING.telling_changes`).
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from bayesid.discrepancy.workflow import Discrepancy, find_discrepancy
 from bayesid.effects import STANDARD
 from bayesid.effects.catalogue import make_terms
 from bayesid.effects.model import Model
-from bayesid.excitation.feasible import largest_efforts
 from bayesid.excitation.next_motion import NextMotion, RunSettings, design_next
-from bayesid.excitation.rivals import TELLING
+from bayesid.excitation.splines import largest_efforts
+from bayesid.excitation.tuning import TUNING
 from bayesid.identification.identification import KNOWN, Identification
 from bayesid.identification.pipeline import QUICK, identify
 from bayesid.log.log import Log, join_logs
@@ -369,7 +369,12 @@ def _told(found: Discrepancy, key: EffectKey, rivals: Sequence[str]) -> Row:
     named = next((added for added in found.added if added.hypothesis.key == key), None)
     weighed = named or next((added for added in found.added if added.effect in rivals and added.joints == key[1]), None)
     factor = None if weighed is None else _factor(weighed, key, rivals)
-    told = named is not None and not set(named.equivalent) & set(rivals) and factor is not None and factor >= TELLING
+    told = (
+        named is not None
+        and not set(named.equivalent) & set(rivals)
+        and factor is not None
+        and factor >= TUNING.telling
+    )
     return {"named": named is not None, "factor": factor, "told": told}
 
 
@@ -520,7 +525,7 @@ def draw(rows: Sequence[Row], figure: Figure) -> None:
             color=COLOURS[place],
             label=name,
         )
-    axes[1].axhline(TELLING, color="#888888", lw=0.8)
+    axes[1].axhline(TUNING.telling, color="#888888", lw=0.8)
     axes[1].set_xscale("symlog")
     axes[1].set_yscale("symlog")
     axes[1].set_xlabel("expected log10 Bayes factor of the designed motion")

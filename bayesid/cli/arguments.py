@@ -317,7 +317,7 @@ def _add_excite(commands: _Commands) -> None:
         "robot's URDF, else +-2 rad, 3 rad/s, 15 rad/s^2)"
     )
     parser.add_argument("--limits", type=Path, metavar="FILE", help=limits)
-    parser.add_argument("--harmonics", type=whole, default=5, help="sines and cosines a joint (default: 5)")
+    parser.add_argument("--harmonics", type=whole, default=5, help="swings of a joint in a period, about (default: 5)")
     parser.add_argument("--periods", type=whole, default=1, help="in the duration (default: 1)")
     share(parser, "--noise")
     share(parser, "--nominal", help="expected parameters, as for identify")

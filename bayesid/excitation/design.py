@@ -1,9 +1,11 @@
 """Design of a motion that shows coefficients, for a controller to play, before anything is known of the robot.
 
-Every joint follows a Fourier series within its limits that starts and ends at rest. Its shape minimises the condition
-number of the base regressor with columns of unit length (:eq:`condition-number`), the amplification of noise into
-coefficients. The result says how far signs are resolved, too, but is not designed for that: over 97 pairs of logs a
-design for signs gave as many right ones as this one (`bayesid.studies.benchmarks.excitation` has what stands of it).
+Every joint follows a spline within its limits that starts and ends at rest. `bayesid.excitation.search` looks for the
+least of log kappa^2 + mean log v (:eq:`design-worth`): kappa is the condition number of the base regressor with columns
+of unit length (:eq:`condition-number`), the amplification of noise into coefficients, and v the variance of coefficients
+over that of plausible robots. The first says nothing of how large efforts are, the second nothing of sums that are shown
+badly. The result says how far signs are resolved, too, but is not designed for that: over 97 pairs of logs a design for
+signs gave as many right ones (`bayesid.studies.benchmarks.excitation` has what stands of it).
 
 Collisions of the robot with itself or its surroundings, and limits of its efforts, are not checked here; a motion for a
 result keeps them (`bayesid.excitation.next_motion`).
@@ -11,64 +13,43 @@ result keeps them (`bayesid.excitation.next_motion`).
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import scipy
 
 from bayesid.arrays import Array, Mask
 from bayesid.effects import STANDARD, Term, catalogue
 from bayesid.effects.coefficients import BaseCoefficients
 from bayesid.effects.model import Model
 from bayesid.errors import InputError
-from bayesid.excitation.expectation import Expectation, check_noise, expect, undecided
+from bayesid.excitation.goals import usual_motion
 from bayesid.excitation.limits import check_limits
 from bayesid.excitation.resolvability import (
-    INDEPENDENT,
     WRONG,
+    Expectation,
     JointFlips,
     SegmentFlips,
+    check_noise,
+    expect,
     expected_noise,
     groups_of,
     joint_grams,
     mistaken,
     noise_tolerance,
     turn_segments,
+    undecided,
 )
+from bayesid.excitation.search import Design, MotionSearch, best_motion
+from bayesid.excitation.splines import Feasibility, SplineBasis, SplineTrajectory
+from bayesid.excitation.tuning import TUNING
 from bayesid.motion import Motion
 from bayesid.parallel import one_blas_thread
 from bayesid.progress import SILENT, Progress
 from bayesid.regression.knowledge import Beliefs
 from bayesid.robot import Robot, load_robot
-from bayesid.simulation.trajectories import (
-    HARMONICS,
-    FourierTrajectory,
-    MotionLimits,
-    condition_number,
-    from_rest,
-    instants,
-    log_condition_of,
-    random_shape,
-    within_limits,
-)
-
-_DRAWS = 20
-"""Random shapes, the best of which is the start; a round number, not studied."""
-_TOLERANCE = 1e-3
-"""Of the objective, a logarithm, at which SLSQP ends: a thousandth of a condition number."""
-_JUDGED = 2000
-"""Instants, at most, at which a finished motion is judged: 400 a period of the highest of five harmonics."""
-_DURATIONS = 0.5, 3600.0
-"""s; from shortest to longest: a joint needs time to move, and no identification needs an hour."""
-_HARMONICS = 2, 20
-"""From fewest to most: one alone cannot start and end at rest, and more give steps of acceleration."""
-_MOST_SAMPLES = 1_000_000
-"""Of a file that a controller reads."""
-_OVERSAMPLING = 4.0
-"""Samples in the period of the highest harmonic at least: twice the Nyquist rate."""
+from bayesid.simulation.trajectories import HARMONICS, MotionLimits, condition_number, log_condition_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,13 +59,13 @@ class TrajectoryShape:
     Attributes:
         duration: of the whole motion, s.
         rate: of the samples, Hz; rounded so that a whole number of them fits the duration.
-        harmonics: sines and cosines a joint, at least 2.
-        periods: whole number of periods in the duration.
+        harmonics: how many times a joint may swing to and fro in a period, about, 2 to 20.
+        periods: how many times the motion is played in the duration.
 
     Example:
         >>> shape = bayesid.TrajectoryShape(duration=10.0, rate=50.0, harmonics=3, periods=2)
-        >>> shape.frequency, len(shape.instants)
-        (0.2, 501)
+        >>> len(shape.instants)
+        501
     """
 
     duration: float = 20.0
@@ -93,43 +74,20 @@ class TrajectoryShape:
     periods: int = 1
 
     def __post_init__(self) -> None:
-        shortest, longest = _DURATIONS
-        if not shortest <= self.duration <= longest:
-            remedy = f"give {shortest:g} to {longest:g} s"
-            raise InputError(f"{self.duration:g} s cannot be used", field="TrajectoryShape.duration", remedy=remedy)
-        fewest, most = _HARMONICS
-        if not fewest <= self.harmonics <= most:
-            remedy = f"give {fewest} to {most}: one alone cannot start and end at rest"
-            raise InputError(
-                f"{self.harmonics} harmonics cannot be used", field="TrajectoryShape.harmonics", remedy=remedy
-            )
-        if self.periods < 1:
-            raise InputError(
-                f"{self.periods} periods cannot be used", field="TrajectoryShape.periods", remedy="give 1 or more"
-            )
-        slowest, fastest = _OVERSAMPLING * self.harmonics * self.periods / self.duration, _MOST_SAMPLES / self.duration
-        if not slowest <= self.rate <= fastest:
-            remedy = f"give {slowest:.3g} Hz, twice the Nyquist rate of the highest harmonic, to {fastest:.3g} Hz"
-            raise InputError(f"{self.rate:g} Hz cannot be used", field="TrajectoryShape.rate", remedy=remedy)
-
-    @property
-    def frequency(self) -> float:
-        """The fundamental, Hz.
-
-        Example:
-            >>> bayesid.TrajectoryShape(duration=10.0, periods=2).frequency
-            0.2
-        """
-        return self.periods / self.duration
+        fewest = 4.0 * self.harmonics * self.periods  # twice as many as Nyquist asks for
+        for value, least, most, name, unit in (
+            (self.duration, 0.5, 3600.0, "duration", "s"),
+            (self.harmonics, 2, 20, "harmonics", "harmonics"),
+            (self.periods, 1, 1000, "periods", "periods"),
+            (self.rate * self.duration, fewest, 1e6, "rate", "samples"),
+        ):
+            if not least <= value <= most:
+                remedy = f"give {least:g} to {most:g} {unit}"
+                raise InputError(f"{value:g} {unit} cannot be used", field=f"TrajectoryShape.{name}", remedy=remedy)
 
     @property
     def instants(self) -> Array:
-        """(N,) of the samples, s.
-
-        Example:
-            >>> float(bayesid.TrajectoryShape(duration=10.0, rate=50.0).instants[-1])
-            10.0
-        """
+        """(N,) of the samples, s."""
         return np.linspace(0.0, self.duration, round(self.duration * self.rate) + 1)
 
 
@@ -139,7 +97,7 @@ class Objective:
 
     Attributes:
         noise: of the efforts, relative to each joint's RMS effort, at which the result is judged.
-        evaluations: of the condition number, about; 6000 take about ten seconds for six joints.
+        evaluations: changes of the motion that each of two searches tries; 6000 take about ten seconds for six joints.
 
     Example:
         >>> objective = bayesid.Objective(evaluations=50)  # a short search
@@ -197,7 +155,7 @@ class ExcitationDesign:
     Attributes:
         model: robot and terms.
         coefficients: the r base coefficients that it is to show.
-        trajectory: the motion as a Fourier series.
+        trajectory: a period of the motion as a spline.
         motion: N samples of it, from rest to rest.
         rate: of these, Hz.
         periods: that it holds.
@@ -213,7 +171,7 @@ class ExcitationDesign:
 
     model: Model
     coefficients: BaseCoefficients
-    trajectory: FourierTrajectory
+    trajectory: SplineTrajectory
     motion: Motion
     rate: float
     periods: int
@@ -232,12 +190,7 @@ class ExcitationDesign:
 
     @property
     def of_limits(self) -> Motion:
-        """Positions from -1 at the lower to 1 at the upper limit, velocities and accelerations as shares of theirs.
-
-        Example:
-            >>> bool(np.abs(design.of_limits.dq).max() <= 1.0)
-            True
-        """
+        """Positions from -1 at the lower to 1 at the upper limit, velocities and accelerations as shares of theirs."""
         lower, upper = np.asarray(self.limits.lower), np.asarray(self.limits.upper)
         motion, centred = self.motion, 2.0 * self.motion.q - lower - upper
         dq, ddq = motion.dq / np.asarray(self.limits.velocity), motion.ddq / np.asarray(self.limits.acceleration)
@@ -245,22 +198,12 @@ class ExcitationDesign:
 
     @property
     def undecided(self) -> tuple[int, ...]:
-        """Coefficients that a log of this motion leaves undecided.
-
-        Example:
-            >>> [design.coefficients.names[k] for k in design.undecided]
-            ['J2xy', 'J2yz', 'J3yz']
-        """
+        """Coefficients that a log of this motion leaves undecided."""
         return undecided(self.reached.uncertainty)
 
     @property
     def noise(self) -> float:
-        """Relative to the RMS efforts, at which the motion is judged.
-
-        Example:
-            >>> design.noise
-            0.05
-        """
+        """Relative to the RMS efforts, at which the motion is judged."""
         return self.reached.noise
 
 
@@ -301,60 +244,62 @@ def design_excitation(
     limits = check_limits(limits, robot)
     model = Model(robot, catalogue.make_terms(terms, robot, _fastest(limits)))
     expectation = expect(model, seed, beliefs)
-    start, best = _optimised(expectation, shape, limits, objective, seed, progress)
-    t = shape.instants
-    motion = best.motion(t)
+    search = _search(expectation, shape, limits, objective)
+    start, best = best_motion(search, objective.evaluations, progress, seed)
+    motion = _played(best, shape)
     return ExcitationDesign(
         model=model,
         coefficients=expectation.coefficients,
         trajectory=best,
         motion=motion,
-        rate=(len(t) - 1) / shape.duration,
+        rate=(len(motion) - 1) / shape.duration,
         periods=shape.periods,
         limits=limits,
-        start=quality(expectation, start.motion(t), objective.noise),
+        start=quality(expectation, _played(start, shape), objective.noise),
         reached=quality(expectation, motion, objective.noise),
     )
 
 
-def _optimised(
-    expectation: Expectation,
-    shape: TrajectoryShape,
-    limits: MotionLimits,
-    objective: Objective,
-    seed: int,
-    progress: Progress,
-) -> tuple[FourierTrajectory, FourierTrajectory]:
-    """The best of some random trajectories, and what the optimisation makes of it."""
-    n, total = expectation.model.robot.n_joints, objective.evaluations
-    count = instants(shape.harmonics)
-    grid = np.arange(count) / count / shape.frequency
-    calls = itertools.count(1)
+def _search(
+    expectation: Expectation, shape: TrajectoryShape, limits: MotionLimits, objective: Objective
+) -> MotionSearch:
+    """For a period of the motion, from rest to rest in the middle of the limits."""
+    robot, size = expectation.model.robot, expectation.size
+    usual = usual_motion(robot, limits)
+    grams = joint_grams(expectation.columns(usual))
+    noise = [expected_noise(grams, beta, len(usual), objective.noise) for beta in expectation.betas]
+    density = TUNING.independent / float(np.mean(np.square(noise)))
 
-    def trajectory(series: Array) -> FourierTrajectory:
-        return within_limits(from_rest(series.reshape(n, -1)), shape.frequency, limits)
+    def weights(motion: Motion, period: float) -> Array:
+        return np.full((len(motion), robot.n_joints), density * period)
 
-    def cost(series: Array) -> float:
-        progress("design", min(next(calls), total), total)
-        return log_condition_of(joint_grams(expectation.columns(trajectory(series).motion(grid))).sum(axis=0))
+    def worth(information: Array) -> float:
+        precision = size[:, None] * information * size + np.eye(len(size))
+        return 2.0 * log_condition_of(information) - float(np.linalg.slogdet(precision)[1]) / len(size)
 
-    rng = np.random.default_rng(seed)
-    start = min((random_shape(n, shape.harmonics, rng).ravel() for _ in range(_DRAWS)), key=cost)
-    iterations = max(1, total // (len(start) + 1))  # SLSQP differences every variable once an iteration
-    result = scipy.optimize.minimize(cost, start, method="SLSQP", options={"maxiter": iterations, "ftol": _TOLERANCE})
-    best = min(start, result.x, key=cost)
-    progress("design", total, total)
-    return trajectory(start), trajectory(best)
+    memory = any(effect.memory for effect in expectation.model.effects)
+    design = Design(expectation.columns, weights, worth, whole=memory)
+    period = shape.duration / shape.periods
+    basis = SplineBasis(period, period / (TUNING.per_swing * shape.harmonics))
+    middle = 0.5 * (np.array(limits.lower) + np.array(limits.upper))
+    return MotionSearch(design, Feasibility.of(None, limits, None), basis, middle)
+
+
+def _played(trajectory: SplineTrajectory, shape: TrajectoryShape) -> Motion:
+    """All periods."""
+    t = shape.instants
+    motion = trajectory.motion(t % trajectory.duration)
+    return replace(motion, t=t)
 
 
 def quality(expectation: Expectation, motion: Motion, noise: float) -> Quality:
     """What a motion is worth: figures over its independent samples, for the expected robots."""
-    step = -(-len(motion) // _JUDGED)
+    step = -(-len(motion) // TUNING.judged)
     judged = motion[::step]
     columns = expectation.columns(judged)
     grams, speed = joint_grams(columns), expectation.model.robot.actuators(judged).dq
     span = float(motion.t[-1] - motion.t[0])
-    weight = min(1.0, INDEPENDENT * span / len(judged))
+    weight = min(1.0, TUNING.independent * span / len(judged))
     flips = expectation.joint_flips(grams, len(judged), noise, weight, groups_of(list(range(len(grams)))))
     segments = [
         turn_segments(columns, columns @ beta, speed, expected_noise(grams, beta, len(judged), noise), weight)

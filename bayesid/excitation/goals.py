@@ -12,16 +12,16 @@ from bayesid.arrays import Array
 from bayesid.effects.parameters import Parameter
 from bayesid.errors import InputError, near_names
 from bayesid.excitation.known import Known
+from bayesid.excitation.tuning import TUNING
 from bayesid.identification.identification import KNOWN
+from bayesid.motion import Motion
+from bayesid.robot import Robot
+from bayesid.simulation.trajectories import INDUSTRIAL_ARM, MotionLimits, random_trajectory
 
 GAINS, PAYLOAD, SIGNS = "gains", "payload", "signs"
 """Names of the goals that are no coefficients."""
 _NONE = 1e-9
 """Share of a coefficient below which a parameter's is rounding."""
-_LEAST = 1e-6
-"""Of its standard deviation now, what is wanted of a quantity that is zero: below every gain that there is."""
-_SIGN = 1.0
-"""Error of an effort, over its noise, that is wanted for its sign: the noise then says as much as the model."""
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,7 @@ def _joined(known: Known, parts: Sequence[_Part]) -> Goal:
 def _of_places(known: Known, places: Iterable[int], never: tuple[str, ...] = ()) -> _Part:
     chosen = list(places)
     sd = np.sqrt(np.diag(known.now))
-    wanted = np.maximum(KNOWN * np.abs(known.mean), _LEAST * sd)
+    wanted = np.maximum(KNOWN * np.abs(known.mean), 1e-6 * sd)  # of a quantity that is zero, below every gain
     return _Part(tuple(known.names[k] for k in chosen), np.eye(len(known))[chosen], wanted[chosen], never)
 
 
@@ -224,8 +224,6 @@ def _signs(known: Known) -> _Part:
 
     A sign is certain where the model's error of the effort is small beside it. The motions are random ones.
     """
-    from bayesid.excitation.reference import usual_motion
-
     motion = usual_motion(known.model.robot)
     information = known.information(motion, float(np.median(np.diff(motion.t)))) / (motion.t[-1] - motion.t[0])
     values, vectors = np.linalg.eigh(information)
@@ -233,4 +231,12 @@ def _signs(known: Known) -> _Part:
     forms = (vectors[:, seen] * np.sqrt(values[seen])).T
     names = tuple(f"effort{k + 1}" for k in range(int(seen.sum())))
     never = ("what is learned of efforts hardly helps signs: over 291 simulated logs no design of motion has",)
-    return _Part(names, forms, np.full(int(seen.sum()), _SIGN), never)
+    return _Part(names, forms, np.full(int(seen.sum()), TUNING.sign), never)
+
+
+def usual_motion(robot: Robot, limits: MotionLimits = INDUSTRIAL_ARM, duration: float | None = None) -> Motion:
+    """A random motion that uses the limits, over a duration, s, and stands for any motion."""
+    usual, rate = TUNING.usual_motion
+    duration = usual if duration is None else duration
+    t = np.linspace(0.0, duration, round(duration * rate) + 1)
+    return random_trajectory(robot.n_joints, duration, limits=limits).motion(t)

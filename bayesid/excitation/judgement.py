@@ -14,13 +14,23 @@ from typing import Literal
 
 import numpy as np
 
-from bayesid.arrays import Array
+from bayesid.arrays import TINY, Array
 from bayesid.effects import STANDARD, Term, catalogue
 from bayesid.effects.coefficients import BaseCoefficients
 from bayesid.effects.model import Model
 from bayesid.errors import InputError
-from bayesid.excitation.expectation import Expectation, check_noise, expect, undecided
-from bayesid.excitation.resolvability import INDEPENDENT, JointFlips, SegmentFlips, groups_of, mistaken, turn_measured
+from bayesid.excitation.resolvability import (
+    Expectation,
+    JointFlips,
+    SegmentFlips,
+    check_noise,
+    expect,
+    groups_of,
+    mistaken,
+    turn_measured,
+    undecided,
+)
+from bayesid.excitation.tuning import TUNING
 from bayesid.log.reading import LogSource, as_log
 from bayesid.log.segments import Segments, find_segments
 from bayesid.log.signals import Signals, prepare
@@ -28,21 +38,6 @@ from bayesid.parallel import one_blas_thread
 from bayesid.regression.moments import moments
 from bayesid.robot import Robot, check_joints, load_robot
 from bayesid.simulation.trajectories import UNEXCITED, log_condition_of
-
-_LITTLE = 0.2
-"""rad (m): a joint that covers less hardly moves; a round number, not studied."""
-_SLOW = 0.1
-"""rad/s (m/s): a joint that is never faster hardly moves; a round number, not studied."""
-_IDLE = 0.5
-"""Share of the time at standstill from which on it is worth a word; a round number."""
-_MISTAKEN = 0.01
-"""Probability of a wrong sign from which on it is worth a word; a round number."""
-_OPEN = 0.25
-"""Share of the coefficients that may stay undecided under a green light: products of inertia are small everywhere."""
-_DOUBTFUL = 0.05
-"""Share of a joint's energy with the wrong sign from which on it is worth a word; a round number."""
-_TINY = 1e-300
-"""Guard of a division."""
 
 
 @dataclass(frozen=True)
@@ -126,7 +121,7 @@ class ExcitationJudgement:
         """
         if _still(self) or _turned(self):
             return "red"
-        many = len(self.undecided) > _OPEN * len(self.uncertainty)
+        many = len(self.undecided) > TUNING.open * len(self.uncertainty)
         return "amber" if many or _segments(self) or _idle(self) else "green"
 
 
@@ -202,7 +197,7 @@ def _shown(expectation: Expectation, signals: Signals, segments: Segments, noise
         expectation.model, expectation.coefficients, signals.motion, signals.effort, segments, most_individual=0
     )
     grams, counts = sums.hessian.by_joint(n), np.bincount(sums.joint, sums.count, n)
-    samples, weight = np.maximum(counts, 1).astype(np.int64), min(1.0, INDEPENDENT / signals.rate)
+    samples, weight = np.maximum(counts, 1).astype(np.int64), min(1.0, TUNING.independent / signals.rate)
     groups = groups_of(unsigned, all_unsigned=len(unsigned) == n)
     flips = expectation.joint_flips(grams, samples, noise, weight, groups) if unsigned else [None]
     measured = turn_measured(sums.scaled(noise * sums.rms_effort(n)), segments.start, segments.end, weight)
@@ -212,7 +207,7 @@ def _shown(expectation: Expectation, signals: Signals, segments: Segments, noise
         uncertainty=expectation.uncertainty(grams, samples, noise, weight),
         joints=min(flips, key=_weakest),
         segments=measured,
-        doubtful=wrong / np.maximum(np.bincount(sums.joint, sums.energy, n), _TINY),
+        doubtful=wrong / np.maximum(np.bincount(sums.joint, sums.energy, n), TINY),
     )
 
 
@@ -230,7 +225,7 @@ def _condition(gram: Array) -> float:
 # ---------------------------------------------------------------------------------------------------------------
 def little_moved(judgement: ExcitationJudgement) -> tuple[int, ...]:
     """0-based actuators that hardly move."""
-    return tuple(np.flatnonzero((judgement.reach < _LITTLE) | (judgement.speed < _SLOW)).tolist())
+    return tuple(np.flatnonzero((judgement.reach < TUNING.little) | (judgement.speed < TUNING.slow)).tolist())
 
 
 def hardly_signed(judgement: ExcitationJudgement) -> tuple[tuple[int, ...], ...]:
@@ -239,7 +234,7 @@ def hardly_signed(judgement: ExcitationJudgement) -> tuple[tuple[int, ...], ...]
     if flips is None:
         return ()
     for group, chance in zip(flips.groups, mistaken(flips.resolvability).tolist(), strict=True):
-        if chance > _MISTAKEN and not any(set(smaller) <= set(group) for smaller in groups):
+        if chance > TUNING.mistaken and not any(set(smaller) <= set(group) for smaller in groups):
             groups.append(group)
     return tuple(groups)
 
@@ -254,7 +249,7 @@ def _still(judgement: ExcitationJudgement) -> list[str]:
 
 
 def _idle(judgement: ExcitationJudgement) -> list[str]:
-    resting = [j for j in np.flatnonzero(judgement.idle > _IDLE).tolist() if j not in little_moved(judgement)]
+    resting = [j for j in np.flatnonzero(judgement.idle > TUNING.idle).tolist() if j not in little_moved(judgement)]
     return [
         f"joint {j + 1} stands still {judgement.idle[j]:.0%} of the time, which tells nothing: let it move on"
         for j in resting
@@ -287,7 +282,7 @@ def _segments(judgement: ExcitationJudgement) -> list[str]:
     return [
         f"about {judgement.doubtful[j]:.0%} of the energy of joint {j + 1} would have the wrong sign, in segments that "
         "are short or weak: let its load change less often, and record longer"
-        for j in np.flatnonzero(judgement.doubtful > _DOUBTFUL).tolist()
+        for j in np.flatnonzero(judgement.doubtful > TUNING.doubtful).tolist()
     ]
 
 

@@ -18,10 +18,12 @@ from functools import cached_property
 
 import numpy as np
 
-from bayesid.arrays import Array, Integers, Mask
+from bayesid.arrays import TINY, Array, Integers, Mask
 from bayesid.effects.coefficients import BaseCoefficients, base_coefficients
 from bayesid.effects.model import Model
-from bayesid.excitation.expectation import expect
+from bayesid.excitation.resolvability import expect, mistaken, resolvability
+from bayesid.excitation.tuning import TUNING
+from bayesid.identification.identification import SURE
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.motion import Motion
 
@@ -29,9 +31,6 @@ _ROUNDING = 1e-12
 """Least eigenvalue of a scaled covariance, relative to the largest."""
 GAIN = "log_gain"
 """Names of the logarithms of gains begin so."""
-_CHANCE = 1.1
-"""Times the largest eigenvalue that many draws have by chance: what few of them have beyond it (Johnstone, On the
-distribution of the largest eigenvalue in principal components analysis, 2001: 3 sd, 0.05 each at 60 of 256)."""
 
 
 @dataclass(frozen=True)
@@ -200,7 +199,7 @@ def _beyond_sampling(covariance: Array, precision: Array, draws: int) -> Array:
     values, vectors = np.linalg.eigh(precision / np.outer(scale, scale))
     root = scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))  # L = root root'
     found, turn = np.linalg.eigh(root.T @ covariance @ root)
-    more = found > _CHANCE * (1.0 + np.sqrt(share)) ** 2
+    more = found > TUNING.chance * (1.0 + np.sqrt(share)) ** 2
     middle = 0.5 * (found[more] + 1.0 - share)
     true = middle + np.sqrt(middle**2 - found[more])
     across = inverse(precision) @ root @ turn[:, more]
@@ -221,3 +220,32 @@ def _floored(covariance: Array) -> Array:
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
     floored: Array = (vectors * np.maximum(values, _ROUNDING * values[-1])) @ vectors.T * np.outer(scale, scale)
     return floored
+
+
+def certain_share(known: Known, motion: Motion, period: float) -> float:
+    """Share of the |effort| in motion, each joint alike, in segments whose sign will be sure to 99 %.
+
+    A segment's sign is doubtful where turning it costs little (:eq:`resolvability`), all that is known beforehand
+    counted as data. Segments end where effort or speed change their sign, and are turned one by one.
+
+    Args:
+        known: the result.
+        motion: N samples of the recording, one a period.
+        period: s.
+    """
+    columns, weights = known.columns(motion), known.weights(motion, period)
+    effort = columns[:, :, : len(known.coefficients)] @ known.mean[: len(known.coefficients)]
+    speed = known.model.robot.actuators(motion).dq
+    n_samples, n = effort.shape
+    state = 2 * (effort > 0.0) + (speed > 0.0) + 4 * (weights > 0.0)
+    first = np.flatnonzero(np.vstack([np.ones((1, n), dtype=bool), state[1:] != state[:-1]]).T)
+    rows = (columns * (weights * effort)[:, :, None]).swapaxes(0, 1).reshape(n * n_samples, -1)
+    gradient = np.add.reduceat(rows, first)
+    energy = np.add.reduceat((weights * effort**2).T.ravel(), first)
+    left = inverse(known.precision + known.information(motion, period))
+    certain = mistaken(resolvability(left, gradient, energy)) <= 1.0 - SURE
+    size = np.add.reduceat((np.abs(effort) * (weights > 0.0)).T.ravel(), first)
+    joint = first // n_samples
+    whole = np.bincount(joint, size, n)
+    shares = np.bincount(joint, size * certain, n)[whole > 0.0] / np.maximum(whole[whole > 0.0], TINY)
+    return float(shares.mean()) if len(shares) else 0.0

@@ -1,7 +1,7 @@
 """The next motion: what to record so that what a result leaves open gets settled, and a motion that a robot can run.
 
 A result says how uncertain its coefficients are, and a discrepancy which effects its log cannot tell apart. Of all
-motions from rest to rest that a robot can run (`bayesid.excitation.feasible`), the one is looked for whose recording
+motions from rest to rest that a robot can run (`bayesid.excitation.splines`), the one is looked for whose recording
 tells most of that: by the information about chosen coefficients (`bayesid.excitation.goals`) or by the Bayes factor
 between hypotheses (`bayesid.excitation.rivals`). What will be known afterwards is said before anything is run.
 """
@@ -21,38 +21,24 @@ from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.effects.catalogue import main_forms
 from bayesid.effects.coefficients import base_coefficients
 from bayesid.errors import InputError
-from bayesid.excitation.feasible import BAND, Clearance, Feasibility, fine_steps, largest_efforts
-from bayesid.excitation.goals import CRITERIA, Goal, goal_of, information_gain
-from bayesid.excitation.known import GAIN, Known, information_of, inverse, known_of
+from bayesid.excitation.goals import CRITERIA, Goal, goal_of, information_gain, usual_motion
+from bayesid.excitation.known import GAIN, Known, certain_share, information_of, inverse, known_of
 from bayesid.excitation.limits import check_limits
-from bayesid.excitation.predicted_signs import certain_share
-from bayesid.excitation.reference import usual_motion
-from bayesid.excitation.rivals import Changes, RivalEffects, inseparable, log10, make_rivals, parse_key
-from bayesid.excitation.search import Design, MotionSearch
-from bayesid.excitation.splines import SplineBasis, SplineTrajectory, at_rest
+from bayesid.excitation.rivals import Changes, RivalEffects, inseparable, make_rivals, parse_key
+from bayesid.excitation.search import Design, MotionSearch, best_motion
+from bayesid.excitation.splines import Feasibility, SplineBasis, SplineTrajectory, at_rest, fine_steps, largest_efforts
+from bayesid.excitation.tuning import TUNING
 from bayesid.identification.identification import KNOWN, Identification, identified_of
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.motion import Motion
-from bayesid.parallel import in_parallel, one_blas_thread
+from bayesid.parallel import one_blas_thread
 from bayesid.progress import SILENT, Progress
 from bayesid.regression.selection.added_effect import AddedEffect
+from bayesid.regression.selection.explanation import LN10
 from bayesid.regression.selection.hypotheses import EffectKey
+from bayesid.robot.collision import CollisionModel
 from bayesid.simulation.trajectories import MotionLimits
 
-CHANGES, TELLING_CHANGES = 2500, 1000
-"""That either of two searches tries by default: for coefficients, and for hypotheses, of which a change costs more.
-1500 in place of 400 told 137 pairs of 240 rather than 136, and 272 of 470 rather than 261, in two open logs."""
-_WHOLE = 4
-"""Of these changes one in so many is tried where a row depends on the whole motion: each takes three to four times as
-long then (UR10e with hysteresis, 20 s)."""
-_SAID = 8
-"""Numbers that a message repeats; a round number."""
-_SEARCHES = 2
-"""From different random motions, the better of which counts: one a processor of a small machine."""
-_MOST_RECORDED = 4000
-"""Instants of the earlier motion that are looked at. A round number."""
-_DURATIONS, _RATES = (2.0, 600.0), (10.0, 4000.0)
-"""s and Hz, shortest and longest: a joint needs time to move; controllers ask for 4 kHz at most."""
 _SUPPOSED = (
     "the result knows nothing of some coefficients, not even a prior: how plausible robots differ stands for it "
     "(identify without --no-posterior)"
@@ -101,14 +87,14 @@ class RunSettings:
     start: tuple[float, ...] | None = None
     limits: MotionLimits | None = None
     effort_limits: tuple[float, ...] | None = None
-    clearance: Clearance | None = None
+    clearance: CollisionModel | None = None
     no_clearance: str = "no shapes are known"
     payload: str = ""
 
     def __post_init__(self) -> None:
         for value, (least, most), name, unit in (
-            (self.duration, _DURATIONS, "duration", "s"),
-            (self.rate, _RATES, "rate", "Hz"),
+            (self.duration, (2.0, 600.0), "duration", "s"),
+            (self.rate, (10.0, 4000.0), "rate", "Hz"),
         ):
             if not least <= value <= most:
                 remedy = f"give {least:g} to {most:g} {unit}"
@@ -218,52 +204,29 @@ class NextMotion:
 
     @property
     def motion(self) -> Motion:
-        """The motion at the controller's rate.
-
-        Example:
-            >>> design = bayesid.design_next(result, run=bayesid.RunSettings(duration=4.0), changes=10)
-            >>> bool((np.abs(design.motion.dq[[0, -1]]) < 1e-9).all())
-            True
-        """
+        """The motion at the controller's rate."""
         return self.trajectory.motion(_instants(self.run))
 
     @property
     def effort_band(self) -> tuple[Array, Array]:
-        """(N, n) predicted efforts of `motion`, N m, and (N, n) their standard deviations, noise apart.
-
-        Example:
-            >>> effort, sd = bayesid.design_next(result, run=bayesid.RunSettings(duration=4.0), changes=10).effort_band
-            >>> effort.shape, bool((sd > 0.0).all())
-            ((401, 3), True)
-        """
+        """(N, n) predicted efforts of `motion`, N m, and (N, n) their standard deviations, noise apart."""
         return self.feasibility.effort_band(self.motion)
 
     @property
     def largest_effort(self) -> Array:
-        """(n,) largest |effort| with its band, N m.
-
-        Example:
-            >>> design = bayesid.design_next(result, run=bayesid.RunSettings(duration=4.0), changes=10)
-            >>> design.largest_effort.shape
-            (3,)
-        """
+        """(n,) largest |effort| with its band, N m."""
         return self.feasibility.largest_efforts(self.trajectory)
 
     @property
     def checked(self) -> tuple[str, ...]:
-        """What was checked, a few words each.
-
-        Example:
-            >>> bayesid.design_next(result, run=bayesid.RunSettings(duration=4.0), changes=10).checked[0]
-            'positions, velocities and accelerations at every instant'
-        """
+        """What was checked, a few words each."""
         limits, clearance = self.run.limits, self.run.clearance
         said = ["positions, velocities and accelerations at every instant"]
         if limits is not None and limits.jerk is not None:
             said.append("jerks at every instant")
         if self.feasibility.limits_effort:
             carried = f", with {self.run.payload} on the flange" if self.run.payload else ""
-            said.append(f"efforts within {BAND:g} standard deviations of their prediction{carried}")
+            said.append(f"efforts within {TUNING.band:g} standard deviations of their prediction{carried}")
         if clearance is not None:
             said.append(f"distances of {clearance.margin:g} m at every instant: {clearance.source}")
         return tuple(said)
@@ -322,7 +285,7 @@ def design_next(
     goal = None if rivals else goal_of(known, about, run.payload)
     design = _of_rivals(rivals) if goal is None else _of_goal(known, goal, run, criterion)
     search = MotionSearch(design, feasibility, basis, pose, run.payload)
-    trajectory = _found(search, _usual_changes(design, goal) if changes is None else changes, progress)
+    trajectory = best_motion(search, _usual_changes(design, goal) if changes is None else changes, progress)[1]
     motion = trajectory.motion(_instants(run))
     told = partial(_prediction, known, goal, rivals)
     never = ((_SUPPOSED,) if known.supposed else ()) + (() if goal is None else goal.never)
@@ -346,15 +309,17 @@ def design_next(
 
 def _usual_changes(design: Design, goal: Goal | None) -> int:
     """As many as take some half a minute."""
-    usual = TELLING_CHANGES if goal is None else CHANGES
-    return usual // _WHOLE if design.whole else usual
+    usual = TUNING.telling_changes if goal is None else TUNING.changes
+    return usual // TUNING.whole if design.whole else usual
 
 
 def _check_search(criterion: str, changes: int | None) -> None:
     if criterion not in CRITERIA:
         raise InputError(f"{criterion!r} cannot be used", field="criterion", remedy=f"give {' or '.join(CRITERIA)}")
     if changes is not None and changes < 1:
-        raise InputError(f"{changes} changes cannot be tried", field="changes", remedy=f"give 1 or more, as {CHANGES}")
+        raise InputError(
+            f"{changes} changes cannot be tried", field="changes", remedy=f"give 1 or more, as {TUNING.changes}"
+        )
 
 
 def _check_payload(known: Known, payload: str) -> None:
@@ -384,8 +349,8 @@ def _taken(
         recorded = result.signals.motion if recorded is None else recorded
         result = _with_lacking(result)
     result = identified_of(result, "result")
-    if recorded is not None and len(recorded) > _MOST_RECORDED:
-        recorded = recorded[:: -(-len(recorded) // _MOST_RECORDED)]
+    if recorded is not None and len(recorded) > TUNING.most_recorded:
+        recorded = recorded[:: -(-len(recorded) // TUNING.most_recorded)]
     return result, recorded, named
 
 
@@ -463,7 +428,7 @@ def _settled(run: RunSettings, known: Known, recorded: Motion | None) -> RunSett
     if run.effort_limits is not None:
         efforts = np.asarray(run.effort_limits, dtype=float)
         if efforts.shape not in ((1,), (robot.n_joints,)) or not (efforts > 0.0).all():
-            said = f"{', '.join(f'{value:g}' for value in efforts.ravel()[:_SAID])} for {robot.n_joints} joints"
+            said = f"{', '.join(f'{value:g}' for value in efforts.ravel()[:8])} for {robot.n_joints} joints"
             raise InputError(
                 said, field="effort_limits", remedy="give a positive number for each joint, or one for all, N m"
             )
@@ -489,8 +454,8 @@ def _check_start(feasibility: Feasibility, still: SplineTrajectory) -> None:
             raise InputError(said, field="start", remedy="give a pose within the limits, or `limits` that hold it")
     mean, sd = feasibility.effort_band(still.motion(np.linspace(0.0, still.duration, 3)))
     for j, (value, spread, limit) in enumerate(zip(mean[0], sd[0], feasibility.effort, strict=True), start=1):
-        if abs(value) + BAND * spread > limit:
-            needed = f"{value:.3g} +- {BAND * spread:.3g} N m"
+        if abs(value) + TUNING.band * spread > limit:
+            needed = f"{value:.3g} +- {TUNING.band * spread:.3g} N m"
             said = f"joint {j} may need {needed} at the start, its limit is {limit:.3g} N m"
             remedy = "give another `start`, or state what is known (`Beliefs.nominal`) when the log is identified"
             raise InputError(said, field="effort_limits", remedy=remedy)
@@ -530,18 +495,6 @@ def _of_rivals(rivals: tuple[RivalEffects, ...]) -> Design:
     return Design(columns, rivals[0].known.weights, worth, whole=any(one.memory for one in rivals))
 
 
-def _found(search: MotionSearch, changes: int, progress: Progress) -> SplineTrajectory:
-    """The better motion of some searches from different starts."""
-
-    def done(k: int) -> None:
-        progress("design", k, changes)
-
-    tasks = [partial(search.run, changes, seed, done) for seed in range(_SEARCHES)]
-    found = in_parallel(tasks)
-    progress("design", changes, changes)
-    return min(found, key=search.cost)
-
-
 def _prediction(
     known: Known, goal: Goal | None, rivals: tuple[RivalEffects, ...], motion: Motion
 ) -> PredictedKnowledge:
@@ -550,7 +503,7 @@ def _prediction(
     factors: dict[tuple[str, str], float] = {}
     for one in rivals:
         information = information_of(one.columns(motion), one.known.weights(motion, period))
-        factors |= {pair: log10(value) for pair, value in one.expected(information).items()}
+        factors |= {pair: value / LN10 for pair, value in one.expected(information).items()}
     return PredictedKnowledge(
         names=known.names,
         units=known.units,

@@ -1,4 +1,6 @@
-"""What a motion says about signs: how much worse a fit becomes when the signs of some efforts are turned.
+"""What a motion shows of signs and coefficients, for robots that are plausible before any log.
+
+Of signs: how much worse a fit becomes when those of some efforts are turned.
 
 Stack the efforts of all joints, each row divided by its joint's noise sigma_j, as tau = Y beta, with the r base
 coefficients beta. Cut them into segments of constant sign and turn the signs of a set F of segments. The cost
@@ -31,7 +33,7 @@ the wrong sign if single segments and groups of joints were all that could be tu
 w_F the share of the energy in F or in its complement, whichever is less. It ranks motions and is no promise: other sets
 may be turned as well, and the cone helps.
 
-Samples count as independent, but at most INDEPENDENT a second: what a model leaves of a real effort is coloured.
+Samples count as independent, but at most `TUNING.independent` a second: what a model leaves of an effort is coloured.
 """
 
 from __future__ import annotations
@@ -43,21 +45,18 @@ import numpy as np
 import scipy
 from scipy.special import ndtr
 
-from bayesid.arrays import Array, Integers
+from bayesid.arrays import TINY, Array, Integers
+from bayesid.effects.coefficients import BaseCoefficients, base_coefficients
+from bayesid.effects.model import Model
+from bayesid.errors import InputError
+from bayesid.excitation.tuning import TUNING
+from bayesid.motion import Motion
+from bayesid.regression.knowledge import Beliefs
 from bayesid.regression.moments import Moments
+from bayesid.simulation.parameters import random_parameters
 
-INDEPENDENT = 20.0
-"""1/s; assumed, as what a model leaves of real efforts lasts some hundredths of a second; not studied."""
 WRONG = 0.1
 """Share of the energy with a wrong sign at which the noise is more than a motion bears: a definition, equation (3)."""
-_LARGEST_GROUP = 3
-"""Joints turned at once: for up to seven joints these are all groups, as a group and its complement are the same."""
-_RANK = 1e-12
-"""Smallest ratio of eigenvalues of H, its diagonal scaled to one, that rounding leaves any meaning."""
-_LEAST_TOLERANCE, _MOST_TOLERANCE = 1e-6, 1e6
-"""Noise tolerances are looked for in between: no sensor is as good, nothing is shown beyond."""
-_TINY = 1e-300
-"""Guard of a division."""
 
 
 @dataclass(frozen=True)
@@ -118,11 +117,12 @@ def noise_tolerance(joints: JointFlips, segments: SegmentFlips, noise: float) ->
     def excess(log_factor: float) -> float:
         return float(share @ mistaken(resolved * np.exp(-2.0 * log_factor))) - WRONG
 
-    low, high = np.log([_LEAST_TOLERANCE / noise, _MOST_TOLERANCE / noise])
+    least, most = 1e-6, 1e6  # no sensor is as good, nothing is shown beyond
+    low, high = np.log([least / noise, most / noise])
     if excess(low) >= 0.0:
-        return _LEAST_TOLERANCE
+        return least
     if excess(high) <= 0.0:
-        return _MOST_TOLERANCE
+        return most
     return noise * float(np.exp(scipy.optimize.brentq(excess, low, high, xtol=1e-6)))
 
 
@@ -153,14 +153,14 @@ def turn_joints(grams: Array, beta: Array, groups: tuple[tuple[int, ...], ...]) 
     members = np.array([[j in group for j in range(len(grams))] for group in groups], dtype=float)
     gradient = grams @ beta
     energy = gradient @ beta
-    share = members @ energy / max(float(energy.sum()), _TINY)
+    share = members @ energy / max(float(energy.sum()), TINY)
     cost = resolvability(inverse_gram(grams.sum(axis=0)), members @ gradient, members @ energy)
     return JointFlips(groups, np.minimum(share, 1.0 - share), cost)
 
 
 def groups_of(joints: list[int], all_unsigned: bool = True) -> tuple[tuple[int, ...], ...]:
     """Groups of up to three of the joints whose signs are unknown; all at once only if there are others."""
-    most = min(_LARGEST_GROUP, max(1, len(joints) - all_unsigned))
+    most = min(TUNING.largest_group, max(1, len(joints) - all_unsigned))
     return tuple(group for size in range(1, most + 1) for group in combinations(joints, size))
 
 
@@ -191,7 +191,7 @@ def turn_segments(columns: Array, effort: Array, speed: Array, sigma: Array, wei
     hessian = np.einsum("j,jrs->rs", weight / sigma**2, joint_grams(columns))
     cost = resolvability(inverse_gram(hessian), gradient, energy)
     before = joint * n_samples
-    return SegmentFlips(joint, first - before, end - before, energy / max(float(energy.sum()), _TINY), cost)
+    return SegmentFlips(joint, first - before, end - before, energy / max(float(energy.sum()), TINY), cost)
 
 
 def turn_measured(moments: Moments, start: Integers, end: Integers, weight: float) -> SegmentFlips:
@@ -204,7 +204,7 @@ def turn_measured(moments: Moments, start: Integers, end: Integers, weight: floa
         weight: independent samples that each sample stands for.
     """
     cost = weight * resolvability(inverse_gram(moments.hessian.total()), moments.gradient, moments.energy)
-    share = moments.energy / max(float(moments.energy.sum()), _TINY)
+    share = moments.energy / max(float(moments.energy.sum()), TINY)
     unsigned = np.flatnonzero(moments.known == 0)
     return SegmentFlips(moments.joint[unsigned], start[unsigned], end[unsigned], share[unsigned], cost[unsigned])
 
@@ -223,6 +223,99 @@ def inverse_gram(hessian: Array) -> Array:
     lengths = np.sqrt(np.diag(hessian))
     scale = np.where(lengths > 0.0, 1.0 / np.where(lengths > 0.0, lengths, 1.0), 0.0)
     values, vectors = np.linalg.eigh(scale[:, None] * hessian * scale)
-    shown = values > _RANK * values[-1]
+    shown = values > 1e-12 * values[-1]  # beyond rounding
     half = scale[:, None] * vectors[:, shown] / np.sqrt(values[shown])
     return half @ half.T
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Plausible robots
+# ---------------------------------------------------------------------------------------------------------------
+@dataclass(frozen=True)
+class Expectation:
+    """K plausible robots with the same kinematics.
+
+    Attributes:
+        model: robot and terms.
+        coefficients: its r base coefficients.
+        thetas: (K, P) their parameters.
+        size: (r,) RMS of each coefficient over many such robots: how uncertain it is beforehand.
+    """
+
+    model: Model
+    coefficients: BaseCoefficients
+    thetas: Array
+    size: Array
+
+    @property
+    def betas(self) -> Array:
+        """(K, r) their base coefficients."""
+        return self.coefficients.project(self.thetas)
+
+    def columns(self, motion: Motion) -> Array:
+        """(N, n, r) base regressor."""
+        return self.model.columns(motion)[:, :, self.coefficients.kept]
+
+    def joint_flips(
+        self, grams: Array, samples: int | Integers, noise: float, weight: float, groups: tuple[tuple[int, ...], ...]
+    ) -> list[JointFlips]:
+        """(K) what turning groups of joints weighs for each of the robots.
+
+        Args:
+            grams: (n, r, r) Gram matrices of the joints' rows.
+            samples: that each of them holds.
+            noise: relative to each joint's RMS effort.
+            weight: independent samples that each sample stands for.
+            groups: 0-based joints.
+        """
+        sigma = [expected_noise(grams, beta, samples, noise)[:, None, None] for beta in self.betas]
+        pairs = zip(self.betas, sigma, strict=True)
+        return [turn_joints(weight * grams / noise_sd**2, beta, groups) for beta, noise_sd in pairs]
+
+    def uncertainty(self, grams: Array, samples: int | Integers, noise: float, weight: float) -> Array:
+        """(r,) standard deviation of each coefficient after a log whose signs are known, over its size beforehand.
+
+        It is that of the posterior (H + S^-2)^-1, S = diag(size), which has no singularity: 1 says that the log shows
+        nothing. The noise is that of the robots on average.
+
+        Arguments as for `joint_flips`.
+        """
+        sigma = np.sqrt(np.mean([expected_noise(grams, beta, samples, noise) ** 2 for beta in self.betas], axis=0))
+        hessian = np.einsum("j,jrs->rs", weight / sigma**2, grams)
+        precision = self.size[:, None] * hessian * self.size + np.eye(len(self.size))
+        return np.sqrt(np.diag(np.linalg.inv(precision)))
+
+
+def expect(model: Model, seed: int = 0, beliefs: Beliefs = Beliefs()) -> Expectation:
+    """Draws robots that are plausible for a model.
+
+    Args:
+        model: robot and terms.
+        seed: of the draws.
+        beliefs: parameters known beforehand take the place of drawn ones.
+
+    Raises:
+        InputError: the model has no such parameter.
+    """
+    rng, coefficients = np.random.default_rng(seed), base_coefficients(model)
+    drawn = np.array([random_parameters(model, rng) for _ in range(TUNING.sized)])
+    size = np.sqrt(np.mean(coefficients.project(drawn) ** 2, axis=0))
+    stated = beliefs.of(model.parameters).mean
+    return Expectation(model, coefficients, np.where(np.isnan(stated), drawn, stated)[: TUNING.robots], size)
+
+
+def undecided(uncertainty: Array) -> tuple[int, ...]:
+    """Coefficients of which more than half of the usual size is left open."""
+    return tuple(np.flatnonzero(uncertainty > TUNING.decided).tolist())
+
+
+def check_noise(noise: float) -> None:
+    """A noise relative to the RMS efforts can be used.
+
+    Raises:
+        InputError: it cannot.
+    """
+    if not 0.0 < noise <= 10.0:  # beyond, nothing is shown at all
+        raise InputError(
+            f"a noise of {noise:g} cannot be used", field="noise", remedy="give a share of the RMS effort, as 0.05"
+        )

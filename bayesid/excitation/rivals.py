@@ -21,25 +21,13 @@ from bayesid.effects.model import Model
 from bayesid.errors import InputError
 from bayesid.excitation.bayes_factors import BayesFactors, FormKnowledge
 from bayesid.excitation.known import Known, information_of, inverse
+from bayesid.excitation.tuning import TUNING
 from bayesid.motion import Motion
 from bayesid.regression.selection.explanation import LN10
 from bayesid.regression.selection.hypotheses import EffectKey, forms_of, maker
 
-TELLING = 2.0
-"""Log10 Bayes factor from which on effects count as told apart: decisive (Jeffreys 1961, appendix B)."""
-_CLEAR = 2.0 * TELLING * LN10
-"""Nats up to which a Bayes factor counts: twice what tells, for it scatters about what is expected of it. A hypothesis
-that is a special case of another can never be told clearly from it, and must not hold up those that can."""
-_WIDER = 10.0
-"""Times the standard deviation now, the largest before the earlier recording: a round number."""
-_MOST_FORMS = 4
-"""Of a hypothesis that are looked at: time grows with them. A round number."""
-_SHIFT = 1e-3
-"""Standard deviation of an effect's change without amplitude, which is as it is."""
 _RANK = 1e-6
 """Share of a column's length that others must leave for a motion to tell it from them."""
-
-
 Changes = Mapping[EffectKey, Mapping[str, float]]
 """Hypotheses that a term of the model has changed, and by how much which parameters, where the result has found it."""
 NO_CHANGES: Changes = {}
@@ -52,7 +40,7 @@ class RivalForm:
     Attributes:
         source: term or distortion.
         place: of its columns among all, its amplitudes first.
-        sd: (p,) of its amplitudes beforehand; `_SHIFT` of a change without amplitude.
+        sd: (p,) of its amplitudes beforehand; `TUNING.shift` of a change without amplitude.
         mean: (p,) of them beforehand.
     """
 
@@ -128,8 +116,11 @@ class RivalEffects:
         return self.known.memory or any(form.source.memory for rival in self.rivals for form in rival.forms)
 
     def worth(self, information: Array) -> float:
-        """Minus the expected log Bayes factors, nats, each as far as it counts: what is told clearly is told."""
-        return -float(np.minimum(self._factors.expected(information), _CLEAR).sum())
+        """Minus the expected log Bayes factors, nats, each up to twice what tells, for it scatters about that.
+
+        A hypothesis that is a special case of another is never told clearly from it, and must not hold up the others.
+        """
+        return -float(np.minimum(self._factors.expected(information), 2.0 * TUNING.telling * LN10).sum())
 
     def expected(self, information: Array) -> dict[tuple[str, str], float]:
         """Expected log Bayes factor, nats, of each hypothesis if it is true, against each other."""
@@ -237,7 +228,7 @@ def make_rivals(
         forms = []
         for one in hypotheses:
             shift = any(np.any(values) for values in one.columns.shift.values())
-            sd = np.concatenate([one.columns.sd, np.full(int(shift), _SHIFT)])
+            sd = np.concatenate([one.columns.sd, np.full(int(shift), TUNING.shift)])
             mean = np.concatenate([np.zeros(len(one.columns.sd)), np.ones(int(shift))])
             forms.append(RivalForm(one.source, slice(place, place + len(sd)), sd, mean))
             place += len(sd)
@@ -275,7 +266,7 @@ def _as_before(known: Known, changed: Changes) -> tuple[Known, dict[EffectKey, A
 def _unstepped(prior: Array, bare: Known, parameters: Sequence[str], sd: Array) -> Array:
     """The inverse covariance before, without the step that parameters were taken to have made (`Knowledge.widened`).
 
-    Where that step is all that was uncertain of a coefficient, a `_WIDER`th of it is left.
+    Where that step is all that was uncertain of a coefficient, a `TUNING.wider`th of it is left.
 
     Args:
         prior: with the step.
@@ -289,7 +280,7 @@ def _unstepped(prior: Array, bare: Known, parameters: Sequence[str], sd: Array) 
     root = np.linalg.cholesky(prior)
     whitened = root.T @ step * sd[: len(parameters)]
     sizes, turn = np.linalg.eigh(whitened @ whitened.T)
-    spread = np.linalg.inv(root).T @ turn * np.sqrt(np.clip(1.0 - sizes, 1.0 / _WIDER**2, 1.0))
+    spread = np.linalg.inv(root).T @ turn * np.sqrt(np.clip(1.0 - sizes, 1.0 / TUNING.wider**2, 1.0))
     return inverse(spread @ spread.T)
 
 
@@ -308,7 +299,7 @@ def _before(known: Known, bare: Known, earlier: Motion) -> Array:
     root = scale[:, None] * vectors * np.sqrt(np.maximum(values, np.finfo(float).tiny))  # L = root root'
     whiten = np.linalg.pinv(root)
     told, turn = np.linalg.eigh(whiten @ known.information(earlier, _period(earlier)) @ whiten.T)
-    left = np.clip(1.0 - told, 1.0 / _WIDER**2, 1.0)
+    left = np.clip(1.0 - told, 1.0 / TUNING.wider**2, 1.0)
     spread = whiten.T @ turn / np.sqrt(left)
     if bare is not known:
         spread = _turn(known, bare.model) @ spread[: len(known.coefficients)]
@@ -341,12 +332,12 @@ def _likeliest(rivals: RivalEffects) -> RivalEffects:
 def _chosen(rivals: RivalEffects, rival: Rival) -> list[RivalForm]:
     """As many forms as are looked at; the one that the result has found is the first of them."""
     forms, first = list(rival.forms), int(rival.own is not None)
-    if len(forms) <= _MOST_FORMS:
+    if len(forms) <= TUNING.most_forms:
         return forms
     if not rivals.recorded.any():
-        return [forms[k] for k in np.unique(np.linspace(0, len(forms) - 1, _MOST_FORMS).astype(int))]
+        return [forms[k] for k in np.unique(np.linspace(0, len(forms) - 1, TUNING.most_forms).astype(int))]
     fits = [rivals.best_fit(form, rival) for form in forms[first:]]
-    best = np.sort(np.argsort(fits)[::-1][: _MOST_FORMS - first]) + first
+    best = np.sort(np.argsort(fits)[::-1][: TUNING.most_forms - first]) + first
     return [*forms[:first], *(forms[k] for k in best)]
 
 
@@ -418,11 +409,6 @@ def _without(known: Known, keys: Sequence[EffectKey]) -> tuple[Known, dict[Effec
         gains=np.empty(0, dtype=np.int64),
     )
     return bare, found
-
-
-def log10(nats: float) -> float:
-    """Of a Bayes factor whose logarithm is in nats."""
-    return nats / LN10
 
 
 def inseparable(rivals: RivalEffects, motion: Motion) -> list[tuple[str, str]]:

@@ -1,68 +1,46 @@
-"""Search for a motion: changes of a spline that are kept if they are possible and tell more.
+"""The search for a motion that tells most: changes of a spline that are kept if they are possible and tell more.
 
 Information adds up over instants, and a change of some control points moves a short window of the motion: only there
 columns are made anew. What samples count for is looked at all over, as the top speed says which of them stand still.
 What is tried is a bump of some width, a stretch of constant speed (down to creeping), the same stretch again at another
 time, or a new random wave, in one joint or several, at once as long as it may be (`Feasibility.shortened`). A change
 that tells less, or that a robot cannot run, is dropped, and its opposite is tried; so every motion on the way is
-possible. The first one is the best of some random ones within the limits.
+possible. The first one is the best of some random Fourier series within the limits.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
 from bayesid.arrays import Array
-from bayesid.excitation.feasible import Feasibility
 from bayesid.excitation.known import information_of
-from bayesid.excitation.splines import DEGREE, ENDS, SplineBasis, SplineTrajectory, at_rest
+from bayesid.excitation.splines import DEGREE, ENDS, Feasibility, SplineBasis, SplineTrajectory, at_rest
+from bayesid.excitation.tuning import TUNING
 from bayesid.motion import Motion
+from bayesid.parallel import in_parallel
+from bayesid.progress import Progress
 from bayesid.simulation.trajectories import MotionLimits, random_trajectory
 
-INSTANTS = 20.0
-"""1/s at which information is summed while searching: five a period of what the fastest spline does, and as many as
-efforts are taken for independent (`bayesid.excitation.resolvability.INDEPENDENT`)."""
-_STARTS = 8
-"""Random motions of which the best is the start; a round number, not studied."""
-_HALVINGS = 8
-"""Of a random motion that is not possible, until it is given up."""
-_RISE = 1.0
-"""s in which a start leaves its pose, and comes back to it: as long as usual arms need. A round number; not studied."""
-_SEEDS = 2**31
-_SLOWEST = 1e-3
-"""Share of the velocity limit: the slowest speed that is tried, a tenth of what counts as standing still."""
-_WIDEST = 0.4
-"""Share of the motion that a change may span."""
-_SMALLEST = 1e-2
-"""Share of the joint's range: the smallest change that is tried."""
 
-_ROUNDING = 1e-9
-"""s."""
-
-
+@dataclass(frozen=True)
 class Design:
     """What a motion is worth.
 
-    Args:
+    Attributes:
         columns: of a motion (N, n) those of all that is to be told, (N, n, R).
         weights: of a motion and the seconds between its samples, what each sample counts for, (N, n).
         worth: of information (R, R); the less, the better.
         whole: whether columns depend on the whole motion.
     """
 
-    def __init__(
-        self,
-        columns: Callable[[Motion], Array],
-        weights: Callable[[Motion, float], Array],
-        worth: Callable[[Array], float],
-        *,
-        whole: bool,
-    ) -> None:
-        self.columns, self.weights, self.worth, self.whole = columns, weights, worth, whole
+    columns: Callable[[Motion], Array]
+    weights: Callable[[Motion, float], Array]
+    worth: Callable[[Array], float]
+    whole: bool
 
 
 @dataclass(frozen=True)
@@ -102,10 +80,15 @@ class MotionSearch:
     pose: Array
     payload: str = ""
 
+    @property
+    def rate(self) -> float:
+        """1/s, of the instants at which information is summed."""
+        return min(TUNING.instants, TUNING.per_knot / self.basis.spacing)
+
     @cached_property
     def instants(self) -> Array:
         """(N,) s."""
-        return np.linspace(0.0, self.basis.duration, round(self.basis.duration * INSTANTS) + 1)
+        return np.linspace(0.0, self.basis.duration, round(self.basis.duration * self.rate) + 1)
 
     @cached_property
     def _values(self) -> tuple[Array, ...]:
@@ -116,11 +99,11 @@ class MotionSearch:
         q, dq, ddq = (values @ trajectory.control for values in self._values)
         return Motion(self.instants, q, dq, ddq, 0.0, np.array(trajectory.payload))
 
-    def run(self, changes: int, seed: int, done: Callable[[int], None]) -> SplineTrajectory:
-        """The motion after so many changes were tried, from the best of some random ones."""
+    def run(self, changes: int, seed: int, done: Callable[[int], None]) -> tuple[SplineTrajectory, SplineTrajectory]:
+        """The best of some random motions, and what so many changes that are tried make of it."""
         rng = np.random.default_rng(seed)
-        starts = [self._judged(self._start(rng)) for _ in range(_STARTS)]
-        best = min(starts, key=lambda tried: tried.cost)
+        starts = [self._judged(self._start(rng)) for _ in range(TUNING.starts)]
+        first = best = min(starts, key=lambda tried: tried.cost)
         opposite: Array | None = None
         for k in range(changes):
             done(k)
@@ -128,7 +111,7 @@ class MotionSearch:
             tried = self._changed(best, step)
             opposite = -step if tried is best and opposite is None else None
             best = tried
-        return best.trajectory
+        return first.trajectory, best.trajectory
 
     def cost(self, trajectory: SplineTrajectory) -> float:
         """The worth of a motion; the less, the better."""
@@ -142,7 +125,7 @@ class MotionSearch:
         for joint in range(len(self.pose)):
             alone = np.where(np.arange(len(self.pose)) == joint, step, 0.0)
             step[:, joint] *= self.feasibility.shortened(still, alone)
-        for _ in range(_HALVINGS):
+        for _ in range(TUNING.halvings):
             moved = replace(still, control=still.control + step)
             if self.feasibility.possible(moved):
                 return moved
@@ -156,15 +139,15 @@ class MotionSearch:
             tuple(each.tolist()) for each in (can.lower, can.upper, can.rates[0], can.rates[1])
         )
         limits = MotionLimits(lower, upper, velocity, acceleration)
-        wave = random_trajectory(n, self.basis.duration, seed=int(rng.integers(_SEEDS)), limits=limits)
-        away = np.minimum(places, self.basis.duration - places) / min(_RISE, 0.5 * self.basis.duration)
+        wave = random_trajectory(n, self.basis.duration, seed=int(rng.integers(2**31)), limits=limits)
+        away = np.minimum(places, self.basis.duration - places) / min(TUNING.rise, 0.5 * self.basis.duration)
         share = np.sin(0.5 * np.pi * np.clip(away, 0.0, 1.0)) ** 2
         control: Array = self.pose + share[:, None] * (wave.motion(places).q - self.pose)
         return control
 
     def _judged(self, trajectory: SplineTrajectory) -> _Tried:
         motion = self._motion(trajectory)
-        columns, weights = self.design.columns(motion), self.design.weights(motion, 1.0 / INSTANTS)
+        columns, weights = self.design.columns(motion), self.design.weights(motion, 1.0 / self.rate)
         information = information_of(columns, weights)
         return _Tried(trajectory, columns, weights, information, self.design.worth(information))
 
@@ -185,9 +168,9 @@ class MotionSearch:
 
     def _judged_between(self, best: _Tried, moved: SplineTrajectory, start: float, end: float) -> _Tried:
         """A motion that differs from another between two instants alone."""
-        window = slice(*np.searchsorted(self.instants, [start - _ROUNDING, end + _ROUNDING]).tolist())
+        window = slice(*np.searchsorted(self.instants, [start - 1e-9, end + 1e-9]).tolist())
         whole = self._motion(moved)
-        new, weights = self.design.columns(whole[window]), self.design.weights(whole, 1.0 / INSTANTS)
+        new, weights = self.design.columns(whole[window]), self.design.weights(whole, 1.0 / self.rate)
         counts = np.any(weights != best.weights, axis=1)  # all over the motion, where its top speed is another
         counts[window] = False
         information = best.information - information_of(best.columns[window], best.weights[window])
@@ -209,9 +192,9 @@ class MotionSearch:
         """(K, n) a change of the control points."""
         n = len(self.pose)
         kinds = (self._bump, self._constant_speed, self._again)
-        count = 1 + rng.binomial(n - 1, 0.5) if rng.random() < 0.3 else 1
+        count = 1 + rng.binomial(n - 1, 0.5) if rng.random() < TUNING.several else 1
         step = np.zeros_like(trajectory.control)
-        kind = kinds[rng.choice(len(kinds), p=(0.6, 0.25, 0.15))]
+        kind = kinds[rng.choice(len(kinds), p=TUNING.kinds)]
         span = self._span(rng)
         for joint in rng.choice(n, count, replace=False).tolist():
             step[:, joint] = kind(trajectory, joint, span, rng)
@@ -220,7 +203,7 @@ class MotionSearch:
     def _span(self, rng: np.random.Generator) -> tuple[int, int]:
         """First control point of a change, and the one after its last: none of the ends."""
         free = len(self.basis) - 2 * ENDS
-        width = int(np.clip(np.exp(rng.uniform(0.0, np.log(max(_WIDEST * free, 2.0)))), 1, free))
+        width = int(np.clip(np.exp(rng.uniform(0.0, np.log(max(TUNING.widest * free, 2.0)))), 1, free))
         first = ENDS + int(rng.integers(0, free - width + 1))
         return first, first + width
 
@@ -228,7 +211,7 @@ class MotionSearch:
         """A smooth bump, either way."""
         first, last = span
         size = (self.feasibility.upper[joint] - self.feasibility.lower[joint]) * np.exp(
-            rng.uniform(np.log(_SMALLEST), 0.0)
+            rng.uniform(np.log(TUNING.smallest), 0.0)
         )
         step = np.zeros(len(self.basis))
         phase = (np.arange(last - first) + 1.0) / (last - first + 1.0)
@@ -240,7 +223,7 @@ class MotionSearch:
     ) -> Array:
         """A stretch of constant speed from where the joint is."""
         first, last = span
-        speed = self.feasibility.rates[0, joint] * np.exp(rng.uniform(np.log(_SLOWEST), 0.0))
+        speed = self.feasibility.rates[0, joint] * np.exp(rng.uniform(np.log(TUNING.slowest), 0.0))
         steps = np.arange(last - first) * self.basis.duration / (len(self.basis) - DEGREE)
         line = trajectory.control[first - 1, joint] + rng.choice([-1.0, 1.0]) * speed * steps
         step = np.zeros(len(self.basis))
@@ -257,3 +240,17 @@ class MotionSearch:
         control = trajectory.control[:, joint]
         step[first:last] = control[other : other + last - first] - control[first:last]
         return step
+
+
+def best_motion(
+    search: MotionSearch, changes: int, progress: Progress, seed: int = 0
+) -> tuple[SplineTrajectory, SplineTrajectory]:
+    """The better motion of some searches from different starts, and the start that it comes from, which is first."""
+
+    def done(k: int) -> None:
+        progress("design", k, changes)
+
+    seeds = range(TUNING.searches * seed, TUNING.searches * (seed + 1))
+    found = in_parallel([partial(search.run, changes, one, done) for one in seeds])
+    progress("design", changes, changes)
+    return min(found, key=lambda pair: search.cost(pair[1]))

@@ -1,4 +1,4 @@
-"""Motions of a uniform B-spline of degree five, from rest to rest at given poses, whose bounds hold at every instant.
+"""Motions of a uniform B-spline of degree five, from rest to rest at given poses, and the limits that they keep.
 
 q(t) = sum_k B_k(t) c_k with control points c_k (de Boor, A Practical Guide to Splines, 1978, chapter IX). Between two
 knots it is a polynomial, and so are its derivatives; a polynomial lies between the least and the largest of its
@@ -6,6 +6,12 @@ Bernstein coefficients (Farouki, The Bernstein polynomial basis: a centennial re
 linear in the control points. So what holds for these coefficients of positions, velocities, accelerations and jerks
 holds at every instant, between samples too. The first three and the last three control points are the poses at both
 ends, which leaves no velocity and no acceleration there. A control point moves the curve for six knots alone.
+
+A motion that violates a limit is no candidate of a search: steps that lead to one are shortened until they touch the
+limit of position, velocity, acceleration or jerk, and refused where they lead to efforts beyond theirs or to a
+collision. The effort of joint j may be anything within `TUNING.band` standard deviations of the prediction. Between
+samples it is bounded by the larger of its neighbours and their second differences: a curve leaves the chord of its
+samples by an eighth of that (Davis, Interpolation and Approximation, 1975, theorem 3.1.1).
 """
 
 from __future__ import annotations
@@ -17,24 +23,20 @@ import numpy as np
 import scipy
 
 from bayesid.arrays import Array, frozen
+from bayesid.excitation.known import Known
+from bayesid.excitation.tuning import TUNING
 from bayesid.motion import Motion
+from bayesid.robot.collision import CollisionModel
+from bayesid.simulation.trajectories import MotionLimits
 
 DEGREE = 5
 """The jerk is continuous, and its derivative bounded."""
 ENDS = 3
 """Control points at each end that are its pose: position, no velocity, no acceleration."""
-SPACING = 0.25
-"""s between knots: a joint may turn round every half second, as fast as accelerations of usual arms allow. A round
-number; not studied."""
-_FEWEST = 4
-"""Knots of the shortest motion."""
-_HALVES = 2
-"""Parts of the time between two knots with coefficients of their own: with two, bounds of positions, velocities,
-accelerations and jerks are too wide by 4, 9, 15 and 14 % of their range at most (`tests/excitation/test_splines.py`),
-and by a third of that for most control points."""
-_ROUNDING = 1e-12
-"""Of a weight in a Bernstein coefficient, relative to the largest: beyond that of the arithmetic, 1e-16, and far below
-the least that is not zero, 2.6e-4."""
+_INSTANT = 1e-9
+"""s, rounding of instants."""
+_BESIDE = 3
+"""Samples beside a window: what is said of the time between two samples hangs on four of them."""
 
 
 @dataclass(frozen=True)
@@ -47,12 +49,12 @@ class SplineBasis:
     """
 
     duration: float
-    spacing: float = SPACING
+    spacing: float = TUNING.spacing
 
     @cached_property
     def knots(self) -> Array:
         """(K + 6,) s; the first and the last six times."""
-        pieces = max(_FEWEST, round(self.duration / self.spacing))
+        pieces = max(TUNING.fewest_knots, round(self.duration / self.spacing))
         inner = np.linspace(0.0, self.duration, pieces + 1)
         return np.concatenate([np.zeros(DEGREE), inner, np.full(DEGREE, self.duration)])
 
@@ -78,7 +80,7 @@ class SplineBasis:
     def edges(self) -> Array:
         """(M + 1,) s, between which Bernstein coefficients are."""
         knots = np.unique(self.knots)
-        return np.interp(np.arange(_HALVES * (len(knots) - 1) + 1) / _HALVES, np.arange(len(knots)), knots)
+        return np.interp(np.arange(TUNING.halves * (len(knots) - 1) + 1) / TUNING.halves, np.arange(len(knots)), knots)
 
     @cached_property
     def bernstein(self) -> tuple[Array, ...]:
@@ -93,7 +95,7 @@ class SplineBasis:
         t = (edges[:-1, None] + np.diff(edges)[:, None] * at).ravel()
         values = self.values(t, order).reshape(len(edges) - 1, degree + 1, -1)
         matrix = np.linalg.solve(of_polynomial, values).reshape(-1, len(self))
-        matrix[np.abs(matrix) < _ROUNDING * np.abs(matrix).max()] = 0.0  # else it would touch limits where it is zero
+        matrix[np.abs(matrix) < 1e-12 * np.abs(matrix).max()] = 0.0  # rounding, which would touch limits
         return matrix
 
     def values(self, t: Array, order: int = 0) -> Array:
@@ -153,3 +155,132 @@ class SplineTrajectory:
 def at_rest(basis: SplineBasis, pose: Array, payload: str = "") -> SplineTrajectory:
     """The motion that stays where it is."""
     return SplineTrajectory(basis, np.tile(pose, (len(basis), 1)), payload)
+
+
+@dataclass(frozen=True)
+class Feasibility:
+    """What a motion must keep.
+
+    Attributes:
+        known: the result that predicts efforts; None where nothing does, and efforts have no limit.
+        lower: (n,) rad.
+        upper: (n,) rad.
+        rates: (3, n) largest velocity, acceleration and jerk; inf where there is no limit.
+        effort: (n,) N m of the actuators; inf where there is no limit.
+        clearance: tells whether the robot touches itself or its surroundings; None where nothing does.
+    """
+
+    known: Known | None
+    lower: Array
+    upper: Array
+    rates: Array
+    effort: Array
+    clearance: CollisionModel | None
+
+    @classmethod
+    def of(cls, known: Known | None, limits: MotionLimits, clearance: CollisionModel | None) -> Feasibility:
+        """By limits, those of positions with one number for each joint where no result has the joints."""
+        n = np.size(limits.lower) if known is None else known.model.robot.n_joints
+        each = [np.full(n, np.inf if limit is None else limit, dtype=float) for limit in vars(limits).values()]
+        lower, upper, velocity, acceleration, jerk, effort = each
+        return cls(known, lower, upper, np.array([velocity, acceleration, jerk]), effort, clearance)
+
+    def shortened(self, trajectory: SplineTrajectory, step: Array) -> float:
+        """How much, from 0 to 1, of a step (K, n) of the control points stays within position, velocity and so on."""
+        moved = np.flatnonzero(step.any(axis=0))
+        share = float(len(moved) > 0)
+        for order, matrix in enumerate(trajectory.basis.bernstein):
+            if not len(moved) or (order and not np.isfinite(self.rates[order - 1, moved]).any()):
+                continue
+            lower, upper = self._between(order)
+            at, by = matrix @ trajectory.control[:, moved], matrix @ step[:, moved]
+            room = np.where(by > 0.0, upper[moved] - at, at - lower[moved])
+            with np.errstate(divide="ignore", invalid="ignore"):
+                shares = np.where(by != 0.0, np.maximum(room, 0.0) / np.abs(by), np.inf)
+            share = min(share, float(shares.min()))
+        return share
+
+    def _between(self, order: int) -> tuple[Array, Array]:
+        if order == 0:
+            return self.lower, self.upper
+        return -self.rates[order - 1], self.rates[order - 1]
+
+    def within_limits(self, trajectory: SplineTrajectory) -> bool:
+        """Whether position, velocity, acceleration and jerk hold at every instant."""
+        for order in range(4):
+            (least, largest), (lower, upper) = trajectory.bounds(order), self._between(order)
+            slack = 1e-9 * np.where(np.isfinite(upper), np.maximum(np.abs(lower), np.abs(upper)), 1.0)
+            if np.any(least < lower - slack) or np.any(largest > upper + slack):
+                return False
+        return True
+
+    def effort_band(self, motion: Motion) -> tuple[Array, Array]:
+        """(N, n) predicted efforts, N m, and their standard deviations, noise apart: not as gains have them read."""
+        known = self.known
+        assert known is not None
+        r = len(known.coefficients)
+        columns = known.columns(motion)[:, :, :r]
+        return columns @ known.mean[:r], np.asarray(np.linalg.norm(columns @ known.root[:r], axis=2))
+
+    @property
+    def limits_effort(self) -> bool:
+        """Whether any effort has a limit."""
+        return self.known is not None and bool(np.isfinite(self.effort).any())
+
+    def bears(self, trajectory: SplineTrajectory, start: float = 0.0, end: float | None = None) -> bool:
+        """Whether efforts keep their limits from one instant to another, s, and between samples."""
+        if not self.limits_effort:
+            return True
+        mean, sd = self.effort_band(trajectory.motion(self._judged_at(trajectory, start, end)[:: TUNING.coarse]))
+        if (np.abs(mean) + TUNING.band * sd > self.effort).any():
+            return False
+        return bool((self.largest_efforts(trajectory, start, end) <= self.effort).all())
+
+    def largest_efforts(self, trajectory: SplineTrajectory, start: float = 0.0, end: float | None = None) -> Array:
+        """(n,) largest |effort| with its band where a motion has changed from one instant to another, s."""
+        return largest_efforts(*self.effort_band(trajectory.motion(self._judged_at(trajectory, start, end))))
+
+    def _judged_at(self, trajectory: SplineTrajectory, start: float, end: float | None) -> Array:
+        """(N,) instants, s, of those of the whole motion, so that windows and the whole say the same."""
+        count, last = fine_steps(trajectory.duration), trajectory.duration if end is None else end
+        if self.known is not None and self.known.memory:
+            start, last = 0.0, trajectory.duration
+        step = trajectory.duration / count
+        first = max(0, int(start / step) - _BESIDE)
+        every = np.linspace(0.0, trajectory.duration, count + 1)
+        return every[first : int(np.ceil(last / step)) + _BESIDE + 1]
+
+    def clear(self, trajectory: SplineTrajectory, start: float, end: float) -> bool:
+        """Whether the robot keeps clear from one instant to another, s, and between them."""
+        if self.clearance is None:
+            return True
+        edges = trajectory.basis.edges
+        first, last = np.searchsorted(edges, [start + _INSTANT, end - _INSTANT]).tolist()
+        first = max(first - 1, 0)
+
+        def path(t: Array) -> Array:
+            return trajectory.basis.values(t) @ trajectory.control
+
+        return self.clearance.stays_clear(path, edges[first : last + 1], trajectory.speeds()[first:last])
+
+    def possible(self, trajectory: SplineTrajectory, start: float = 0.0, end: float | None = None) -> bool:
+        """Whether a robot can run the motion, from one instant to another where all else is known to be possible."""
+        end = trajectory.duration if end is None else end
+        return (
+            self.within_limits(trajectory) and self.bears(trajectory, start, end) and self.clear(trajectory, start, end)
+        )
+
+
+def fine_steps(duration: float) -> int:
+    """Steps of about `TUNING.fine` in a duration, s."""
+    return max(2, int(np.ceil(duration / TUNING.fine)))
+
+
+def largest_efforts(mean: Array, sd: Array) -> Array:
+    """(n,) largest |effort| with its band, between samples too, of those at N even instants (N, n), three or more."""
+    largest = np.zeros(mean.shape[1])
+    for side in (mean + TUNING.band * sd, TUNING.band * sd - mean):
+        bent = np.pad(np.abs(np.diff(side, 2, axis=0)), ((1, 1), (0, 0)), mode="edge")
+        between = np.maximum(side[1:], side[:-1]) + 0.125 * np.maximum(bent[1:], bent[:-1])
+        largest = np.maximum(largest, between.max(axis=0))
+    return largest

@@ -10,7 +10,7 @@ from bayesid.excitation.design import ExcitationDesign
 from bayesid.excitation.judgement import ExcitationJudgement
 from bayesid.excitation.next_motion import NextMotion, PredictedKnowledge
 from bayesid.excitation.resolvability import JointFlips
-from bayesid.excitation.rivals import TELLING
+from bayesid.excitation.tuning import TUNING as EXCITATION
 from bayesid.identification.identification import KNOWN
 from bayesid.report.tuning import TUNING
 from bayesid.report.words import table
@@ -122,14 +122,15 @@ def _of_rivals(predicted: PredictedKnowledge, random: PredictedKnowledge) -> lis
     """How clearly hypotheses are told apart."""
     rows = []
     for pair, value in predicted.log10_bayes_factors.items():
-        told = "yes" if value >= TELLING else "no"
+        told = "yes" if value >= EXCITATION.telling else "no"
         rows.append([*pair, f"{value:.3g}", told, f"{random.log10_bayes_factors[pair]:.3g}"])
     heading = ["if true", "against", "log10 Bayes factor", "told apart", "random motion"]
     lines = [
         table(heading, rows),
-        f"expected with the noise as it is known, of the form that imitates best; told apart from {TELLING:g} on",
+        "expected with the noise as it is known, of the form that imitates best; told apart from "
+        f"{EXCITATION.telling:g} on",
     ]
-    if all(value < TELLING for value in predicted.log10_bayes_factors.values()):
+    if all(value < EXCITATION.telling for value in predicted.log10_bayes_factors.values()):
         lines.append("this motion is not expected to tell any apart: a longer one may (--duration), or wider --limits")
     return lines
 

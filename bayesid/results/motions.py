@@ -9,8 +9,9 @@ import numpy as np
 
 from bayesid.arrays import Array
 from bayesid.excitation.design import ExcitationDesign, Quality
-from bayesid.excitation.feasible import BAND
 from bayesid.excitation.next_motion import NextMotion, PredictedKnowledge
+from bayesid.excitation.splines import DEGREE
+from bayesid.excitation.tuning import TUNING
 from bayesid.export.controllers import PROGRAM_FOLDERS, PlannedMotion, Programs, check_programs, save_programs
 from bayesid.files.tables import write_json, write_motion, write_table
 from bayesid.files.writing import check_folder, save_folder
@@ -51,8 +52,8 @@ def save_design(design: ExcitationDesign, folder: str | Path) -> Path:
 
 
 def design_summary(design: ExcitationDesign) -> dict[str, Any]:
-    """design.json: figures, limits given and reached, and the series, from which the motion can be had again."""
-    motion, series = design.motion, design.trajectory
+    """design.json: figures, limits given and reached, and the B-spline of a period, which is the motion."""
+    motion, spline = design.motion, design.trajectory
     return {
         "robot": design.model.robot.name,
         "terms": [term.name for term in design.model.terms],
@@ -74,12 +75,11 @@ def design_summary(design: ExcitationDesign) -> dict[str, Any]:
             "given": {key: np.atleast_1d(value).tolist() for key, value in vars(design.limits).items()},
             "reached": _reached(motion),
         },
-        "series": {
-            "equation": "q_j(t) = centre_j + sum_h sine_jh sin(2 pi h frequency t) + cosine_jh cos(2 pi h frequency t)",
-            "frequency": series.frequency,
-            "centre": series.centre.tolist(),
-            "sine": series.sine.tolist(),
-            "cosine": series.cosine.tolist(),
+        "spline": {
+            "period": spline.duration,
+            "degree": DEGREE,
+            "knots": spline.basis.knots.tolist(),
+            "control_points": spline.control.tolist(),
         },
         "not_checked": ["collisions", "limits of the efforts"],
     }
@@ -185,7 +185,7 @@ def picture(design: NextMotion) -> Any:
             effort=_each(limits.effort),
         ),
         effort=effort,
-        effort_band=(effort - BAND * sd, effort + BAND * sd),
+        effort_band=(effort - TUNING.band * sd, effort + TUNING.band * sd),
         poses=extreme_poses(robot, motion, distance),
         distance=distance,
         margin=None if design.run.clearance is None else design.run.clearance.margin,

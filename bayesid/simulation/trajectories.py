@@ -9,9 +9,11 @@ is free.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from bayesid.arrays import Array, frozen
 from bayesid.effects.coefficients import BaseCoefficients
@@ -36,8 +38,9 @@ class MotionLimits:
         upper: highest position, rad.
         velocity: highest speed, rad/s.
         acceleration: highest acceleration, rad/s^2.
-        jerk: highest jerk, rad/s^3; None without a limit. Only motions for a result keep it (`bayesid.design_next`).
-        effort: largest |effort| of the actuators, N m; None without a limit, and kept as the jerk is.
+        jerk: highest jerk, rad/s^3; None without a limit. Only searched motions keep it.
+        effort: largest |effort| of the actuators, N m; None without a limit. Only motions for a
+            result keep it (`bayesid.design_next`).
     """
 
     lower: float | tuple[float, ...] = -2.0
@@ -144,20 +147,6 @@ def random_shape(n_joints: int, harmonics: int, rng: np.random.Generator) -> Arr
     return np.column_stack([waves.reshape(n_joints, -1), rng.uniform(-1.0, 1.0, n_joints)])
 
 
-def from_rest(shape: Array) -> Array:
-    """The nearest shape (n, 2 H + 1) whose motion starts, and so ends, at rest: no velocity, no acceleration at t = 0.
-
-    q'(0) is proportional to sum_h h sine_h and q''(0) to -sum_h h^2 cosine_h: both sums are projected out. It takes two
-    harmonics, with one nothing would be left.
-    """
-    harmonics = shape.shape[1] // 2
-    h = np.arange(1.0, harmonics + 1.0)
-    sine, cosine, centre = np.split(shape, [harmonics, 2 * harmonics], axis=1)
-    sine = sine - np.outer(sine @ h, h) / (h @ h)
-    cosine = cosine - np.outer(cosine @ h**2, h**2) / (h**2 @ h**2)
-    return np.hstack([sine, cosine, centre])
-
-
 def within_limits(shape: Array, frequency: float, limits: MotionLimits) -> FourierTrajectory:
     """The trajectory of a shape (n, 2 H + 1), each joint stretched until it touches the first of its limits.
 
@@ -250,7 +239,7 @@ def log_condition(model: Model, coefficients: BaseCoefficients, motion: Motion) 
     return _log_ratio(np.linalg.eigvalsh(columns.T @ columns))
 
 
-def _log_ratio(eigenvalues: Array) -> float:
+def _log_ratio(eigenvalues: NDArray[np.floating[Any]]) -> float:
     return float(-0.5 * np.log(max(eigenvalues[0] / eigenvalues[-1], _FLOOR)))
 
 

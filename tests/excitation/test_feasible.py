@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from open_results import LIMITS, open_known
 
-from bayesid.excitation.feasible import BAND, Feasibility, largest_efforts
 from bayesid.excitation.limits import check_limits
-from bayesid.excitation.splines import ENDS, SplineBasis, at_rest
+from bayesid.excitation.splines import ENDS, Feasibility, SplineBasis, at_rest, largest_efforts
+from bayesid.excitation.tuning import TUNING
 from bayesid.simulation.trajectories import MotionLimits
 
 POSE = np.array([-0.2, 0.5, 0.3])
@@ -105,7 +105,7 @@ def test_limits_of_efforts_count_the_band(known, basis):
     trajectory = moved(at_rest(basis, POSE), wave(basis))
     feasibility = within(known)
     mean, sd = feasibility.effort_band(trajectory.motion(np.linspace(0.0, 3.1, 3101)))
-    alone, banded = np.abs(mean).max(axis=0), (np.abs(mean) + BAND * sd).max(axis=0)
+    alone, banded = np.abs(mean).max(axis=0), (np.abs(mean) + TUNING.band * sd).max(axis=0)
     assert np.all(banded > 1.05 * alone)
     for joint in range(3):
         for limit, holds in ((1.002 * alone, False), (0.995 * banded, False), (1.02 * banded, True)):
@@ -123,7 +123,7 @@ def test_what_is_beyond_the_limit_between_two_samples_alone_is_refused():
     sd = np.tile([0.0, 0.25, 0.0], (7, 1))
     assert np.abs(mean[:6]).max() == pytest.approx(4.8)
     found = largest_efforts(mean[1:5], sd[1:5])
-    assert found == pytest.approx([5.0, 1.0 + BAND * 0.25, 5.0])
+    assert found == pytest.approx([5.0, 1.0 + TUNING.band * 0.25, 5.0])
 
 
 def test_largest_efforts_hold_between_the_samples_of_a_motion(known):
@@ -134,12 +134,12 @@ def test_largest_efforts_hold_between_the_samples_of_a_motion(known):
     for seed in range(6):
         trajectory = moved(still, wave(basis, seed, 4.0), feasibility.shortened(still, wave(basis, seed, 4.0)))
         mean, sd = feasibility.effort_band(trajectory.motion(np.linspace(0.0, 5.0, 10_001)))
-        finest = (np.abs(mean) + BAND * sd).max(axis=0)
+        finest = (np.abs(mean) + TUNING.band * sd).max(axis=0)
         coarse = feasibility.effort_band(trajectory.motion(np.linspace(0.0, 5.0, 1001)))
         bound = feasibility.largest_efforts(trajectory)
         assert np.all(bound >= finest)
         assert np.all(bound <= 1.05 * finest)
-        missed += int(((np.abs(coarse[0]) + BAND * coarse[1]).max(axis=0) < finest).sum())
+        missed += int(((np.abs(coarse[0]) + TUNING.band * coarse[1]).max(axis=0) < finest).sum())
     assert missed > 6
 
 

@@ -5,8 +5,8 @@ from open_results import open_known
 
 from bayesid.cli.terminal import in_options
 from bayesid.errors import InputError
-from bayesid.excitation.feasible import Feasibility
 from bayesid.excitation.limits import check_limits, read_limits
+from bayesid.excitation.splines import Feasibility
 from bayesid.simulation.trajectories import MotionLimits
 
 

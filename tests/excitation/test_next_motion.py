@@ -8,9 +8,8 @@ from open_results import LIMITS, TERMS, earlier_motion, open_result
 from bayesid.cli.terminal import in_options
 from bayesid.effects.payload import CarriedPayload
 from bayesid.errors import InputError
-from bayesid.excitation.feasible import BAND
 from bayesid.excitation.next_motion import RunSettings, design_next, slowed
-from bayesid.excitation.rivals import TELLING
+from bayesid.excitation.tuning import TUNING
 from bayesid.identification.pipeline import identify
 from bayesid.log.log import join_logs
 from bayesid.simulation.logs import simulate
@@ -155,7 +154,9 @@ def test_hypotheses_are_told_better_than_by_a_random_motion(result):
     assert telling.predicted.gain == 0.0
     assert all(f"{true} from {other}" in repr(telling) for true, other in (pair, pair[::-1]))
     told, by_random = (
-        sum(min(value, 2.0 * TELLING) for value in one.log10_bayes_factors.values())  # what is clear counts no more
+        sum(
+            min(value, 2.0 * TUNING.telling) for value in one.log10_bayes_factors.values()
+        )  # what is clear counts no more
         for one in (telling.predicted, telling.of_random)
     )
     assert told > 1.5 * by_random
@@ -206,7 +207,7 @@ def test_speeds_at_which_efforts_keep_their_limits(truth, design):
         motion = slowed(design.trajectory, share, 2000.0 / duration)
         columns = design.known.columns(motion)
         mean, sd = columns @ design.known.mean, np.sqrt(np.einsum("njr,rs,njs->nj", columns, design.known.now, columns))
-        holds = np.all(np.abs(mean) + BAND * sd <= EFFORT)
+        holds = np.all(np.abs(mean) + TUNING.band * sd <= EFFORT)
         assert (share in design.slow) == holds
 
 

@@ -5,11 +5,10 @@ import pytest
 from open_results import LIMITS, open_known
 
 from bayesid.effects.hysteresis import Hysteresis
-from bayesid.excitation.feasible import Feasibility
 from bayesid.excitation.goals import goal_of, log_spread
 from bayesid.excitation.limits import check_limits
-from bayesid.excitation.search import INSTANTS, Design, MotionSearch
-from bayesid.excitation.splines import SplineBasis, at_rest
+from bayesid.excitation.search import Design, MotionSearch
+from bayesid.excitation.splines import Feasibility, SplineBasis, at_rest
 from bayesid.simulation.trajectories import MotionLimits
 
 POSE = np.array([-0.2, 0.5, 0.3])
@@ -65,7 +64,7 @@ def searched(known):
     """Under limits of efforts that some motions within the others break."""
     search, _ = search_of(known, limits=replace(LIMITS, effort=largest_of(known)), clearance=Wall())
     told = []
-    trajectory = search.run(400, 4, told.append)
+    _, trajectory = search.run(400, 4, told.append)
     assert told == list(range(400))
     return search, search.feasibility.kept, trajectory
 
@@ -104,8 +103,8 @@ def test_the_worth_rises_with_every_change(searched):
 def off(known, whole, **options):
     """By how much the information that windows add up to is off that of the whole motion, of its largest entries."""
     search, asked = search_of(known, whole=whole, **options)
-    trajectory = search.run(120, 4, no_progress)
-    true = known.information(trajectory.motion(search.instants), 1.0 / INSTANTS)
+    _, trajectory = search.run(120, 4, no_progress)
+    true = known.information(trajectory.motion(search.instants), 1.0 / search.rate)
     scale = np.sqrt(np.outer(np.diag(true), np.diag(true))) + 1e-9 * true.max()
     return min(np.abs((one - true) / scale).max() for one in asked)
 
