@@ -1,11 +1,11 @@
 """Design of a motion that shows coefficients, for a controller to play, before anything is known of the robot.
 
-Every joint follows a spline within its limits that starts and ends at rest. `bayesid.excitation.search` looks for the
-least of log kappa^2 + mean log v (:eq:`design-worth`): kappa is the condition number of the base regressor with columns
-of unit length (:eq:`condition-number`), the amplification of noise into coefficients, and v the variance of coefficients
-over that of plausible robots. The first says nothing of how large efforts are, the second nothing of sums that are shown
-badly. The result says how far signs are resolved, too, but is not designed for that: over 97 pairs of logs a design for
-signs gave as many right ones (`bayesid.studies.benchmarks.excitation` has what stands of it).
+Every joint follows a spline within its limits that starts and ends at rest. `bayesid.excitation.search` looks for
+the least of log kappa^2 + mean log v (:eq:`design-worth`): kappa is the condition number of the base regressor with
+columns of unit length (:eq:`condition-number`), the amplification of noise into coefficients, and v the variance of
+coefficients over that of plausible robots. The first says nothing of how large efforts are, the second nothing of sums
+that are shown badly. The result says how far signs are resolved, too, but is not designed for that: over 97 pairs of
+logs a design for signs gave as many right ones (`bayesid.studies.benchmarks.excitation` has what stands of it).
 
 Collisions of the robot with itself or its surroundings, and limits of its efforts, are not checked here; a motion for a
 result keeps them (`bayesid.excitation.next_motion`).

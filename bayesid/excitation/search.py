@@ -99,14 +99,13 @@ class MotionSearch:
         q, dq, ddq = (values @ trajectory.control for values in self._values)
         return Motion(self.instants, q, dq, ddq, 0.0, np.array(trajectory.payload))
 
-    def run(self, changes: int, seed: int, done: Callable[[int], None]) -> tuple[SplineTrajectory, SplineTrajectory]:
+    def run(self, changes: int, seed: int) -> tuple[SplineTrajectory, SplineTrajectory]:
         """The best of some random motions, and what so many changes that are tried make of it."""
         rng = np.random.default_rng(seed)
         starts = [self._judged(self._start(rng)) for _ in range(TUNING.starts)]
         first = best = min(starts, key=lambda tried: tried.cost)
         opposite: Array | None = None
-        for k in range(changes):
-            done(k)
+        for _ in range(changes):
             step = self._step(best.trajectory, rng) if opposite is None else opposite
             tried = self._changed(best, step)
             opposite = -step if tried is best and opposite is None else None
@@ -246,11 +245,6 @@ def best_motion(
     search: MotionSearch, changes: int, progress: Progress, seed: int = 0
 ) -> tuple[SplineTrajectory, SplineTrajectory]:
     """The better motion of some searches from different starts, and the start that it comes from, which is first."""
-
-    def done(k: int) -> None:
-        progress("design", k, changes)
-
     seeds = range(TUNING.searches * seed, TUNING.searches * (seed + 1))
-    found = in_parallel([partial(search.run, changes, one, done) for one in seeds])
-    progress("design", changes, changes)
+    found = in_parallel([partial(search.run, changes, one) for one in seeds], progress.steps("design"))
     return min(found, key=lambda pair: search.cost(pair[1]))
