@@ -39,24 +39,11 @@ class Progress:
         self.show(stage, done, total)
 
     def under(self, heading: str) -> Progress:
-        """The same, stages named under a heading.
-
-        Example:
-            >>> progress = bayesid.Progress(lambda stage, done, total: print(f"{stage}: {done} of {total}"))
-            >>> progress.under("monday")("search", 1, 4)
-            monday: search: 1 of 4
-        """
+        """The same, stages named under a heading: `monday: search`."""
         return Progress(lambda stage, done, total: self.show(f"{heading}: {stage}", done, total))
 
     def steps(self, stage: str) -> Steps:
-        """One stage's own callback.
-
-        Example:
-            >>> progress = bayesid.Progress(lambda stage, done, total: print(f"{stage}: {done} of {total}"))
-            >>> steps = progress.steps("search")
-            >>> steps(1, 4)
-            search: 1 of 4
-        """
+        """One stage's own callback."""
         return lambda done, total: self.show(stage, done, total)
 
 

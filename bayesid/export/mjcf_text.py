@@ -88,7 +88,6 @@ def mjcf(model: Model, theta: Array) -> str:
 
 
 def _remarks(model: Model, parts: Sequence[Part]) -> list[str]:
-    """Lines of the comment at the head."""
     motors = motor_speeds(model.robot)
     every = np.ones(model.robot.n_joints, dtype=bool)
     return [
@@ -140,5 +139,4 @@ def _attributes(effects: Mapping[str, float], rest_key: str, direction: float) -
 
 
 def _quaternion(rotation: Array) -> str:
-    """Of a (3, 3) rotation, w first."""
     return numbers(np.roll(scipy.spatial.transform.Rotation.from_matrix(rotation).as_quat(canonical=True), 1))

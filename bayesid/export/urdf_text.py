@@ -70,7 +70,6 @@ def urdf(model: Model, theta: Array) -> str:
 
 
 def _link(name: str, body: Body) -> ET.Element:
-    """Link element with its mass, centre of mass, and inertia about that centre, in the joint's frame."""
     link = ET.Element("link", name=name)
     inertial = ET.SubElement(link, "inertial")
     ET.SubElement(inertial, "origin", xyz=numbers(body.centre), rpy="0 0 0")
@@ -81,7 +80,6 @@ def _link(name: str, body: Body) -> ET.Element:
 
 
 def _joint(model: Model, i: int, dynamics: Mapping[str, float]) -> ET.Element:
-    """Element of the joint that moves link i."""
     joint = model.robot.joints[i]
     parent = "base" if joint.parent < 0 else numbered(model, "link", joint.parent)
     kind = "prismatic" if joint.prismatic else "revolute"

@@ -92,8 +92,6 @@ def xml_of(text: str, where: str) -> ET.Element:
 
 
 class _Shallow(ET.TreeBuilder):
-    """Builds a tree, unless it is too deep."""
-
     def __init__(self, where: str) -> None:
         super().__init__()
         self._where, self._depth = where, 0
@@ -110,7 +108,6 @@ class _Shallow(ET.TreeBuilder):
 
 
 def _is_flat(content: Any) -> bool:
-    """Whether tables and lists are in no more than `DEEPEST` others."""
     level = [content]
     for _ in range(DEEPEST + 1):
         level = [inner for outer in level for inner in _inner(outer)]
@@ -125,7 +122,6 @@ def _inner(content: Any) -> Iterator[Any]:
 
 
 def _said(error: Exception) -> str:
-    """A parser's complaint in one line."""
     text = error.strerror if isinstance(error, OSError) and error.strerror else str(error) or type(error).__name__
     return printable(" ".join(text.split()))[:200]  # it may repeat the file
 

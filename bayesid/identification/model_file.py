@@ -118,7 +118,6 @@ def _stored_draws(model: Model, path: Path) -> ParameterDraws | None:
 def _named(
     rows: Sequence[Mapping[str, Any]], base: type[Effect], known: Mapping[str, type[Effect]], where: str
 ) -> list[tuple[type[Effect], Mapping[str, Any]]]:
-    """Classes and shapes of terms or distortions."""
     for row in rows:
         if not issubclass(known.get(row["name"], object), base):
             remedy = (

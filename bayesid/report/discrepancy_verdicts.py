@@ -23,8 +23,6 @@ _WHOSE = {MODELS_RESIDUAL: "earlier model's", REFIT: "refitted model's"}
 """Own error a floor may be, by where it was taken from."""
 _CHANGE = "change of "
 """Begins the names of what a parameter has changed by."""
-_SURELY = 1.96
-"""Standard deviations by which a parameter has surely changed: outside of its 95 % interval."""
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -91,7 +89,6 @@ def _explains(discrepancy: Discrepancy) -> str:
 
 
 def _share_explained(discrepancy: Discrepancy, joint: int) -> float:
-    """Of a joint's excess over the floor."""
     before = next(excess.excess for excess in discrepancy.where if excess.joint == joint)
     return 1.0 - _excess(discrepancy, joint, dict(discrepancy.unexplained)[joint]) / before if before > 0.0 else 0.0
 
@@ -126,7 +123,6 @@ def discrepancy_checks(discrepancy: Discrepancy) -> tuple[Check, ...]:
 
 
 def _found(discrepancy: Discrepancy, added: AddedEffect) -> Check:
-    """An effect with its size, and what speaks against it."""
     name = upper(label(added.effect, added.joints))
     impossible = _below_zero(added)
     if impossible:
@@ -219,7 +215,6 @@ def testable_groups(discrepancy: Discrepancy) -> list[tuple[str, tuple[int, ...]
 
 
 def _percent(share: float) -> str:
-    """A probability; one that rounds to nothing or to all is not said to be."""
     return "under 1 %" if share < 0.01 else "over 99 %" if share > 0.99 else f"{100.0 * share:.0f} %"
 
 
@@ -287,7 +282,6 @@ def _size(added: AddedEffect) -> Quantity | None:
 
 
 def _plainly(added: AddedEffect, numbers: Mapping[str, str]) -> str:
-    """Without a sentence of its own, or without its numbers."""
     where = upper(joints_in_words(added.joints)) if added.joints else "The robot"
     parts = ", ".join(f"{symbol} = {number}" for symbol, number in numbers.items())
     needs = "need" if len(added.joints) > 1 else "needs"
@@ -305,7 +299,7 @@ def _change(discrepancy: Discrepancy, added: AddedEffect) -> str:
     chosen = {source.phrase.size: numbers[source.phrase.size]} if source.phrase.size in numbers else numbers
     parts = [f"{symbol} " * (len(chosen) > 1) + text for symbol, text in chosen.items()]
     changes = [number for name, number in added.parameters.items() if name.startswith(_CHANGE)]
-    if changes and all(abs(change) < _SURELY * sd for change, sd, _ in changes):  # False where the sd is not known
+    if changes and all(abs(change) < 1.96 * sd for change, sd, _ in changes):  # False where the sd is not known
         unsure = f"was free to change, and has not surely done so ({listed(parts)}): what resembles it may have"
         return f"{whose} {label(source.name)}{where} {unsure}."
     return f"{whose} {label(source.name)}{where} has changed{f': {listed(parts)}' if parts else ''}."
@@ -423,7 +417,6 @@ def nothing_missing(discrepancy: Discrepancy) -> str:
 
 
 def _range(discrepancy: Discrepancy, where: Excess) -> str:
-    """Velocity (0.10 to 0.50 rad/s)."""
     (low, high), unit = where.range, unit_of(discrepancy, where.joint, where.variable)
     return f"{where.variable} ({rounded(low, 2)} to {rounded(high, 2)} {unit})"
 

@@ -101,7 +101,6 @@ def next_motion_text(design: NextMotion) -> str:
 
 
 def _of_goal(design: NextMotion) -> list[str]:
-    """What is learned of coefficients."""
     after, random = design.predicted, design.of_random
     assert design.goal is not None
     lines = [
@@ -119,7 +118,6 @@ def _of_goal(design: NextMotion) -> list[str]:
 
 
 def _of_rivals(predicted: PredictedKnowledge, random: PredictedKnowledge) -> list[str]:
-    """How clearly hypotheses are told apart."""
     rows = []
     for pair, value in predicted.log10_bayes_factors.items():
         told = "yes" if value >= EXCITATION.telling else "no"

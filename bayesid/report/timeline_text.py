@@ -115,7 +115,6 @@ def tracked_name(one: TrackedParameter) -> str:
 
 
 def _people(one: TrackedParameter) -> ReadableUnit:
-    """The unit in which people read a parameter."""
     plain = ReadableUnit("" if one.unit == "1" else one.unit)
     if one.name == PAYLOAD:
         return plain
@@ -176,7 +175,6 @@ def _first_few(texts: Sequence[str]) -> str:
 
 
 def _new(comparison: LogComparison) -> list[EffectHistory]:
-    """What came; not another size of what the first model has, which the time line's parameters tell."""
     return [one for one in comparison.of(CHANGED) if not any(e.hypothesis.changes for e in one.found.values())]
 
 
@@ -192,7 +190,6 @@ def _of_links(comparison: LogComparison, row: Moved) -> bool:
 
 
 def _owns(effect: Effect, one: TrackedParameter) -> bool:
-    """Whether a parameter is of an effect, in its own joints."""
     same = effect.effect == one.effect.partition(".")[0]
     return same and (not effect.joints or one.joint in effect.joints)
 
@@ -226,7 +223,6 @@ def _undecided(comparison: LogComparison) -> list[str]:
 
 
 def _message(comparison: LogComparison, history: EffectHistory) -> str:
-    """What the last comparison that found it says of it."""
     k = max(history.found)
     found = comparison.found[k - 1]
     checks = dict(zip((effect.hypothesis for effect in found.added), discrepancy_checks(found), strict=False))
@@ -234,7 +230,6 @@ def _message(comparison: LogComparison, history: EffectHistory) -> str:
 
 
 def _in_logs(comparison: LogComparison, history: EffectHistory) -> str:
-    """In c.csv and d.csv."""
     names = names_of(comparison.logs)
     return f"in {listed([names[k] for k in sorted(history.found)])}"
 

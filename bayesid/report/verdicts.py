@@ -104,7 +104,6 @@ def _excite(summary: Summary) -> str:
 
 
 def _more(summary: Summary, budget: str) -> str:
-    """The command with a larger budget of search or posterior."""
     given = summary.provenance.options.get(f"{budget}.budget")
     return commands.again(summary, f"--{budget}-budget {TUNING.larger * given:g}") if isinstance(given, float) else ""
 
@@ -384,7 +383,6 @@ def intervals(summary: Summary) -> Check:
 
 
 def _relative(error: Numbers, effort: Numbers) -> float:
-    """Root of the mean over joints of squared relative errors."""
     shares = np.array(error, dtype=float) / np.maximum(np.array(effort, dtype=float), np.finfo(float).tiny)
     return float(np.sqrt(np.mean(shares**2)))
 

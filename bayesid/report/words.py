@@ -15,22 +15,16 @@ if TYPE_CHECKING:
 
 _UNITS = {"velocity": "rad/s", "position": "rad", "acceleration": "rad/s^2", "load": "N m", "time": "s"}
 _SLIDING = {"velocity": "m/s", "position": "m", "acceleration": "m/s^2", "load": "N", "time": "s"}
-_DIGITS = 3
-"""Significant ones of a number: what a person remembers."""
-_SMALL = 1e-4
-"""Size below which numbers are written with a power of ten, as Python's `repr` does."""
-_LARGE = 1e6
-"""Size from which on they are."""
 
 
 # ---------------------------------------------------------------------------------------------------------------
 # Numbers
 # ---------------------------------------------------------------------------------------------------------------
-def rounded(value: float, digits: int = _DIGITS) -> str:
+def rounded(value: float, digits: int = 3) -> str:
     """A number to some significant digits, trailing zeros kept."""
     if not math.isfinite(value):
         return "unknown" if math.isnan(value) else "-infinite" if value < 0.0 else "infinite"
-    if value and not _SMALL <= abs(value) < _LARGE:
+    if value and not 1e-4 <= abs(value) < 1e6:  # as Python's `repr`
         return f"{value:.{digits - 1}e}"
     return f"{value:.{_decimals(value, digits)}f}"
 
@@ -40,7 +34,7 @@ def quantity(value: float, sd: float, unit: str) -> str:
     if not math.isfinite(value) or not math.isfinite(sd) or sd <= 0.0:
         return f"{rounded(value)} {unit}".rstrip()
     exponent = math.floor(math.log10(max(abs(value), sd)))
-    scaled = not math.log10(_SMALL) <= exponent < math.log10(_LARGE)
+    scaled = not -4 <= exponent < 6
     factor = 10.0**exponent if scaled else 1.0
     decimals = _decimals(sd / factor, 2 if f"{sd:.1e}"[0] == "1" else 1)
     numbers = f"{value / factor:.{decimals}f} +- {sd / factor:.{decimals}f}"

@@ -79,14 +79,6 @@ class Agreement:
         return self.spread / self.typical_sd
 
     @property
-    def median_ratio(self) -> float:
-        """Of the ratio, over the coefficients compared; NaN if there are none.
-
-        With few runs chance alone gives less than 1: 0.67 with two, 0.83 with three. `factor` takes that into account.
-        """
-        return _median(self.ratio[self.compared])
-
-    @property
     def factor(self) -> float:
         """By how much all standard deviations would have to grow for the typical coefficient to agree as it should.
 
@@ -94,18 +86,13 @@ class Agreement:
         Birge ratio whose median is 1 for any number of runs. NaN if no coefficient is compared.
         """
         chi_square, dof = self.chi_square[self.compared], self.dof[self.compared]
-        return _median(np.sqrt(chi_square / chdtri(dof, 0.5)))
+        return float(np.median(np.sqrt(chi_square / chdtri(dof, 0.5)))) if len(dof) else np.nan
 
     @property
     def differing(self) -> Mask:
         """(C,) whether the runs differ at 1 %."""
         differing: Mask = self.p < TUNING.level  # NaN is not
         return differing
-
-    @property
-    def share_differing(self) -> float:
-        """Share of the coefficients compared in which the runs differ at 1 %; NaN if there are none."""
-        return float(self.differing.sum() / self.compared.sum()) if self.compared.any() else np.nan
 
     @property
     def beyond_chance(self) -> bool:
@@ -173,7 +160,6 @@ def agreement(runs: Sequence[Sequence[Row]]) -> Agreement:
 
 
 def _by_coefficient(run: Sequence[Row]) -> dict[tuple[str, str, str], tuple[float, float]]:
-    """Mean and standard deviation of each (name, expression, unit) of a run."""
     table = {(row["name"], row["expression"], row["unit"]): (float(row["mean"]), float(row["sd"])) for row in run}
     if len(table) < len(run):
         raise InputError("a run holds a coefficient twice", "agreement", "give each run's coefficients once")
@@ -206,10 +192,6 @@ def _statistics(mean: Array, sd: Array, decided: Mask) -> dict[str, Any]:
         "dof": np.maximum(k - 1, 0),
         "p": np.where(several, chdtrc(np.maximum(k - 1, 1), chi_square), np.nan),
     }
-
-
-def _median(values: Array) -> float:
-    return float(np.median(values)) if len(values) else np.nan
 
 
 # ---------------------------------------------------------------------------------------------------------------

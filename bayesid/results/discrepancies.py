@@ -61,18 +61,7 @@ def save_comparison(
 ) -> Path:
     """Writes discrepancy.json, timeline.csv, a report of both, and the result folder of the last log's extended model.
 
-    Args:
-        comparison: what to write.
-        folder: where; an earlier result there is replaced as a whole.
-        report: whether the extended model's own report.html is made too, which takes some seconds.
-        progress: called as progress("report", done, total).
-
-    Raises:
-        InputError: the folder cannot be written, or holds other files than an earlier result.
-        KeyboardInterrupt: with a text that says so where the result stands already.
-
-    Warns:
-        IncompleteWarning: an export or a page could not be written; the rest stands.
+    Arguments and errors are those of `save_discrepancy`.
 
     Example:
         >>> both = bayesid.compare_logs(robot, [log, other_log], terms, posterior=False)
@@ -250,7 +239,6 @@ def _added(effect: AddedEffect) -> dict[str, Any]:
 
 
 def _learned(effect: AddedEffect) -> dict[str, Any]:
-    """Of an effect without a name."""
     if effect.description is None:
         return {}
     return {

@@ -25,10 +25,6 @@ _NAMES |= {"offset": "theta", "thetaoffset": "theta", f"{_THETA}offset": "theta"
 _NAME = re.compile(rf"(?P<name>{'|'.join(_NAMES)})(?:i-1|i|j)?")
 _BRACKETED_SUBSCRIPT = re.compile(r"[({\[]\s*[ij]\s*(?:-\s*1)?\s*[)}\]]")
 _LENGTHS = "a", "d"
-_LONGEST = 20.0
-"""m; no robot has so long a link, but many have one of 20 mm."""
-_WIDEST = 2.0 * math.pi
-"""rad; a twist or an offset is no more than a turn."""
 _JOINT = re.compile(rf"(?:q|{_THETA}|theta|d)_?\d*\*?", re.IGNORECASE)
 """The joint's own position, which tables write in the column of its offset."""
 _PI = re.compile(r"(?P<sign>[+-]?)(?P<times>\d*\.?\d*)\*?(?:pi|π)(?:/(?P<over>\d+\.?\d*))?", re.IGNORECASE)
@@ -64,7 +60,6 @@ joints = [
 {rows}
 ]
 """
-_EMPTY_ROWS = 6
 
 
 def robot_template(name: str, path: str, convention: str = "standard") -> str:
@@ -75,7 +70,7 @@ def robot_template(name: str, path: str, convention: str = "standard") -> str:
         path: of the file, which its first line names.
         convention: "standard" or "modified".
     """
-    rows = [_row({"a": math.nan, "alpha": math.nan, "d": math.nan, "theta": 0.0})] * _EMPTY_ROWS
+    rows = [_row({"a": math.nan, "alpha": math.nan, "d": math.nan, "theta": 0.0})] * 6
     return _TEMPLATE.format(name=_name_line(name), path=path, convention=convention, rows="\n".join(rows))
 
 
@@ -157,7 +152,6 @@ def _factor(unit: str, name: str, label: str, where: str) -> float:
 
 
 def _cells(text: str, layout: Layout, where: str) -> Iterator[list[str]]:
-    """The cells of each row of values."""
     below = list(layout.lines(io.StringIO(text)))[layout.rows :]
     for number, line in enumerate(below, start=1):
         spaced = layout.separator == " "
@@ -171,7 +165,6 @@ def _cells(text: str, layout: Layout, where: str) -> Iterator[list[str]]:
 
 
 def _joint(cells: Sequence[str], columns: Mapping[str, _Column], where: str) -> dict[str, Any]:
-    """A row as a robot file has it."""
     row: dict[str, Any] = {}
     for name, column in columns.items():
         cell = cells[column.place]
@@ -205,11 +198,14 @@ def _value(cell: str, column: _Column, name: str, where: str) -> float:
 
 
 def _check_sizes(rows: Sequence[Mapping[str, Any]], columns: Mapping[str, _Column], where: str) -> None:
-    """Refuses numbers without a unit that are too large to be in m or rad."""
+    """Refuses numbers without a unit that are too large to be in m or rad.
+
+    No robot has a link of 20 m, but many have one of 20 mm; a twist or an offset is no more than a turn.
+    """
     for name, column in columns.items():
         if name == "type" or column.factor is not None:
             continue
-        largest, unit = (_LONGEST, "mm") if name in _LENGTHS else (_WIDEST + 1e-6, "deg")
+        largest, unit = (20.0, "mm") if name in _LENGTHS else (2.0 * math.pi + 1e-6, "deg")
         for i, row in enumerate(rows, start=1):
             if abs(row[name]) >= largest:
                 said = f"column {column.label} holds {row[name]:g}, too much for {'m' if unit == 'mm' else 'rad'}"

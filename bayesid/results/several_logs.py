@@ -152,7 +152,6 @@ def identify_separately(
 
 
 def _identify(job: _Job) -> Run:
-    """In the worker: reads, identifies, saves."""
     try:
         result = identify(job.robot, read_log(job.log, **job.reading), **job.options)
         with collect_incomplete() as incomplete:

@@ -20,10 +20,6 @@ from bayesid.report.plot.stream import stream_figure
 
 STREAM = "stream.json"
 STREAM_FILES = frozenset({STREAM, "signed_stream.csv", "alarms.json", "stream.png", "stream.svg"})
-_DIGITS = 6
-"""Of a probability, as in signed_log.csv."""
-_DENSITY = 140.0
-"""Points an inch of a figure in pixels: 1400 wide."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +73,7 @@ def stream_names(n: int) -> list[str]:
 
 def stream_line(now: Tracked) -> str:
     """A row of signed_stream.csv."""
-    values = [now.effort, np.round(now.probability, _DIGITS), now.predicted, now.external]
+    values = [now.effort, np.round(now.probability, 6), now.predicted, now.external]
     return ",".join([repr(float(now.t)), *(f"{value:.8g}" for block in values for value in block.tolist())])
 
 
@@ -102,7 +98,7 @@ def save_replay(folder: Path, result: StreamResult, streamed: Replay, picture: s
     """
 
     def rows(some: slice) -> Array:
-        p = np.round(streamed.probability[some], _DIGITS)
+        p = np.round(streamed.probability[some], 6)
         return np.hstack([streamed.effort[some], p, streamed.predicted[some], streamed.external[some]])
 
     def write(place: Path) -> None:
@@ -111,7 +107,7 @@ def save_replay(folder: Path, result: StreamResult, streamed: Replay, picture: s
         write_summaries(place, result)
         if picture is not None:
             figure = stream_figure(streamed)
-            figure.savefig(place / f"stream.{picture}", dpi=_DENSITY, facecolor="white")
+            figure.savefig(place / f"stream.{picture}", dpi=140.0, facecolor="white")
 
     return save_folder(folder, STREAM_FILES, STREAM, write)
 

@@ -124,7 +124,6 @@ def _correlation(samples: Samples, rate: float) -> Correlation:
 
 
 def _coefficients(identification: Identification) -> CoefficientTable:
-    """The base coefficients with their uncertainty, by the posterior if there is one."""
     coefficients = identification.coefficients
     low, high = identification.interval_95
     prior_sd, by_data = identification.prior_sd
@@ -228,7 +227,6 @@ def _payloads(identification: Identification) -> dict[str, dict[str, Any]] | Non
 
 
 def _body(body: PayloadBody) -> dict[str, Any]:
-    """As in payload.json."""
     of_axes = {"com": body.centre or (), "inertia": body.inertia or ()}
     return {"mass": _estimate(body.mass), **{name: [_estimate(one) for one in ones] for name, ones in of_axes.items()}}
 
@@ -239,7 +237,6 @@ def _estimate(one: Estimate) -> dict[str, Any]:
 
 
 def _joints(chosen: Sequence[bool] | np.ndarray) -> tuple[int, ...]:
-    """From 1."""
     return tuple((np.flatnonzero(chosen) + 1).tolist())
 
 
@@ -307,7 +304,6 @@ def _search(identification: Identification) -> SearchSummary:
 
 
 def _ambiguous(identification: Identification) -> tuple[AmbiguousSegment, ...] | None:
-    """None without a proof."""
     settled, segments, log = identification.search.settled, identification.searched, identification.log
     if settled is None:
         return None
@@ -358,7 +354,6 @@ def _modes(identification: Identification) -> tuple[ModeSummary, ...]:
 
 
 def _mode(names: Sequence[str], posterior: Posterior, number: int) -> ModeSummary:
-    """A mode by its index."""
     first, own = (posterior.modes[k].draws.beta.reshape(-1, len(names)) for k in (0, number))
     off = np.abs(own.mean(axis=0) - first.mean(axis=0)) / np.maximum(first.std(axis=0), np.finfo(float).tiny)
     most = np.argsort(-off)[: TUNING.most_different if number else 0].tolist()
