@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 from conftest import smooth_motion
 
-from bayesid.discrepancy.compare import Excess, NoiseFloor, Trial
+from bayesid.discrepancy.case import Excess, NoiseFloor, Trial
 from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.effects.coulomb_friction import CoulombFriction
 from bayesid.effects.payload import Payload

@@ -13,7 +13,7 @@ import numpy as np
 from bayesid.arrays import Array
 from bayesid.cli.options import beliefs, read, reading_options, robot_of, term_names
 from bayesid.cli.terminal import StageBars, show, warn
-from bayesid.discrepancy.numbers import CHANGE_OF
+from bayesid.discrepancy.workflow import CHANGE_OF
 from bayesid.errors import InputError
 from bayesid.excitation.design import ExcitationDesign, Objective, TrajectoryShape, design_excitation
 from bayesid.excitation.judgement import judge_log

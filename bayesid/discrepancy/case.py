@@ -1,4 +1,4 @@
-"""The data of one comparison: what chooses effects, what scores them, and what stays the same meanwhile."""
+"""The data of a comparison of a model with a log: what selects effects, what scores them, and the noise floor."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from functools import cached_property
 
 import numpy as np
 
-from bayesid.arrays import Array
-from bayesid.discrepancy.compare import NoiseFloor, Trial, make_trial, noise_floor, shortened
-from bayesid.discrepancy.log_checks import check_holdout
+from bayesid.arrays import Array, Mask
+from bayesid.discrepancy.tuning import TUNING
 from bayesid.effects.coefficients import BaseCoefficients
 from bayesid.effects.effect import Scene
 from bayesid.effects.model import Model
 from bayesid.log.log import Log
 from bayesid.log.segments import find_segments
-from bayesid.log.signals import prepare
+from bayesid.log.signals import Signals, prepare
+from bayesid.motion import Motion
 from bayesid.regression.evidence import Evidence
 from bayesid.regression.knowledge import Information, KinematicTolerance, Knowledge
 from bayesid.regression.least_squares import fit_signed
-from bayesid.regression.noise import Noise
+from bayesid.regression.noise import Noise, residual_noise
 from bayesid.regression.selection.columns import Columns, Whitening
 from bayesid.regression.selection.explanation import Explanation, Observations, Thresholds
 from bayesid.regression.selection.hypotheses import Hypothesis
@@ -30,15 +30,272 @@ from bayesid.regression.selection.unseen import kinematic_columns
 from bayesid.signs.averaging import with_standard_terms
 from bayesid.signs.search.protocol import Search
 from bayesid.signs.settling import Settled, restored, settle_signs
+from bayesid.signs.smoothing import sign_probabilities
 
-BLOCKS, HELD_BACK_BLOCKS = 8, (2, 5)
-"""Without a holdout log these of so many equal stretches are held back: a quarter of the log, a round number."""
-
-LEFT_OF_TOLERANCE = KinematicTolerance(length=0.7e-3, angle=float(np.deg2rad(0.07)), stated=False)
-"""What an earlier log, to which the model is bent, leaves of 1 mm and 0.1 degrees by which a table is off all along.
-Set by hand: with less an error of the table since then need not be as large."""
+REPEATED, MODELS_RESIDUAL = "repeated periods", "earlier model's residual"
+REFIT, FAST_PART = "refit with standard effects", "fast part of the residual"
+SMOOTHED = "fast part of the residual of a log that was low-passed"
+"""Where a noise floor is taken from."""
 
 
+@dataclass(frozen=True)
+class Trial:
+    """A log made ready for comparisons with models of its robot.
+
+    Attributes:
+        signals: N instants.
+        actuators: the motion in actuator coordinates.
+        used: (N, n) samples that count: measured, away from both ends, and clearly in motion: where dry friction is
+            smoothed, the smoothing would look like an effect of its own.
+        repeated: (n,) sd of the efforts between repetitions of the motion, N m, found before a log was shortened.
+    """
+
+    signals: Signals
+    actuators: Motion
+    used: Mask
+    repeated: Array | None = None
+
+    @property
+    def magnitude(self) -> Array:
+        """(N, n) absolute values of the unfiltered efforts, N m."""
+        return self.signals.magnitude
+
+    def nearest(self, predicted: Array) -> Array:
+        """(N, n) efforts, N m, with the sign of the prediction where they have none of their own."""
+        return self.signals.nearest(predicted)
+
+    def probability(self, predicted: Array) -> Array:
+        """(N, n) P(sign = +) of every sample under a prediction, N m."""
+        noise = residual_noise(self.residual(predicted), self.used, self.signals.rate)
+        return sign_probabilities(self.signals, predicted, self.used, noise)
+
+    def residual(self, predicted: Array) -> Array:
+        """(N, n) what a prediction leaves of the efforts, N m, unknown signs as predicted; zero where not used."""
+        return np.where(self.used, self.nearest(predicted) - predicted, 0.0)
+
+    def rms(self, values: Array) -> Array:
+        """(n,) of values (N, n) over the used samples."""
+        return np.sqrt((values**2 * self.used).sum(axis=0) / np.maximum(self.used.sum(axis=0), 1))
+
+    def gap(self, predicted: Array) -> Array:
+        """(n,) RMS of what a prediction leaves of the efforts, N m; unknown signs as predicted (:eq:`gap`)."""
+        return self.rms(self.residual(predicted))
+
+
+def make_trial(model: Model, signals: Signals, thresholds: Thresholds = Thresholds()) -> Trial:
+    """A log made ready for comparisons with a model of its robot."""
+    actuators = model.robot.actuators(signals.motion)
+    segments = find_segments(signals, actuators)
+    moving = segments.per_sample(segments.moving, *signals.effort.shape) > 0
+    moving &= np.abs(actuators.dq) > thresholds.clearly_moving * actuators.standstill_speed
+    moving &= np.ptp(actuators.q, axis=0) > TUNING.encoder_range
+    return Trial(signals, actuators, moving & signals.inner)
+
+
+def shortened(trial: Trial) -> Trial:
+    """The trial itself or, of a long log, stretches that stand for it: every effect costs as much as all samples."""
+    count = len(trial.used)
+    if count <= TUNING.longest:
+        return trial
+    length = TUNING.longest // TUNING.stretches
+    starts = np.linspace(0, count - length, TUNING.stretches).astype(int)
+    rows = np.concatenate([np.arange(start, start + length) for start in starts])
+    place = np.arange(len(rows)) % length
+    inner = ((place >= TUNING.seam) & (place < length - TUNING.seam))[:, None]
+    whole = trial.signals
+    signals = replace(
+        whole,
+        motion=whole.motion[rows],
+        effort=whole.effort[rows],
+        raw_effort=whole.raw_effort[rows],
+        measured=whole.measured[rows] & inner,
+    )
+    return Trial(signals, trial.actuators[rows], trial.used[rows] & inner, _between_periods(trial))
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# The floor
+# ---------------------------------------------------------------------------------------------------------------
+@dataclass(frozen=True)
+class NoiseFloor:
+    """The noise of the efforts: what no model can explain.
+
+    Attributes:
+        rms: (n,) N m.
+        origin: (n,) where it was taken from.
+        limits: (n, 2) largest white and coloured part of an error that is nothing but noise, N m.
+        sharp: (n,) whether it holds what lasts of the noise too: a residual above it is a finding.
+        white: (n,) the part of it that changes from sample to sample, N m.
+        lasting: (n,) whether it is a model's residual most of which lasts: the model's own error, or noise that a
+            filter has smoothed; what is below such a floor may still be wrong.
+    """
+
+    rms: Array
+    origin: tuple[str, ...]
+    limits: Array
+    sharp: Mask
+    white: Array
+    lasting: Mask
+
+    def exceeded(self, gap: Array, thresholds: Thresholds) -> Mask:
+        """(n,) whether a gap, N m, is too large for the noise of a joint."""
+        return gap > np.where(self.sharp, thresholds.above_floor, thresholds.above_blunt_floor) * self.rms
+
+
+def noise_floor(
+    trial: Trial, residual: Array, earlier: Noise, refit: Array | None = None, thresholds: Thresholds = Thresholds()
+) -> NoiseFloor:
+    """The floor of each joint: from repeated periods, the earlier model's residual, a refit's, or its fast part.
+
+    :eq:`noise-floor` where it is taken from differences.
+
+    Args:
+        trial: the log.
+        residual: (N, n) of the best explanation so far, N m.
+        earlier: noise of the log that the model was identified from.
+        refit: (n,) RMS residual of a model with all standard effects, identified from this log by itself, N m.
+        thresholds: that decide.
+    """
+    repeated = _between_periods(trial) if trial.repeated is None else trial.repeated
+    sharp = earlier.sigma < thresholds.good_fit * trial.rms(trial.magnitude)
+    lag = _lag_of_noise(residual, trial.used, trial.signals.rate)
+    fast = np.maximum(np.sqrt(_half_square(residual, trial.used, lag)), TUNING.least_floor * earlier.sigma)
+    largest = thresholds.white_growth * earlier.white
+    white = np.where(sharp, np.maximum(earlier.white, np.minimum(fast, largest)), fast)
+    coloured = np.where(sharp, earlier.coloured, fast)
+    rms = np.where(sharp, np.hypot(white, earlier.coloured), fast if refit is None else refit)
+    blunt = REFIT if refit is not None else FAST_PART if lag == 1 else SMOOTHED
+    origin = tuple(MODELS_RESIDUAL if good else blunt for good in sharp)
+    lasting = rms > thresholds.above_floor * white  # over the white noise alone it would be a finding itself
+    if repeated is not None:
+        rms, white = repeated, np.maximum(np.minimum(white, repeated), thresholds.repeated_white * repeated)
+        origin, sharp = (REPEATED,) * len(rms), np.ones(len(rms), dtype=bool)
+        lasting = ~sharp  # a model has no part in it
+    white_limit = thresholds.white_limit * np.maximum(white, rms / np.sqrt(2.0))
+    coloured_limit = thresholds.coloured_limit * coloured + thresholds.coloured_allowance * white
+    limits = np.stack([white_limit, coloured_limit], axis=1)
+    return NoiseFloor(rms, origin, limits, sharp, np.minimum(white, rms), lasting)
+
+
+def _lag_of_noise(residual: Array, used: Mask, rate: float) -> int:
+    """Samples over which noise changes: 1, but more where somebody has low-passed the log.
+
+    There neighbours differ by what the filter has left, a small part of the noise. Whatever is smooth at a lag, as by
+    the exponent of its squared differences, is looked at over a longer one. They are told by their medians, for where a
+    hidden sign is taken for the other one the residual jumps; a filter is one for all joints.
+    """
+    lag = 1
+    while lag < int(TUNING.longest_lag * rate):
+        near, far = _typical_square(residual, used, lag), _typical_square(residual, used, 2 * lag)
+        moved = near > 0.0
+        if not moved.any() or np.median(np.log2(np.maximum(far[moved], 1e-300) / near[moved])) <= TUNING.smooth:
+            break
+        lag += 1
+    return lag
+
+
+def _typical_square(residual: Array, used: Mask, lag: int) -> Array:
+    """(n,) median squared difference of samples so far apart, (N m)^2; 0 where there are none."""
+    squares, pairs = (residual[lag:] - residual[:-lag]) ** 2, used[lag:] & used[:-lag]
+    return np.array(
+        [np.median(square[pair]) if pair.any() else 0.0 for square, pair in zip(squares.T, pairs.T, strict=True)]
+    )
+
+
+def _half_square(residual: Array, used: Mask, lag: int) -> Array:
+    """(n,) half the mean squared difference of samples so far apart, (N m)^2: the variance of white noise."""
+    pairs = used[lag:] & used[:-lag]
+    square = ((residual[lag:] - residual[:-lag]) ** 2 * pairs).sum(axis=0)
+    half: Array = 0.5 * square / np.maximum(pairs.sum(axis=0), 1)
+    return half
+
+
+def _between_periods(trial: Trial) -> Array | None:
+    """(n,) sd of the efforts between repetitions of the same motion, N m; None where nothing is repeated."""
+    q, count = trial.signals.motion.q, len(trial.signals.motion)
+    tolerance = np.maximum(TUNING.repeated * np.ptp(q, axis=0), TUNING.repeated_still)
+    shortest = int(TUNING.shortest_period * trial.signals.rate)
+    probe = np.abs(q[shortest : count // 2 + 1] - q[0]) < TUNING.probed * tolerance
+    for lag in np.flatnonzero(probe.all(axis=1)) + shortest:
+        if np.all(np.abs(q[lag:] - q[:-lag]).max(axis=0) < tolerance):
+            both = trial.used[lag:] & trial.used[:-lag]
+            square = ((trial.magnitude[lag:] - trial.magnitude[:-lag]) ** 2 * both).sum(axis=0)
+            return np.sqrt(0.5 * square / np.maximum(both.sum(axis=0), 1))
+    return None
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Where
+# ---------------------------------------------------------------------------------------------------------------
+@dataclass(frozen=True)
+class Excess:
+    """Where a joint's residual exceeds the floor.
+
+    Attributes:
+        joint: from 1.
+        excess: root of the residual's mean square above the floor's, N m (:eq:`excess`).
+        variable: over which it shows best: velocity, position, acceleration, load or time.
+        range: of the variable, where most of it lies; rad/s, rad, rad/s^2, N m or s.
+    """
+
+    joint: int
+    excess: float
+    variable: str
+    range: tuple[float, float]
+
+
+def where_it_shows(
+    trial: Trial, residual: Array, predicted: Array, floor: Array, joints: Sequence[int]
+) -> list[Excess]:
+    """The variable that orders each joint's residual best: whose bins' means explain the largest share of it.
+
+    Args:
+        trial: the log.
+        residual: (N, n) N m, zero where not used.
+        predicted: (N, n) the model's effort, N m.
+        floor: (n,) RMS of the noise, N m.
+        joints: (0-based) to look at.
+    """
+    excesses = []
+    for j in joints:
+        used = trial.used[:, j]
+        rest = residual[used, j]
+        shares = {name: _binned(value[used], rest) for name, value in variables(trial, predicted, j).items()}
+        best = max(shares, key=lambda name: shares[name][0])
+        square = float(np.mean(rest**2)) - floor[j] ** 2
+        excesses.append(Excess(j + 1, float(np.sqrt(max(square, 0.0))), best, shares[best][1]))
+    return excesses
+
+
+def variables(trial: Trial, predicted: Array, joint: int) -> dict[str, Array]:
+    """(N,) each of what a residual may depend on, of one joint."""
+    motion = trial.actuators
+    return {
+        "velocity": motion.dq[:, joint],
+        "position": motion.q[:, joint],
+        "acceleration": motion.ddq[:, joint],
+        "load": predicted[:, joint],
+        "time": motion.t - motion.origin,
+    }
+
+
+def _binned(value: Array, residual: Array) -> tuple[float, tuple[float, float]]:
+    """Share of the residual's variance between bins, and the range of bins that hold most of it."""
+    edges = np.unique(np.quantile(value, np.linspace(0.0, 1.0, TUNING.bins + 1)))
+    if len(edges) < 3:
+        return 0.0, (float(edges[0]), float(edges[-1]))
+    place = np.clip(np.searchsorted(edges, value, side="right") - 1, 0, len(edges) - 2)
+    count = np.maximum(np.bincount(place, minlength=len(edges) - 1), 1)
+    mean = np.bincount(place, residual, len(edges) - 1) / count
+    between = count * mean**2
+    high = np.flatnonzero(between >= TUNING.in_range * between.max())
+    share = float(between.sum() / max(float(residual @ residual), 1e-300))
+    return share, (float(edges[high[0]]), float(edges[high[-1] + 1]))
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# What stays the same
+# ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class HeldBack:
     """Data that select nothing, but score what was selected.
@@ -83,20 +340,15 @@ class HeldBack:
 def divide(
     model: Model, log: Log, later: Log | None, trial: Trial, cutoff: float | None, thresholds: Thresholds
 ) -> tuple[Trial, HeldBack]:
-    """The data that select, and those that score: another log or, without one, stretches of the log.
-
-    Raises:
-        InputError: the other log is of another robot, or holds the log itself.
-    """
+    """The data that select, and those that score: another log or, without one, stretches of the log."""
     if later is not None:
-        check_holdout(model.robot, log, later)
         other = shortened(make_trial(model, prepare(later, cutoff), thresholds))
         slowest = thresholds.clearly_moving * trial.actuators.standstill_speed  # of friction's form on the log
         other = replace(other, used=other.used & (np.abs(other.actuators.dq) > slowest))
         return trial, HeldBack(other, later.source, another_log=True)
-    block = np.minimum(np.arange(len(trial.used)) * BLOCKS // len(trial.used), BLOCKS - 1)
-    held, signals = np.isin(block, HELD_BACK_BLOCKS)[:, None], trial.signals
-    name = f"stretches {' and '.join(str(k + 1) for k in HELD_BACK_BLOCKS)} of {BLOCKS} of {log.source}"
+    block = np.minimum(np.arange(len(trial.used)) * TUNING.blocks // len(trial.used), TUNING.blocks - 1)
+    held, signals = np.isin(block, TUNING.held_back_blocks)[:, None], trial.signals
+    name = f"stretches {' and '.join(str(k + 1) for k in TUNING.held_back_blocks)} of {TUNING.blocks} of {log.source}"
     selecting, scoring = (
         replace(trial, used=trial.used & which, signals=replace(signals, measured=signals.measured & which))
         for which in (~held, held)
@@ -126,7 +378,9 @@ class Case:
     held_back: HeldBack
     search: Search
     thresholds: Thresholds = Thresholds()
-    tolerance: KinematicTolerance = LEFT_OF_TOLERANCE
+    tolerance: KinematicTolerance = KinematicTolerance(
+        length=TUNING.left_length, angle=float(np.deg2rad(TUNING.left_angle)), stated=False
+    )
 
     @property
     def model(self) -> Model:

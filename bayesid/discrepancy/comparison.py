@@ -3,7 +3,7 @@
 The first log makes the earlier model, completed by what that log shows beyond the terms asked for. Each later log is
 compared with it (`bayesid.discrepancy.workflow`). Then one common model, of all terms that any log has shown, is
 identified on each log by itself: what a log says there of an effect tells a change from a deficiency
-(`bayesid.discrepancy.all_along`), and its parameters make the time line (`bayesid.discrepancy.timeline`).
+and its parameters make the time line (`bayesid.discrepancy.timeline`).
 """
 
 from __future__ import annotations
@@ -18,8 +18,18 @@ from pathlib import Path
 import numpy as np
 
 from bayesid.arrays import Array
-from bayesid.discrepancy.all_along import ABSENT, OPEN, SHOWN, Standing, key_of, shown_by, standing
-from bayesid.discrepancy.timeline import Timeline, make_timeline
+from bayesid.discrepancy.timeline import (
+    ABSENT,
+    OPEN,
+    SHOWN,
+    Standing,
+    Timeline,
+    key_of,
+    make_timeline,
+    shown_by,
+    standing,
+)
+from bayesid.discrepancy.tuning import TUNING
 from bayesid.discrepancy.workflow import Discrepancy, find_discrepancy
 from bayesid.effects import STANDARD, Distortion, Term
 from bayesid.effects.catalogue import of_shape
@@ -45,9 +55,6 @@ from bayesid.signs.search.protocol import Search
 CHANGED, ALL_ALONG, GONE, UNDECIDED = "changed", "all_along", "gone", "undecided"
 """What became of an effect: it has come, or another size, since the first log; it was missing from the terms all along;
 the first log shows it and the last one that can tell does not; or the other logs cannot tell."""
-_SCATTER = 1.3
-"""Typical change over its standard deviation from which on a warning says so: as of separate runs
-(`bayesid.results.agreement`)."""
 
 
 @dataclass(frozen=True)
@@ -241,7 +248,7 @@ def _warnings(dates: Dates, timeline: Timeline) -> list[str]:
             f"the logs do not come in the order of their dates ({', '.join(dates.texts)}, from {dates.basis}): the "
             "first that was given is taken for the earlier one"
         )
-    if timeline.factor > _SCATTER:
+    if timeline.factor > TUNING.scatter:
         warnings.append(
             f"the typical parameter of the time line differs by {timeline.factor:.1f} times what its standard "
             "deviation says: much has changed, or the model lacks what nothing here names"
@@ -287,7 +294,6 @@ def _alone(
 
 
 def _new(found: Discrepancy) -> list[Effect]:
-    """Effects that a comparison has added and its log bears out by itself, as the extended model has them."""
     effects = [_as_added(one, found) for one in found.added if _tellable(one)]
     shown = shown_by(found.identification, effects)
     return [effect for effect in effects if key_of(effect) in shown]
@@ -316,7 +322,6 @@ def _carrying(term: Term, body: Array | None) -> Term:
 
 
 def _values(model: Model, told: Identification) -> Array:
-    """(P,) parameters of a model as another one has them; 0 where that has none."""
     values = {p.name: value for p, value in zip(told.model.parameters, told.theta, strict=True)}
     return np.array([values.get(parameter.name, 0.0) for parameter in model.parameters])
 
@@ -327,7 +332,6 @@ def _values(model: Model, told: Identification) -> Array:
 def _histories(
     earlier: Identification, found: Sequence[Discrepancy], runs: Sequence[Identification], timeline: Timeline
 ) -> tuple[EffectHistory, ...]:
-    """Of the first model's effects, and of what comparisons with it added; what is gone has not changed besides."""
     first = _of_first(earlier, runs)
     gone = {key_of(history.effect) for history in first if history.became == GONE}
     later = _of_later(found, runs, timeline)
@@ -372,7 +376,6 @@ def _of_later(found: Sequence[Discrepancy], runs: Sequence[Identification], time
 
 
 def _followed(effect: Effect, runs: Sequence[Identification]) -> bool:
-    """Whether a log has borne an effect out by itself, so that it has it in its model there."""
     return any(key_of(one) == key_of(effect) for run in runs for one in run.model.effects)
 
 
@@ -395,11 +398,9 @@ def _of_change(by_log: Mapping[int, AddedEffect], timeline: Timeline) -> str:
 
 
 def _tellable(effect: AddedEffect) -> bool:
-    """Whether a log by itself can show it, and the first model lacks it."""
     return not effect.hypothesis.changes and not effect.hypothesis.source.needs_earlier
 
 
 def _as_added(effect: AddedEffect, found: Discrepancy) -> Effect:
-    """The effect with the numbers that the extended model has."""
     same = [one for one in found.identification.model.effects if key_of(one) == effect.hypothesis.key]
     return same[-1] if same else effect.hypothesis.source

@@ -1,21 +1,24 @@
-"""What makes a log unfit for a comparison, one line each."""
+"""What makes a log unfit for a comparison, one line each; columns that are mixed up, with what would mend them."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from itertools import combinations
+
 import numpy as np
 
-from bayesid.arrays import Array
-from bayesid.discrepancy.compare import ENCODER_RANGE, Trial
+from bayesid.arrays import Array, Integers
+from bayesid.discrepancy.case import Trial
+from bayesid.discrepancy.tuning import TUNING
 from bayesid.errors import InputError
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.prediction import check_joints
 from bayesid.log.log import Log
+from bayesid.motion import Motion
 from bayesid.regression.selection.explanation import Thresholds
 from bayesid.regression.selection.products import SHORTEST_LOG
 from bayesid.robot import Robot
-
-_PLACES = 20
-"""Rows at most at which a part of a log is looked for: the row of fastest motion hardly ever stands twice."""
 
 
 def check_log(robot: Robot, log: Log) -> None:
@@ -30,7 +33,7 @@ def check_log(robot: Robot, log: Log) -> None:
         problem = f"lasts {duration:.3g} s: too short to tell what a model lacks from chance"
         remedy = f"record at least {SHORTEST_LOG:g} s: effects are judged by blocks of a second each, at least four"
         raise InputError(problem, log.source, remedy)
-    if np.all(np.ptp(log.q, axis=0) < ENCODER_RANGE):
+    if np.all(np.ptp(log.q, axis=0) < TUNING.encoder_range):
         raise InputError("no joint moves", log.source, "record a motion")
 
 
@@ -80,9 +83,89 @@ def check_holdout(robot: Robot, log: Log, holdout: Log) -> None:
 
 
 def _contains(whole: Array, part: Array) -> bool:
-    """Whether the rows of one log appear in another one."""
     if len(part) > len(whole):
         return False
     row = int(np.argmax(np.abs(np.diff(part, axis=0)).sum(axis=1)))  # in motion: a standstill has many equal rows
     places = np.flatnonzero(np.all(whole[row : row + len(whole) - len(part) + 1] == part[row], axis=1))
-    return any(np.array_equal(whole[at : at + len(part)], part) for at in places[:_PLACES])
+    return any(np.array_equal(whole[at : at + len(part)], part) for at in places)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Columns that are mixed up
+# ---------------------------------------------------------------------------------------------------------------
+@dataclass(frozen=True)
+class _MixUp:
+    """What may have happened to the columns of a log.
+
+    Attributes:
+        said: what it looks like, and
+        remedy: what to do.
+        positions: (n,) which column holds the position of each joint, and
+        sides: (n,) 1 or -1, by what it is multiplied.
+        efforts: (n,) which column holds the effort of each joint.
+    """
+
+    said: str
+    remedy: str
+    positions: Integers
+    sides: Array
+    efforts: Integers
+
+    def motion(self, motion: Motion) -> Motion:
+        """Mended."""
+        q, dq, ddq = (x[:, self.positions] * self.sides for x in (motion.q, motion.dq, motion.ddq))
+        return replace(motion, q=q, dq=dq, ddq=ddq)
+
+
+def check_columns(effort_of: Callable[[Motion], Array], trial: Trial, log: Log) -> None:
+    """The log's columns belong to the joints that they name, as far as the model can tell.
+
+    Only where the model explains some joint badly are mix-ups tried; one is said if mending it mends these joints.
+
+    Args:
+        effort_of: the model's effort (N, n) in a motion, N m.
+        trial: the log.
+        log: named in the error.
+
+    Raises:
+        InputError: two joints, or two columns of positions or efforts, are exchanged, or a position is reversed.
+    """
+    some = np.unique(np.linspace(0, len(trial.used) - 1, TUNING.mix_up_samples).astype(int))
+    motion, n = trial.signals.motion[some], trial.used.shape[1]
+
+    def errors(mix_up: _MixUp) -> Array:
+        """(n,) mean squared, over what the measured efforts vary by; 0 of a joint that hardly moves."""
+        measured, used = trial.magnitude[some][:, mix_up.efforts], trial.used[some][:, mix_up.positions]
+        misses = (measured - np.abs(effort_of(mix_up.motion(motion)))) ** 2
+        ratio = np.zeros(n)
+        for j in np.flatnonzero(used.any(axis=0)):
+            ratio[j] = misses[used[:, j], j].mean() / max(float(measured[used[:, j], j].var()), np.finfo(float).tiny)
+        return ratio
+
+    as_is = errors(_as_is(n))
+    if not (suspect := as_is > TUNING.suspect).any():
+        return
+    tried = [(errors(one), one) for one in _mix_ups(n)]
+    left, best = min(tried, key=lambda pair: float(pair[0].sum()))
+    if left[suspect].sum() < TUNING.mended * as_is[suspect].sum():
+        raise InputError(f"{best.said}: as it is the model does not explain the log", log.source, best.remedy)
+
+
+def _as_is(n: int) -> _MixUp:
+    return _MixUp("", "", np.arange(n), np.ones(n), np.arange(n))
+
+
+def _mix_ups(n: int) -> Iterator[_MixUp]:
+    own = np.arange(n)
+    for j in range(n):
+        sides = np.where(own == j, -1.0, 1.0)
+        said = f"the positions of joint {j + 1} look reversed"
+        yield _MixUp(said, f"multiply column q{j + 1} (and dq{j + 1}) by -1", own, sides, own)
+    for i, j in combinations(range(n), 2):
+        other, ones = own.copy(), np.ones(n)
+        other[[i, j]] = j, i
+        pair = f"joints {i + 1} and {j + 1}"
+        q, tau = (f"columns {symbol}{i + 1} and {symbol}{j + 1}" for symbol in ("q", "tau"))
+        yield _MixUp(f"{pair} look swapped", f"exchange {q}, and {tau}", other, ones, other)
+        yield _MixUp(f"the positions of {pair} look swapped", f"exchange {q} (and dq)", other, ones, own)
+        yield _MixUp(f"the efforts of {pair} look swapped", f"exchange {tau}", own, ones, other)

@@ -12,11 +12,10 @@ import numpy as np
 from scipy.special import logsumexp
 
 from bayesid.arrays import Array, Mask
-from bayesid.discrepancy.case import Case
-from bayesid.discrepancy.compare import NoiseFloor, Trial
-from bayesid.discrepancy.sets import EQUIVALENT_ODDS, EffectSet, EffectSets, Forms, WeighedSet, weighed
+from bayesid.discrepancy.case import Case, NoiseFloor, Trial
+from bayesid.discrepancy.sets import EffectSet, EffectSets, Forms, WeighedSet, costs, weighed
+from bayesid.discrepancy.tuning import TUNING
 from bayesid.discrepancy.unnamed import learn_effects
-from bayesid.discrepancy.worth import costs
 from bayesid.progress import SILENT, Progress
 from bayesid.regression.selection.added_effect import AddedEffect, Cost, all_along, was_there, weigh
 from bayesid.regression.selection.error_model import ErrorModel
@@ -34,29 +33,6 @@ from bayesid.regression.selection.scores import (
     explain_with,
     joint_sets,
 )
-
-MOST_SETS = 48
-"""Sets of effects that are looked at closely in the search; most logs need fewer. A round number: bounds the time."""
-_POLISHED = 2
-"""Sets of one joint's effects, of each size, that are looked at closely; a round number."""
-_LOOKS = 2
-"""Times that sets of one joint's effects are looked for, others' effects having changed meanwhile; bounds the time."""
-_MOST_IDLE = 4
-"""Effects that do not help before no more are added; a round number."""
-_ROUNDS = 3
-"""Times that the sets around a chosen one are looked at; it rarely changes more than once. Bounds the time."""
-_FEW = 2
-"""Numbers up to which one effect in a joint is plain: more may stand for several effects. A round number."""
-_BASES = 2
-"""Distortions that other effects are looked for beside, those that explain most by themselves; a round number."""
-_WHOLE = 2
-"""Effects of several joints, or rivals of an effect, that are looked at closely; a round number."""
-_NEARLY = 3.0 * LN10
-"""Log Bayes factor by which a rival may be behind, in the quick look, to be looked at closely; a round number."""
-_NOTICED = 0.5
-"""Nats by which other forms must be likelier to be worth another turn; a round number."""
-_SETTLINGS = 2
-"""Times that signs and coefficients take turns before effects are looked for; a round number, not studied."""
 
 ON_LOG, HELD_BACK, GROWN = "log", "held-back data", "gap grew on held-back data"
 """Which data say that a joint stays unexplained: its residual on the log is above the floor, or that on held-back data;
@@ -94,8 +70,8 @@ class Selection:
     rejected: tuple[tuple[EffectSet, Hypothesis], ...]
     costs: tuple[Cost, ...]
 
-    def weighed(self, case: Case) -> Weighed:
-        """Its effects, and those that were rejected, against all that could stand in their places."""
+    def weighed(self, case: Case) -> tuple[list[Score], list[AddedEffect], list[AddedEffect]]:
+        """Scores of the whole catalogue, before anything was added; its effects, and those that were rejected."""
         data, explanation = self.data, self.explanation
         added = [
             weigh(data, self.library, self.hypotheses, explanation, one, case.uncertain) for one in self.hypotheses
@@ -104,35 +80,16 @@ class Selection:
             weigh(some.data, self.library, some.effects, some.explanation, effect, case.uncertain)
             for some, effect in self.rejected
         ]
-        return Weighed(tuple(self._scores()), tuple(map(self._with_sets, added)), tuple(refused))
+        regression, before = explain_with(self.data_before, ())
+        return assess(regression, before, self.library), [self._with_sets(one) for one in added], refused
 
     def _with_sets(self, added: AddedEffect) -> AddedEffect:
         """An effect with its probability over all sets, and what stands in its place in sets about as likely."""
         key, chosen = added.hypothesis.key, self.sets[0]
-        likely = [one for one in self.sets if one.probability > chosen.probability / EQUIVALENT_ODDS]
+        likely = [one for one in self.sets if one.probability > chosen.probability / TUNING.equivalent_odds]
         others = {name for one in likely for name, joints in one.without(key, chosen) if joints == key[1]}
         included = sum(one.probability for one in self.sets if key in one.effects)
         return replace(added, included=included, equivalent=tuple(sorted({*added.equivalent, *others} - {key[0]})))
-
-    def _scores(self) -> list[Score]:
-        """Of the whole catalogue, before anything was added."""
-        regression, before = explain_with(self.data_before, ())
-        return assess(regression, before, self.library)
-
-
-@dataclass(frozen=True)
-class Weighed:
-    """What the choice was between.
-
-    Attributes:
-        scores: of the whole catalogue, before anything was added.
-        added: the effects of the selection.
-        refused: those that were rejected, each as it was weighed when it was chosen.
-    """
-
-    scores: tuple[Score, ...]
-    added: tuple[AddedEffect, ...]
-    refused: tuple[AddedEffect, ...]
 
 
 def select_effects(case: Case, progress: Progress = SILENT) -> Selection:
@@ -145,9 +102,9 @@ def select_effects(case: Case, progress: Progress = SILENT) -> Selection:
     sets = EffectSets(case, library, {nothing.forms: nothing})
     sharp = bool(data.sharp.all())
     likeliest, idle = (_likeliest(sets, nothing, progress), []) if sharp else _helping(sets, nothing)
-    stopped = sharp and sets.looked_at > MOST_SETS
+    stopped = sharp and sets.looked_at > TUNING.most_sets
     minimal = _borne_out(sets, likeliest) if sharp else [likeliest]
-    chosen, not_learned = learn_effects(case, _without_stand_ins(sets, minimal[0]), sets.log_prior)
+    chosen, not_learned = learn_effects(_without_stand_ins(sets, minimal[0]), sets.log_prior)
     effects, explanation = chosen.effects, chosen.explanation
     passed = [*idle, *((one, effect) for one in (likeliest, minimal[0]) for effect in one.effects)]
     rejected = {effect.key: (one, effect) for one, effect in passed if effect.key not in chosen.keys}
@@ -169,7 +126,7 @@ def select_effects(case: Case, progress: Progress = SILENT) -> Selection:
 def _begin(case: Case) -> tuple[Observations, Library]:
     """Signs settled under the model, its parameters moved as far as the earlier log allows."""
     predicted = case.before
-    for _ in range(_SETTLINGS):
+    for _ in range(TUNING.settlings):
         _, explanation = explain_with(case.data(predicted), ())
         predicted = case.predicted((), explanation)
     library = list(hypotheses(case.model, case.scene(predicted), case.trial.used))
@@ -186,7 +143,7 @@ def _likeliest(sets: EffectSets, nothing: EffectSet, progress: Progress) -> Effe
     best = _improved(sets, _one_by_one(sets, nothing))
     progress("naming effects", 1, 3)
     for effect in _of_several_joints(sets, nothing):
-        if effect.key not in best.keys and sets.looked_at <= MOST_SETS:
+        if effect.key not in best.keys and sets.looked_at <= TUNING.most_sets:
             tried = [sets.settled([*some, effect], best.data) for some in ((), best.effects)]
             other = polished(sets, max(tried, key=lambda one: one.log_posterior))
             best = _improved(sets, other) if other.log_posterior > best.log_posterior else best
@@ -250,9 +207,9 @@ def _improved(sets: EffectSets, best: EffectSet) -> EffectSet:
     looks = Counter[int]()
     looked = set[tuple[int, Forms]]()  # at a joint beside these effects elsewhere
     while True:
-        beside = {j: _elsewhere(best, j) for j in _unsettled(sets.case, best) if looks[j] < _LOOKS}
+        beside = {j: _elsewhere(best, j) for j in _unsettled(sets.case, best) if looks[j] < TUNING.looks}
         left = [(j, forms) for j, forms in beside.items() if (j, forms) not in looked]
-        if not left or sets.looked_at > MOST_SETS:
+        if not left or sets.looked_at > TUNING.most_sets:
             return polished(sets, best)
         looked.add(left[0])
         looks[left[0][0]] += 1
@@ -260,7 +217,6 @@ def _improved(sets: EffectSets, best: EffectSet) -> EffectSet:
 
 
 def _elsewhere(chosen: EffectSet, joint: int) -> Forms:
-    """Forms of the effects that act not in a joint alone."""
     return frozenset((e.source.name, e.joints) for e in chosen.effects if e.columns.joints != {joint})
 
 
@@ -272,7 +228,7 @@ def _unsettled(case: Case, chosen: EffectSet) -> list[int]:
         if len(effect.columns.joints) == 1:
             own.update({joint: len(effect.columns.sd) for joint in effect.columns.joints})
     above = {j for j, x in enumerate(ratio.tolist()) if x > case.thresholds.above_floor}
-    several = {j for j, count in own.items() if count > _FEW}
+    several = {j for j, count in own.items() if count > TUNING.few}
     return sorted((j for j in above | several if chosen.data.sharp[j]), key=lambda j: -ratio[j])
 
 
@@ -290,7 +246,7 @@ def _improved_in(sets: EffectSets, best: EffectSet, joint: int) -> EffectSet:
         linear = [form for form in forms if form.source.linear]
         distortions = {form.source.name: form for form in forms if not form.source.linear}.values()
         alone = [sets.settled([*others, one], best.data, {joint}, one) for one in distortions]
-        for one in sorted(alone, key=lambda one: _left(one, joint))[:_BASES]:
+        for one in sorted(alone, key=lambda one: _left(one, joint))[: TUNING.bases]:
             tried += [one, *_with_some_of(sets, one.effects, one, joint, linear)]
     return max(tried, key=lambda one: one.log_posterior)
 
@@ -309,7 +265,7 @@ def _with_some_of(
     by_size: dict[int, list[tuple[float, tuple[Hypothesis, ...]]]] = {}
     for some in proposed:
         by_size.setdefault(len(some), []).append((sets.quick([*others, *some], data), some))
-    leading = [sorted(of_size, key=lambda one: -one[0])[:_POLISHED] for of_size in by_size.values()]
+    leading = [sorted(of_size, key=lambda one: -one[0])[: TUNING.polished] for of_size in by_size.values()]
     return [sets.settled([*others, *some], data, {joint}) for of_size in leading for _, some in of_size]
 
 
@@ -328,13 +284,12 @@ def polished(sets: EffectSets, best: EffectSet) -> EffectSet:
         needed = sets.case.thresholds.log10_bayes_factor * LN10
         if likeliest.log_posterior > max(better.log_posterior, best.log_posterior) - needed:
             best = likeliest
-        elif better.log_posterior > best.log_posterior + _NOTICED:
+        elif better.log_posterior > best.log_posterior + TUNING.noticed:
             best = better
     return best
 
 
 def _fewer(sets: EffectSets, chosen: EffectSet) -> list[EffectSet]:
-    """The sets that lack one of the effects."""
     return [sets.settled(chosen.without(one), chosen.data, one.columns.joints) for one in chosen.effects]
 
 
@@ -344,7 +299,7 @@ def _of_several_joints(sets: EffectSets, nothing: EffectSet) -> list[Hypothesis]
     regression, explanation = explain_with(nothing.data, (), nothing.explanation)
     groups = [group for group in sets.library if group and len(group[0].columns.joints) > 1]
     scores = best_forms(Screening(regression, explanation.errors), groups)
-    return [score.hypothesis for score, _ in scores[:_WHOLE] if score.gain > needed]
+    return [score.hypothesis for score, _ in scores[: TUNING.whole] if score.gain > needed]
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -357,7 +312,7 @@ def _borne_out(sets: EffectSets, chosen: EffectSet) -> list[EffectSet]:
     must bear out each effect of a set beside the others.
     """
     seen, minimal = set[Forms](), [chosen]
-    while chosen.forms not in seen and len(seen) < _ROUNDS:
+    while chosen.forms not in seen and len(seen) < TUNING.rounds:
         seen.add(chosen.forms)
         _look_around(sets, chosen)
         minimal = minimal_sets(sets)
@@ -373,7 +328,7 @@ def _helping(sets: EffectSets, nothing: EffectSet) -> tuple[EffectSet, list[tupl
     """
     chosen, idle = nothing, list[tuple[EffectSet, Hypothesis]]()
     while True:
-        if len(idle) < _MOST_IDLE:
+        if len(idle) < TUNING.most_idle:
             chosen = _one_by_one(sets, chosen, {effect.key for _, effect in idle})
         one = _idle(sets, chosen)
         if one is None:
@@ -384,11 +339,10 @@ def _helping(sets: EffectSets, nothing: EffectSet) -> tuple[EffectSet, list[tupl
 
 def _idle(sets: EffectSets, chosen: EffectSet) -> Hypothesis | None:
     """The last effect that does not help on held-back data, beside the others."""
-    held_back, least = sets.case.held_back, sets.case.thresholds.held_back_improvement
+    least = sets.case.thresholds.held_back_improvement
     for effect in reversed(chosen.effects):
         fewer = sets.settled(chosen.without(effect), chosen.data, ())
-        after, before = (held_back.errors_of(one.held_back) for one in (chosen, fewer))
-        if not bears_out(after, before, effect.columns.joints, least):
+        if not bears_out(chosen.held_back_errors, fewer.held_back_errors, effect.columns.joints, least):
             return effect
     return None
 
@@ -451,7 +405,7 @@ def _rivals(sets: EffectSets, chosen: EffectSet, gone: tuple[Hypothesis, ...]) -
     scores = {form: best_forms(screening, some)[0][0] for form, some in by_form.items()}
     own = max((scores[form].gain for form in forms & set(scores)), default=np.inf)
     rivals = sorted((scores[form] for form in set(scores) - forms), key=lambda one: -one.gain)
-    return [score.hypothesis for score in rivals[:_WHOLE] if score.gain > own - _NEARLY]
+    return [score.hypothesis for score in rivals[: TUNING.whole] if score.gain > own - TUNING.nearly * LN10]
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -505,5 +459,4 @@ def unexplained_anywhere(
 
 
 def _joints(which: Mask) -> set[int]:
-    """From 1, of a mask (n,)."""
     return set((np.flatnonzero(which) + 1).tolist())

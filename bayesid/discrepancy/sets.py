@@ -15,13 +15,13 @@ from bayesid.discrepancy.case import Case
 from bayesid.effects.catalogue import main_forms
 from bayesid.effects.effect import Effect
 from bayesid.effects.learned_effect import LearnedEffect
+from bayesid.regression.selection.added_effect import Cost
 from bayesid.regression.selection.explanation import Explanation, Observations
 from bayesid.regression.selection.hypotheses import EffectKey, Hypothesis, Library, forms_of, maker
+from bayesid.regression.selection.products import HeldBackErrors
 from bayesid.regression.selection.refinement import Extension, effort_of_terms, extend, refined, sharpened
 from bayesid.regression.selection.scores import Screening, best_forms, explain_with, plain_errors
 
-EQUIVALENT_ODDS = 10.0
-"""Odds up to which one set is about as likely as another: "strong" begins there (Jeffreys 1961, appendix B)."""
 Forms = frozenset[EffectKey]
 """Names of the forms of a set's effects, and their joints."""
 
@@ -76,8 +76,11 @@ class EffectSet:
     @cached_property
     def log_posterior(self) -> float:
         """Log evidence and prior, up to a constant: beside what the geometry may be wrong by in any case."""
-        _, explanation = explain_with(self.data, self.effects, self.explanation, self.case.uncertain)
-        return explanation.log_evidence + self.log_prior
+        return self.log_evidence_of(self.effects) + self.log_prior
+
+    def log_evidence_of(self, effects: Sequence[Hypothesis]) -> float:
+        """Of some effects, from this explanation on, beside what the geometry may be wrong by."""
+        return explain_with(self.data, effects, self.explanation, self.case.uncertain)[1].log_evidence
 
     @cached_property
     def extension(self) -> Extension:
@@ -95,6 +98,11 @@ class EffectSet:
     def held_back(self) -> Array:
         """(N, n) what the model with them leaves of the held-back data, N m, zero where they do not count."""
         return self._held_back(self.extension.theta)
+
+    @property
+    def held_back_errors(self) -> HeldBackErrors:
+        """The same by blocks."""
+        return self.case.held_back.errors_of(self.held_back)
 
     def held_back_less(self, term: Effect) -> Array:
         """(N, n) the same with a term of it at zero, all else as it is."""
@@ -174,17 +182,11 @@ class EffectSets:
         """Of an effect in one form to be missing, over nothing to be missing in its place."""
         limits = self.case.thresholds
         share = (1.0 - limits.nothing_missing - limits.something_else) / len(main_forms())
-        places = self.data_width if effect.joints else 1
+        places = self.case.trial.used.shape[1] if effect.joints else 1
         return float(np.log(share / places / limits.nothing_missing / max(self._forms[effect.key], 1)))
-
-    @property
-    def data_width(self) -> int:
-        """Joints."""
-        return self.case.trial.used.shape[1]
 
     @cached_property
     def _forms(self) -> Counter[EffectKey]:
-        """How many forms an effect has."""
         return Counter(form.key for group in self.library for form in group)
 
     def _in_best_forms(
@@ -237,6 +239,20 @@ def weighed(smallest: Sequence[EffectSet], chosen: EffectSet) -> tuple[WeighedSe
 
 
 def _in_order(keys: frozenset[EffectKey], chosen: EffectSet) -> tuple[EffectKey, ...]:
-    """Those of the chosen set as they are there, then others."""
     known = [effect.key for effect in chosen.effects if effect.key in keys]
     return (*known, *sorted(keys - set(known)))
+
+
+def costs(sets: EffectSets, chosen: EffectSet) -> tuple[Cost, ...]:
+    """Of each effect of a chosen set: of the set without it, numbers and signs found anew, and of the set itself."""
+    return tuple(_cost(sets, chosen, effect) for effect in chosen.effects)
+
+
+def _cost(sets: EffectSets, chosen: EffectSet, effect: Hypothesis) -> Cost:
+    trial = sets.case.held_back.trial
+    without = sets.settled(chosen.without(effect), chosen.data, effect.columns.joints)
+    before, after = trial.rms(without.held_back), trial.rms(chosen.held_back)
+    effort = trial.rms(np.where(trial.used, trial.magnitude, 0.0))
+    rise = (before**2 - after**2) / np.maximum(effort**2, 1e-300)
+    joint = max(sorted(effect.columns.joints), key=lambda j: float(rise[j]))
+    return Cost(joint + 1, float(before[joint]), float(after[joint]), float(effort[joint]))

@@ -1,4 +1,13 @@
-"""A time line: the parameters of one model, identified on each of several logs by itself, and which of them moved.
+"""What each of several logs says by itself: of effects, and of parameters, which make a time line.
+
+An effect beyond the terms asked for was missing all along if both logs bear it out by themselves, evidence and
+held-back blocks both, near standstill too: what an effect must pass to enter a model in the first place. Where a log
+does not, it may have been too short or too still to show the effect, or the effect is not there. The size in the other
+log tells: with a the amplitudes here, C their covariance and b the size there,
+
+    log p(log | b) - log p(log | 0) = a' C^-1 b - b' C^-1 b / 2
+
+is decisive against the effect, or the log cannot tell.
 
 A parameter is compared with what it was in the first log, in standard deviations of the difference. These are those of
 identifications that share nothing: coloured noise counts by its effective samples, and what the model may lack, which
@@ -11,25 +20,154 @@ columns by which a body on the last link adds to those that it touches::
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 
 import numpy as np
-from scipy.special import ndtr
+from scipy.special import ndtr, ndtri
 
 from bayesid.arrays import Array, Mask
-from bayesid.effects import RigidBody
+from bayesid.discrepancy.tuning import TUNING
+from bayesid.effects import STANDARD, RigidBody
+from bayesid.effects.coefficients import base_coefficients
+from bayesid.effects.effect import Effect
+from bayesid.effects.model import Model
 from bayesid.identification.identification import Identification
+from bayesid.regression.evidence import Evidence
+from bayesid.regression.least_squares import fit_signed
+from bayesid.regression.selection.explanation import LN10
+from bayesid.regression.selection.hypotheses import EffectKey
+from bayesid.regression.selection.wanted import borne_out
+from bayesid.signs.settling import restored
 
-LEVEL = 0.05
-"""Probability that any parameter at all is said to have moved where none has: a usual level."""
 PAYLOAD = "payload mass"
 """Name of the parameter that no log shows by itself."""
-_SEEN = 1e-6
-"""Share of a variance that must be left once a payload is taken out: less is rounding, and says nothing of the rest. A
-round number; not studied."""
+SHOWN, ABSENT, OPEN = "shown", "absent", "cannot tell"
+"""What a log says of an effect."""
 
 
+# ---------------------------------------------------------------------------------------------------------------
+# Effects
+# ---------------------------------------------------------------------------------------------------------------
+@dataclass(frozen=True)
+class Standing:
+    """What a log says of an effect.
+
+    Attributes:
+        says: `SHOWN`, `ABSENT` or `OPEN`.
+        log10_bayes_factor: for the effect beside all others, where the log bears it out; NaN elsewhere.
+        log10_ratio: for its size in the other log against none; NaN where that cannot be said.
+    """
+
+    says: str
+    log10_bayes_factor: float = np.nan
+    log10_ratio: float = np.nan
+
+
+def key_of(effect: Effect) -> EffectKey:
+    """Effect and joints, whatever the form."""
+    return effect.effect, effect.joints
+
+
+def without(model: Model, keys: Sequence[EffectKey]) -> Model:
+    """A model without some effects."""
+    kept = [effect for effect in model.effects if key_of(effect) not in keys]
+    return reduce(Model.extend, kept, Model(model.robot, ()))
+
+
+def shown_by(run: Identification, effects: Sequence[Effect]) -> dict[EffectKey, float]:
+    """Those of some effects that a log bears out by itself, beside the rest of its model, with log10 Bayes factors.
+
+    Args:
+        run: from that log.
+        effects: beyond the terms asked for.
+
+    Raises:
+        SolverError: an optimisation failed.
+    """
+    if not effects:
+        return {}
+    evidence = _evidence(run, without(run.model, [key_of(effect) for effect in effects]))
+    fit = fit_signed(evidence, 2.0 * run.probability - 1.0)
+    wanted = borne_out(evidence, fit, run.probability, effects)
+    return {(effect.effect, effect.joints): effect.log10_bayes_factor for effect in wanted.effects}
+
+
+def missing_all_along(model: Model, again: Identification) -> tuple[EffectKey, ...]:
+    """Effects beyond the standard terms that an earlier model has and a later log bears out by itself as well.
+
+    Args:
+        model: the earlier one, completed by what its log has shown.
+        again: from the later log, of that model with what it lacked.
+
+    Raises:
+        SolverError: an optimisation failed.
+    """
+    beyond = [one for one in model.effects if (one.joints or one.name not in STANDARD) and not one.needs_earlier]
+    shown = shown_by(again, [one for one in again.model.effects if key_of(one) in {key_of(other) for other in beyond}])
+    return tuple(key_of(one) for one in beyond if key_of(one) in shown)
+
+
+def standing(
+    run: Identification, effect: Effect, borne_out: Mapping[EffectKey, float], other: Identification
+) -> Standing:
+    """What a log says of an effect that another log has shown.
+
+    Args:
+        run: from this log by itself.
+        effect: with its numbers in the other log.
+        borne_out: what `shown_by` says of this log.
+        other: from the other log by itself, of a model with the effect.
+
+    Raises:
+        SolverError: an optimisation failed.
+    """
+    linear = bool(effect.parameters(run.model.robot))
+    ratio = _of_amplitudes(run, effect, other) if linear else _of_distortion(run, effect)
+    if key_of(effect) in borne_out:
+        return Standing(SHOWN, borne_out[key_of(effect)], ratio)
+    return Standing(ABSENT if ratio <= -TUNING.decisive else OPEN, np.nan, ratio)
+
+
+def _of_amplitudes(run: Identification, effect: Effect, other: Identification) -> float:
+    """log10 p(log | amplitudes in the other log) - log10 p(log | none); NaN where either log does not show them."""
+    own = [parameter.name for parameter in effect.parameters(run.model.robot)]
+    names = [name for name in own if name in run.coefficients.names and name in other.coefficients.names]
+    here, there = ([side.coefficients.names.index(name) for name in names] for side in (run, other))
+    covariance = run.fit.covariance[np.ix_(here, here)]
+    if not names or not np.isfinite(covariance).all() or not np.isfinite(other.fit.sd[there]).all():
+        return np.nan
+    size = other.fit.beta[there]
+    weighed: Array = np.linalg.pinv(covariance, hermitian=True) @ size
+    return float(run.fit.beta[here] @ weighed - 0.5 * size @ weighed) / LN10
+
+
+def _of_distortion(run: Identification, effect: Effect) -> float:
+    """The same of an effect with numbers instead of amplitudes, from the residuals with it and without it."""
+    plain = without(run.model, [key_of(effect)])
+    fits, counts = [], []
+    for model in (plain, plain.extend(effect)):
+        evidence = _evidence(run, model)
+        fits.append(fit_signed(evidence, 2.0 * run.probability - 1.0))
+        counts.append(evidence.used.sum(axis=0))
+    time = np.maximum(*(fit.residual.autocorrelation for fit in fits))
+    gain = np.log(fits[0].residual.sigma / fits[1].residual.sigma)
+    return float(np.minimum(*counts) / time @ gain) / LN10
+
+
+def _evidence(run: Identification, model: Model) -> Evidence:
+    rows, signals = model.before_sensors, restored(model, run.signals)
+    moving, fitted = (
+        run.segments.per_sample(which, *run.probability.shape) > 0
+        for which in (run.segments.moving, run.segments.fitted)
+    )
+    return Evidence(rows, base_coefficients(rows), signals, moving, fitted & signals.measured)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Parameters
+# ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class TrackedParameter:
     """A parameter that is followed.
@@ -90,9 +228,9 @@ class Timeline:
 
     @property
     def moved(self) -> Mask:
-        """(K, C) whether a parameter is another one than in the first log: p below `LEVEL`."""
+        """(K, C) whether a parameter is another one than in the first log: p below `Tuning.level`."""
         with np.errstate(invalid="ignore"):
-            return np.asarray(self.p < LEVEL)
+            return np.asarray(self.p < TUNING.level)
 
     @property
     def n_tested(self) -> int:
@@ -106,11 +244,7 @@ class Timeline:
         The median of |z| over that of a normal distribution: few parameters that moved hardly change it.
         """
         z = np.abs(self.z[np.isfinite(self.p)])
-        return float(np.median(z) / _MEDIAN) if len(z) else np.nan
-
-
-_MEDIAN = 0.6744897501960817
-"""Of the absolute value of a standard normal variable."""
+        return float(np.median(z) / ndtri(0.75)) if len(z) else np.nan
 
 
 def make_timeline(runs: Sequence[Identification], loaded: Sequence[bool]) -> Timeline:
@@ -181,13 +315,12 @@ def without_payload(difference: Array, covariance: Array, columns: Array) -> Res
     inverse = np.linalg.pinv(rows / size) / size[:, None]
     body, spread = inverse @ np.linalg.solve(root, scale * difference[touched]), inverse @ inverse.T
     left = variance - np.einsum("ip,pq,iq->i", columns, spread, columns)
-    sd = np.where(left > _SEEN * variance, np.sqrt(np.maximum(left, 0.0)), np.nan)
+    sd = np.where(left > 1e-6 * variance, np.sqrt(np.maximum(left, 0.0)), np.nan)
     mass = (float(body[-1]), float(np.sqrt(spread[-1, -1]))) if spread[-1, -1] > 0.0 else (np.nan, np.nan)
     return Rest(difference - columns @ body, sd, columns @ body, mass)
 
 
 def _corrected(line: Timeline) -> Array:
-    """(K, C) two-sided p values of the changes, after Holm's correction over all of them."""
     p = np.full_like(line.value, np.nan)
     tested = np.isfinite(line.z)
     tested[0] = False
@@ -233,7 +366,6 @@ def _with_payload(line: Timeline, masses: Sequence[tuple[float, float]], loaded:
 
 
 def _tracked(run: Identification) -> tuple[TrackedParameter, ...]:
-    """The coefficients of an identification, with what they are of."""
     model, table = run.model, run.coefficients
     owners = [(term.name, p.joint) for term in model.terms for p in term.parameters(model.robot)]
     rows = zip(table.names, table.expressions, table.units, table.kept.tolist(), strict=True)
@@ -247,7 +379,6 @@ def _places(tracked: Sequence[TrackedParameter], run: Identification) -> Array:
 
 
 def _of(run: Identification, places: Array) -> Array:
-    """(m, m) covariance of some coefficients."""
     covariance: Array = run.fit.covariance[np.ix_(places, places)]
     return covariance
 

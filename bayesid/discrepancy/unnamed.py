@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 
 from bayesid.arrays import Array
-from bayesid.discrepancy.case import Case
 from bayesid.discrepancy.sets import EffectSet
+from bayesid.discrepancy.tuning import TUNING
 from bayesid.effects.learned_effect import LearnedEffect
 from bayesid.regression.selection.added_effect import AddedEffect
 from bayesid.regression.selection.explanation import LN10, Explanation
@@ -21,15 +21,9 @@ from bayesid.regression.selection.products import HeldBackErrors
 from bayesid.regression.selection.scores import explain_with
 from bayesid.robot import Robot
 
-MOST = 3
-"""Functions that are added in one joint; a round number."""
-NEAR = 0.5
-"""Share of the best function's gain from which on another one may turn out better: signs settled without either of them
-hide what they explain. Set by hand."""
-
 
 def learn_effects(
-    case: Case, state: EffectSet, log_prior: Callable[[Hypothesis], float]
+    state: EffectSet, log_prior: Callable[[Hypothesis], float]
 ) -> tuple[EffectSet, list[tuple[EffectSet, Hypothesis]]]:
     """Functions for all joints that stay above the floor, and those that held-back data do not bear out.
 
@@ -39,26 +33,25 @@ def learn_effects(
     likelier than all of them.
 
     Args:
-        case: what stays the same.
         state: the catalogue's effects.
         log_prior: of an effect of the catalogue to be missing, over nothing to be missing in its place.
     """
     refused: list[tuple[EffectSet, Hypothesis]] = []
-    for joint in _left(case, state):
-        learned, gone = _in_joint(case, state, joint)
+    for joint in _left(state):
+        learned, gone = _in_joint(state, joint)
         own = [effect for effect in state.effects if effect.columns.joints == {joint - 1}]
-        if own and (learned is state or joint in _left(case, learned)):
-            others = [effect for effect in state.effects if all(effect is not one for one in own)]
-            alone, gone_too = _in_joint(case, _settled(case, others, state), joint)
-            before, after = _held_back(case, learned), _held_back(case, alone)
-            if bears_out(after, before, {joint - 1}, case.thresholds.held_back_improvement):
+        if own and (learned is state or joint in _left(learned)):
+            others = state.without(*own)
+            alone, gone_too = _in_joint(_settled(others, state), joint)
+            before, after = learned.held_back_errors, alone.held_back_errors
+            if bears_out(after, before, {joint - 1}, state.case.thresholds.held_back_improvement):
                 nothing = len(alone.effects) == len(others)
                 learned, gone = alone, [*((state, effect) for effect in own if nothing), *gone_too]
             elif learned is state:
                 gone = gone or gone_too
         state, refused = learned, refused + gone
     for joint in _of_several(state):
-        state = _by_one_function(case, state, joint, log_prior)
+        state = _by_one_function(state, joint, log_prior)
     return state, refused
 
 
@@ -69,112 +62,108 @@ def _of_several(state: EffectSet) -> list[int]:
     return sorted(joint for joint, count in Counter(own).items() if count > 1 and joint not in learned)
 
 
-def _by_one_function(case: Case, state: EffectSet, joint: int, log_prior: Callable[[Hypothesis], float]) -> EffectSet:
+def _by_one_function(state: EffectSet, joint: int, log_prior: Callable[[Hypothesis], float]) -> EffectSet:
     """One function in the place of several effects in a joint (from 1), where it is likelier and predicts as well."""
-    needed, limits = case.thresholds.log10_bayes_factor * LN10, case.thresholds
+    needed, limits = state.case.thresholds.log10_bayes_factor * LN10, state.case.thresholds
     own = [effect for effect in state.effects if effect.columns.joints == {joint - 1}]
-    others = [effect for effect in state.effects if all(effect is not one for one in own)]
-    bare = _settled(case, others, state)
-    finder = _finder(case, bare, joint)
-    ranked = finder.ranked(bare.data, bare.effects, uncertain=case.uncertain)
-    grown = _borne_out(case, finder, bare, [one for one in ranked if one.gain > needed], needed)
+    others = state.without(*own)
+    bare = _settled(others, state)
+    finder = _finder(bare, joint)
+    ranked = finder.ranked(bare.data, bare.effects, uncertain=state.case.uncertain)
+    grown = _borne_out(finder, bare, [one for one in ranked if one.gain > needed], needed)
     if grown is None:
         return state
     function = grown[1]
     prior = np.log(limits.something_else / limits.nothing_missing / state.data.used.shape[1]) - function.price
-    gain = _log_evidence(case, grown[0]) + prior - _log_evidence(case, state) - sum(map(log_prior, own))
-    by_one = _merged(case, finder, grown[0], [function])
+    gain = _log_evidence(grown[0]) + prior - _log_evidence(state) - sum(map(log_prior, own))
+    by_one = _merged(finder, grown[0], [function])
     if gain < needed or bears_out(
-        _held_back(case, state), _held_back(case, by_one), {joint - 1}, limits.held_back_improvement
+        state.held_back_errors, by_one.held_back_errors, {joint - 1}, limits.held_back_improvement
     ):
         return state
     return by_one
 
 
-def _log_evidence(case: Case, state: EffectSet) -> float:
+def _log_evidence(state: EffectSet) -> float:
     """Of a set, judged by what it leaves itself."""
-    data = replace(state.data, reference=None, of_reference=())
-    return explain_with(data, state.effects, state.explanation, case.uncertain)[1].log_evidence
+    return replace(state, data=replace(state.data, reference=None, of_reference=())).log_evidence_of(state.effects)
 
 
-def _left(case: Case, state: EffectSet) -> list[int]:
+def _left(state: EffectSet) -> list[int]:
     """Joints (from 1) whose residual is surely above a sharp floor, on the log or on held-back data, worst first."""
-    predicted, explanation = case.predicted(state.effects, state.explanation), state.explanation
-    floor, gap, unseen = case.floor(predicted), case.trial.gap(predicted), _held_back(case, state)
-    sure = explanation.free_evidence - explanation.noise_evidence > case.thresholds.log10_bayes_factor * LN10
-    on_log = sure & floor.exceeded(gap, case.thresholds)
-    held_back = unseen.surely_above(floor.rms) & floor.exceeded(unseen.rms, case.thresholds)
+    predicted, explanation = state.case.predicted(state.effects, state.explanation), state.explanation
+    floor, gap, unseen = state.case.floor(predicted), state.case.trial.gap(predicted), state.held_back_errors
+    sure = explanation.free_evidence - explanation.noise_evidence > state.case.thresholds.log10_bayes_factor * LN10
+    on_log = sure & floor.exceeded(gap, state.case.thresholds)
+    held_back = unseen.surely_above(floor.rms) & floor.exceeded(unseen.rms, state.case.thresholds)
     ratio = np.maximum(gap, unseen.rms) / floor.rms
     return [int(j) + 1 for j in np.argsort(-ratio) if floor.sharp[j] and (on_log[j] or held_back[j])]
 
 
-def _in_joint(case: Case, state: EffectSet, joint: int) -> tuple[EffectSet, list[tuple[EffectSet, Hypothesis]]]:
+def _in_joint(state: EffectSet, joint: int) -> tuple[EffectSet, list[tuple[EffectSet, Hypothesis]]]:
     """A learned effect in a joint (from 1), if held-back data bear it out."""
     found: list[Learned] = []
-    needed, now, finder = case.thresholds.log10_bayes_factor * LN10, state, _finder(case, state, joint)
+    needed, now, finder = state.case.thresholds.log10_bayes_factor * LN10, state, _finder(state, joint)
     passed: list[Learned] = []
-    while len(found) < MOST and not (found and _is_noise(now, joint, needed)):
-        ranked = finder.ranked(now.data, now.effects, uncertain=case.uncertain)
+    while len(found) < TUNING.most_functions and not (found and _is_noise(now, joint, needed)):
+        ranked = finder.ranked(now.data, now.effects, uncertain=state.case.uncertain)
         passed = [learned for learned in ranked if learned.gain > needed]
-        grown = _borne_out(case, finder, now, passed, needed)
+        grown = _borne_out(finder, now, passed, needed)
         if grown is None:
             break
-        now, found = _fitted_again(case, finder, grown[0], [*found, grown[1]], needed)
+        now, found = _fitted_again(finder, grown[0], [*found, grown[1]], needed)
     if not found:
-        refused = [(_settled(case, (*now.effects, one.hypothesis), now), one.hypothesis) for one in passed[:1]]
+        refused = [(_settled((*now.effects, one.hypothesis), now), one.hypothesis) for one in passed[:1]]
         return state, refused
-    merged = _merged(case, finder, now, found)
-    if not _explains_most(case, state, merged, joint):
+    merged = _merged(finder, now, found)
+    if not _explains_most(state, merged, joint):
         return state, [(merged, merged.effects[-1])]
-    return _without_stand_ins(case, merged, merged.effects[-1], needed), []
+    return _without_stand_ins(merged, merged.effects[-1], needed), []
 
 
-def _explains_most(case: Case, before: EffectSet, after: EffectSet, joint: int) -> bool:
+def _explains_most(before: EffectSet, after: EffectSet, joint: int) -> bool:
     """Whether a function explains most of what held-back data show in a joint (from 1): else it is a stand-in itself.
 
     Of a table that is off, say: any effect of a joint that stays above the floor is kept by the same share.
     """
-    without, rest = (_held_back(case, one).rms[joint - 1] ** 2 for one in (before, after))
+    without, rest = (one.held_back_errors.rms[joint - 1] ** 2 for one in (before, after))
     excess = without - before.data.floor[joint - 1] ** 2
-    return bool(without - rest >= case.thresholds.explained_share * excess)
+    return bool(without - rest >= before.case.thresholds.explained_share * excess)
 
 
-def _finder(case: Case, state: EffectSet, joint: int) -> Finder:
-    """Finds functions for a joint (from 1) on top of a set."""
-    scene = case.scene(case.predicted(state.effects, state.explanation))
-    return Finder(scene, case.trial.used, joint, maker(case.model, scene, case.trial.used))
+def _finder(state: EffectSet, joint: int) -> Finder:
+    scene = state.case.scene(state.case.predicted(state.effects, state.explanation))
+    return Finder(scene, state.case.trial.used, joint, maker(state.case.model, scene, state.case.trial.used))
 
 
-def _merged(case: Case, finder: Finder, state: EffectSet, found: Sequence[Learned]) -> EffectSet:
+def _merged(finder: Finder, state: EffectSet, found: Sequence[Learned]) -> EffectSet:
     """The set with some of its functions as one effect, the last."""
-    number = 1 + sum(isinstance(term, LearnedEffect) and finder.joint in term.joints for term in case.model.terms)
+    number = 1 + sum(isinstance(term, LearnedEffect) and finder.joint in term.joints for term in state.case.model.terms)
     amplitudes = [amplitude_of(one.hypothesis, state.effects, state.explanation) for one in found]
     covariances = [_covariance(one.hypothesis, state) for one in found]
     merged = finder.merged(found, amplitudes, covariances, number)
-    return _settled(case, (*_others(state, found), merged), state)
+    return _settled((*_others(state, found), merged), state)
 
 
-def _without_stand_ins(case: Case, state: EffectSet, learned: Hypothesis, needed: float) -> EffectSet:
+def _without_stand_ins(state: EffectSet, learned: Hypothesis, needed: float) -> EffectSet:
     """Without the effects of the same joint that the learned one makes needless, the most needless first."""
     while own := [e for e in state.effects if e is not learned and e.columns.joints == learned.columns.joints]:
-        whole = explain_with(state.data, state.effects, state.explanation, case.uncertain)[1].log_evidence
-        sets = [tuple(e for e in state.effects if e is not one) for one in own]
-        without = [explain_with(state.data, some, state.explanation, case.uncertain)[1].log_evidence for some in sets]
+        whole, sets = state.log_evidence_of(state.effects), [state.without(one) for one in own]
+        without = [state.log_evidence_of(some) for some in sets]
         most = int(np.argmax(without))
         if whole - without[most] > needed:
             break
-        state = _settled(case, sets[most], state)
+        state = _settled(sets[most], state)
     return state
 
 
 def _is_noise(state: EffectSet, joint: int, needed: float) -> bool:
-    """Whether what is left of a joint (from 1) is nothing but noise."""
     more = state.explanation.free_evidence - state.explanation.noise_evidence
     return bool(more[joint - 1] <= needed)
 
 
 def _borne_out(
-    case: Case, finder: Finder, state: EffectSet, passed: Sequence[Learned], needed: float
+    finder: Finder, state: EffectSet, passed: Sequence[Learned], needed: float
 ) -> tuple[EffectSet, Learned] | None:
     """The best of some functions, its form chosen again by what it leaves, if held-back data bear it out.
 
@@ -183,93 +172,83 @@ def _borne_out(
     """
     if not passed:
         return None
-    before = _held_back(case, state)
-    first, _ = _best_of(case, state, passed)
+    before = state.held_back_errors
+    first, _ = _best_of(state, passed)
     for bounded in (False, True):
         errors = first.explanation.errors
-        ranked = finder.ranked(first.data, state.effects, errors, case.uncertain, bounded=bounded)
+        ranked = finder.ranked(first.data, state.effects, errors, state.case.uncertain, bounded=bounded)
         again = [learned for learned in ranked if learned.gain > needed]
         if not again:
             break
-        more, one = _best_of(case, first, again, state.effects)
-        if _helps(case, more, before, one.hypothesis):
+        more, one = _best_of(first, again, state.effects)
+        if _helps(more, before, one.hypothesis):
             return more, one
     return None
 
 
-def _helps(case: Case, state: EffectSet, before: HeldBackErrors, learned: Hypothesis) -> bool:
+def _helps(state: EffectSet, before: HeldBackErrors, learned: Hypothesis) -> bool:
     """Whether a function is borne out by held-back data: by itself, not by what the other parameters do beside it.
 
     What only the log shows pulls at these. A function lets them go, and may do nothing where the held-back data are.
     """
-    after, joints = _held_back(case, state), learned.columns.joints
-    without = case.held_back.errors_of(state.held_back_less(learned.source))
-    least = case.thresholds.held_back_improvement
+    after, joints = state.held_back_errors, learned.columns.joints
+    without = state.case.held_back.errors_of(state.held_back_less(learned.source))
+    least = state.case.thresholds.held_back_improvement
     return all(bears_out(after, other, joints, least) for other in (before, without))
 
 
 def _best_of(
-    case: Case, state: EffectSet, functions: Sequence[Learned], effects: Sequence[Hypothesis] | None = None
+    state: EffectSet, functions: Sequence[Learned], effects: Sequence[Hypothesis] | None = None
 ) -> tuple[EffectSet, Learned]:
     """The function that explains the log best once signs are settled under each: wrong signs hide what is there.
 
     Args:
-        case: what stays the same.
         state: with the signs to begin with.
         functions: the candidates.
         effects: beside which; those of the state by default.
     """
     beside = state.effects if effects is None else effects
     tried = []
-    for one in (one for one in functions if one.gain > NEAR * functions[0].gain):
-        settled = _settled(case, (*beside, one.hypothesis), state)
-        tried.append((_settled(case, settled.effects, settled), one))
+    for one in (one for one in functions if one.gain > TUNING.near_best * functions[0].gain):
+        settled = _settled((*beside, one.hypothesis), state)
+        tried.append((_settled(settled.effects, settled), one))
     return max(tried, key=lambda pair: pair[0].explanation.log_evidence)
 
 
 def _fitted_again(
-    case: Case, finder: Finder, state: EffectSet, found: list[Learned], needed: float
+    finder: Finder, state: EffectSet, found: list[Learned], needed: float
 ) -> tuple[EffectSet, list[Learned]]:
     """Each function chosen again beside the others, now that they are known; what is needless goes."""
     for one in list(found) if len(found) > 1 else []:
         others, errors = _others(state, [one]), state.explanation.errors
-        best = next(iter(finder.ranked(state.data, others, errors, case.uncertain)), None)
+        best = next(iter(finder.ranked(state.data, others, errors, state.case.uncertain)), None)
         if best is not None and best.gain > needed and best.form.variables != one.form.variables:
-            state = _settled(case, (*others, best.hypothesis), state)
+            state = _settled((*others, best.hypothesis), state)
             found = [best if other is one else other for other in found]
-    return _without_needless(case, state, found, needed)
+    return _without_needless(state, found, needed)
 
 
 def _others(state: EffectSet, gone: Sequence[Learned]) -> tuple[Hypothesis, ...]:
-    """The effects but for some functions."""
-    return tuple(effect for effect in state.effects if all(effect is not one.hypothesis for one in gone))
+    return state.without(*(one.hypothesis for one in gone))
 
 
-def _without_needless(
-    case: Case, state: EffectSet, found: list[Learned], needed: float
-) -> tuple[EffectSet, list[Learned]]:
+def _without_needless(state: EffectSet, found: list[Learned], needed: float) -> tuple[EffectSet, list[Learned]]:
     """Without the functions that later ones have made needless, the most needless first."""
     while len(found) > 1:
         evidence = [explain_with(state.data, _others(state, [one]), state.explanation)[1].log_evidence for one in found]
         most = int(np.argmax(evidence))
         if state.explanation.log_evidence - evidence[most] > needed:
             break
-        state = _settled(case, _others(state, [found[most]]), state)
+        state = _settled(_others(state, [found[most]]), state)
         found = [one for one in found if one is not found[most]]
     return state, found
 
 
-def _settled(case: Case, effects: Sequence[Hypothesis], state: EffectSet) -> EffectSet:
-    """Some effects, signs settled under them."""
+def _settled(effects: Sequence[Hypothesis], state: EffectSet) -> EffectSet:
     _, explanation = explain_with(state.data, effects)
-    data = case.settled(effects, explanation)
+    data = state.case.settled(effects, explanation)
     _, explanation = explain_with(data, effects, explanation)
-    return EffectSet(case, tuple(effects), explanation, data)
-
-
-def _held_back(case: Case, state: EffectSet) -> HeldBackErrors:
-    """Errors on blocks of the held-back data."""
-    return case.held_back.errors_of(state.held_back)
+    return EffectSet(state.case, tuple(effects), explanation, data)
 
 
 def _covariance(effect: Hypothesis, state: EffectSet) -> Array:

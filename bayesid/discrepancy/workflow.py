@@ -10,17 +10,17 @@ from functools import partial
 import numpy as np
 
 from bayesid.arrays import Array
-from bayesid.discrepancy.all_along import missing_all_along
-from bayesid.discrepancy.case import Case, divide
-from bayesid.discrepancy.compare import Excess, NoiseFloor, Trial, make_trial, shortened, where_it_shows
-from bayesid.discrepancy.log_checks import check_log, check_same_robot, check_unseen
-from bayesid.discrepancy.mixed_up import check_columns
-from bayesid.discrepancy.numbers import Numbers
-from bayesid.discrepancy.selection import MOST_SETS, Selection, select_effects, unexplained, unexplained_anywhere
+from bayesid.discrepancy.case import Case, Excess, NoiseFloor, Trial, divide, make_trial, shortened, where_it_shows
+from bayesid.discrepancy.log_checks import check_columns, check_holdout, check_log, check_same_robot, check_unseen
+from bayesid.discrepancy.selection import Selection, select_effects, unexplained, unexplained_anywhere
 from bayesid.discrepancy.sets import WeighedSet
+from bayesid.discrepancy.timeline import missing_all_along
+from bayesid.discrepancy.tuning import TUNING
 from bayesid.discrepancy.unnamed import in_words
-from bayesid.discrepancy.worth import effort_size
 from bayesid.effects.coefficients import base_coefficients
+from bayesid.effects.distortion import Distortion
+from bayesid.effects.formula import Description
+from bayesid.effects.model import Model
 from bayesid.identification.identification import Identification
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.options import Preparation, call_of, call_of_log
@@ -28,15 +28,26 @@ from bayesid.identification.pipeline import QUICK, identify_again
 from bayesid.log.log import Log
 from bayesid.log.reading import LogSource, as_log
 from bayesid.log.signals import prepare
+from bayesid.motion import Motion
 from bayesid.parallel import one_blas_thread
 from bayesid.posterior.sampler import Sampling
 from bayesid.progress import SILENT, Progress
-from bayesid.regression.selection.added_effect import AddedEffect, Quantity, not_testable
+from bayesid.regression.selection.added_effect import (
+    LARGEST_READING,
+    RATED,
+    AddedEffect,
+    EffortSize,
+    Quantity,
+    not_testable,
+)
 from bayesid.regression.selection.explanation import Explanation, Thresholds
 from bayesid.regression.selection.hypotheses import EffectKey, Hypothesis
 from bayesid.regression.selection.products import HeldBackErrors
 from bayesid.regression.selection.scores import Score
 from bayesid.signs.search.protocol import Search
+
+CHANGE_OF = "change of "
+"""How names of numbers begin that are changes of what the model had."""
 
 
 @dataclass(frozen=True)
@@ -168,6 +179,8 @@ def find_discrepancy(
     for unseen in (log, *([] if later is None else [later])):
         check_unseen(known, unseen)
     trial = shortened(make_trial(model, prepare(log, cutoff), thresholds))
+    if later is not None:
+        check_holdout(model.robot, log, later)
     selecting, held_back = divide(model, log, later, trial, cutoff, thresholds)
     coefficients = base_coefficients(model)
     case = Case(earlier.knowledge, coefficients, earlier.noise, selecting, held_back, search, thresholds)
@@ -190,7 +203,6 @@ def find_discrepancy(
 
 
 def _with_origin(again: Identification, known: IdentifiedModel, log: Log, later: Log | None) -> Identification:
-    """The same, with all logs that the model knows and the call that makes it again."""
     scored = [] if later is None else [f"holdout={call_of_log(later)}"]
     return replace(
         again,
@@ -203,13 +215,14 @@ def _with_origin(again: Identification, known: IdentifiedModel, log: Log, later:
 # The result
 # ---------------------------------------------------------------------------------------------------------------
 def _discrepancy(case: Case, selection: Selection, again: Identification) -> Discrepancy:
-    trial, scoring, weighed = case.trial, case.held_back.trial, selection.weighed(case)
+    trial, scoring = case.trial, case.held_back.trial
+    scores, chosen, refused = selection.weighed(case)
     before, after = _gaps(case, selection, again)
     predicted = again.model.effort(trial.signals.motion, again.theta)
     floor = case.floor(predicted)
     on_log = unexplained(trial, predicted, floor, selection.explanation, case.thresholds)
     ratios, says = unexplained_anywhere(on_log, before, after, floor, case.thresholds)
-    added = _with_numbers(case, weighed.added, selection, again)
+    added = _with_numbers(case, chosen, selection, again)
     return Discrepancy(
         status=_status(bool(added), bool(ratios)),
         where=tuple(_where(case, selection.before, floor)),
@@ -221,18 +234,18 @@ def _discrepancy(case: Case, selection: Selection, again: Identification) -> Dis
         holdout=case.held_back.name,
         unexplained=ratios,
         unexplained_on=says,
-        scores=tuple(score.alone for score in weighed.scores),
+        scores=tuple(score.alone for score in scores),
         refused=tuple(
-            in_words(case.model.robot, effect, chosen.effects, chosen.explanation).alone
-            for effect, (chosen, _) in zip(weighed.refused, selection.rejected, strict=True)
+            in_words(case.model.robot, effect, among.effects, among.explanation).alone
+            for effect, (among, _) in zip(refused, selection.rejected, strict=True)
         ),
-        not_testable=tuple(not_testable(weighed.scores, len(floor.rms), case.thresholds)),
+        not_testable=tuple(not_testable(scores, len(floor.rms), case.thresholds)),
         identification=again,
         trial=trial,
         held_back=scoring,
         predicted_before=case.before,
         predicted_after=predicted,
-        warnings=(*_warnings(case, floor), *_stopped(selection), *again.warnings),
+        warnings=(*_warnings(case, floor, selection.stopped), *again.warnings),
         thresholds=case.thresholds,
         seconds=np.nan,
         all_along=missing_all_along(case.model, again),
@@ -240,7 +253,6 @@ def _discrepancy(case: Case, selection: Selection, again: Identification) -> Dis
 
 
 def _status(found: bool, left: bool) -> str:
-    """Of whether effects were found, and whether joints stay unexplained."""
     if left:
         return "partly_explained" if found else "unexplained"
     return "explained" if found else "no_discrepancy"
@@ -264,8 +276,7 @@ def _where(case: Case, explanation: Explanation, floor: NoiseFloor) -> list[Exce
     return where_it_shows(trial, trial.residual(predicted), predicted, floor.rms, above)
 
 
-def _warnings(case: Case, floor: NoiseFloor) -> list[str]:
-    """What the comparison itself has to say."""
+def _warnings(case: Case, floor: NoiseFloor, stopped: bool) -> list[str]:
     warnings = []
     if not case.knowledge.precision.any():
         warnings.append(
@@ -276,19 +287,15 @@ def _warnings(case: Case, floor: NoiseFloor) -> list[str]:
         joints = ", ".join(str(j + 1) for j in blunt)
         share = f"the model left over {case.thresholds.good_fit:.0%} of the effort of joint {joints} in its own log"
         warnings.append(f"{share}: there the noise floor is taken from this log ({floor.origin[blunt[0]]})")
+    if stopped:
+        tried = f"the search for sets of effects ended after {TUNING.most_sets} of them"
+        warnings.append(f"{tried}: others might explain the log as well")
     return warnings
-
-
-def _stopped(selection: Selection) -> list[str]:
-    """That not all sets of effects were tried, if so."""
-    said = f"the search for sets of effects ended after {MOST_SETS} of them: others might explain the log as well"
-    return [said] if selection.stopped else []
 
 
 def _with_numbers(
     case: Case, weighed: Sequence[AddedEffect], selection: Selection, again: Identification
 ) -> tuple[AddedEffect, ...]:
-    """Effects that were added, with their parameters, sizes and costs."""
     numbers = Numbers(case.model, case.knowledge.theta, again)
     return tuple(
         replace(
@@ -304,9 +311,112 @@ def _with_numbers(
 
 
 def _own_numbers(case: Case, effect: Hypothesis, sd: Array) -> dict[str, Quantity]:
-    """The nonlinear numbers of an added effect."""
     numbers = effect.source.numbers(case.model.robot)
     tuned = not effect.source.linear and len(sd) >= len(numbers)
     deviations = sd[: len(numbers)] if tuned else np.full(len(numbers), np.nan)
     named = zip(numbers.items(), deviations, strict=True)
     return {name: (value, float(deviation), unit) for (name, (value, unit)), deviation in named}
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# The numbers of added effects
+# ---------------------------------------------------------------------------------------------------------------
+class Numbers:
+    """Parameters of the extended model, beside those of the model as it was.
+
+    Args:
+        model: as it was.
+        theta: (P,) its parameters.
+        again: the identification of the extended model.
+    """
+
+    def __init__(self, model: Model, theta: Array, again: Identification) -> None:
+        self._again, self._names = again, [parameter.name for parameter in again.model.parameters]
+        self._earlier = {p.name: float(value) for p, value in zip(model.parameters, theta, strict=True)}
+        self._sd, _ = again.parameter_sd
+        draws = None if again.posterior is None else again.posterior.uncertain.theta
+        self._draws = None if draws is None else draws.reshape(-1, draws.shape[-1])
+
+    def parameters(self, effect: Hypothesis) -> dict[str, Quantity]:
+        """Of an added effect, and of what it adds to that the model had: the new value and the change."""
+        quantities: dict[str, Quantity] = {}
+        for parameter in effect.source.parameters(self._again.model.robot):
+            name, unit = parameter.name, parameter.unit
+            quantities[name] = (*self._sum(name), unit)
+            if name in effect.changes:
+                quantities |= self._changed(name, quantities[name])
+            for symbol, other in effect.source.adds_to.items():
+                target = f"{other}{parameter.joint}"
+                if name == f"{symbol}{parameter.joint}" and target in self._earlier:
+                    quantities[target] = (*self._sum(target, name), unit)
+                    quantities |= self._changed(target, quantities[target])
+        return quantities
+
+    def readable(self, effect: Hypothesis) -> dict[str, Quantity]:
+        """What people read in place of these."""
+        place = [self._names.index(p.name) for p in effect.source.parameters(self._again.model.robot)]
+        values = effect.source.readable(self._again.theta[place])
+        drawn = {} if self._draws is None else effect.source.readable(self._draws[:, place])
+        sd = {name: float(np.std(draws)) for name, (draws, _) in drawn.items()}
+        return {name: (float(value), sd.get(name, np.nan), unit) for name, (value, unit) in values.items()}
+
+    def description(self, effect: Hypothesis) -> Description | None:
+        """Of an effect without a name, in words."""
+        robot = self._again.model.robot
+        place = [self._names.index(p.name) for p in effect.source.parameters(robot)]
+        return effect.source.description(robot, self._again.theta[place])
+
+    def _sum(self, *names: str) -> tuple[float, float]:
+        """Value and standard deviation of the sum of parameters; NaN where that is not known."""
+        place = [self._names.index(name) for name in names]
+        if self._draws is not None and len(place) > 1:
+            return float(self._again.theta[place].sum()), float(self._draws[:, place].sum(axis=1).std())
+        return float(self._again.theta[place].sum()), float(self._sd[place[0]]) if len(place) == 1 else np.nan
+
+    def _changed(self, name: str, now: Quantity) -> dict[str, Quantity]:
+        value, sd, unit = now
+        return {f"{CHANGE_OF}{name}": (value - self._earlier[name], sd, unit)}
+
+
+def effort_size(case: Case, effect: Hypothesis, extended: Model, theta: Array) -> EffortSize:
+    """How large an effect's own effort is on held-back data.
+
+    Args:
+        case: the data.
+        effect: that was added to a model.
+        extended: that model.
+        theta: (P,) its parameters.
+    """
+    trial = case.held_back.trial
+    own = np.where(trial.used, own_effort(case, effect, extended, theta, trial.signals.motion), 0.0)
+    rms = trial.rms(own)
+    joint = int(np.argmax(rms))
+    rated = case.model.robot.joints[joint].rated_effort
+    reference = _largest_readings(case)[joint] if rated is None else rated
+    largest, of = np.abs(own[:, joint]).max(), LARGEST_READING if rated is None else RATED
+    return EffortSize(joint + 1, float(rms[joint]), float(largest), float(reference), of)
+
+
+def own_effort(case: Case, effect: Hypothesis, extended: Model, theta: Array, motion: Motion) -> Array:
+    """(N, n) effort of an extended model less that without the effect, all other parameters kept, N m.
+
+    Of a change of what the model had it is what the change makes.
+    """
+    names = [parameter.name for parameter in extended.parameters]
+    without, kept = extended, theta.copy()
+    if effect.changes:
+        earlier = dict(zip((p.name for p in case.model.parameters), case.knowledge.theta, strict=True))
+        kept[[names.index(name) for name in effect.changes]] = [earlier[name] for name in effect.changes]
+    elif isinstance(effect.source, Distortion):
+        key = effect.source.name, effect.source.joints
+        last = max(k for k, one in enumerate(extended.distortions) if (one.name, one.joints) == key)
+        without = replace(extended, distortions=extended.distortions[:last] + extended.distortions[last + 1 :])
+    else:
+        kept[[names.index(p.name) for p in effect.source.parameters(extended.robot)]] = 0.0
+    return extended.effort(motion, theta) - without.effort(motion, kept)
+
+
+def _largest_readings(case: Case) -> Array:
+    """(n,) largest |effort| of the log, what is held back of it included, N m."""
+    signals = [case.trial.signals, *([] if case.held_back.another_log else [case.held_back.trial.signals])]
+    return np.max([np.where(one.measured, one.magnitude, 0.0).max(axis=0) for one in signals], axis=0)

@@ -16,8 +16,7 @@ from functools import partial
 import numpy as np
 
 from bayesid.arrays import Array
-from bayesid.discrepancy.numbers import CHANGE_OF
-from bayesid.discrepancy.workflow import Discrepancy
+from bayesid.discrepancy.workflow import CHANGE_OF, Discrepancy
 from bayesid.effects.catalogue import main_forms
 from bayesid.effects.coefficients import base_coefficients
 from bayesid.errors import InputError

@@ -8,7 +8,7 @@ from itertools import groupby
 
 import numpy as np
 
-from bayesid.discrepancy.compare import MODELS_RESIDUAL, REFIT, Excess
+from bayesid.discrepancy.case import MODELS_RESIDUAL, REFIT, Excess
 from bayesid.discrepancy.selection import GROWN, HELD_BACK, ON_LOG
 from bayesid.discrepancy.sets import WeighedSet
 from bayesid.discrepancy.workflow import Discrepancy

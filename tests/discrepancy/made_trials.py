@@ -3,7 +3,7 @@
 import numpy as np
 from conftest import small_robot, smooth_motion
 
-from bayesid.discrepancy.compare import Trial
+from bayesid.discrepancy.case import Trial
 from bayesid.effects.catalogue import make_terms
 from bayesid.effects.model import Model
 from bayesid.log.log import Log

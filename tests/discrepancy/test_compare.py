@@ -4,7 +4,7 @@ from conftest import small_robot, smooth_motion
 from made_trials import RATE, made_trial
 from scipy.signal import butter, sosfiltfilt
 
-from bayesid.discrepancy.compare import make_trial, noise_floor, shortened, where_it_shows
+from bayesid.discrepancy.case import make_trial, noise_floor, shortened, where_it_shows
 from bayesid.effects.catalogue import make_terms
 from bayesid.effects.model import Model
 from bayesid.log.log import Log

@@ -8,9 +8,8 @@ from conftest import small_robot, smooth_motion
 
 import bayesid
 from bayesid.cli import main
-from bayesid.discrepancy.all_along import ABSENT, SHOWN
 from bayesid.discrepancy.comparison import names_of
-from bayesid.discrepancy.timeline import PAYLOAD
+from bayesid.discrepancy.timeline import ABSENT, PAYLOAD, SHOWN
 from bayesid.effects.catalogue import make_terms
 from bayesid.effects.model import Model
 from bayesid.log.log import Log, write_log

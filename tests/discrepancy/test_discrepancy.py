@@ -9,7 +9,7 @@ from made_trials import TERMS, arm_log
 
 import bayesid
 from bayesid.cli import main
-from bayesid.discrepancy.case import BLOCKS, HELD_BACK_BLOCKS
+from bayesid.discrepancy.tuning import TUNING
 from bayesid.log.log import Log, write_log
 from bayesid.log.reading import read_log
 from bayesid.results.discrepancies import discrepancy_summary
@@ -112,7 +112,8 @@ def test_what_the_model_has_already_is_a_change(healthy):
 def test_held_back_stretches_choose_nothing(healthy):
     """Nonsense in them leaves the first scores as they were, but for their edges; what is chosen fails on them."""
     log = arm_log(2, spring)
-    held = np.isin(np.minimum(np.arange(len(log)) * BLOCKS // len(log), BLOCKS - 1), HELD_BACK_BLOCKS)
+    block = np.minimum(np.arange(len(log)) * TUNING.blocks // len(log), TUNING.blocks - 1)
+    held = np.isin(block, TUNING.held_back_blocks)
     inner = held & np.roll(held, 30) & np.roll(held, -30)
     nonsense = replace(log, effort=np.where(inner[:, None], log.effort[::-1] * 1.5, log.effort))
     plain, odd = (bayesid.find_discrepancy(healthy, noisy, posterior=False) for noisy in (log, nonsense))

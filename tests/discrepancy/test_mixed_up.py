@@ -3,7 +3,7 @@ import pytest
 from conftest import smooth_motion
 from made_trials import RATE, made_trial
 
-from bayesid.discrepancy.mixed_up import check_columns
+from bayesid.discrepancy.log_checks import check_columns
 from bayesid.errors import InputError
 from bayesid.log.log import Log
 from bayesid.motion import Motion

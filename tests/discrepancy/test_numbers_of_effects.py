@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from conftest import small_robot
 
-from bayesid.discrepancy.numbers import Numbers
+from bayesid.discrepancy.workflow import Numbers
 from bayesid.effects.coulomb_friction import CoulombFriction
 from bayesid.effects.model import Model
 from bayesid.effects.payload import Payload

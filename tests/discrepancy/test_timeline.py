@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from bayesid.discrepancy.timeline import LEVEL, holm, without_payload
+from bayesid.discrepancy.timeline import holm, without_payload
+from bayesid.discrepancy.tuning import TUNING
 
 
 def test_holm_rejects_one_after_the_other():
@@ -10,9 +11,9 @@ def test_holm_rejects_one_after_the_other():
     for _ in range(50):
         p = rng.uniform(size=7) ** 4
         rejected, left = set(), list(np.argsort(p))
-        while left and p[left[0]] < LEVEL / len(left):
+        while left and p[left[0]] < TUNING.level / len(left):
             rejected.add(int(left.pop(0)))
-        assert set(np.flatnonzero(holm(p) < LEVEL).tolist()) == rejected
+        assert set(np.flatnonzero(holm(p) < TUNING.level).tolist()) == rejected
     np.testing.assert_allclose(holm(np.array([0.03, 0.001, 0.4])), [0.06, 0.003, 0.4])
 
 

@@ -7,8 +7,9 @@ import pytest
 from conftest import small_robot, smooth_motion
 from made_trials import RATE, made_trial
 
-from bayesid.discrepancy import worth
 from bayesid.discrepancy.case import Case, HeldBack
+from bayesid.discrepancy.sets import costs
+from bayesid.discrepancy.workflow import effort_size, own_effort
 from bayesid.effects.coulomb_friction import CoulombFriction
 from bayesid.effects.gain_error import GainError
 from bayesid.effects.model import Model
@@ -56,7 +57,7 @@ def test_the_cost_is_the_error_without_an_effect_where_it_matters_most():
 
     trial = made_trial(smooth_motion(3, 4 / RATE, RATE), effort, used, signed=True)
     sets = SimpleNamespace(case=SimpleNamespace(held_back=SimpleNamespace(trial=trial)), settled=settled)
-    found = worth.costs(sets, chosen)
+    found = costs(sets, chosen)
     for one, joint, numbers in zip(found, (2, 3), ((1.2, 0.2, 2.0, 0.6, 0.1), (5.0, 3.0, 5.0, 1.0, 0.6)), strict=True):
         assert one.joint == joint
         assert (one.before, one.after, one.effort, one.share_before, one.share_after) == pytest.approx(numbers)
@@ -92,7 +93,7 @@ def test_a_terms_effort_is_held_against_the_rating_or_the_logs_largest():
     ):
         case = case_of(rated, another_log)
         extended = case.model.extend(OFFSET)
-        found = worth.effort_size(case, hypothesis(OFFSET), extended, np.array([2.0, 5.0, -1.4]))
+        found = effort_size(case, hypothesis(OFFSET), extended, np.array([2.0, 5.0, -1.4]))
         assert (found.joint, found.of, found.reference) == (2, of, reference)
         assert (found.rms, found.largest) == pytest.approx((1.4, 1.4))
         assert found.share == pytest.approx(1.4 / reference)
@@ -102,7 +103,7 @@ def test_the_effort_of_a_change_is_what_the_change_makes():
     """Coulomb friction of joint 2 from 5 to 8 N m: 3 N m tanh(u' / v), beside joint 1's that has moved by itself."""
     case = case_of()
     changed = hypothesis(FRICTION.in_joints((2,), 2), changes=("Fc2",))
-    found = worth.own_effort(case, changed, case.model, np.array([2.6, 8.0]), MOTION)
+    found = own_effort(case, changed, case.model, np.array([2.6, 8.0]), MOTION)
     np.testing.assert_array_equal(found[:, 0], 0.0)
     np.testing.assert_allclose(found[:, 1], 3.0 * np.tanh(MOTION.dq[:, 1] / 0.1), atol=1e-12)
 
@@ -111,6 +112,6 @@ def test_the_effort_of_a_distortion_is_what_it_makes_of_all_else():
     """A gain of 1.3 in joint 2, of efforts of 5 N m tanh(u' / v) and an offset of 2 N m."""
     case, gain = case_of(), GainError(joints=(2,), gain=(1.3,))
     extended = case.model.extend(OFFSET).extend(gain)
-    found = worth.own_effort(case, hypothesis(gain), extended, np.array([2.0, 5.0, 2.0]), MOTION)
+    found = own_effort(case, hypothesis(gain), extended, np.array([2.0, 5.0, 2.0]), MOTION)
     np.testing.assert_array_equal(found[:, 0], 0.0)
     np.testing.assert_allclose(found[:, 1], 0.3 * (5.0 * np.tanh(MOTION.dq[:, 1] / 0.1) + 2.0), atol=1e-12)

@@ -8,7 +8,7 @@ import numpy as np
 from made_discrepancy import FRICTION, NOTHING, floor_of, found, friction, made_of, make
 
 from bayesid import effects
-from bayesid.discrepancy.compare import Excess
+from bayesid.discrepancy.case import Excess
 from bayesid.effects.base_tilt import BaseTilt
 from bayesid.effects.catalogue import forms, make_effect
 from bayesid.effects.coulomb_friction import CoulombFriction

@@ -111,7 +111,7 @@ class Observations:
         used: (N, n) samples that count.
         information: of the r coefficients, from earlier logs.
         floor: (n,) RMS of the noise, N m.
-        sharp: (n,) whether the floor holds all of the noise (see `bayesid.discrepancy.compare.NoiseFloor`).
+        sharp: (n,) whether the floor holds all of the noise (see `bayesid.discrepancy.case.NoiseFloor`).
         limits: (n, 2) largest white and coloured part of the error that is nothing but noise, N m.
         rate: Hz.
         thresholds: that decide.

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from bayesid.discrepancy.compare import Excess
+from bayesid.discrepancy.case import Excess
 from bayesid.discrepancy.comparison import ALL_ALONG, CHANGED, GONE, EffectHistory, LogComparison
 from bayesid.discrepancy.selection import GROWN, HELD_BACK, ON_LOG
 from bayesid.discrepancy.workflow import Discrepancy

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from bayesid.arrays import Array
-from bayesid.discrepancy.compare import variables
+from bayesid.discrepancy.case import variables
 from bayesid.discrepancy.comparison import LogComparison
 from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.identification.prediction import NORMAL_95

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayesid.discrepancy.compare import NoiseFloor
+from bayesid.discrepancy.case import NoiseFloor
 from bayesid.effects.joint_spring import JointSpring
 from bayesid.regression.selection.columns import NO_COLUMNS
 from bayesid.regression.selection.explanation import LN10, Thresholds
