@@ -9,7 +9,7 @@ import numpy as np
 
 from bayesid.discrepancy.comparison import ALL_ALONG, CHANGED, GONE, UNDECIDED, EffectHistory, LogComparison, names_of
 from bayesid.discrepancy.timeline import ABSENT, OPEN, PAYLOAD, SHOWN, Standing, TrackedParameter
-from bayesid.discrepancy.tuning import TUNING
+from bayesid.discrepancy.tuning import TUNING as DISCREPANCY
 from bayesid.effects import RigidBody
 from bayesid.effects.catalogue import forms
 from bayesid.effects.effect import Effect, ReadableUnit
@@ -274,7 +274,7 @@ def timeline_rule(comparison: LogComparison) -> str:
     line = comparison.timeline
     return (
         f"A parameter has moved if its change since the first log, in standard deviations of both, is too large for "
-        f"chance at {TUNING.level:.0%} over all {line.n_tested} changes that were tested (Holm's correction)."
+        f"chance at {DISCREPANCY.level:.0%} over all {line.n_tested} changes that were tested (Holm's correction)."
     )
 
 
