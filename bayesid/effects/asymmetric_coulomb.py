@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -17,18 +16,18 @@ from bayesid.motion import Motion
 class AsymmetricCoulomb(DryTerm):
     """Fp where u' > 0, -Fm where u' < 0; Fp, Fm >= 0."""
 
-    name: ClassVar[str] = "asymmetric_coulomb"
-    physics: ClassVar[str] = "Dry friction of different size in the two directions: a worm gear, a preloaded seal."
-    reference: ClassVar[str] = "Armstrong-Helouvry, Control of Machines with Friction, 1991"
-    variable: ClassVar[str] = "velocity"
-    shown_by: ClassVar[str] = "moving both ways at equal speeds through the same positions"
-    phrase: ClassVar[Phrase] = Phrase(
+    name = "asymmetric_coulomb"
+    physics = "Dry friction of different size in the two directions: a worm gear, a preloaded seal."
+    reference = "Armstrong-Helouvry, Control of Machines with Friction, 1991"
+    variable = "velocity"
+    shown_by = "moving both ways at equal speeds through the same positions"
+    phrase = Phrase(
         "{who} needs dry friction that depends on the direction: {Fp} forwards and {Fm} backwards.",
         "asymmetric Coulomb friction",
     )
-    symbols: ClassVar[tuple[str, ...]] = ("Fp", "Fm")
-    units: ClassVar[tuple[tuple[str, str], ...]] = (("N m", "N"), ("N m", "N"))
-    nonnegative: ClassVar[bool] = True
+    symbols = ("Fp", "Fm")
+    units = (("N m", "N"), ("N m", "N"))
+    nonnegative = True
 
     def unit_efforts(self, actuators: Motion) -> Array:
         """The direction of motion, forwards and backwards."""

@@ -15,13 +15,7 @@ from enum import IntEnum
 import numpy as np
 
 from bayesid.arrays import Array, Mask
-
-MARGIN = 0.15
-"""Share of the range by which the interval of the cosines is longer at either end: they end flat there, and functions
-with a longer kernel are flatter near the ends than an exact Gaussian process is. A round number."""
-REACH = 0.5
-"""Share of the range seen by which one power, or a straight line, goes on beyond either end of it before it stays as it
-is. Sums of more powers, which may be any function, stay at the ends."""
+from bayesid.effects.tuning import TUNING
 
 
 class Quantity(IntEnum):
@@ -106,7 +100,7 @@ class Axis:
     @property
     def frequencies(self) -> Array:
         """(count,) of cosines, in radians per unit of the variable."""
-        return np.pi * np.arange(self.count, dtype=np.float64) / ((1.0 + 2.0 * MARGIN) * (self.high - self.low))
+        return np.pi * np.arange(self.count, dtype=np.float64) / ((1.0 + 2.0 * TUNING.margin) * (self.high - self.low))
 
     def density(self, length: float) -> Array:
         """(count,) prior variances, adding up to 1.
@@ -139,10 +133,10 @@ class Axis:
 
     @property
     def _start(self) -> float:
-        return self.low - MARGIN * (self.high - self.low)
+        return self.low - TUNING.margin * (self.high - self.low)
 
     def _kept(self, x: Array) -> Array:
-        further = REACH * (self.high - self.low) if self.count <= 2 else 0.0
+        further = TUNING.beyond * (self.high - self.low) if self.count <= 2 else 0.0
         return np.clip(x, self.low - further, self.high + further)
 
 

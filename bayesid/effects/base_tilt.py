@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self
+from typing import Self
 
 import numpy as np
 import scipy
@@ -13,16 +13,12 @@ import scipy
 from bayesid.arrays import Array
 from bayesid.effects.distortion import Direction, Distortion, Rows
 from bayesid.effects.effect import Phrase, ReadableUnit, Scene
+from bayesid.effects.tuning import TUNING
 from bayesid.motion import Motion
 from bayesid.robot import Robot
 
-_PARALLEL = 0.1
-"""m/s^2 of gravity across the first axis, below which the first link's weight is taken to have left no trace: that of a
-tilt of 0.6 degrees."""
 _STEP = 1e-4
 """rad, of the differences: their error is of this size, relative to the effort, and rounding 1e-12 of it."""
-_STEEPEST = 1.0
-"""rad, the largest tilt that is simulated; a round number, far beyond any floor's."""
 _DEGREES = ReadableUnit("degrees", 180.0 / math.pi)
 
 
@@ -39,21 +35,22 @@ class BaseTilt(Distortion):
 
     angle: tuple[float, ...]
 
-    name: ClassVar[str] = "base_tilt"
-    physics: ClassVar[str] = "The base is not mounted as stated: gravity points elsewhere in its frame."
-    reference: ClassVar[str] = "Newton-Euler with the base accelerated against gravity (Luh, Walker, Paul 1980)"
-    variable: ClassVar[str] = "position"
-    shown_by: ClassVar[str] = "turning the first joint through its whole range with the arm stretched"
-    phrase: ClassVar[Phrase] = Phrase(
+    name = "base_tilt"
+    physics = "The base is not mounted as stated: gravity points elsewhere in its frame."
+    reference = "Newton-Euler with the base accelerated against gravity (Luh, Walker, Paul 1980)"
+    variable = "position"
+    shown_by = "turning the first joint through its whole range with the arm stretched"
+    phrase = Phrase(
         "The base is tilted by {tilt1} and {tilt2}, about two axes across gravity as the model has it.",
         "a base tilt",
         units={"tilt1": _DEGREES, "tilt2": _DEGREES},
     )
-    typical: ClassVar[tuple[float, ...]] = (0.1, 0.1, 0.5, 0.5)
-    reveals: ClassVar[bool] = True
-    by_joint: ClassVar[bool] = False
-    whole_robot: ClassVar[bool] = True
-    counts: ClassVar[Mapping[str, int]] = {"angle": 2}
+    typical = (0.1, 0.1, 0.5, 0.5)
+    reveals = True
+    by_joint = False
+    whole_robot = True
+    counts = {"angle": 2}
+    amplitudes = "angle"
 
     @classmethod
     def variants(cls, scene: Scene) -> Iterator[Self]:
@@ -71,10 +68,6 @@ class BaseTilt(Distortion):
         columns = np.stack([scene.effort_with(robot, scene.motion) - here for robot in tilted], axis=2) / _STEP
         return here - scene.effort_as_told, np.concatenate([columns, _first_link(scene)], axis=2)
 
-    def moved(self, step: Array) -> Self:
-        """Another tilt."""
-        return replace(self, angle=(self.angle[0] + float(step[0]), self.angle[1] + float(step[1])))
-
     def numbers(self, robot: Robot) -> Mapping[str, tuple[float, str]]:
         """The two angles."""
         return {"tilt1": (self.angle[0], "rad"), "tilt2": (self.angle[1], "rad")}
@@ -85,7 +78,7 @@ class BaseTilt(Distortion):
 
     def largest_magnitude(self, scene: Scene) -> float:
         """No base is mounted further off."""
-        return _STEEPEST
+        return TUNING.steepest_tilt
 
     def _built(self, robot: Robot) -> Robot:
         turn = scipy.spatial.transform.Rotation.from_rotvec(np.array(self.angle) @ _across(robot.gravity))
@@ -100,7 +93,7 @@ def _first_link(scene: Scene) -> Array:
     """
     joint, columns = scene.robot.joints[0], np.zeros((*scene.effort.shape, 2))
     along = joint.placement[:3, :3] @ joint.axis
-    if not joint.prismatic and np.linalg.norm(np.cross(along, scene.robot.gravity)) < _PARALLEL:
+    if not joint.prismatic and np.linalg.norm(np.cross(along, scene.robot.gravity)) < TUNING.parallel:
         columns[:, 0] = np.stack([np.sin(scene.motion.q[:, 0]), np.cos(scene.motion.q[:, 0])], axis=1)
     return columns
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -13,23 +12,16 @@ from bayesid.effects.coulomb_friction import DryTerm
 from bayesid.effects.effect import Phrase, Scene
 from bayesid.effects.parameters import Cone
 from bayesid.effects.term import ActuatorTerm
+from bayesid.effects.tuning import TUNING
 from bayesid.motion import Motion
 from bayesid.robot import Robot
 
 _SHOWN_BY = "moving slowly over the whole range of the joint, both ways"
 
 
-_STARTS = 11
-"""Positions tried at which a cable begins to pull; refined in between."""
-_CENTRES = 9
-"""Positions tried at which a cable or pack is relaxed; refined in between."""
-_MIDDLE = (10.0, 90.0)
-"""Percentiles of the positions between which these lie, so that both sides of each are visited."""
-
-
 def _places(scene: Scene, joint: int, count: int) -> list[float]:
     """Positions over the middle of a joint's range."""
-    return [float(x) for x in np.percentile(scene.actuators.q[:, joint], np.linspace(*_MIDDLE, count))]
+    return [float(x) for x in np.percentile(scene.actuators.q[:, joint], np.linspace(*TUNING.cable_middle, count))]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,26 +36,26 @@ class CableDrag(ActuatorTerm):
     start: tuple[float, ...]
     side: tuple[float, ...]
 
-    name: ClassVar[str] = "cable_drag"
-    physics: ClassVar[str] = "A cable or hose that is slack up to a position and pulls like a spring beyond it."
-    reference: ClassVar[str] = "Hooke's law for a body that carries no compression"
-    variable: ClassVar[str] = "position"
-    shown_by: ClassVar[str] = _SHOWN_BY
-    phrase: ClassVar[Phrase] = Phrase(
+    name = "cable_drag"
+    physics = "A cable or hose that is slack up to a position and pulls like a spring beyond it."
+    reference = "Hooke's law for a body that carries no compression"
+    variable = "position"
+    shown_by = _SHOWN_BY
+    phrase = Phrase(
         "{who} needs a cable that pulls with {kd} beyond {start}.",
         "cable drag",
         size="side",
         opposite="{who} needs a cable that pulls with {kd} below {start}.",
     )
-    shape_units: ClassVar[Mapping[str, str]] = {"start": "rad"}
-    symbols: ClassVar[tuple[str, ...]] = ("kd",)
-    units: ClassVar[tuple[tuple[str, str], ...]] = (("N m/rad", "N/m"),)
-    nonnegative: ClassVar[bool] = True
+    shape_units = {"start": "rad"}
+    symbols = ("kd",)
+    units = (("N m/rad", "N/m"),)
+    nonnegative = True
 
     @classmethod
     def shapes(cls, scene: Scene, joint: int) -> Iterator[Mapping[str, float]]:
         """Over the position at which the cable begins to pull."""
-        for start in _places(scene, joint, _STARTS):
+        for start in _places(scene, joint, TUNING.cable_starts):
             yield from ({"start": start, "side": side} for side in (1.0, -1.0))
 
     def unit_efforts(self, actuators: Motion) -> Array:
@@ -82,21 +74,21 @@ class CableFriction(DryTerm):
 
     start: tuple[float, ...]
 
-    name: ClassVar[str] = "cable_drag.friction"
-    physics: ClassVar[str] = "A dress pack that rubs the more, the more it is bent."
-    reference: ClassVar[str] = "Coulomb friction under a normal force that grows with the bending"
-    variable: ClassVar[str] = "position"
-    shown_by: ClassVar[str] = _SHOWN_BY
-    phrase: ClassVar[Phrase] = Phrase("{who} needs a dress pack that rubs with {Fd} of bending, straight at {start}.")
-    shape_units: ClassVar[Mapping[str, str]] = {"start": "rad"}
-    symbols: ClassVar[tuple[str, ...]] = ("Fd",)
-    units: ClassVar[tuple[tuple[str, str], ...]] = (("N m/rad", "N/m"),)
-    nonnegative: ClassVar[bool] = True
+    name = "cable_drag.friction"
+    physics = "A dress pack that rubs the more, the more it is bent."
+    reference = "Coulomb friction under a normal force that grows with the bending"
+    variable = "position"
+    shown_by = _SHOWN_BY
+    phrase = Phrase("{who} needs a dress pack that rubs with {Fd} of bending, straight at {start}.")
+    shape_units = {"start": "rad"}
+    symbols = ("Fd",)
+    units = (("N m/rad", "N/m"),)
+    nonnegative = True
 
     @classmethod
     def shapes(cls, scene: Scene, joint: int) -> Iterator[Mapping[str, float]]:
         """Over the position at which the pack is straight."""
-        for start in _places(scene, joint, _CENTRES):
+        for start in _places(scene, joint, TUNING.cable_centres):
             yield {"smoothing": float(scene.actuators.standstill_speed[joint]), "start": start}
 
     def unit_efforts(self, actuators: Motion) -> Array:
@@ -114,22 +106,20 @@ class CableStiffening(ActuatorTerm):
 
     start: tuple[float, ...]
 
-    name: ClassVar[str] = "cable_drag.stiffening"
-    physics: ClassVar[str] = "A cable that stiffens as it is bent, so that its torque grows with the cube."
-    reference: ClassVar[str] = "Duffing's spring"
-    variable: ClassVar[str] = "position"
-    shown_by: ClassVar[str] = _SHOWN_BY
-    phrase: ClassVar[Phrase] = Phrase(
-        "{who} needs a cable that stiffens when bent, {kd1} and {kd3}, relaxed at {start}."
-    )
-    shape_units: ClassVar[Mapping[str, str]] = {"start": "rad"}
-    symbols: ClassVar[tuple[str, ...]] = ("kd3_", "kd1_")
-    units: ClassVar[tuple[tuple[str, str], ...]] = (("N m/rad^3", "N/m^3"), ("N m/rad", "N/m"))
+    name = "cable_drag.stiffening"
+    physics = "A cable that stiffens as it is bent, so that its torque grows with the cube."
+    reference = "Duffing's spring"
+    variable = "position"
+    shown_by = _SHOWN_BY
+    phrase = Phrase("{who} needs a cable that stiffens when bent, {kd1} and {kd3}, relaxed at {start}.")
+    shape_units = {"start": "rad"}
+    symbols = ("kd3_", "kd1_")
+    units = (("N m/rad^3", "N/m^3"), ("N m/rad", "N/m"))
 
     @classmethod
     def shapes(cls, scene: Scene, joint: int) -> Iterator[Mapping[str, float]]:
         """Over the position at which the cable is relaxed."""
-        yield from ({"start": start} for start in _places(scene, joint, _CENTRES))
+        yield from ({"start": start} for start in _places(scene, joint, TUNING.cable_centres))
 
     def cone(self, robot: Robot) -> Cone:
         """Only the cube's factor must not be negative."""

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Iterable, Mapping
 from functools import cache
+from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
 import numpy as np
@@ -11,7 +13,6 @@ import numpy as np
 from bayesid import effects
 from bayesid.effects.distortion import Distortion
 from bayesid.effects.effect import Effect, Phrase, effect_of, named_classes
-from bayesid.effects.registered import registered_effects
 from bayesid.effects.term import ActuatorTerm, Term
 from bayesid.errors import InputError, near_names
 from bayesid.motion import Motion
@@ -22,8 +23,6 @@ TERMS: Mapping[str, type[Term]] = {name: kind for name, kind in _OWN.items() if 
 """Name to class, of every form of every term of ours."""
 DISTORTIONS: Mapping[str, type[Distortion]] = {key: kind for key, kind in _OWN.items() if issubclass(kind, Distortion)}
 """Name to class, of every form of every distortion of ours."""
-_TRIED = 8
-"""Samples on which a term's columns are looked at before a run."""
 
 
 @cache
@@ -39,6 +38,38 @@ def forms() -> Mapping[str, type[Term] | type[Distortion]]:
             raise InputError(f"{kind.__module__} registers an effect of this name too", name, "rename or uninstall it")
         own[name] = kind
     return own
+
+
+@cache
+def registered_effects() -> Mapping[str, type[Effect]]:
+    """Name to class, of all that installed packages register under the entry point `bayesid.effects`.
+
+    They are imported at the first call. Each entry point names one class, of one form of an effect.
+
+    Raises:
+        InputError: an entry point cannot be loaded, is no effect's class, or has the name of another's effect.
+    """
+    known: dict[str, type[Effect]] = {}
+    for point in sorted(entry_points(group="bayesid.effects"), key=lambda point: point.name):
+        kind = _loaded(point)
+        if known.setdefault(kind.name, kind) is not kind:
+            raise _unusable(point, f"its effect {kind.name!r} is registered by {known[kind.name].__module__} too")
+    return known
+
+
+def _loaded(point: EntryPoint) -> type[Effect]:
+    try:
+        kind = point.load()
+    except Exception as error:  # whatever goes wrong in somebody's module
+        raise _unusable(point, f"cannot be loaded ({type(error).__name__}: {error})") from None
+    if not inspect.isclass(kind) or not issubclass(kind, Effect) or not isinstance(getattr(kind, "name", None), str):
+        raise _unusable(point, f"{point.value} is no effect's class with a name")
+    return kind
+
+
+def _unusable(point: EntryPoint, what: str) -> InputError:
+    package = point.dist.name if point.dist is not None else point.module
+    return InputError(what, f"effect {point.name} of the package {package}", f"mend or uninstall {package}")
 
 
 def main_forms() -> dict[str, type[Term] | type[Distortion]]:
@@ -125,7 +156,7 @@ def _check_fit(term: Term, robot: Robot, motion: Motion) -> None:
     """A term of somebody's own is refused here, where its name is known, and not as a wrong sum later."""
     try:
         term.check(robot.n_joints)
-        some = motion[: min(len(motion), _TRIED)]
+        some = motion[: min(len(motion), 8)]
         size, columns = len(term.parameters(robot)), term.columns(robot, some)
         expected = (len(some), robot.n_joints, size)
         if columns.shape != expected:

@@ -17,13 +17,9 @@ import numpy as np
 
 from bayesid.arrays import Array, Integers
 from bayesid.effects.model import Model
+from bayesid.effects.tuning import TUNING
 from bayesid.motion import Motion
 
-_TOLERANCE = 1e-4
-"""Relative to a column's own length. On a random motion dependent columns leave 1e-13 (1e-9 to 1e-5 where an angle is a
-rounded pi/2, or a calibrated table is off it), independent ones 1e-3; no log shows an effect of 1e-4."""
-_SAMPLES = 400
-"""Of the random motion: 400 n rows for the 14 n parameters of the standard terms."""
 _ZERO = 1e-9
 """Weights below are rounding, and weights as near to a whole number or a length are that."""
 
@@ -110,7 +106,7 @@ def embedding(part: Model, whole: Model) -> Array:
 
 def _random_columns(model: Model, rng: np.random.Generator) -> Array:
     """(rows, P) columns on independent random positions, velocities and accelerations, without and with payloads."""
-    payload = np.repeat(("", *model.payloads), _SAMPLES)
+    payload = np.repeat(("", *model.payloads), TUNING.random_samples)
     shape = (len(payload), model.robot.n_joints)
     q, dq, ddq = (rng.uniform(-limit, limit, shape) for limit in (3.0, 2.0, 5.0))
     motion = Motion(np.arange(len(payload), dtype=float), q, dq, ddq, payload=payload)
@@ -121,14 +117,14 @@ def _independent_columns(columns: Array) -> tuple[Integers, Array]:
     """Kept column indices and the (r, P) weights W with columns = columns[:, kept] W, by Gram-Schmidt done twice."""
     lengths = np.linalg.norm(columns, axis=0)
     largest = lengths.max()
-    scaled = columns / np.where(lengths > _TOLERANCE * largest, lengths, np.inf)
+    scaled = columns / np.where(lengths > TUNING.dependent * largest, lengths, np.inf)
     basis = np.empty((len(columns), 0))
     kept: list[int] = []
     for k, column in enumerate(scaled.T):
         rest = column - basis @ (basis.T @ column)
         rest -= basis @ (basis.T @ rest)
         size = float(np.linalg.norm(rest))
-        if size > _TOLERANCE:
+        if size > TUNING.dependent:
             basis = np.column_stack([basis, rest / size])
             kept.append(k)
     indices = np.array(kept, dtype=np.int64)

@@ -51,16 +51,16 @@ class DryTerm(ActuatorTerm):
 class CoulombFriction(DryTerm):
     """Fc tanh(u' / v), Fc >= 0."""
 
-    name: ClassVar[str] = "coulomb_friction"
-    physics: ClassVar[str] = "Dry friction: a torque of constant size against the direction of motion."
-    reference: ClassVar[str] = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 1994"
-    variable: ClassVar[str] = "velocity"
-    shown_by: ClassVar[str] = "moving both ways at several speeds, with many reversals"
-    phrase: ClassVar[Phrase] = Phrase("{who} needs Coulomb friction of {Fc}.", "Coulomb friction")
-    symbols: ClassVar[tuple[str, ...]] = ("Fc",)
-    units: ClassVar[tuple[tuple[str, str], ...]] = (("N m", "N"),)
-    nonnegative: ClassVar[bool] = True
-    places: ClassVar[Mapping[str, tuple[str, ...]]] = {"urdf": ("friction",), "mjcf": ("frictionloss",)}
+    name = "coulomb_friction"
+    physics = "Dry friction: a torque of constant size against the direction of motion."
+    reference = "Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 1994"
+    variable = "velocity"
+    shown_by = "moving both ways at several speeds, with many reversals"
+    phrase = Phrase("{who} needs Coulomb friction of {Fc}.", "Coulomb friction")
+    symbols = ("Fc",)
+    units = (("N m", "N"),)
+    nonnegative = True
+    places = {"urdf": ("friction",), "mjcf": ("frictionloss",)}
 
     def unit_efforts(self, actuators: Motion) -> Array:
         """The direction of motion."""

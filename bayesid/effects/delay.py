@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self
+from typing import Self
 
 import numpy as np
 import scipy
@@ -12,12 +12,10 @@ import scipy
 from bayesid.arrays import Array
 from bayesid.effects.distortion import Direction, Distortion, Rows
 from bayesid.effects.effect import Phrase, ReadableUnit, Scene
+from bayesid.effects.tuning import TUNING
 from bayesid.motion import Motion
 from bayesid.robot import Robot
 
-_LAGS = (0.0, 0.05, 0.12, 0.25, 0.4)
-"""s, about which the effort is taken to be linear in the lag: near one another at first, as bus cycles and filters make
-small lags; not studied."""
 FASTEST_HARMONIC = 5
 """Of a simulated motion, its length being the period: `bayesid.simulation.trajectories.HARMONICS`."""
 
@@ -32,30 +30,31 @@ class Delay(Distortion):
 
     lag: tuple[float, ...]
 
-    name: ClassVar[str] = "delay"
-    physics: ClassVar[str] = "Efforts are logged later than positions: another bus cycle, a filter in the drive."
-    reference: ClassVar[str] = "Swevers, Verdonck, De Schutter, Dynamic model identification for robots, 2007"
-    variable: ClassVar[str] = "time"
-    shown_by: ClassVar[str] = "fast changes of acceleration"
-    of_effort: ClassVar[bool] = True
-    of_clock: ClassVar[bool] = True
-    phrase: ClassVar[Phrase] = Phrase(
+    name = "delay"
+    physics = "Efforts are logged later than positions: another bus cycle, a filter in the drive."
+    reference = "Swevers, Verdonck, De Schutter, Dynamic model identification for robots, 2007"
+    variable = "time"
+    shown_by = "fast changes of acceleration"
+    of_effort = True
+    of_clock = True
+    phrase = Phrase(
         "{whose} efforts lag {lag} behind the motion.",
         "a delay",
         size="lag",
         opposite="{whose} efforts come {lag} ahead of the motion.",
         units={"lag": ReadableUnit("ms", 1e3)},
     )
-    memory: ClassVar[bool] = True
-    whole_robot: ClassVar[bool] = True
-    typical: ClassVar[tuple[float, ...]] = (0.02,)
-    counts: ClassVar[Mapping[str, int]] = {"lag": 1}
+    memory = True
+    whole_robot = True
+    typical = (0.02,)
+    counts = {"lag": 1}
+    amplitudes = "lag"
 
     @classmethod
     def variants(cls, scene: Scene) -> Iterator[Self]:
         """About several lags, in all actuators and in each by itself."""
         for joints in ((), *((j,) for j in range(1, scene.robot.n_joints + 1))):
-            yield from (cls(joints=joints, lag=(lag,)) for lag in _LAGS)
+            yield from (cls(joints=joints, lag=(lag,)) for lag in TUNING.lags)
 
     @property
     def lag_of_all(self) -> float:
@@ -79,10 +78,6 @@ class Delay(Distortion):
         shift[:, acting] = spline(scene.motion.t - self.lag[0]) - scene.effort[:, acting]
         columns[:, acting, 0] = -spline(scene.motion.t - self.lag[0], 1)
         return shift, columns
-
-    def moved(self, step: Array) -> Self:
-        """Another lag."""
-        return replace(self, lag=(self.lag[0] + float(step[0]),))
 
     def of_magnitude(self, magnitude: float, direction: Direction, scene: Scene) -> Self:
         """With a lag, s."""

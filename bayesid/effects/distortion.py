@@ -21,9 +21,6 @@ from bayesid.robot import Robot
 Rows = Callable[[Robot, Motion], Array]
 """Makes (N, n, P) columns of a motion."""
 
-_ABOVE_PEAK = 1.001
-"""So that a threshold just above the largest effort changes nothing, rounding or not."""
-
 
 @dataclass(frozen=True)
 class Direction:
@@ -84,12 +81,19 @@ class Distortion(Effect):
         raise NotImplementedError
 
 
-def largest_effort(distortion: Distortion, scene: Scene) -> float:
-    """Somewhat more than the largest effort, N m, of the joint in which a distortion acts."""
-    (joint,) = distortion.acting(scene.robot.n_joints)
-    return _ABOVE_PEAK * float(np.abs(scene.effort[:, joint]).max())
+@dataclass(frozen=True, kw_only=True)
+class SensorDistortion(Distortion):
+    """Base of what changes readings alone."""
 
+    variable = "load"
+    of_effort = True
+    of_sensor = True
 
-def no_columns(effort: Array) -> Array:
-    """(N, n, 0)."""
-    return np.zeros((*effort.shape, 0))
+    def change(self, scene: Scene) -> tuple[Array, Array]:
+        """What is read beside what there is; no amplitudes."""
+        return self.measured(scene.effort) - scene.effort, np.zeros((*scene.effort.shape, 0))
+
+    def largest_magnitude(self, scene: Scene) -> float:
+        """The largest effort of its joint, N m, and somewhat more, rounding or not: nothing is then read."""
+        (joint,) = self.acting(scene.robot.n_joints)
+        return 1.001 * float(np.abs(scene.effort[:, joint]).max())

@@ -10,7 +10,7 @@ import importlib
 import inspect
 import pkgutil
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any, ClassVar, Self
 
@@ -154,6 +154,8 @@ class Effect:
     """Fields that hold words in the place of numbers; they are given too."""
     counts: ClassVar[Mapping[str, int]] = {}
     """Numbers in a field, where they are not one an actuator."""
+    amplitudes: ClassVar[str] = ""
+    """The field, if any, whose numbers its first amplitudes change."""
     typical: ClassVar[tuple[float, ...]] = ()
     """Prior standard deviations of the amplitudes, one for all or one each; if empty, a usual share of the effort."""
     typical_scales: ClassVar[tuple[float, ...]] = (1.0,)
@@ -250,7 +252,11 @@ class Effect:
 
     def moved(self, step: Array) -> Self:
         """The effect with its own numbers changed by the first entries of the amplitudes step (p,)."""
-        return self
+        if not self.amplitudes:
+            return self
+        values = np.array(getattr(self, self.amplitudes))
+        changed: Any = {self.amplitudes: tuple((values + step[: len(values)]).tolist())}
+        return replace(self, **changed)
 
 
 def effect_of(name: str) -> str:

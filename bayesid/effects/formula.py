@@ -10,25 +10,10 @@ import numpy as np
 
 from bayesid.arrays import TINY, Array
 from bayesid.effects.axes import Axis, Component, Family, Quantity, products
+from bayesid.effects.tuning import TUNING
 
-EXPLAINED = 0.95
-"""Share of a function's mean square that a simpler one must have to be told in its place."""
-_GRID = 41
-"""Values of a variable at which functions are compared; a round number."""
-_MOST_PRODUCTS = 2
-"""Products of functions of one variable each, whose sum a function of two is written as."""
-_MOST_TERMS = 3
-"""Of a formula: what is longer nobody reads, and is told as a function of its variables."""
-_TURNS = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0)
-"""Multiples of a joint's angle that the sine may have which a smooth function is taken for."""
 Shape = tuple[Array, Callable[[Array], tuple[str, float]]]
 """Columns on a grid, and what writes their amplitudes as a text and a factor."""
-_ROUNDING = 5e-3
-"""rad; a smaller phase is none to two digits."""
-_FEW = 3
-"""Waves and constant up to which a function of a joint's angle is a sine: more of them may be any function."""
-_ODD = 0.05
-"""Share of its mean square up to which a function's even part is nothing."""
 _SYMBOLS = {Quantity.POSITION: "q", Quantity.VELOCITY: "dq", Quantity.ACCELERATION: "ddq", Quantity.LOAD: "tau"}
 _NOUNS = {
     Quantity.POSITION: ("position", "positions"),
@@ -74,7 +59,7 @@ def described(
     parts = list(zip(components, amplitudes, strict=True))
     texts = [text for component, amplitude in parts for text in _terms(component, amplitude)]
     variables = sorted({axis.variable for component in components for axis in component.axes})
-    if len(texts) > _MOST_TERMS:
+    if len(texts) > TUNING.most_terms:
         rms = float(np.sqrt(sum(np.mean(surface(component, amplitude)[1] ** 2) for component, amplitude in parts)))
         texts = [f"{_number(rms)} f({', '.join(symbol(*variable) for variable in variables)})"]
     formula = " + ".join(texts).replace("+ -", "- ")
@@ -98,7 +83,7 @@ def surface(component: Component, amplitude: Array) -> tuple[list[Array], Array]
         component: a function.
         amplitude: (p,) of its products.
     """
-    grids = [np.linspace(axis.low, axis.high, _GRID) for axis in component.axes]
+    grids = [np.linspace(axis.low, axis.high, TUNING.grid) for axis in component.axes]
     values = amplitude.reshape([axis.count for axis in component.axes])
     for k, (axis, grid) in enumerate(zip(component.axes, grids, strict=True)):
         values = np.moveaxis(np.tensordot(axis.columns(grid), values, axes=(1, k)), 0, k)
@@ -114,7 +99,7 @@ def _terms(component: Component, amplitude: Array) -> Iterator[str]:
     free = [axis for axis in component.axes if axis.count > 1]
     grids, values = surface(Component(tuple(free), component.weights), amplitude) if free else ([], amplitude)
     factors = [_single(axis) for axis in fixed]
-    written = _sum(free, grids, np.asarray(values)) if len(free) <= _MOST_PRODUCTS else None
+    written = _sum(free, grids, np.asarray(values)) if len(free) <= TUNING.most_products else None
     if written is not None:
         for size, texts in written:
             yield " ".join([_number(size), *filter(None, texts), *factors])
@@ -133,13 +118,13 @@ def _sum(axes: Sequence[Axis], grids: Sequence[Array], values: Array) -> list[tu
         return None if shape is None else [(shape[1], [shape[0]])]
     left, sizes, right = np.linalg.svd(values)
     total, written, told = float(np.sum(values**2)), [], np.zeros_like(values)
-    for k in range(_MOST_PRODUCTS):
+    for k in range(TUNING.most_products):
         one, other = _shape(axes[0], grids[0], left[:, k]), _shape(axes[1], grids[1], right[k])
         if one is None or other is None:
             return None
         written.append((float(sizes[k]) * one[1] * other[1], [one[0], other[0]]))
         told = told + sizes[k] * np.outer(one[2], other[2])
-        if np.sum((values - told) ** 2) < (1.0 - EXPLAINED) * total:
+        if np.sum((values - told) ** 2) < (1.0 - TUNING.explained) * total:
             return written
     return None
 
@@ -150,7 +135,7 @@ def _shape(axis: Axis, grid: Array, values: Array) -> tuple[str, float, Array] |
     for columns, write in _plain_shapes(axis, grid, name):
         found = np.asarray(np.linalg.lstsq(columns, values, rcond=None)[0], dtype=np.float64)
         told = np.asarray(columns @ found, dtype=np.float64)
-        if np.sum((values - told) ** 2) < (1.0 - EXPLAINED) * np.sum(values**2) + TINY:
+        if np.sum((values - told) ** 2) < (1.0 - TUNING.explained) * np.sum(values**2) + TINY:
             text, size = write(found)
             return text, size, told
     return None
@@ -183,7 +168,8 @@ def _turns(axis: Axis) -> list[float]:
     """Multiples of a variable that a sine may have."""
     if axis.family is Family.PERIODIC:
         return [axis.order * k for k in range(1, axis.count // 2 + 1)]
-    return list(_TURNS) if axis.family is Family.SMOOTH and axis.quantity is Quantity.POSITION else []
+    whole_turns = axis.family is Family.SMOOTH and axis.quantity is Quantity.POSITION
+    return [float(k) for k in range(1, 9)] if whole_turns else []
 
 
 def _of_wave(name: str, turns: float, angle: Array) -> Shape:
@@ -201,7 +187,7 @@ def _sine(name: str, turns: float, amplitudes: Array) -> tuple[str, float]:
     """sin(3 q6 + 0.4), and its factor."""
     phase = float(np.arctan2(amplitudes[1], amplitudes[0]))
     angle = name if turns == 1 else f"{_number(turns)} {name}"
-    shifted = f"{angle} {_signed(phase)}" if abs(phase) > _ROUNDING else angle
+    shifted = f"{angle} {_signed(phase)}" if abs(phase) > 5e-3 else angle  # none to two digits
     return f"sin({shifted})", float(np.hypot(*amplitudes[:2]))
 
 
@@ -267,7 +253,7 @@ def _families(joint: int, parts: Sequence[tuple[Component, Array]]) -> Iterator[
         yield f"odd in the speed of joint {joint}, as friction is"
     for component, _ in parts:
         for axis in component.axes:
-            if axis.family is Family.PERIODIC and axis.quantity is Quantity.POSITION and axis.count <= _FEW:
+            if axis.family is Family.PERIODIC and axis.quantity is Quantity.POSITION and axis.count <= TUNING.few_waves:
                 times = "once" if axis.order == 1.0 else f"{axis.order:g} times"
                 yield f"repeats {times} in a turn of joint {axis.joint}"
             if axis.family is Family.PERIODIC and axis.quantity is Quantity.TIME:
@@ -289,7 +275,7 @@ def _odd(component: Component, amplitude: Array, variable: tuple[Quantity, int])
         values.append(np.array(columns) @ amplitude)
     even, whole = values[0] + values[1], values[0] - values[1]
     depends = any(axis.variable == variable for axis in component.axes)
-    return depends and float(np.sum(even**2)) < _ODD * float(np.sum(whole**2))
+    return depends and float(np.sum(even**2)) < TUNING.odd * float(np.sum(whole**2))
 
 
 def _around(axis: Axis, variable: tuple[Quantity, int]) -> list[float]:

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
-from typing import ClassVar, Self
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
 from bayesid.arrays import Array
 from bayesid.effects.distortion import Direction, Distortion, Rows
 from bayesid.effects.effect import Phrase, ReadableUnit, Scene
+from bayesid.effects.tuning import TUNING
 from bayesid.motion import Motion
 from bayesid.robot import Robot
-
-_LARGEST = 2e3
-"""Twice the level that `bayesid.simulation.logs` takes at most: a gain changes efforts in proportion."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,22 +26,23 @@ class GainError(Distortion):
 
     gain: tuple[float, ...]
 
-    name: ClassVar[str] = "gain_error"
-    physics: ClassVar[str] = "A wrong torque constant, gear ratio or amplifier: all efforts of a joint are scaled."
-    reference: ClassVar[str] = "Gautier and Briot, Global identification of joint drive gains, 2014"
-    variable: ClassVar[str] = "load"
-    shown_by: ClassVar[str] = "the same motion with a known payload"
-    of_effort: ClassVar[bool] = True
-    phrase: ClassVar[Phrase] = Phrase(
+    name = "gain_error"
+    physics = "A wrong torque constant, gear ratio or amplifier: all efforts of a joint are scaled."
+    reference = "Gautier and Briot, Global identification of joint drive gains, 2014"
+    variable = "load"
+    shown_by = "the same motion with a known payload"
+    of_effort = True
+    phrase = Phrase(
         "{whose} efforts read {gain} too large.",
         "a gain error",
         size="gain",
         opposite="{whose} efforts read {gain} too small.",
         units={"gain": ReadableUnit("%", 100.0, neutral=1.0)},
     )
-    shape_units: ClassVar[Mapping[str, str]] = {"gain": "1"}
-    needs_earlier: ClassVar[bool] = True
-    typical: ClassVar[tuple[float, ...]] = (0.2,)
+    shape_units = {"gain": "1"}
+    needs_earlier = True
+    typical = (0.2,)
+    amplitudes = "gain"
 
     @classmethod
     def variants(cls, scene: Scene) -> Iterator[Self]:
@@ -64,14 +63,10 @@ class GainError(Distortion):
         columns[:, acting, np.arange(len(acting))] = scene.effort[:, acting]
         return columns @ (np.array(self.gain) - 1.0), columns
 
-    def moved(self, step: Array) -> Self:
-        """Another gain."""
-        return replace(self, gain=tuple((np.array(self.gain) + step).tolist()))
-
     def of_magnitude(self, magnitude: float, direction: Direction, scene: Scene) -> Self:
         """Too large or too small by a share of the effort."""
         return self.moved(np.array([direction.sign * magnitude]))
 
     def largest_magnitude(self, scene: Scene) -> float:
         """Twice as large as any effect that is simulated."""
-        return _LARGEST
+        return TUNING.largest_gain

@@ -4,20 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self
+from typing import Self
 
 import numpy as np
 
 from bayesid.arrays import Array
 from bayesid.effects.distortion import Direction, Distortion, Rows
 from bayesid.effects.effect import Phrase, ReadableUnit, Scene
+from bayesid.effects.tuning import TUNING
 from bayesid.motion import Motion
 from bayesid.robot import Robot
 
 _STEP = 1e-5
 """Of the differences: their error is of this size, relative to the effort, and rounding 1e-11 of it."""
-_LARGEST = 1.0
-"""The largest error that is simulated: the joint turns twice as far as it says."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,20 +29,21 @@ class GearRatio(Distortion):
 
     error: tuple[float, ...]
 
-    name: ClassVar[str] = "gear_ratio"
-    physics: ClassVar[str] = "A wrong gear ratio between encoder and joint: the joint moves further than is logged."
-    reference: ClassVar[str] = "Mooring, Roth, Driels, Fundamentals of Manipulator Calibration, 1991"
-    variable: ClassVar[str] = "position"
-    shown_by: ClassVar[str] = "moving the joint far from its zero, both ways, slowly and fast"
-    phrase: ClassVar[Phrase] = Phrase(
+    name = "gear_ratio"
+    physics = "A wrong gear ratio between encoder and joint: the joint moves further than is logged."
+    reference = "Mooring, Roth, Driels, Fundamentals of Manipulator Calibration, 1991"
+    variable = "position"
+    shown_by = "moving the joint far from its zero, both ways, slowly and fast"
+    phrase = Phrase(
         "{whose} gear ratio is off: it moves {ratio} further than its positions say.",
         "a wrong gear ratio",
         size="ratio",
         opposite="{whose} gear ratio is off: it moves {ratio} less far than its positions say.",
         units={"ratio": ReadableUnit("%", 100.0)},
     )
-    needs_earlier: ClassVar[bool] = True
-    typical: ClassVar[tuple[float, ...]] = (0.03,)
+    needs_earlier = True
+    typical = (0.03,)
+    amplitudes = "error"
 
     @classmethod
     def variants(cls, scene: Scene) -> Iterator[Self]:
@@ -61,10 +61,6 @@ class GearRatio(Distortion):
         columns = np.stack([self.moved(step)._effort(scene) - here for step in steps], axis=2) / _STEP
         return here - scene.effort_as_told, columns
 
-    def moved(self, step: Array) -> Self:
-        """Other errors."""
-        return replace(self, error=tuple((np.array(self.error) + step[: len(self.error)]).tolist()))
-
     def numbers(self, robot: Robot) -> Mapping[str, tuple[float, str]]:
         """The errors."""
         pairs = zip(self.acting(robot.n_joints), self.error, strict=True)
@@ -76,7 +72,7 @@ class GearRatio(Distortion):
 
     def largest_magnitude(self, scene: Scene) -> float:
         """Twice as far, or not at all."""
-        return _LARGEST
+        return TUNING.largest_ratio
 
     def _effort(self, scene: Scene) -> Array:
         return scene.effort_with(scene.robot, self._moving(scene.robot, scene.motion))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -17,17 +16,17 @@ from bayesid.motion import Motion
 class GravitySpring(ActuatorTerm):
     """ks sin(u) + kc cos(u), free: a spring between two points off the axis, of zero free length."""
 
-    name: ClassVar[str] = "gravity_spring"
-    physics: ClassVar[str] = "A balancing spring between two points off the axis: a sine of the actuator's position."
-    reference: ClassVar[str] = "Balancing with springs of zero free length: Herder, Energy-Free Systems, 2001"
-    variable: ClassVar[str] = "position"
-    shown_by: ClassVar[str] = "moving the joint slowly over a large range in several postures of the joints before it"
-    phrase: ClassVar[Phrase] = Phrase(
+    name = "gravity_spring"
+    physics = "A balancing spring between two points off the axis: a sine of the actuator's position."
+    reference = "Balancing with springs of zero free length: Herder, Energy-Free Systems, 2001"
+    variable = "position"
+    shown_by = "moving the joint slowly over a large range in several postures of the joints before it"
+    phrase = Phrase(
         "{who} needs a balancing spring: {ks} times the sine of its position and {kc} times the cosine.",
         "a balancing spring",
     )
-    symbols: ClassVar[tuple[str, ...]] = ("ks", "kc")
-    units: ClassVar[tuple[tuple[str, str], ...]] = (("N m", "N"), ("N m", "N"))
+    symbols = ("ks", "kc")
+    units = (("N m", "N"), ("N m", "N"))
 
     def unit_efforts(self, actuators: Motion) -> Array:
         """Sine and cosine of the position."""
@@ -38,17 +37,17 @@ class GravitySpring(ActuatorTerm):
 class StiffGravitySpring(ActuatorTerm):
     """The same with a free length: its torque (1 - l0 / l(u)) sin(u - u0) to the second harmonic."""
 
-    name: ClassVar[str] = "gravity_spring.free_length"
-    physics: ClassVar[str] = "A balancing spring with a free length: two harmonics of the actuator's position."
-    reference: ClassVar[str] = "Law of cosines for the spring's length, expanded to the second harmonic"
-    variable: ClassVar[str] = "position"
-    shown_by: ClassVar[str] = GravitySpring.shown_by
-    phrase: ClassVar[Phrase] = Phrase(
+    name = "gravity_spring.free_length"
+    physics = "A balancing spring with a free length: two harmonics of the actuator's position."
+    reference = "Law of cosines for the spring's length, expanded to the second harmonic"
+    variable = "position"
+    shown_by = GravitySpring.shown_by
+    phrase = Phrase(
         "{who} needs a balancing spring with a free length: {ks1} and {kc1} times the sine and cosine of its "
         "position, {ks2} and {kc2} times those of twice the position."
     )
-    symbols: ClassVar[tuple[str, ...]] = ("ks1_", "kc1_", "ks2_", "kc2_")
-    units: ClassVar[tuple[tuple[str, str], ...]] = (("N m", "N"),) * 4
+    symbols = ("ks1_", "kc1_", "ks2_", "kc2_")
+    units = (("N m", "N"),) * 4
 
     def unit_efforts(self, actuators: Motion) -> Array:
         """Sines and cosines of the position and of its double."""

@@ -13,15 +13,8 @@ import numpy as np
 from bayesid.arrays import Array
 from bayesid.effects.effect import Phrase, Scene
 from bayesid.effects.term import ActuatorTerm
+from bayesid.effects.tuning import TUNING
 from bayesid.motion import Motion
-
-_WIDTHS = (0.01, 0.02, 0.04, 0.07, 0.12, 0.2, 0.35)
-"""rad (m), tried for the way from rest to slipping, each some 1.8 times the last; refined in between."""
-
-_USUAL_SPEED = 80
-"""Percentile of the speeds; a round number, not studied."""
-_FEWEST = 2.0
-"""Samples in which a way that can be told from a step is passed."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,31 +27,29 @@ class Hysteresis(ActuatorTerm):
 
     width: tuple[float, ...]
 
-    name: ClassVar[str] = "hysteresis"
-    physics: ClassVar[str] = "Presliding: teeth and seals give way elastically before they slip, so friction lags."
-    reference: ClassVar[str] = "Al-Bender, Lampaert, Swevers, The generalized Maxwell-slip model, IEEE TAC 2005"
-    variable: ClassVar[str] = "position"
-    shown_by: ClassVar[str] = "small strokes back and forth, of a few hundredths of a radian"
-    phrase: ClassVar[Phrase] = Phrase(
-        "{who} needs presliding friction of {Fh} that builds up over {width}.", "presliding hysteresis"
-    )
-    shape_units: ClassVar[Mapping[str, str]] = {"width": "rad"}
+    name = "hysteresis"
+    physics = "Presliding: teeth and seals give way elastically before they slip, so friction lags."
+    reference = "Al-Bender, Lampaert, Swevers, The generalized Maxwell-slip model, IEEE TAC 2005"
+    variable = "position"
+    shown_by = "small strokes back and forth, of a few hundredths of a radian"
+    phrase = Phrase("{who} needs presliding friction of {Fh} that builds up over {width}.", "presliding hysteresis")
+    shape_units = {"width": "rad"}
     symbols: ClassVar[tuple[str, ...]] = ("Fh",)
     units: ClassVar[tuple[tuple[str, str], ...]] = (("N m", "N"),)
-    nonnegative: ClassVar[bool] = True
-    memory: ClassVar[bool] = True
+    nonnegative = True
+    memory = True
 
     @classmethod
     def shapes(cls, scene: Scene, joint: int) -> Iterator[Mapping[str, float]]:
         """Over the way."""
         largest = 0.5 * float(np.ptp(scene.actuators.q[:, joint]))
-        yield from ({"width": width} for width in _WIDTHS if width < largest)
+        yield from ({"width": width} for width in TUNING.hysteresis_widths if width < largest)
 
     def resolved(self, scene: Scene) -> bool:
         """Whether the way takes a few samples at the usual speed: a shorter one is but a step, or a small delay."""
         period = float(np.median(np.diff(scene.motion.t)))
-        usual = np.percentile(np.abs(scene.actuators.dq), _USUAL_SPEED, axis=0)[self.acting(scene.robot.n_joints)]
-        return bool(np.all(np.array(self.width) > _FEWEST * period * usual))
+        usual = np.percentile(np.abs(scene.actuators.dq), TUNING.usual_speed, axis=0)[self.acting(scene.robot.n_joints)]
+        return bool(np.all(np.array(self.width) > TUNING.fewest_samples_of_way * period * usual))
 
     def unit_efforts(self, actuators: Motion) -> Array:
         """(N, m) the state z, from rest: how an element was strained before the log begins, nobody knows."""
@@ -69,13 +60,13 @@ class Hysteresis(ActuatorTerm):
 class LayeredHysteresis(Hysteresis):
     """Three such elements that slip after w / 4, w / 2 and w: the generalised Maxwell-slip model."""
 
-    name: ClassVar[str] = "hysteresis.layers"
-    physics: ClassVar[str] = "Presliding in several layers, each of which slips after a way of its own."
-    phrase: ClassVar[Phrase] = Phrase(
+    name = "hysteresis.layers"
+    physics = "Presliding in several layers, each of which slips after a way of its own."
+    phrase = Phrase(
         "{who} needs presliding friction of {Fha}, {Fhb} and {Fhc}, built up over a quarter, half and all of {width}."
     )
-    symbols: ClassVar[tuple[str, ...]] = ("Fha", "Fhb", "Fhc")
-    units: ClassVar[tuple[tuple[str, str], ...]] = (("N m", "N"),) * 3
+    symbols = ("Fha", "Fhb", "Fhc")
+    units = (("N m", "N"),) * 3
 
     def unit_efforts(self, actuators: Motion) -> Array:
         """(N, m, 3) the states."""
@@ -88,11 +79,11 @@ class LayeredHysteresis(Hysteresis):
 class SmoothHysteresis(Hysteresis):
     """Fh z, Fh >= 0, with dz = du / w (1 - z sign(du)): Dahl's model."""
 
-    name: ClassVar[str] = "hysteresis.smooth"
-    physics: ClassVar[str] = "Presliding with a gradual onset of slipping."
-    reference: ClassVar[str] = "Dahl, A solid friction model, Aerospace Corporation 1968"
-    phrase: ClassVar[Phrase] = Phrase("{who} needs presliding friction of {Fhs} that builds up gradually over {width}.")
-    symbols: ClassVar[tuple[str, ...]] = ("Fhs",)
+    name = "hysteresis.smooth"
+    physics = "Presliding with a gradual onset of slipping."
+    reference = "Dahl, A solid friction model, Aerospace Corporation 1968"
+    phrase = Phrase("{who} needs presliding friction of {Fhs} that builds up gradually over {width}.")
+    symbols = ("Fhs",)
 
     def unit_efforts(self, actuators: Motion) -> Array:
         """(N, m) the state z, exact between the samples."""
@@ -106,11 +97,11 @@ class ElasticHysteresis(Hysteresis):
     Bouc and Wen's model with beta = gamma = 1/2 and n = 1.
     """
 
-    name: ClassVar[str] = "hysteresis.elastic"
-    physics: ClassVar[str] = "Presliding with a gradual onset of slipping and an elastic return."
-    reference: ClassVar[str] = "Bouc 1967; Wen, Method for random vibration of hysteretic systems, 1976"
-    phrase: ClassVar[Phrase] = Phrase("{who} needs presliding friction of {Fhe} with an elastic return, over {width}.")
-    symbols: ClassVar[tuple[str, ...]] = ("Fhe",)
+    name = "hysteresis.elastic"
+    physics = "Presliding with a gradual onset of slipping and an elastic return."
+    reference = "Bouc 1967; Wen, Method for random vibration of hysteretic systems, 1976"
+    phrase = Phrase("{who} needs presliding friction of {Fhe} with an elastic return, over {width}.")
+    symbols = ("Fhe",)
 
     def unit_efforts(self, actuators: Motion) -> Array:
         """(N, m) the state z."""

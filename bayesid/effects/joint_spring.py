@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -20,15 +18,15 @@ from bayesid.robot import Robot
 class JointSpring(ActuatorTerm):
     """k u + k0, k >= 0: a spring that is relaxed at u = -k0 / k."""
 
-    name: ClassVar[str] = "joint_spring"
-    physics: ClassVar[str] = "A spring across the joint: a torque proportional to the actuator's position."
-    reference: ClassVar[str] = "Hooke's law"
-    variable: ClassVar[str] = "position"
-    shown_by: ClassVar[str] = "holding still, or moving slowly, over the whole range of the joint"
-    phrase: ClassVar[Phrase] = Phrase("{who} needs a spring of {k}, with {k0} at position zero.", "a joint spring")
-    symbols: ClassVar[tuple[str, ...]] = ("k", "k0_")
-    units: ClassVar[tuple[tuple[str, str], ...]] = (("N m/rad", "N/m"), ("N m", "N"))
-    places: ClassVar[Mapping[str, tuple[str, ...]]] = {"mjcf": ("stiffness", "preload")}
+    name = "joint_spring"
+    physics = "A spring across the joint: a torque proportional to the actuator's position."
+    reference = "Hooke's law"
+    variable = "position"
+    shown_by = "holding still, or moving slowly, over the whole range of the joint"
+    phrase = Phrase("{who} needs a spring of {k}, with {k0} at position zero.", "a joint spring")
+    symbols = ("k", "k0_")
+    units = (("N m/rad", "N/m"), ("N m", "N"))
+    places = {"mjcf": ("stiffness", "preload")}
 
     def cone(self, robot: Robot) -> Cone:
         """Only the stiffness must not be negative."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
-from typing import ClassVar, Self
+from typing import Self
 
 import numpy as np
 
@@ -82,14 +82,14 @@ class LearnedEffect(Term):
     weights: tuple[float, ...]
     links: tuple[float, ...] = ()
 
-    name: ClassVar[str] = "learned_effect"
-    physics: ClassVar[str] = "An effect without a name: a smooth function of the motion, learned from the log."
-    reference: ClassVar[str] = "Solin and Sarkka, Hilbert space methods for reduced-rank GP regression, 2020"
-    variable: ClassVar[str] = "position"
-    shown_by: ClassVar[str] = "moving through all values of its variables, one of them at a time"
-    phrase: ClassVar[Phrase] = Phrase("{who} needs an effect without a name.", "an effect without a name")
-    can_be_missing: ClassVar[bool] = False
-    given: ClassVar[tuple[str, ...]] = (
+    name = "learned_effect"
+    physics = "An effect without a name: a smooth function of the motion, learned from the log."
+    reference = "Solin and Sarkka, Hilbert space methods for reduced-rank GP regression, 2020"
+    variable = "position"
+    shown_by = "moving through all values of its variables, one of them at a time"
+    phrase = Phrase("{who} needs an effect without a name.", "an effect without a name")
+    can_be_missing = False
+    given = (
         "number",
         "component",
         "quantity",

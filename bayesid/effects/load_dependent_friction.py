@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar, Self
+from typing import Self
 
 import numpy as np
 
@@ -26,20 +26,20 @@ class LoadDependentFriction(DryTerm):
 
     links: tuple[float, ...]
 
-    name: ClassVar[str] = "load_dependent_friction"
-    physics: ClassVar[str] = "Dry friction in gears and bearings that grows with the torque they carry."
-    reference: ClassVar[str] = "Hamon, Gautier, Garrec, Dry friction depending on load and velocity, IROS 2010"
-    variable: ClassVar[str] = "load"
-    shown_by: ClassVar[str] = "moving both ways, loaded and unloaded, at equal speeds"
-    phrase: ClassVar[Phrase] = Phrase(
+    name = "load_dependent_friction"
+    physics = "Dry friction in gears and bearings that grows with the torque they carry."
+    reference = "Hamon, Gautier, Garrec, Dry friction depending on load and velocity, IROS 2010"
+    variable = "load"
+    shown_by = "moving both ways, loaded and unloaded, at equal speeds"
+    phrase = Phrase(
         "{who} needs dry friction that grows with the load, by {Fl} of it.",
         "load-dependent friction",
         units={"Fl": ReadableUnit("%", 100.0)},
     )
-    symbols: ClassVar[tuple[str, ...]] = ("Fl",)
-    units: ClassVar[tuple[tuple[str, str], ...]] = (("1", "1"),)
-    nonnegative: ClassVar[bool] = True
-    given: ClassVar[tuple[str, ...]] = ("smoothing", "links")
+    symbols = ("Fl",)
+    units = (("1", "1"),)
+    nonnegative = True
+    given = ("smoothing", "links")
 
     @classmethod
     def variants(cls, scene: Scene) -> Iterator[Self]:

@@ -10,29 +10,78 @@ from weakref import ref
 
 import numpy as np
 
-from bayesid.arrays import Array, Mask
+from bayesid.arrays import Array, Integers, Mask
 from bayesid.effects.distortion import Distortion
 from bayesid.effects.effect import Effect, Scene
-from bayesid.effects.felt import FeltColumns
 from bayesid.effects.parameters import Cone, Parameter
 from bayesid.effects.term import Term
+from bayesid.effects.tuning import TUNING
 from bayesid.motion import Motion
 from bayesid.parallel import in_parallel
 from bayesid.robot import Robot
 
-CHUNK = 4096
-"""Samples whose columns are in memory at once."""
-LOOK_BACK = 4096
-"""Samples before a chunk that effects with a memory see: presliding is forgotten after a few strokes, 4 s at 1 kHz."""
-LOOK_AHEAD = 16
-"""Samples behind a chunk: the end of a cubic spline is felt 0.27 times less with every sample, 1e-9 after these."""
-REMEMBERED = 256_000_000
-"""Bytes of columns that a model remembers of the motion that it saw last: those of 150,000 samples of six joints and 84
-parameters. One log is looked at ten times under a model, and making its columns costs more than all that is done with
-them. A round number."""
-_TOGETHER = 8
-"""Chunks that processors make together: a copy of the process hands over what it has made, and memory stays bounded. A
-round number."""
+
+@dataclass(frozen=True)
+class FeltColumns:
+    """(N, n, P) columns, of each joint those alone that are not zero: about half as many.
+
+    Attributes:
+        size: P.
+        felt: of each of the n joints, (m,) the columns that it feels, ascending.
+        values: of each joint, (N, m) these.
+
+    Example:
+        >>> columns = FeltColumns.of(np.array([[[1.0, 2.0], [0.0, 3.0]]]))
+        >>> columns.felt[1].tolist(), columns.values[1].tolist(), columns.dense.shape
+        ([1], [[3.0]], (1, 2, 2))
+    """
+
+    size: int
+    felt: tuple[Integers, ...]
+    values: tuple[Array, ...]
+
+    @classmethod
+    def of(cls, columns: Array) -> FeltColumns:
+        """Those of (N, n, P)."""
+        felt = tuple(np.flatnonzero(some) for some in np.any(columns != 0.0, axis=0))
+        values = tuple(np.ascontiguousarray(columns[:, j, those]) for j, those in enumerate(felt))
+        return cls(columns.shape[2], felt, values)
+
+    def __len__(self) -> int:
+        return len(self.values[0])
+
+    @property
+    def nbytes(self) -> int:
+        """Of memory."""
+        return sum(values.nbytes for values in self.values)
+
+    @property
+    def dense(self) -> Array:
+        """(N, n, P) all of them, in an array of their own."""
+        dense = np.zeros((len(self), len(self.values), self.size))
+        for j, (those, values) in enumerate(zip(self.felt, self.values, strict=True)):
+            dense[:, j, those] = values
+        return dense
+
+    def of_joint(self, joint: int, columns: Integers) -> Array:
+        """(N, k) some columns of a joint, ascending, all that it feels among them."""
+        own = self.values[joint]
+        if np.array_equal(columns, self.felt[joint]):
+            return own
+        some = np.zeros((len(self), len(columns)))
+        some[:, np.searchsorted(columns, self.felt[joint])] = own
+        return some
+
+    def chosen(self, columns: Integers) -> FeltColumns:
+        """Some of the P columns, in ascending order."""
+        place = np.full(self.size, -1)
+        place[columns] = np.arange(len(columns))
+        felt, values = [], []
+        for those, own in zip(self.felt, self.values, strict=True):
+            inside = place[those] >= 0
+            felt.append(place[those[inside]])
+            values.append(own if inside.all() else np.ascontiguousarray(own[:, inside]))
+        return FeltColumns(len(columns), tuple(felt), tuple(values))
 
 
 @dataclass(frozen=True)
@@ -196,7 +245,7 @@ class Model:
         return rows(self.robot, motion)
 
     def chunks(self, motion: Motion) -> Iterator[tuple[slice, Array]]:
-        """Rows and their columns, at most CHUNK samples at a time; effects with a memory see some samples around.
+        """Rows and their columns, some thousand samples at a time; effects with a memory see some samples around.
 
         Example:
             >>> sum(len(columns) for _, columns in model.chunks(motion)) == len(motion)
@@ -227,15 +276,15 @@ class Model:
 
     def _made(self, motion: Motion, first: int) -> Iterator[tuple[slice, FeltColumns]]:
         """The chunks from one on, made."""
-        chunks = [slice(start, min(start + CHUNK, len(motion))) for start in range(0, len(motion), CHUNK)]
-        for k in range(first, len(chunks), _TOGETHER):
-            some = chunks[k : k + _TOGETHER]
+        chunks = [slice(start, min(start + TUNING.chunk, len(motion))) for start in range(0, len(motion), TUNING.chunk)]
+        for k in range(first, len(chunks), TUNING.chunks_together):
+            some = chunks[k : k + TUNING.chunks_together]
             yield from zip(some, in_parallel([partial(self._chunk, motion, rows) for rows in some]), strict=True)
 
     def _chunk(self, motion: Motion, rows: slice) -> FeltColumns:
         memory = any(effect.memory for effect in self.effects)
-        first = max(0, rows.start - LOOK_BACK) if memory else rows.start
-        last = min(len(motion), rows.stop + LOOK_AHEAD) if memory else rows.stop
+        first = max(0, rows.start - TUNING.look_back) if memory else rows.start
+        last = min(len(motion), rows.stop + TUNING.look_ahead) if memory else rows.stop
         return FeltColumns.of(self.columns(motion[first:last])[rows.start - first : rows.stop - first])
 
     def effort(self, motion: Motion, theta: Array) -> Array:
@@ -337,7 +386,7 @@ class _Latest:
             yield known[first]
             first += 1
         for k, (rows, columns) in enumerate(make(motion, first), start=first):
-            if k == len(known) and known is self._chunks and self._bytes + columns.nbytes <= REMEMBERED:
+            if k == len(known) and known is self._chunks and self._bytes + columns.nbytes <= TUNING.remembered:
                 known.append((rows, columns))
                 self._bytes += columns.nbytes
             yield rows, columns

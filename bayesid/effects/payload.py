@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from typing import Self
 
 import numpy as np
 
@@ -12,22 +12,20 @@ from bayesid.arrays import Array
 from bayesid.effects.effect import Phrase, Scene
 from bayesid.effects.parameters import Cone, Parameter
 from bayesid.effects.term import WholeRobotTerm
+from bayesid.effects.tuning import TUNING
 from bayesid.errors import InputError
 from bayesid.motion import Motion, check_label
 from bayesid.robot import Robot
 from bayesid.robot.inertia import NAMES, UNITS, about_centre_of_mass
-
-_INERTIA, _FIRST_MOMENT = 0.03, 0.15
-"""kg m^2 and kg m: of 1 kg at 0.15 m from the flange, and 1 kg (0.17 m)^2; round numbers for tools and workpieces."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class BodyOnFlange(WholeRobotTerm):
     """Ten inertial parameters of a body fixed to the last link, in that link's frame."""
 
-    reference: ClassVar[str] = "Atkeson, An, Hollerbach, Inertial parameters of manipulator loads and links, 1986"
-    variable: ClassVar[str] = "load"
-    shown_by: ClassVar[str] = "turning the wrist while the arm is stretched and at rest, then accelerating it"
+    reference = "Atkeson, An, Hollerbach, Inertial parameters of manipulator loads and links, 1986"
+    variable = "load"
+    shown_by = "turning the wrist while the arm is stretched and at rest, then accelerating it"
 
     def readable(self, values: Array) -> Mapping[str, tuple[Array, str]]:
         """Mass, centre of mass, and inertia about it, in the last link's frame."""
@@ -57,9 +55,9 @@ class Payload(BodyOnFlange):
     Without an earlier model they cannot be separated from the last link's own.
     """
 
-    name: ClassVar[str] = "payload"
-    physics: ClassVar[str] = "A body held by the flange: inertia, Coriolis, centrifugal and gravity torques."
-    phrase: ClassVar[Phrase] = Phrase(
+    name = "payload"
+    physics = "A body held by the flange: inertia, Coriolis, centrifugal and gravity torques."
+    phrase = Phrase(
         "The robot carries a payload of {mp} that the model lacks.",
         "a payload",
         size="mp",
@@ -71,11 +69,11 @@ class Payload(BodyOnFlange):
         "link's frame",
     )
 
-    of_links: ClassVar[bool] = True
-    links_remark: ClassVar[str] = "{last} includes the payload."
-    needs_earlier: ClassVar[bool] = True
-    typical: ClassVar[tuple[float, ...]] = (*(_INERTIA,) * 6, *(_FIRST_MOMENT,) * 3, 1.0)
-    typical_scales: ClassVar[tuple[float, ...]] = (0.1, 0.5, 3.0)  # kg
+    of_links = True
+    links_remark = "{last} includes the payload."
+    needs_earlier = True
+    typical = (*(TUNING.payload_inertia,) * 6, *(TUNING.payload_moment,) * 3, 1.0)
+    typical_scales = (0.1, 0.5, 3.0)  # kg
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
         """Jxxp ... mp."""
@@ -105,12 +103,12 @@ class CarriedPayload(BodyOnFlange):
 
     label: tuple[str, ...]
 
-    name: ClassVar[str] = "payload.carried"
-    physics: ClassVar[str] = "A body that the flange holds while some of the logs are recorded."
-    phrase: ClassVar[Phrase] = Phrase("Some logs are of a flange that carries {m}.", "a payload of some logs", size="m")
-    can_be_missing: ClassVar[bool] = False
-    words: ClassVar[tuple[str, ...]] = ("label",)
-    counts: ClassVar[Mapping[str, int]] = {"label": 1}
+    name = "payload.carried"
+    physics = "A body that the flange holds while some of the logs are recorded."
+    phrase = Phrase("Some logs are of a flange that carries {m}.", "a payload of some logs", size="m")
+    can_be_missing = False
+    words = ("label",)
+    counts = {"label": 1}
 
     @classmethod
     def for_motion(cls, actuators: Motion) -> Self:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from typing import Self
 
 from bayesid.arrays import Array
 from bayesid.effects.effect import Scene
@@ -25,14 +25,14 @@ def _parameter_name(symbol: str, link: int) -> str:
 class RigidBody(WholeRobotTerm):
     """Ten inertial parameters a link (`bayesid.robot.inertia`), linear in the torque (Atkeson, An, Hollerbach 1986)."""
 
-    name: ClassVar[str] = "rigid_body"
-    physics: ClassVar[str] = "Rigid links: inertia, Coriolis, centrifugal and gravity torques, ten parameters each."
-    reference: ClassVar[str] = "Atkeson, An, Hollerbach, IJRR 1986"
-    variable: ClassVar[str] = "load"
-    shown_by: ClassVar[str] = "an exciting trajectory"
+    name = "rigid_body"
+    physics = "Rigid links: inertia, Coriolis, centrifugal and gravity torques, ten parameters each."
+    reference = "Atkeson, An, Hollerbach, IJRR 1986"
+    variable = "load"
+    shown_by = "an exciting trajectory"
 
-    can_be_missing: ClassVar[bool] = False
-    of_links: ClassVar[bool] = True
+    can_be_missing = False
+    of_links = True
 
     @classmethod
     def variants(cls, scene: Scene) -> Iterable[Self]:

@@ -135,25 +135,19 @@ class ActuatorTerm(Term):
 
     def effort(self, robot: Robot, motion: Motion, theta: Array) -> Array:
         """(N, n) efforts: each actuator's own columns."""
-        if not self.joints:
-            efforts = self.unit_efforts(robot.actuators(motion))
-            each = efforts if efforts.ndim == 2 else efforts[:, :, 0]
-            if efforts.ndim == 2 or efforts.shape[2] == 1:
-                return each * theta
-            return (efforts * theta.reshape(robot.n_joints, -1)).sum(axis=2)
-        acting, own = self.acting(robot.n_joints), self.own_columns(robot, motion)
+        own = self.own_columns(robot, motion)
         k = own.shape[2]
         efforts = own[:, :, 0] * theta if k == 1 else (own * theta.reshape(-1, k)).sum(axis=2)
-        if len(acting) == robot.n_joints:
+        if not self.joints:
             return efforts
         every = np.zeros((len(motion), robot.n_joints))
-        for i, j in enumerate(acting):
-            every[:, j] = efforts[:, i]
+        every[:, self.acting(robot.n_joints)] = efforts
         return every
 
     def own_columns(self, robot: Robot, motion: Motion) -> Array:
         """(N, m, k) the same without the rows of other actuators."""
-        return self._of_each(robot.actuators(motion).joints(self.acting(robot.n_joints)))
+        actuators = robot.actuators(motion)
+        return self._of_each(actuators.joints(self.acting(robot.n_joints)) if self.joints else actuators)
 
     def own_columns_in(self, scene: Scene, joint: int) -> Array:
         """(N, k) the same in one (0-based) actuator of a scene, the only one in which it acts."""

@@ -12,10 +12,9 @@ from bayesid.arrays import Array
 from bayesid.effects.coulomb_friction import DryTerm
 from bayesid.effects.effect import Phrase, Scene
 from bayesid.effects.term import ActuatorTerm
+from bayesid.effects.tuning import TUNING
 from bayesid.motion import Motion
 
-_TIMES = (0.2, 0.5, 1.2)
-"""Time constants tried, as shares of the log's length: shorter ones are over at once, longer ones straight."""
 _SHOWN_BY = "repeating the same motion from cold to warm"
 _REFERENCE = "First-order warming; Simoni, Beschi, Legnani, Visioli, Friction modeling with temperature effects, 2015"
 
@@ -26,7 +25,7 @@ def _since_start(actuators: Motion, time: tuple[float, ...]) -> Array:
 
 
 def _times(scene: Scene) -> list[float]:
-    return [share * float(scene.motion.t[-1] - scene.motion.origin) for share in _TIMES]
+    return [share * float(scene.motion.t[-1] - scene.motion.origin) for share in TUNING.warming_times]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,17 +38,17 @@ class ThermalDrift(DryTerm):
 
     time: tuple[float, ...]
 
-    name: ClassVar[str] = "thermal_drift"
-    physics: ClassVar[str] = "Dry friction that changes as gear and lubricant warm up."
-    reference: ClassVar[str] = _REFERENCE
-    variable: ClassVar[str] = "time"
-    shown_by: ClassVar[str] = _SHOWN_BY
-    phrase: ClassVar[Phrase] = Phrase(
+    name = "thermal_drift"
+    physics = "Dry friction that changes as gear and lubricant warm up."
+    reference = _REFERENCE
+    variable = "time"
+    shown_by = _SHOWN_BY
+    phrase = Phrase(
         "{who} needs dry friction of {Fcold} that changes by {Fwarm} as it warms up, over {time}.", "thermal drift"
     )
-    shape_units: ClassVar[Mapping[str, str]] = {"time": "s"}
+    shape_units = {"time": "s"}
     symbols: ClassVar[tuple[str, ...]] = ("Fcold", "Fwarm")
-    adds_to: ClassVar[Mapping[str, str]] = {"Fcold": "Fc"}
+    adds_to = {"Fcold": "Fc"}
     units: ClassVar[tuple[tuple[str, str], ...]] = (("N m", "N"), ("N m", "N"))
 
     @classmethod
@@ -74,18 +73,16 @@ class ViscousThermalDrift(ActuatorTerm):
 
     time: tuple[float, ...]
 
-    name: ClassVar[str] = "thermal_drift.viscous"
-    physics: ClassVar[str] = "Viscous friction that changes as the lubricant warms up."
-    reference: ClassVar[str] = _REFERENCE
-    variable: ClassVar[str] = "time"
-    shown_by: ClassVar[str] = _SHOWN_BY
-    phrase: ClassVar[Phrase] = Phrase(
-        "{who} needs viscous friction of {fcold} that changes by {fwarm} as it warms up, over {time}."
-    )
-    shape_units: ClassVar[Mapping[str, str]] = {"time": "s"}
-    symbols: ClassVar[tuple[str, ...]] = ("fcold", "fwarm")
-    adds_to: ClassVar[Mapping[str, str]] = {"fcold": "Fv"}
-    units: ClassVar[tuple[tuple[str, str], ...]] = (("N m s/rad", "N s/m"),) * 2
+    name = "thermal_drift.viscous"
+    physics = "Viscous friction that changes as the lubricant warms up."
+    reference = _REFERENCE
+    variable = "time"
+    shown_by = _SHOWN_BY
+    phrase = Phrase("{who} needs viscous friction of {fcold} that changes by {fwarm} as it warms up, over {time}.")
+    shape_units = {"time": "s"}
+    symbols = ("fcold", "fwarm")
+    adds_to = {"fcold": "Fv"}
+    units = (("N m s/rad", "N s/m"),) * 2
 
     @classmethod
     def shapes(cls, scene: Scene, joint: int) -> Iterator[Mapping[str, float]]:
@@ -101,15 +98,15 @@ class ViscousThermalDrift(ActuatorTerm):
 class FrictionThermalDrift(ThermalDrift):
     """Both: dry and viscous friction that change from cold to warm."""
 
-    name: ClassVar[str] = "thermal_drift.both"
-    physics: ClassVar[str] = "Dry and viscous friction that change as gear and lubricant warm up."
-    phrase: ClassVar[Phrase] = Phrase(
+    name = "thermal_drift.both"
+    physics = "Dry and viscous friction that change as gear and lubricant warm up."
+    phrase = Phrase(
         "{who} needs friction that changes as it warms up, over {time}: dry friction of {Fcold2} by "
         "{Fwarm2}, and viscous friction of {fcold2} by {fwarm2}."
     )
-    symbols: ClassVar[tuple[str, ...]] = ("Fcold2_", "Fwarm2_", "fcold2_", "fwarm2_")
-    adds_to: ClassVar[Mapping[str, str]] = {"Fcold2_": "Fc", "fcold2_": "Fv"}
-    units: ClassVar[tuple[tuple[str, str], ...]] = (("N m", "N"), ("N m", "N"), *ViscousThermalDrift.units)
+    symbols = ("Fcold2_", "Fwarm2_", "fcold2_", "fwarm2_")
+    adds_to = {"Fcold2_": "Fc", "fcold2_": "Fv"}
+    units = (("N m", "N"), ("N m", "N"), *ViscousThermalDrift.units)
 
     def unit_efforts(self, actuators: Motion) -> Array:
         """Direction and speed, at first and as they warm."""
@@ -121,14 +118,12 @@ class FrictionThermalDrift(ThermalDrift):
 class OffsetThermalDrift(ViscousThermalDrift):
     """o0 + o1 (1 - exp(-t / T)): a sensor's or drive's zero that drifts."""
 
-    name: ClassVar[str] = "thermal_drift.offset"
-    physics: ClassVar[str] = "A zero of sensor or drive that drifts as it warms up."
-    phrase: ClassVar[Phrase] = Phrase(
-        "{who} needs a zero error of {ocold} that drifts by {owarm} as it warms up, over {time}."
-    )
-    symbols: ClassVar[tuple[str, ...]] = ("ocold", "owarm")
-    adds_to: ClassVar[Mapping[str, str]] = {"ocold": "offset"}
-    units: ClassVar[tuple[tuple[str, str], ...]] = (("N m", "N"), ("N m", "N"))
+    name = "thermal_drift.offset"
+    physics = "A zero of sensor or drive that drifts as it warms up."
+    phrase = Phrase("{who} needs a zero error of {ocold} that drifts by {owarm} as it warms up, over {time}.")
+    symbols = ("ocold", "owarm")
+    adds_to = {"ocold": "offset"}
+    units = (("N m", "N"), ("N m", "N"))
 
     def unit_efforts(self, actuators: Motion) -> Array:
         """One, at first and as it warms."""

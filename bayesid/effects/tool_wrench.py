@@ -20,14 +20,12 @@ _COUPLE = (("rx", "N m"), ("ry", "N m"), ("rz", "N m"))
 class ToolWrench(WholeRobotTerm):
     """A force that the environment applies to the last link's frame, constant along the base's axes; free."""
 
-    name: ClassVar[str] = "tool_wrench"
-    physics: ClassVar[str] = "A constant force from outside on the tool, such as a hose that pulls or a contact."
-    reference: ClassVar[str] = "Principle of virtual work: -J' F"
-    variable: ClassVar[str] = "position"
-    shown_by: ClassVar[str] = "moving the tool slowly through space, and turning it in place"
-    phrase: ClassVar[Phrase] = Phrase(
-        "A force of {wbx}, {wby} and {wbz} along the base's axes acts on the tool.", "a force on the tool"
-    )
+    name = "tool_wrench"
+    physics = "A constant force from outside on the tool, such as a hose that pulls or a contact."
+    reference = "Principle of virtual work: -J' F"
+    variable = "position"
+    shown_by = "moving the tool slowly through space, and turning it in place"
+    phrase = Phrase("A force of {wbx}, {wby} and {wbz} along the base's axes acts on the tool.", "a force on the tool")
     in_base: ClassVar[bool] = True
     parts: ClassVar[tuple[tuple[str, str], ...]] = _FORCE
     symbol: ClassVar[str] = "wb"
@@ -50,9 +48,9 @@ class ToolWrench(WholeRobotTerm):
 class BaseWrench(ToolWrench):
     """A force and a couple along the base's axes; free."""
 
-    name: ClassVar[str] = "tool_wrench.couple"
-    physics: ClassVar[str] = "A constant force and couple from outside on the tool, along the axes of the base."
-    phrase: ClassVar[Phrase] = Phrase(
+    name = "tool_wrench.couple"
+    physics = "A constant force and couple from outside on the tool, along the axes of the base."
+    phrase = Phrase(
         "A force of {wcx}, {wcy} and {wcz} and a couple of {wcrx}, {wcry} and {wcrz} along the base's axes "
         "act on the tool."
     )
@@ -64,9 +62,9 @@ class BaseWrench(ToolWrench):
 class FollowingForce(ToolWrench):
     """A force that turns with the tool; free."""
 
-    name: ClassVar[str] = "tool_wrench.following"
-    physics: ClassVar[str] = "A constant force that turns with the tool, such as a jet or a preloaded contact."
-    phrase: ClassVar[Phrase] = Phrase("A force of {wtx}, {wty} and {wtz} acts on the tool and turns with it.")
+    name = "tool_wrench.following"
+    physics = "A constant force that turns with the tool, such as a jet or a preloaded contact."
+    phrase = Phrase("A force of {wtx}, {wty} and {wtz} acts on the tool and turns with it.")
     in_base: ClassVar[bool] = False
     symbol: ClassVar[str] = "wt"
 
@@ -75,9 +73,9 @@ class FollowingForce(ToolWrench):
 class FollowingWrench(FollowingForce):
     """A force and a couple that turn with the tool; free."""
 
-    name: ClassVar[str] = "tool_wrench.following_couple"
-    physics: ClassVar[str] = "A constant force and couple that turn with the tool."
-    phrase: ClassVar[Phrase] = Phrase(
+    name = "tool_wrench.following_couple"
+    physics = "A constant force and couple that turn with the tool."
+    phrase = Phrase(
         "A force of {wfx}, {wfy} and {wfz} and a couple of {wfrx}, {wfry} and {wfrz} act on the tool and turn with it."
     )
     parts: ClassVar[tuple[tuple[str, str], ...]] = (*_FORCE, *_COUPLE)

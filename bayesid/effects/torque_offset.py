@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -17,14 +16,14 @@ from bayesid.motion import Motion
 class TorqueOffset(ActuatorTerm):
     """A constant, of either sign: a sensor's or drive's zero error, or friction that differs by direction."""
 
-    name: ClassVar[str] = "torque_offset"
-    physics: ClassVar[str] = "A constant torque: a zero error of sensor or drive, or friction that prefers a direction."
-    reference: ClassVar[str] = "Gautier, Dynamic identification of robots with power model, IEEE ICRA 1997"
-    variable: ClassVar[str] = "time"
-    shown_by: ClassVar[str] = "moving both ways through many positions"
-    phrase: ClassVar[Phrase] = Phrase("{who} needs a torque offset of {offset}.", "a torque offset")
-    symbols: ClassVar[tuple[str, ...]] = ("offset",)
-    units: ClassVar[tuple[tuple[str, str], ...]] = (("N m", "N"),)
+    name = "torque_offset"
+    physics = "A constant torque: a zero error of sensor or drive, or friction that prefers a direction."
+    reference = "Gautier, Dynamic identification of robots with power model, IEEE ICRA 1997"
+    variable = "time"
+    shown_by = "moving both ways through many positions"
+    phrase = Phrase("{who} needs a torque offset of {offset}.", "a torque offset")
+    symbols = ("offset",)
+    units = (("N m", "N"),)
 
     def unit_efforts(self, actuators: Motion) -> Array:
         """One."""

@@ -17,8 +17,8 @@ import numpy as np
 
 from bayesid.arrays import Array, Integers, Mask
 from bayesid.effects.coefficients import BaseCoefficients
-from bayesid.effects.felt import FeltColumns
-from bayesid.effects.model import CHUNK, LOOK_AHEAD, LOOK_BACK, Model
+from bayesid.effects.model import FeltColumns, Model
+from bayesid.effects.tuning import TUNING
 from bayesid.monitor.stretches import MERGED, PAUSE, Edge, StreamSamples, joined, numbered, runs
 from bayesid.motion import Motion
 from bayesid.regression.moments import HessianSums, Moments
@@ -54,7 +54,7 @@ class Setting:
     def reach(self) -> tuple[int, int]:
         """How many samples before and behind a sample its columns depend on."""
         memory = any(effect.memory for effect in self.model.effects)
-        return (LOOK_BACK, LOOK_AHEAD) if memory else (0, 0)
+        return (TUNING.look_back, TUNING.look_ahead) if memory else (0, 0)
 
     def fade(self, seconds: float) -> float:
         """What is left of a weight after some time."""
@@ -200,8 +200,8 @@ def advanced(setting: Setting, running: StreamMoments, samples: StreamSamples, t
     waiting = running.waiting.followed_by(samples)
     motion, first = joined(running.context, waiting.motion), len(running.context)
     ready = max(len(waiting) - ahead, 0)
-    for begin in range(0, ready, CHUNK):
-        rows = slice(begin, min(begin + CHUNK, ready))
+    for begin in range(0, ready, TUNING.chunk):
+        rows = slice(begin, min(begin + TUNING.chunk, ready))
         around = slice(max(first + rows.start - back, 0), first + rows.stop + ahead)
         inside = slice(first + rows.start - around.start, first + rows.stop - around.start)
         columns = FeltColumns.of(setting.model.columns(motion[around])[inside]).chosen(setting.coefficients.kept)

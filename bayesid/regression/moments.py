@@ -23,8 +23,7 @@ import scipy
 
 from bayesid.arrays import Array, Integers, Mask
 from bayesid.effects.coefficients import BaseCoefficients
-from bayesid.effects.felt import FeltColumns
-from bayesid.effects.model import Model
+from bayesid.effects.model import FeltColumns, Model
 from bayesid.log.segments import Segments
 from bayesid.motion import Motion
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from oracles import random_table
 
-from bayesid.effects.displaced import along_axis, along_normal, is_distal
+from bayesid.effects.kinematic_errors import along_axis, along_normal, is_distal
 from bayesid.robot import Joint, Robot, robot_from_table
 from bayesid.robot.kinematics import pose
 

@@ -6,6 +6,7 @@ from distorted_arms import BEGIN, FASTEST, RATE, READ, TABLES, cubics, shared_ar
 from oracles import assert_close
 
 from bayesid.effects.catalogue import DISTORTIONS, make_effect
+from bayesid.effects.tuning import TUNING
 
 DECAY = 2.0 - np.sqrt(3.0)  # of what a cubic spline's end does, per knot
 NOT_THE_FIRST = slice(20, None)  # at the beginning a delayed motion is not known
@@ -139,14 +140,12 @@ def test_chunks_have_the_columns_of_the_whole(monkeypatch, sliding):
         model = sliding.model.extend(distortion)
         whole = model.columns(motion)
         with monkeypatch.context() as chunks:
-            for name, size in (("CHUNK", 37), ("LOOK_BACK", 16)):
-                chunks.setattr(f"bayesid.effects.model.{name}", size)
+            chunks.setattr("bayesid.effects.model.TUNING", replace(TUNING, chunk=37, look_back=16))
             error = DECAY**16 * 10 * (FASTEST / RATE) ** 4 if distortion.memory else 0.0
             assert error < 1e-13
             assert_close(np.concatenate([columns for _, columns in model.chunks(motion)]), whole, error + 1e-13)
             assert_close(model.effort(motion, theta), model.read(whole @ theta), 1e-12)
-            for name in ("LOOK_BACK", "LOOK_AHEAD"):
-                chunks.setattr(f"bayesid.effects.model.{name}", 0)
+            chunks.setattr("bayesid.effects.model.TUNING", replace(TUNING, chunk=37, look_back=0, look_ahead=0))
             model.forget()
             pieces = np.concatenate([columns for _, columns in model.chunks(motion)])
             assert (np.abs(pieces - whole).max() > 1e-9 * np.abs(whole).max()) == distortion.memory

@@ -1,6 +1,7 @@
 """What all effects share: changes joint by joint, whether samples resolve a form, what only an earlier log tells."""
 
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,8 +10,8 @@ from term_efforts import EFFORTS, LEARNED
 
 from bayesid.effects import STANDARD
 from bayesid.effects.catalogue import forms, make_effect, make_terms
-from bayesid.effects.felt import FeltColumns
-from bayesid.effects.model import Model
+from bayesid.effects.model import FeltColumns, Model
+from bayesid.effects.tuning import TUNING
 from bayesid.simulation.parameters import random_parameters
 
 JOINTS = 3
@@ -111,8 +112,8 @@ def test_a_model_remembers_columns_of_the_same_motion_only(monkeypatch):
     motions = [smooth_motion(JOINTS, 1.0, 50.0, seed=seed) for seed in (3, 4)]
     model = Model(robot, make_terms(STANDARD, robot, motions[0]))
     whole = [model.columns(motion) for motion in motions]
-    monkeypatch.setattr("bayesid.effects.model.CHUNK", 13)
-    monkeypatch.setattr("bayesid.effects.model.REMEMBERED", int(2.5 * FeltColumns.of(whole[0][:13]).nbytes))
+    remembered = int(2.5 * FeltColumns.of(whole[0][:13]).nbytes)
+    monkeypatch.setattr("bayesid.effects.model.TUNING", replace(TUNING, chunk=13, remembered=remembered))
     for which in (0, 0, 1, 0):
         next(model.felt_chunks(motions[which]))  # somebody who asks for a part leaves it to the others
         chunks = list(model.chunks(motions[which]))

@@ -9,7 +9,7 @@ from bayesid.effects.base_tilt import BaseTilt
 from bayesid.effects.delay import Delay
 from bayesid.effects.gain_error import GainError
 from bayesid.effects.hysteresis import ElasticHysteresis, Hysteresis, LayeredHysteresis, SmoothHysteresis
-from bayesid.effects.link_length import LinkLength
+from bayesid.effects.kinematic_errors import LinkLength
 from bayesid.effects.load_dependent_friction import LoadDependentFriction
 from bayesid.effects.model import Model
 from bayesid.effects.stribeck_friction import StribeckFriction

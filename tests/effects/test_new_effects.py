@@ -12,10 +12,9 @@ from command_line import TWO_JOINTS
 
 import bayesid
 from bayesid.cli import main
-from bayesid.effects.catalogue import forms, make_terms
+from bayesid.effects.catalogue import forms, make_terms, registered_effects
 from bayesid.effects.model import Model
 from bayesid.effects.parameters import Cone
-from bayesid.effects.registered import registered_effects
 from bayesid.regression.selection.hypotheses import hypotheses
 from bayesid.robot import load_robot, robot_from_table
 from bayesid.simulation.logs import parse_effect, with_effects

@@ -12,6 +12,7 @@ import bayesid.effects
 from bayesid.effects import STANDARD, ActuatorTerm
 from bayesid.effects.catalogue import DISTORTIONS, TERMS, make_effect, make_terms
 from bayesid.effects.model import Model
+from bayesid.effects.tuning import TUNING
 from bayesid.errors import InputError
 from bayesid.motion import Motion
 from bayesid.robot import load_robot, robot_from_table
@@ -84,10 +85,12 @@ def of_joints(term, joints, n):
 
 
 def test_catalogue_holds_every_file_of_the_folder_and_each_has_an_entry_here():
-    no_effects = {"axes", "catalogue", "coefficients", "displaced", "displacement", "distortion", "effect", "felt"}
-    no_effects |= {"formula", "model", "parameters", "registered", "term"}
-    files = {one.name for one in pkgutil.iter_modules(bayesid.effects.__path__)} - no_effects
-    assert {name.split(".")[0] for name in {**TERMS, **DISTORTIONS}} == files
+    """The four numbers of a table's row have one file together."""
+    no_effects = {"axes", "catalogue", "coefficients", "distortion", "effect", "formula", "model", "parameters", "term"}
+    files = {one.name for one in pkgutil.iter_modules(bayesid.effects.__path__)} - no_effects - {"tuning"}
+    of_table = {"joint_zero", "link_length", "link_offset", "link_twist"}
+    assert {name.split(".")[0] for name in {**TERMS, **DISTORTIONS}} - of_table == files - {"kinematic_errors"}
+    assert of_table <= set(DISTORTIONS)
     assert set(STANDARD) <= set(TERMS) == set(EFFORTS)
 
 
@@ -108,7 +111,7 @@ def test_columns_are_the_efforts_of_each_parameter(name, table):
 
 def test_chunks_have_the_columns_of_the_whole(monkeypatch, terms, robot, motion):
     """And of terms without a memory, so has any part of the motion by itself."""
-    monkeypatch.setattr("bayesid.effects.model.CHUNK", 5)
+    monkeypatch.setattr("bayesid.effects.model.TUNING", replace(TUNING, chunk=5))
     parts = (slice(0, 5), slice(5, 10), np.array([7, 2, 2]), np.arange(12) % 2 == 0)
     for term in terms:
         whole = term.columns(robot, motion)
@@ -216,8 +219,7 @@ def test_variants_go_through_what_the_log_can_tell(robot, scene):
 def test_presliding_forgets_what_lies_two_widths_back(monkeypatch, robot):
     """A difference of two states never grows: stretched fully once, it is gone; gradually, it falls with the way."""
     motion = smooth_motion(robot.n_joints, 4.0, 50.0)
-    monkeypatch.setattr("bayesid.effects.model.CHUNK", 40)
-    monkeypatch.setattr("bayesid.effects.model.LOOK_BACK", 60)
+    monkeypatch.setattr("bayesid.effects.model.TUNING", replace(TUNING, chunk=40, look_back=60))
     u = robot.actuators(motion).q
     ways = [np.abs(np.diff(u[s - 60 : s + 1], axis=0)).sum(axis=0) for s in (80, 120, 160)]
     ranges = [np.ptp(u[s - 60 : s + 1], axis=0) for s in (80, 120, 160)]

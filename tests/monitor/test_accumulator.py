@@ -14,7 +14,8 @@ from bayesid.effects.catalogue import make_terms
 from bayesid.effects.clipping import Clipping
 from bayesid.effects.coefficients import base_coefficients
 from bayesid.effects.delay import Delay
-from bayesid.effects.model import LOOK_AHEAD, LOOK_BACK, Model
+from bayesid.effects.model import Model
+from bayesid.effects.tuning import TUNING
 from bayesid.errors import InputError
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.monitor import stream_moments
@@ -280,14 +281,14 @@ def test_readings_that_show_no_effort_do_not_count():
 def test_effects_with_a_memory_see_over_the_borders(monkeypatch):
     case = Stream(duration=8.0)
     case.model = case.model.extend(Delay(lag=(0.023,)))
-    monkeypatch.setattr(stream_moments, "LOOK_BACK", 64)  # of a spline's end 0.27^64 is felt
-    assert LOOK_BACK > 64
+    monkeypatch.setattr(stream_moments, "TUNING", replace(TUNING, look_back=64))  # of a spline's end 0.27^64 is felt
+    assert TUNING.look_back > 64
     moving = everywhere(case)
     whole = fed(case, bayesid.Accumulator(case.identified()), 1, moving=moving)
     parts = fed(case, bayesid.Accumulator(case.identified()), 23, moving=moving)
-    columns = case.model.columns(case.motion)[:-LOOK_AHEAD, :, case.coefficients.kept]
+    columns = case.model.columns(case.motion)[: -TUNING.look_ahead, :, case.coefficients.kept]
     rows = (columns / weights_of(case, whole)[:, None]).reshape(-1, columns.shape[2])
-    effort = signed_effort(case)[:-LOOK_AHEAD] / weights_of(case, whole)
+    effort = signed_effort(case)[: -TUNING.look_ahead] / weights_of(case, whole)
     beta = np.linalg.lstsq(rows, effort.ravel(), rcond=None)[0]
     for one in (whole, parts):
         assert one.effective_samples == pytest.approx(whole.effective_samples, rel=1e-12)

@@ -9,6 +9,7 @@ from bayesid.effects import model as model_module
 from bayesid.effects.catalogue import make_terms
 from bayesid.effects.coefficients import base_coefficients
 from bayesid.effects.model import Model
+from bayesid.effects.tuning import TUNING
 from bayesid.log.segments import Segments
 from bayesid.motion import Motion
 from bayesid.regression.moments import join_moments, moments
@@ -43,7 +44,7 @@ def test_cost_equals_the_sum_over_rows(case):
 def test_chunks_add_to_the_whole(case, monkeypatch):
     model, coefficients, motion, effort, segments = case
     whole = moments(model, coefficients, motion, effort, segments)
-    monkeypatch.setattr(model_module, "CHUNK", 37)
+    monkeypatch.setattr(model_module, "TUNING", replace(TUNING, chunk=37))
     chunked = moments(replace(model), coefficients, motion, effort, segments)
     for name in ("hessian", "gradient", "energy"):
         np.testing.assert_allclose(getattr(chunked, name), getattr(whole, name), rtol=1e-11, atol=1e-9)

@@ -28,8 +28,8 @@ import scipy
 from scipy.linalg import block_diag
 
 from bayesid.arrays import Array, Integers, Mask
-from bayesid.effects.displaced import is_distal, shift, turn, with_joint, with_link
 from bayesid.effects.effect import Effect, Scene
+from bayesid.effects.kinematic_errors import is_distal, shift, turn, with_joint, with_link
 from bayesid.motion import Motion
 from bayesid.parallel import in_parallel
 from bayesid.regression.evidence import Evidence, Nuisance, make_nuisance

@@ -1,0 +1,279 @@
+"""Errors of a robot's Denavit-Hartenberg table: one number of a joint's row is off, and a part of the robot moved."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar, Self
+
+import numpy as np
+import scipy
+
+from bayesid.arrays import Array
+from bayesid.effects.distortion import Direction, Distortion, Rows
+from bayesid.effects.effect import Phrase, ReadableUnit, Scene
+from bayesid.effects.tuning import TUNING
+from bayesid.motion import Motion
+from bayesid.robot import Joint, Robot
+from bayesid.robot.kinematics import nearest_points
+
+_STEP = 1e-5
+"""m and rad, of the differences: their error is of this size, relative to the effort, and rounding 1e-11 of it."""
+_SAME = 1e-9
+"""m and rad up to which two frames are one: rounding."""
+_MILLIMETRES, _DEGREES = ReadableUnit("mm", 1e3), ReadableUnit("degrees", 180.0 / math.pi)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Displacement(Distortion):
+    """Base of errors of one number of a table's rows.
+
+    Args:
+        error: (m,) by how much the number is larger than the table has it, m or rad.
+    """
+
+    error: tuple[float, ...]
+
+    symbol: ClassVar[str]
+    """Of the number."""
+    of_angle: ClassVar[bool]
+    """Whether it is an angle."""
+    of_normal: ClassVar[bool]
+    """Whether it moves along or about the common normal of two axes (a, alpha), not a joint's axis (d, theta)."""
+    reference = "Denavit and Hartenberg, A kinematic notation for lower-pair mechanisms, 1955"
+    variable = "position"
+    needs_earlier = True
+    of_table = True
+    amplitudes = "error"
+
+    @classmethod
+    def variants(cls, scene: Scene) -> Iterator[Self]:
+        """Neutral, of each joint."""
+        joints = (j for j in range(scene.robot.n_joints) if cls.stands_alone(scene.robot, j))
+        yield from (cls(joints=(j + 1,), error=(0.0,)) for j in joints)
+
+    @classmethod
+    def stands_alone(cls, robot: Robot, joint: int) -> bool:
+        """Whether the number of a (0-based) joint is not another effect's business.
+
+        The first row of a modified table says how the base is mounted: `base_tilt`. The zero of a joint that slides is
+        its d: `link_offset`.
+        """
+        if cls.of_normal:
+            return joint > 0 or is_distal(robot)
+        return not (cls.of_angle and robot.joints[joint].prismatic)
+
+    def displaced(self, robot: Robot, joint: int, step: float) -> Robot:
+        """The robot with the number of a (0-based) joint larger by a step, m or rad."""
+        move = along_normal if self.of_normal else along_axis
+        return move(robot, joint, step, turning=self.of_angle)
+
+    def columns(self, rows: Rows, robot: Robot, motion: Motion) -> Array:
+        """Rows of the robot as it is built."""
+        return rows(self.built(robot), motion)
+
+    def change(self, scene: Scene) -> tuple[Array, Array]:
+        """Of the whole model's effort; slopes by differences of the links' alone."""
+        built, moved = self._built(scene.robot), np.zeros_like(scene.effort)
+        if any(self.error):
+            moved = scene.effort_with(built, scene.motion) - scene.effort_as_told
+        here = built.inverse_dynamics(scene.motion, scene.links) if any(self.error) else scene.link_effort
+        slopes = [self._slope(scene, built, here, j) for j in self.acting(scene.robot.n_joints)]
+        return moved, np.stack(slopes, axis=2)
+
+    def numbers(self, robot: Robot) -> Mapping[str, tuple[float, str]]:
+        """The errors."""
+        pairs = zip(self.acting(robot.n_joints), self.error, strict=True)
+        return {f"{self.symbol}{j + 1}": (float(error), "rad" if self.of_angle else "m") for j, error in pairs}
+
+    def of_magnitude(self, magnitude: float, direction: Direction, scene: Scene) -> Self:
+        """Off by a length or an angle, m or rad."""
+        return replace(self, error=(direction.sign * magnitude,))
+
+    def largest_magnitude(self, scene: Scene) -> float:
+        """No table is further off."""
+        return TUNING.widest_error if self.of_angle else TUNING.longest_error
+
+    def _built(self, robot: Robot) -> Robot:
+        for j, step in zip(self.acting(robot.n_joints), self.error, strict=True):
+            robot = self.displaced(robot, j, step) if step else robot
+        return robot
+
+    def _slope(self, scene: Scene, built: Robot, here: Array, joint: int) -> Array:
+        """(N, n) by the number of one joint, N m per m or rad; zero where it is rounding."""
+        slope = (self.displaced(built, joint, _STEP).inverse_dynamics(scene.motion, scene.links) - here) / _STEP
+        slope[:, np.abs(slope).max(axis=0) < 1e-8 * np.abs(scene.effort).max()] = 0.0
+        return slope
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointZero(Displacement):
+    """The number theta of a joint's row is off."""
+
+    name = "joint_zero"
+    physics = "A joint's zero is off: it was mastered elsewhere, or its encoder has slipped."
+    reference = "Mooring, Roth, Driels, Fundamentals of Manipulator Calibration, 1991"
+    shown_by = "moving the joints behind it slowly through their ranges, the arm stretched"
+    phrase = Phrase(
+        "{whose} zero is off: it stands {zero} further than its position says.",
+        "a joint's zero that is off",
+        size="zero",
+        opposite="{whose} zero is off: it stands {zero} less far than its position says.",
+        units={"zero": _DEGREES},
+    )
+    typical = (math.radians(1.0),)
+    symbol = "zero"
+    of_angle = True
+    of_normal = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class LinkLength(Displacement):
+    """The number a of a joint's row is off."""
+
+    name = "link_length"
+    physics = "A length a of the Denavit-Hartenberg table is off: a link is longer or shorter."
+    shown_by = "moving the joints behind the link through their ranges, fast, in several postures"
+    phrase = Phrase(
+        "{whose} link is {a} longer than the table's a, by the model's masses.",
+        "an error of a length a of the table",
+        size="a",
+        opposite="{whose} link is {a} shorter than the table's a, by the model's masses.",
+        units={"a": _MILLIMETRES},
+    )
+    typical = (0.01,)
+    symbol = "a"
+    of_angle = False
+    of_normal = True
+
+
+@dataclass(frozen=True, kw_only=True)
+class LinkOffset(Displacement):
+    """The number d of a joint's row is off."""
+
+    name = "link_offset"
+    physics = "A length d of the Denavit-Hartenberg table is off: a link sits further along its axis."
+    shown_by = "moving the joints before the link through their ranges, fast, in several postures"
+    phrase = Phrase(
+        "{whose} link sits {d} further along its axis than the table's d, by the model's masses.",
+        "an error of a length d of the table",
+        size="d",
+        opposite="{whose} link sits {d} less far along its axis than the table's d, by the model's masses.",
+        units={"d": _MILLIMETRES},
+    )
+    typical = (0.01,)
+    symbol = "d"
+    of_angle = False
+    of_normal = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class LinkTwist(Displacement):
+    """The number alpha of a joint's row is off."""
+
+    name = "link_twist"
+    physics = "An angle alpha of the Denavit-Hartenberg table is off: two axes stand askew."
+    shown_by = "moving the joints on both sides of the link slowly through their ranges"
+    phrase = Phrase(
+        "{whose} link is twisted by {alpha} more than the table's alpha, by the model's masses.",
+        "an error of an angle alpha of the table",
+        size="alpha",
+        opposite="{whose} link is twisted by {alpha} less than the table's alpha, by the model's masses.",
+        units={"alpha": _DEGREES},
+    )
+    typical = (math.radians(1.0),)
+    symbol = "alpha"
+    of_angle = True
+    of_normal = True
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# A robot with a part moved
+# ---------------------------------------------------------------------------------------------------------------
+def shift(along: Array, step: float) -> Array:
+    """(4, 4) a step along a direction (3,)."""
+    move = np.eye(4)
+    move[:3, 3] = step * along
+    return move
+
+
+def turn(about: Array, step: float, point: Array | None = None) -> Array:
+    """(4, 4) a turn about a unit axis (3,) through a point (3,), the origin by default."""
+    move = np.eye(4)
+    move[:3, :3] = scipy.spatial.transform.Rotation.from_rotvec(step * about).as_matrix()
+    if point is not None:
+        move[:3, 3] = point - move[:3, :3] @ point
+    return move
+
+
+def ends_at_next(robot: Robot, link: int) -> bool:
+    """Whether a link's frame is not its joint's, but where the next joint stands, if there is one."""
+    frame = robot.joints[link].link_frame
+    following = [joint.placement for joint in robot.joints if joint.parent == link]
+    return not np.array_equal(frame, np.eye(4)) and all(np.allclose(frame, p, atol=_SAME) for p in following)
+
+
+def is_distal(robot: Robot) -> bool:
+    """Whether links have their frames where the next joint stands: the standard Denavit-Hartenberg convention."""
+    return any(ends_at_next(robot, i) for i in range(robot.n_joints))
+
+
+def with_joint(robot: Robot, joint: int, move: Array, *, own: bool = True) -> Robot:
+    """The robot with one joint, and what it carries, moved in its own frame or the frame that it stands in."""
+    joints: list[Joint] = list(robot.joints)
+    placement = joints[joint].placement
+    joints[joint] = replace(joints[joint], placement=placement @ move if own else move @ placement)
+    return replace(robot, joints=tuple(joints))
+
+
+def with_link(robot: Robot, link: int, move: Array, *, first: bool) -> Robot:
+    """The robot with a link's frame moved, in its joint's frame (first) or its own; and with it what stands there."""
+    frame = robot.joints[link].link_frame
+    moved = move @ frame if first else frame @ move
+    joints = [
+        replace(joint, placement=moved @ np.linalg.solve(frame, joint.placement)) if joint.parent == link else joint
+        for joint in robot.joints
+    ]
+    joints[link] = replace(joints[link], link_frame=moved)
+    return replace(robot, joints=tuple(joints))
+
+
+def along_axis(robot: Robot, joint: int, step: float, *, turning: bool) -> Robot:
+    """The robot with a (0-based) joint's d (m) or theta (rad) larger by a step: its link moved along or about its axis.
+
+    In the row of a joint that slides, d is its position.
+    """
+    axis = robot.joints[joint].axis
+    return with_joint(robot, joint, turn(axis, step) if turning else shift(axis, step))
+
+
+def along_normal(robot: Robot, joint: int, step: float, *, turning: bool) -> Robot:
+    """The robot with the a (m) or alpha (rad) of a (0-based) joint's row larger by a step.
+
+    In the standard convention what stands at the end of its link moves along or about the x axis there, the link's
+    body with it. In the modified one, and where a robot has no table, the joint itself moves, along or about the common
+    normal of its axis and that of the joint before.
+    """
+    if is_distal(robot):
+        x = np.array([1.0, 0.0, 0.0])
+        return with_link(robot, joint, turn(x, step) if turning else shift(x, step), first=False)
+    point, direction = _normal(robot, joint)
+    move = turn(direction, step, point) if turning else shift(direction, step)
+    return with_joint(robot, joint, move, own=False)
+
+
+def _normal(robot: Robot, joint: int) -> tuple[Array, Array]:
+    """A point (3,) and the direction (3,) of the common normal of a joint's axis and that before, in that one's frame.
+
+    It leads from the axis before to the joint's own; or along that frame's x axis, as in a table, where x lies on it.
+    """
+    one, x = robot.joints[joint], np.array([1.0, 0.0, 0.0])
+    before = np.array([0.0, 0.0, 1.0]) if one.parent < 0 else robot.joints[one.parent].axis
+    axis = one.placement[:3, :3] @ one.axis
+    start, end = nearest_points(np.zeros(3), before, one.placement[:3, 3], axis)
+    for direction in (end - start, np.cross(before, axis), x - before * before[0], np.roll(before, 1)):
+        if (length := float(np.linalg.norm(direction))) > _SAME:
+            break
+    direction = direction / length
+    return start, x if np.linalg.norm(np.cross(direction, x)) < _SAME else direction

@@ -1,0 +1,127 @@
+"""Numbers of the effects that are choices."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Nonlinear numbers that are tried, sizes of simulated distortions, and how a model makes its columns."""
+
+    # columns of a model
+    chunk: int = 4096
+    """Samples whose columns are in memory at once."""
+    look_back: int = 4096
+    """Samples before a chunk that effects with a memory see: presliding is forgotten after a few strokes, 4 s at
+    1 kHz."""
+    look_ahead: int = 16
+    """Samples behind a chunk: the end of a cubic spline is felt 0.27 times less with every sample, 1e-9 after these."""
+    remembered: int = 256_000_000
+    """Bytes of columns that a model remembers of its last motion: those of 150,000 samples of six joints and 84
+    parameters. A log is looked at ten times under a model, and columns cost more than all else. A round number."""
+    chunks_together: int = 8
+    """Chunks that processors make together: memory stays bounded. A round number."""
+
+    # base coefficients
+    dependent: float = 1e-4
+    """Share of its own length that a dependent column may leave. On a random motion they leave 1e-13 (1e-9 to 1e-5
+    where an angle is a rounded pi/2, or a calibrated table is off it), independent ones 1e-3."""
+    random_samples: int = 400
+    """Samples of the random motion: 400 n rows for the 14 n parameters of the standard terms."""
+
+    # numbers tried
+    hysteresis_widths: tuple[float, ...] = (0.01, 0.02, 0.04, 0.07, 0.12, 0.2, 0.35)
+    """rad (m), the way from rest to slipping, each some 1.8 times the last; refined in between."""
+    fewest_samples_of_way: float = 2.0
+    """Samples in which a way that can be told from a step is passed."""
+    usual_speed: float = 80.0
+    """Percentile of the speeds that counts as the usual one; a round number, not studied."""
+    stribeck_slow: float = 10.0
+    """Stribeck speed over the speed of standstill, a hundredth of the highest, where no log is asked for it."""
+    stribeck_speeds: tuple[float, ...] = (0.035, 0.06, 0.1, 0.17, 0.3)
+    """Stribeck speeds, as shares of the joint's highest speed, each 1.7 times the last; refined in between."""
+    knees: tuple[float, ...] = (0.1, 0.2, 0.4, 0.7)
+    """Speeds at which drag saturates, as shares of the joint's highest, each some 2 times the last; refined in between.
+    A lower one is dry friction, a higher one viscous."""
+    warming_times: tuple[float, ...] = (0.2, 0.5, 1.2)
+    """Time constants of warming, as shares of the log's length: shorter ones are over at once, longer ones straight."""
+    cable_starts: int = 11
+    """Positions at which a cable begins to pull; refined in between."""
+    cable_centres: int = 9
+    """Positions at which a cable or pack is relaxed; refined in between."""
+    cable_middle: tuple[float, float] = (10.0, 90.0)
+    """Percentiles of the positions between which these lie, so that both sides of each are visited."""
+    ripple_lowest: float = 3.0
+    """1/rad; slower waves of the position, of 2 rad and more, are springs and gravity."""
+    ripple_step: float = 0.35
+    """Of the harmonic, in units of pi over the joint's range: two neighbours differ by less than half a wave."""
+    ripple_fastest: float = 0.7
+    """Share of the log's Nyquist frequency that ripple may reach at the usual speed: filters cut what is faster."""
+    most_harmonics: int = 400
+    """Harmonics tried at most: bounds the time of a comparison."""
+    lags: tuple[float, ...] = (0.0, 0.05, 0.12, 0.25, 0.4)
+    """s, about which the effort is linear in the lag: near one another at first, as bus cycles and filters make small
+    lags; not studied."""
+    clipping_limits: int = 16
+    """Limits, between 0.8 and 1 times the highest readings; a round number, refined about the best of them."""
+    near_limit: float = 0.94
+    """Readings above this share of the limit may be clipped: room for noise of a few percent; not studied."""
+    clipping_top: float = 99.8
+    """Percentile of the readings that counts as the highest: single spikes are none; a round number, not studied."""
+    dead_zone_top: float = 99.0
+    """The same for dead zones; a round number, not studied."""
+    dead_zone_growth: float = 1.3
+    """Thresholds grow by this factor from 0.005 of the highest readings to 0.43 of them; refined in between."""
+    blurs: tuple[float, ...] = (1.0, 1.05, 1.1, 1.2)
+    """Thresholds above a gap between readings, relative to it: noise may blur the edge; not studied."""
+    gaps: int = 3
+    """Gaps between readings that are tried, the widest; not studied."""
+    gaps_below: float = 0.6
+    """Share of the highest readings below which gaps are looked for; above, readings are sparse by themselves."""
+    clearly_above: float = 0.5
+    """Readings above this share of the threshold are no zeros: midway between these and it."""
+    clearly_read: float = 0.3
+    """The same where efforts are read smaller by the threshold, and only noise makes zeros larger; not studied."""
+    payload_inertia: float = 0.03
+    """kg m^2, prior sd of a payload's inertia: 1 kg (0.17 m)^2; a round number for tools and workpieces."""
+    payload_moment: float = 0.15
+    """kg m, of its first moments: 1 kg at 0.15 m from the flange; a round number."""
+    parallel: float = 0.1
+    """m/s^2 of gravity across the first axis, below which the first link's weight is taken to have left no trace: that
+    of a tilt of 0.6 degrees."""
+
+    # largest simulated distortions
+    steepest_tilt: float = 1.0
+    """rad; a round number, far beyond any floor's."""
+    longest_error: float = 0.1
+    """m, of a length of the table; a round number, far beyond any table's."""
+    widest_error: float = 0.5
+    """rad, of an angle of the table; likewise."""
+    largest_ratio: float = 1.0
+    """Error of a gear ratio: the joint turns twice as far as it says."""
+    largest_gain: float = 2e3
+    """Twice the level that `bayesid.simulation.logs` takes at most: a gain changes efforts in proportion."""
+
+    # learned effects
+    margin: float = 0.15
+    """Share of the range by which the interval of the cosines is longer at either end: they end flat there, and
+    functions with a longer kernel are flatter near the ends than an exact Gaussian process is. A round number."""
+    beyond: float = 0.5
+    """Share of the range seen by which one power, or a straight line, goes on beyond either end of it before it stays
+    as it is. Sums of more powers, which may be any function, stay at the ends."""
+    explained: float = 0.95
+    """Share of a function's mean square that a simpler one must have to be told in its place."""
+    grid: int = 41
+    """Values of a variable at which functions are compared; a round number."""
+    most_products: int = 2
+    """Products of functions of one variable each, whose sum a function of two is written as."""
+    most_terms: int = 3
+    """Of a formula: what is longer nobody reads, and is told as a function of its variables."""
+    few_waves: int = 3
+    """Waves and constant up to which a function of a joint's angle is a sine: more of them may be any function."""
+    odd: float = 0.05
+    """Share of its mean square up to which a function's even part is nothing."""
+
+
+TUNING = Tuning()
