@@ -178,12 +178,46 @@ def _alternatives(settled: Settled) -> tuple[Alternative, ...]:
         ):
             distinct.append(branch.signs)
             chosen.append(branch)
-    if not chosen:
-        return ()
-    return tuple(
+    rises = _rises(settled, segments, distinct) if chosen else []
+    listed = [
         Alternative(float(np.exp(-0.5 * max(rise, 0.0))), _probability(settled, segments, branch))
-        for rise, branch in zip(_rises(settled, segments, distinct), chosen, strict=True)
-    )
+        for rise, branch in zip(rises, chosen, strict=True)
+    ]
+    return (*listed, *_turned_joints(settled, [one.probability for one in listed]))
+
+
+def _turned_joints(settled: Settled, listed: Sequence[Array]) -> list[Alternative]:
+    """Joints turned round whose assignment is as likely by the noise that it leaves itself.
+
+    Costs are by the noise of the best assignment. If that is wrong, residuals are correlated and count for little, and
+    the right one may cost much more. Here the residual of a joint counts for the same number of samples on both sides,
+    by the shorter of its two autocorrelation times.
+    """
+    evidence, unknown = settled.evidence, np.flatnonzero(~settled.evidence.signals.signed)
+    count, best = evidence.fitted.sum(axis=0), settled.fit.residual
+
+    def rise_of(fit: Fit) -> float:
+        time = np.minimum(fit.residual.autocorrelation, best.autocorrelation)
+        return 2.0 * float((count / time) @ np.log(np.maximum(fit.residual.sigma, TINY) / np.maximum(best.sigma, TINY)))
+
+    def around(joint: int) -> tuple[float, Array]:
+        probability = settled.probability.copy()
+        probability[:, joint] = 1.0 - probability[:, joint]
+        rise = rise_of(fit_signed(evidence, 2.0 * probability - 1.0, most_corrected=0))
+        if rise > 2.0 * TUNING.near:
+            return rise, probability
+        probability, fit = _agreed(evidence, probability)
+        return rise_of(fit), probability
+
+    share = np.where(evidence.fitted, evidence.signals.effort**2, 0.0)
+    share /= np.maximum(share.sum(axis=0), TINY)
+    known, found = [settled.probability, *listed], list[Alternative]()
+    for rise, probability in in_parallel([partial(around, joint) for joint in unknown.tolist()]):
+        different = [np.sum(share * ((probability >= 0.5) != (one >= 0.5)), axis=0).max() for one in known]
+        if rise <= TUNING.near and min(different) > TUNING.different_signs:
+            known.append(probability)
+            found.append(Alternative(float(np.exp(-0.5 * max(rise, 0.0))), probability))
+    return found
 
 
 def _rises(settled: Settled, segments: Segments, assignments: Sequence[Integers]) -> list[float]:
