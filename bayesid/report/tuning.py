@@ -82,6 +82,32 @@ class Tuning:
     """Coefficients in the printed table of an agreement: as many as a terminal shows with the sentence above."""
     next_coefficients: int = 12
     """Coefficients in the table of a next motion: those of which most is learned."""
+    curve: int = 3000
+    """Points of a curve over time, at most about: some four a pixel."""
+    page_curve: int = 2400
+    """The same on a page, which stays below 1 MB."""
+    scatter: int = 1500
+    """Dots of a scatter, at most: more would hide each other."""
+    page_scatter: int = 600
+    """Dots of each of the many residuals on a page."""
+    poses: int = 500
+    """Instants at which extreme poses are looked for, at most: a period of the fastest harmonic has tens of them."""
+    bars: int = 12
+    """Candidates, or assignments of signs, that are drawn: as many as a figure on a telephone has room for."""
+    moved: int = 11
+    """Parameters with a panel of their own in a time line: with that of all others a screen full."""
+    histogram: int = 20
+    """Bins: of the thousand draws that an ensemble keeps fifty a bin, which chance moves by 14 %."""
+    doubts: int = 20
+    """Ambiguous segments that a page lists: a screen full."""
+    candidates: int = 25
+    """Candidates that a page lists beside those that were added: a screen full."""
+    assignments: int = 10
+    """Other assignments of signs that a page lists: half a screen, as each is a long row."""
+    spans: int = 5
+    """Segments of another assignment that are linked: what fits into a cell."""
+    well_known: float = 0.1
+    """Relative standard deviation of a coefficient that is known well, as the terminal counts them."""
     soon: float = 0.05
     """s after which an alarm is not said to have come later."""
 

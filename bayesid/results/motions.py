@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from bayesid.arrays import Array
 from bayesid.excitation.design import ExcitationDesign, Quality
 from bayesid.excitation.next_motion import NextMotion, PredictedKnowledge
 from bayesid.excitation.splines import DEGREE
@@ -167,7 +166,7 @@ def planned(design: NextMotion) -> PlannedMotion:
 
 def picture(design: NextMotion) -> Any:
     """What `bayesid.report.plot.motions` draws."""
-    from bayesid.report.plot.motions import JointLimits, MotionPicture, extreme_poses
+    from bayesid.report.plot.motions import MotionPicture, extreme_poses
 
     robot, motion, limits = design.known.model.robot, design.motion, design.run.limits
     assert limits is not None
@@ -177,13 +176,7 @@ def picture(design: NextMotion) -> Any:
         robot=robot.name,
         joint_names=planned(design).joint_names,
         motion=motion,
-        limits=JointLimits(
-            lower=_each(limits.lower),
-            upper=_each(limits.upper),
-            velocity=_each(limits.velocity),
-            acceleration=_each(limits.acceleration),
-            effort=_each(limits.effort),
-        ),
+        limits=limits,
         effort=effort,
         effort_band=(effort - TUNING.band * sd, effort + TUNING.band * sd),
         poses=extreme_poses(robot, motion, distance),
@@ -191,10 +184,6 @@ def picture(design: NextMotion) -> Any:
         margin=None if design.run.clearance is None else design.run.clearance.margin,
         not_checked="; ".join(design.unchecked),
     )
-
-
-def _each(limit: object) -> Array | None:
-    return None if limit is None else np.asarray(limit, dtype=float)
 
 
 def predicted_rows(predicted: PredictedKnowledge) -> list[dict[str, object]]:

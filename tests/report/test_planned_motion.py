@@ -5,12 +5,14 @@ import re
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from matplotlib.collections import LineCollection
 
 import bayesid
 from bayesid.motion import Motion
 from bayesid.report.plot.figure import MAGENTA
-from bayesid.report.plot.motions import JointLimits, MotionPicture, extreme_poses, planned_motion, skeleton_line
+from bayesid.report.plot.motions import MotionPicture, Poses, extreme_poses, planned_motion, skeleton_line
 from bayesid.robot.kinematics import pose
+from bayesid.simulation.trajectories import MotionLimits
 
 T = np.linspace(0.0, 4.0, 801)
 SWING, CENTRE = np.array([0.7, -0.4, 1.1]), np.array([0.2, -0.5, 0.9])
@@ -21,12 +23,14 @@ MOTION = Motion(
     SWING * W * np.cos(np.outer(T, W)),
     -SWING * W**2 * np.sin(np.outer(T, W)),
 )
-LIMITS = JointLimits(
-    lower=np.array([-1.0, -np.inf, -0.5]),
-    upper=np.array([1.5, 2.0, 1.9]),
-    velocity=np.array([2.0, 3.0, 4.0]),
-    effort=np.array([50.0, 8.0, 3.0]),
+LIMITS = MotionLimits(
+    lower=(-1.0, -np.inf, -0.5),
+    upper=(1.5, 2.0, 1.9),
+    velocity=(2.0, 3.0, 4.0),
+    acceleration=np.inf,
+    effort=(50.0, 8.0, 3.0),
 )
+ONE_POSE = Poses(np.array([[[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]]), ("start",), np.array([[0.0, 0.0, 1.0]]))
 EFFORT = np.array([20.0, 5.0, -2.0]) * np.sin(T)[:, None]
 BAND = EFFORT - np.array([1.0, 2.0, 0.5]), EFFORT + np.array([1.5, 2.5, 0.25])
 DISTANCE = 0.2 + 0.15 * np.cos(T) * np.sin(2.0 * T)
@@ -35,8 +39,8 @@ EXTREMES = ("start", "lowest tip", "highest tip", "farthest out", "least distanc
 
 
 def picture(**what):
-    given = {"limits": LIMITS, "effort": EFFORT, "effort_band": BAND, "distance": DISTANCE, "margin": 0.03, **what}
-    return MotionPicture("arm", NAMES, MOTION, **given)
+    given = {"effort": EFFORT, "effort_band": BAND, "poses": ONE_POSE, "distance": DISTANCE, "margin": 0.03, **what}
+    return MotionPicture("arm", NAMES, MOTION, LIMITS, **given)
 
 
 def drawn(what):
@@ -50,7 +54,11 @@ def drawn(what):
 
 
 def lines(ax, gid):
-    return [line.get_xydata() for line in ax.lines if line.get_gid() == gid]
+    """(N, 2) points of curves, straight lines and dots."""
+    found = [line.get_xydata() for line in ax.lines if line.get_gid() == gid]
+    for one in (one for one in ax.collections if one.get_gid() == gid):
+        found += one.get_segments() if isinstance(one, LineCollection) else [np.asarray(one.get_offsets())]
+    return found
 
 
 def test_limits_are_lines_where_they_are_and_in_sight():
@@ -91,7 +99,7 @@ def test_margins_are_told_and_what_goes_beyond_stands_out():
 
     assert [told(ax) for ax in axes[:, 0]] == [(0.5, False), (2.1, False), (0.1, True)]
     efforts = np.maximum(-BAND[0].min(axis=0), BAND[1].max(axis=0))
-    for column, used in ((1, np.abs(SWING * W) / LIMITS.velocity), (3, efforts / LIMITS.effort)):
+    for column, used in ((1, np.abs(SWING * W) / np.array(LIMITS.velocity)), (3, efforts / np.array(LIMITS.effort))):
         for ax, share in zip(axes[:, column], used, strict=True):
             assert told(ax) == (float(f"{100.0 * share:.0f}"), share > 1.0)
     assert not axes[1, 2].texts, "no limit, nothing said"
@@ -112,7 +120,7 @@ def test_extreme_poses_of_a_robot():
     np.testing.assert_allclose(said["least distance (1.23 s)"], tip[123], atol=1e-12)
     np.testing.assert_array_equal(poses.points[0], skeleton_line(robot, q[0]))
     _, (side, _, distance) = drawn(picture(poses=poses))
-    np.testing.assert_array_equal(lines(side, "pose 0")[0], poses.points[0][:, [0, 2]])
+    np.testing.assert_array_equal(lines(side, poses.labels[0])[0], poses.points[0][:, [0, 2]])
     assert (lines(side, "floor")[0][:, 1] == -0.5).all()
     assert lines(distance, "least")[0][0, 1] == DISTANCE.min()
 

@@ -106,7 +106,8 @@ def test_every_joint_has_its_effort_and_its_external_torque():
     at, values = drawn["effort with the stream's signs"].get_data()
     np.testing.assert_allclose(values[~np.isnan(values)], 2.0 * np.sin(3.0 * at[~np.isnan(values)]))
     assert 3.98 < at[np.isnan(values)][0] < 8.0  # no line across the pause
-    assert any(line.get_xdata()[0] == PAYLOAD.raised for line in effort.get_lines())
+    (change,) = [one for one in effort.collections if one.get_gid() == "change, when it was said"]
+    assert change.get_segments()[0][0, 0] == PAYLOAD.raised
     assert "payload" in [text.get_text() for text in effort.texts]
     assert external.get_ylabel() == "external\ntorque, N m"
     assert 1.0 < external.get_ylim()[1] < 2.0

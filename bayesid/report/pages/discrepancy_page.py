@@ -30,8 +30,6 @@ from bayesid.report.discrepancy_verdicts import (
 )
 from bayesid.report.pages.rendering import Picture, picture, render
 from bayesid.report.plot.discrepancy import (
-    BARS,
-    MOST,
     by_date,
     candidate_figure,
     effort_figure,
@@ -51,6 +49,7 @@ from bayesid.report.timeline_text import (
     timeline_rule,
     tracked_name,
 )
+from bayesid.report.tuning import TUNING
 from bayesid.report.verdicts import State
 from bayesid.report.words import best_first, joints_in_words, label, quantity, rounded, score_label, unit_of
 
@@ -81,8 +80,6 @@ _SECTIONS = {
 """Of the page, in their order: name and title."""
 _CHANGES = {"changes": "What changed, what was missing all along", "timeline": "Time line"}
 """Of the page of several logs, before those of the last comparison."""
-_CANDIDATES = 25
-"""Candidates that are listed beside those that were added: a screen full."""
 _ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth", "ninth", "tenth")
 
 
@@ -252,11 +249,11 @@ def _candidates(discrepancy: Discrepancy) -> dict[str, Any]:
         return {"candidates": []}
     places = {effect.hypothesis.key: place for place, effect in enumerate(discrepancy.added)}
     ordered = best_first(scores)
-    shown = [(rank, s) for rank, s in enumerate(ordered, start=1) if rank <= _CANDIDATES or s.key in places]
+    shown = [(rank, s) for rank, s in enumerate(ordered, start=1) if rank <= TUNING.candidates or s.key in places]
     rows = [_candidate(discrepancy, score, rank, places.get(score.key)) for rank, score in shown]
     caption = (
-        f"The best {min(_CANDIDATES, len(scores))} of {len(scores)} candidates, and all that were added. The log10 "
-        "Bayes factor is of each by itself, added to the model as it was; it says where to begin. To be added an "
+        f"The best {min(TUNING.candidates, len(scores))} of {len(scores)} candidates, and all that were added. The "
+        "log10 Bayes factor is of each by itself, added to the model as it was; it says where to begin. To be added an "
         f"effect needs {discrepancy.thresholds.log10_bayes_factor:g} given the others that were added: what these "
         "explain it no longer does, however large its own number is here, and what they hide may show later."
     )
@@ -333,7 +330,7 @@ def _residual_picture(discrepancy: Discrepancy, excess: Excess) -> Picture:
 
 def _effort_picture(discrepancy: Discrepancy, joint: int) -> Picture:
     alt = f"Effort of joint {joint} over time: measured, by the model as it was, and by the extended model."
-    return picture(effort_figure(discrepancy, joint), f"effort{joint}", f"Joint {joint}.", alt)
+    return picture(effort_figure(discrepancy, joint), f"effort{joint}", f"Joint {joint}.", alt, "effort")
 
 
 def _learned_picture(discrepancy: Discrepancy, effect: AddedEffect) -> Picture:
@@ -345,8 +342,12 @@ def _learned_picture(discrepancy: Discrepancy, effect: AddedEffect) -> Picture:
 
 def _candidate_picture(discrepancy: Discrepancy) -> Picture:
     scores = discrepancy.scores
-    caption = f"The first {min(BARS, len(scores))}, each by itself; blue: added. Dashed: what is needed to be added."
-    bars = "; ".join(f"{score_label(score)}: {rounded(score.gain / LN10)}" for score in best_first(scores)[:BARS])
+    caption = (
+        f"The first {min(TUNING.bars, len(scores))}, each by itself; blue: added. Dashed: what is needed to be added."
+    )
+    bars = "; ".join(
+        f"{score_label(score)}: {rounded(score.gain / LN10)}" for score in best_first(scores)[: TUNING.bars]
+    )
     return picture(candidate_figure(discrepancy), "candidates-figure", caption, f"Bars of log10 Bayes factors: {bars}")
 
 
@@ -427,7 +428,9 @@ def _stayed(comparison: LogComparison) -> dict[str, Any]:
 def _timeline_picture(comparison: LogComparison) -> Picture:
     rows = moved_parameters(comparison)
     over = "days since the first log" if by_date(comparison) else "the logs in their order"
-    more = f" The {len(rows) - MOST} that moved least are in the table alone." if len(rows) > MOST else ""
+    more = (
+        f" The {len(rows) - TUNING.moved} that moved least are in the table alone." if len(rows) > TUNING.moved else ""
+    )
     caption = (
         f"Parameters that moved, with 95 % intervals, over {over}.{more} Last: the changes of all others, in their "
         "standard deviations."

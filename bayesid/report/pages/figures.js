@@ -135,8 +135,9 @@
       u.ctx.textAlign = "left";
       u.ctx.textBaseline = "middle";
       mark.x.forEach((x, k) => {
-        const at = u.valToPos(x, "x", true) + 5 * RATIO;
-        u.ctx.fillText(mark.texts[k], at, u.valToPos(mark.y[k], "y", true));
+        const most = u.bbox.left + u.bbox.width - u.ctx.measureText(mark.texts[k]).width;
+        const at = Math.min(u.valToPos(x, "x", true) + 5 * RATIO, most);
+        u.ctx.fillText(minus(mark.texts[k]), at, u.valToPos(mark.y[k], "y", true));
       });
     },
   };

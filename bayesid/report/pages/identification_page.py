@@ -29,6 +29,7 @@ from bayesid.report.plot.identification import (
 )
 from bayesid.report.plot.posterior import forest_figure, pair_figure, rank_figure, trace_figure
 from bayesid.report.tables import EFFECT_HEADINGS, GAIN_HEADINGS, effect_rows, gain_rows
+from bayesid.report.tuning import TUNING
 from bayesid.report.verdicts import State, at_standstill, check_findings, sure_share, worst
 from bayesid.report.words import listed, quantity, upper
 
@@ -78,20 +79,6 @@ _SECTION_OF = {
     "Warnings": "warnings",
 }
 """Where the page shows more of a check."""
-_WELL_KNOWN = 0.1
-"""Relative standard deviation of a coefficient that is known well, as the terminal counts them."""
-_DOUBTS = 20
-"""Ambiguous segments that are listed: a screen full."""
-_ALTERNATIVES = 10
-"""Other assignments that are listed: half a screen, as each is a long row."""
-_SPANS = 5
-"""Segments of another assignment that are linked: what fits into a cell."""
-_ROUNDING = 1e-9
-"""Of a coefficient: what remains of link parameters that cancel, some 1e6 times the spacing of numbers."""
-_CURVE = 2400
-"""Points of a curve over time, at most about: some two a pixel."""
-_SCATTER = 600
-"""Samples of a residual over a variable, at most: more would hide each other."""
 _BAR = (60.0, 28.0, 2.0)
 """Zero of a coefficient's bar, its own size, and where it is cut off in such sizes: the picture is 120 wide."""
 
@@ -137,7 +124,7 @@ def identification_page(findings: Findings, progress: Progress = SILENT) -> str:
 def _lead(findings: Findings) -> str:
     summary, share = findings.summary, np.array(findings.summary.fit.relative_residual, dtype=float)
     n, hidden = findings.n_joints, summary.hidden_joints
-    known = int((findings.coefficients.relative_sd < _WELL_KNOWN).sum())
+    known = int((findings.coefficients.relative_sd < TUNING.well_known).sum())
     signs = (
         f"The signs were hidden in {'all' if hidden == n else f'{hidden} of {n}'} joints. Of the |effort|, "
         f"{sure_share(findings):.1%} now has a sign that is sure to {SURE:.0%}. "
@@ -145,7 +132,8 @@ def _lead(findings: Findings) -> str:
         else "All signs were known. "
     )
     return (
-        f"{signs}{summary.n_coefficients} dynamic coefficients were found, {known} of them known to {_WELL_KNOWN:.0%}. "
+        f"{signs}{summary.n_coefficients} dynamic coefficients were found, {known} of them known to "
+        f"{TUNING.well_known:.0%}. "
         f"The model leaves {share.min():.1%} to {share.max():.1%} of a joint's effort unexplained."
     )
 
@@ -170,7 +158,7 @@ def _torques(findings: Findings) -> dict[str, Any]:
         "thinned": "" if every == 1 else f" One of {every} samples is shown.",
         "torques": [
             _over_time(
-                torque_panel(findings, joint, _CURVE),
+                torque_panel(findings, joint, TUNING.page_curve),
                 "torque",
                 joint,
                 f"Effort of joint {joint} over time: recorded, signed, and by the model. {_signs(findings, joint - 1)}",
@@ -197,7 +185,7 @@ def _signs(findings: Findings, j: int) -> str:
 def _doubts(findings: Findings) -> dict[str, Any]:
     table, size = findings.segments, findings.segment_size
     doubtful = np.flatnonzero(table.ambiguous & table.moving)
-    largest = doubtful[np.argsort(-size[doubtful], kind="stable")][:_DOUBTS]
+    largest = doubtful[np.argsort(-size[doubtful], kind="stable")][: TUNING.doubts]
     rows = [
         {
             "joint": int(table.joint[k]),
@@ -242,7 +230,7 @@ def _coefficients(findings: Findings) -> dict[str, Any]:
 
 def _nominal(value: float, mean: float) -> Markup:
     """A sum of link parameters that is zero but for rounding is written as zero."""
-    return data(value, "0") if abs(value) < _ROUNDING * abs(mean) else number(value)
+    return data(value, "0") if abs(value) < 1e-9 * abs(mean) else number(value)
 
 
 def _percent(share: float) -> str:
@@ -292,7 +280,7 @@ def _residuals(findings: Findings) -> dict[str, Any]:
 
 
 def _residual(findings: Findings, joint: int) -> Picture:
-    panels = [residual_panel(findings, joint, variable, _SCATTER) for variable in VARIABLES]
+    panels = [residual_panel(findings, joint, variable, TUNING.page_scatter) for variable in VARIABLES]
     figure = Figure([panels[:2], [panels[2], autocorrelation_panel(findings, joint)]], 4.4)
     caption = f"Joint {joint}: residual over time, velocity and position, and its autocorrelation."
     return picture(figure, f"residual{joint}", caption)
@@ -359,7 +347,7 @@ def _search_text(search: SearchSummary) -> str:
 def _others(findings: Findings) -> Iterator[dict[str, Any]]:
     """The cheapest other assignments."""
     table = findings.alternatives
-    for b in range(1, min(len(table.cost), _ALTERNATIVES + 1)):
+    for b in range(1, min(len(table.cost), TUNING.assignments + 1)):
         here = np.flatnonzero(table.branch == b)
         joints = sorted({int(j) + 1 for j in table.joint[here]})
         yield {
@@ -367,9 +355,10 @@ def _others(findings: Findings) -> Iterator[dict[str, Any]]:
             "mass": table.mass[b],
             "difference": f"{len(here)} in joint{'s' * (len(joints) > 1)} {listed([str(j) for j in joints])}",
             "spans": [
-                {"joint": int(table.joint[k]), "start": table.start[k], "end": table.end[k]} for k in here[:_SPANS]
+                {"joint": int(table.joint[k]), "start": table.start[k], "end": table.end[k]}
+                for k in here[: TUNING.spans]
             ],
-            "more": len(here) > _SPANS,
+            "more": len(here) > TUNING.spans,
         }
 
 
@@ -379,7 +368,7 @@ def _validation(findings: Findings) -> dict[str, Any]:
         return {"prediction": None, "validate": commands.validate(findings)}
     pictures = [
         _over_time(
-            validation_panel(findings, joint, _CURVE),
+            validation_panel(findings, joint, TUNING.page_curve),
             "validation",
             joint,
             f"Effort of joint {joint} over time on another log: measured, predicted, and the band of 95 %.",

@@ -19,12 +19,11 @@ from numpy.typing import ArrayLike
 from bayesid.arrays import Array
 from bayesid.report.plot.figure import Band, Boxes, Figure, Line, Mark, Panel, Strokes, Ticks
 from bayesid.report.thinning import evenly
+from bayesid.report.tuning import TUNING
 from bayesid.report.words import rounded
 
 _ROOM = "bayesid.report.pages"
 NONE = Markup('<span class="none">&ndash;</span>')
-_DOTS = 1500
-"""Of a scatter on a page, at most: more would hide each other."""
 
 
 @dataclass(frozen=True)
@@ -133,7 +132,7 @@ def _panel(panel: Panel) -> dict[str, Any]:
             named["y"] = None if mark.y is None else [_rounded(end, y_digits) for end in y.T]
         else:
             places = np.ravel(mark.x), np.ravel(mark.y)
-            chosen = evenly(len(places[0]), _DOTS)
+            chosen = evenly(len(places[0]), TUNING.scatter)
             named |= {"x": _rounded(places[0][chosen], x_digits), "y": _rounded(places[1][chosen], y_digits)}
         if isinstance(mark, Boxes) and np.ndim(mark.alpha):
             named["alpha"] = _rounded(mark.alpha, 3)

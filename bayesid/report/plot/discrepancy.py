@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 
 import numpy as np
@@ -34,23 +35,10 @@ from bayesid.report.plot.figure import (
 from bayesid.report.plot.figure import ORANGE as BEFORE
 from bayesid.report.thinning import binned, evenly
 from bayesid.report.timeline_text import moved_parameters
+from bayesid.report.tuning import TUNING
 from bayesid.report.words import best_first, rounded, score_label, unit_of
 
 _AS_IT_WAS, _EXTENDED = "model as it was", "extended"
-_POINTS = 1500
-"""Samples of a scatter, at most: more would hide each other."""
-BARS = 12
-"""Candidates that are drawn: as many as a figure on a telephone has room for."""
-LEVELS = (AFTER, INK, BEFORE)
-"""Colours of curves at values of another variable, from the least one."""
-_CURVE = 2000
-"""Points of a curve, at most about: some five a pixel."""
-MOST = 11
-"""Parameters with a panel of their own: with that of all others two columns of six, a screen full."""
-_LETTERS = 32
-"""Of a title: as many as fit above a panel."""
-_ROOM = 0.12
-"""Free beside the first and the last log, as a share of the time between them."""
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -71,7 +59,7 @@ def residual_figure(discrepancy: Discrepancy, joint: int) -> Figure:
     sides = (discrepancy.predicted_before, BEFORE, _AS_IT_WAS), (discrepancy.predicted_after, AFTER, _EXTENDED)
     for predicted, colour, title in sides:
         residual = (trial.nearest(predicted) - predicted)[used, j]
-        shown = evenly(len(value), _POINTS)
+        shown = evenly(len(value), TUNING.scatter)
         centre, mean, error = binned(value, residual)
         marks: list[Mark] = [
             Boxes(None, ([-floor], [floor]), INK, "noise floor", 0.25),
@@ -92,7 +80,9 @@ def effort_figure(discrepancy: Discrepancy, joint: int) -> Figure:
         Line(time, discrepancy.predicted_before[:, j], BEFORE, _AS_IT_WAS, 1.0),
         Line(time, discrepancy.predicted_after[:, j], AFTER, _EXTENDED, 1.0),
     )
-    panel = Panel(thinned(curves, _CURVE), "time, s", f"effort, {unit_of(discrepancy, joint)}", margins=(0.01, 0.05))
+    panel = Panel(
+        thinned(curves, TUNING.page_curve), "time, s", f"effort, {unit_of(discrepancy, joint)}", margins=(0.01, 0.05)
+    )
     return Figure([[panel]], 2.4, key=True)
 
 
@@ -114,7 +104,7 @@ def gap_figure(discrepancy: Discrepancy) -> Figure:
 
 def candidate_figure(discrepancy: Discrepancy) -> Figure:
     """The best effects by the log10 of their Bayes factors, before anything was added; those that were are blue."""
-    best = best_first(discrepancy.scores)[:BARS]
+    best = best_first(discrepancy.scores)[: TUNING.bars]
     added = {(effect.effect, effect.joints) for effect in discrepancy.added}
     gains, row = np.array([score.gain / LN10 for score in best]), np.arange(len(best))
     needed = discrepancy.thresholds.log10_bayes_factor
@@ -142,7 +132,7 @@ def learned_figure(added: AddedEffect, unit: str) -> Figure:
     for curve in added.hypothesis.curves:
         marks: list[Mark] = [level(0.0)]
         for k, value in enumerate(curve.levels):
-            colour = LEVELS[k % len(LEVELS)]
+            colour = (AFTER, INK, BEFORE)[k % 3]
             label = f"{curve.other} = {rounded(float(value), 2)}" if curve.other else "learned"
             half = NORMAL_95 * curve.sd[k]
             marks.append(Band(curve.x, curve.mean[k] - half, curve.mean[k] + half, colour))
@@ -172,15 +162,19 @@ def timeline_figure(comparison: LogComparison) -> Figure:
     Those that moved most come first. The last panel has the changes of all others in their standard deviations.
     """
     line, rows = comparison.timeline, moved_parameters(comparison)
-    rows = sorted(rows, key=lambda row: -np.nanmax(np.abs(row.z)))[:MOST]
+    rows = sorted(rows, key=lambda row: -np.nanmax(np.abs(row.z)))[: TUNING.moved]
     shown = {row.place for row in rows}
     others = [c for c in range(len(line.tracked)) if c not in shown and np.isfinite(line.p[:, c]).any()]
     x = instants(comparison)
-    drawn = [(_followed(x, np.array(r.value), np.array(r.sd)), r.unit or "1", _short(r.name)) for r in rows]
+    names = [textwrap.shorten(row.name, 32, placeholder="...") for row in rows]
+    drawn = [
+        (_followed(x, np.array(row.value), np.array(row.sd)), row.unit or "1", name)
+        for row, name in zip(rows, names, strict=True)
+    ]
     if others:
         title = f"{len(others)} other{'s' * (len(others) > 1)}, none moved surely"
         drawn.append((_flat(x, line.z[:, others]), "change / its sd", title))
-    room = _ROOM * float(np.ptp(x))
+    room = 0.12 * float(np.ptp(x))
     limits = (float(x.min()) - room, float(x.max()) + room) if room else None
     ticks = None if by_date(comparison) else (x, [f"{place:.0f}" for place in x])
     panels = [Panel(marks, y_name=name, title=title, x_limits=limits, x_ticks=ticks) for marks, name, title in drawn]
@@ -198,10 +192,6 @@ def by_date(comparison: LogComparison) -> bool:
 def instants(comparison: LogComparison) -> Array:
     """(K,) where the logs stand: days since the first, or 1, 2, .."""
     return comparison.dates.days if by_date(comparison) else np.arange(1.0, len(comparison.logs) + 1.0)
-
-
-def _short(name: str) -> str:
-    return name if len(name) <= _LETTERS else f"{name[: _LETTERS - 3].rstrip()}..."
 
 
 def _followed(x: Array, value: Array, sd: Array) -> list[Mark]:

@@ -76,17 +76,21 @@ def draw(figure: Figure, axes: Any = None) -> list[Axes]:
     places = [panel for row in figure.panels for panel in row]
     if axes is None:
         made = new_figure(figure.height, figure.width)
-        given = made.subplots(len(figure.panels), len(figure.panels[0]), squeeze=False).ravel()
+        rows, columns = len(figure.panels), len(figure.panels[0])
+        given = made.subplots(rows, columns, squeeze=False, height_ratios=figure.heights).ravel()
         made.supxlabel(figure.x_name, fontsize=SIZE, color=INK)
     else:
         every = np.size(np.asarray(axes, dtype=object)) == len(places)
         places = places if every else list(figure.shown)
         given = given_axes(axes, len(places))
-    for ax, panel in zip(given, places, strict=True):
+    below = [*places[len(figure.panels[0]) :], *[None] * len(figure.panels[0])]
+    for ax, panel, lower in zip(given, places, below, strict=False):
         if panel is None:
             ax.set_axis_off()
-        else:
-            draw_panel(ax, panel)
+            continue
+        draw_panel(ax, panel)
+        shared = axes is None and lower is not None and lower.x_limits == panel.x_limits is not None
+        ax.tick_params(labelbottom=not shared)
     drawn = [ax for ax, panel in zip(given, places, strict=True) if panel is not None]
     if figure.key:
         named = {label: mark for panel in figure.shown for label, mark in panel.labelled.items()}
@@ -219,16 +223,24 @@ def _colours(mark: Boxes) -> Array:
 
 def _legend(ax: Axes, named: Mapping[str, Mark], outside: bool) -> None:
     """Above all Axes of a figure made here, in one row; inside the Axes of another's figure, which may have no room."""
-    handles, names = [_handle(mark) for mark in named.values()], list(named)
+    handles, names = [handle(mark) for mark in named.values()], list(named)
     look: dict[str, Any] = {"fontsize": SIZE - 1.0, "labelcolor": INK}
     if outside:
         figure: Any = ax.figure
-        figure.legend(handles, names, loc="outside upper center", ncols=len(names), frameon=False, **look)
+        figure.legend(
+            handles,
+            names,
+            loc="outside upper center",
+            ncols=len(names) if len(names) <= 6 else 4,
+            frameon=False,
+            **look,
+        )
     else:
         ax.legend(handles, names, framealpha=0.6, **look)
 
 
-def _handle(mark: Mark) -> Any:
+def handle(mark: Mark) -> Any:
+    """What stands for a mark in a legend."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 

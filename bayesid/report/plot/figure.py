@@ -190,6 +190,7 @@ class Figure:
         width: in.
         x_name: below all.
         key: whether a legend says what is drawn.
+        heights: of the rows, over each other; all the same by default.
     """
 
     panels: Sequence[Sequence[Panel | None]]
@@ -197,6 +198,7 @@ class Figure:
     width: float = WIDTH
     x_name: str = ""
     key: bool = False
+    heights: Sequence[float] | None = None
 
     @property
     def shown(self) -> list[Panel]:

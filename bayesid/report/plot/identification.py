@@ -33,6 +33,7 @@ from bayesid.report.plot.figure import (
     thinned,
     upright,
 )
+from bayesid.report.tuning import TUNING
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -41,18 +42,6 @@ Source = Identification | Findings | str | Path
 """An identification, its findings, or its result folder."""
 VARIABLES = ("t", "velocity", "position")
 """Over which a residual can be drawn; names as in `bayesid.report.findings.Samples`."""
-_CURVE = 3000
-"""Points of a curve over time, at most about: some four a pixel."""
-_EFFORTS, _RESIDUALS = 2.6, 2.1
-"""in, of a joint."""
-_FAINTEST, _STRONGEST = 0.05, 0.34
-"""Opacity of a sign that is a guess, and of one that is certain: curves in front of it keep their colours."""
-_SCATTER = 1200
-"""Samples of a scatter, at most: more would hide each other."""
-_CLIP = 2.5
-"""Sizes beyond which a coefficient's interval is cut off: what is known so badly needs no more room."""
-_SHOWN = 12
-"""Assignments of signs, at most: as many as a figure on a telephone has room for."""
 
 
 def findings_of(result: Source) -> Findings:
@@ -96,10 +85,10 @@ def torques(
     """
     findings = findings_of(result)
     panels = [torque_panel(findings, joint) for joint in chosen_joints(findings.n_joints, joints)]
-    return draw(Figure(rows_of(panels, 1), _EFFORTS * len(panels), WIDE, key=key), axes)
+    return draw(Figure(rows_of(panels, 1), 2.6 * len(panels), WIDE, key=key), axes)
 
 
-def torque_panel(findings: Findings, joint: int, most: int = _CURVE) -> Panel:
+def torque_panel(findings: Findings, joint: int, most: int = TUNING.curve) -> Panel:
     """Of `torques`, for a joint from 1; curves of at most about so many points each."""
     samples, j = findings.samples, joint - 1
     hidden = joint not in findings.summary.signed_joints
@@ -137,10 +126,10 @@ def validation(
     if findings.prediction is None:
         raise ValueError("nothing was validated: use Findings.with_validation(result.validate(log))")
     panels = [validation_panel(findings, joint) for joint in chosen_joints(findings.n_joints, joints)]
-    return draw(Figure(rows_of(panels, 1), _EFFORTS * len(panels), WIDE, key=key), axes)
+    return draw(Figure(rows_of(panels, 1), 2.6 * len(panels), WIDE, key=key), axes)
 
 
-def validation_panel(findings: Findings, joint: int, most: int = _CURVE) -> Panel:
+def validation_panel(findings: Findings, joint: int, most: int = TUNING.curve) -> Panel:
     """Of `validation`, for a joint from 1; curves of at most about so many points each."""
     prediction, j = findings.prediction, joint - 1
     assert prediction is not None
@@ -165,7 +154,7 @@ def _signs(findings: Findings, j: int) -> list[Boxes]:
     boxes = []
     for sign, colour, name in ((1, BLUE, "+"), (-1, ORANGE, "\N{MINUS SIGN}")):
         here = np.flatnonzero((table.joint == j) & (table.sign == sign))
-        alpha = _FAINTEST + (_STRONGEST - _FAINTEST) * (2.0 * table.confidence[here] - 1.0)
+        alpha = 0.05 + 0.29 * (2.0 * table.confidence[here] - 1.0)  # a guess hardly shows, certainty hides no curve
         letters = [f"{name}?" if table.ambiguous[k] else name for k in here]
         details = [f"{table.confidence[k]:.2f}" for k in here]
         ends = table.start[here], table.end[here]
@@ -209,10 +198,10 @@ def residuals(
         raise ValueError(f"{variable!r} is none of {', '.join(VARIABLES)}")
     findings = findings_of(result)
     panels = [residual_panel(findings, joint, variable) for joint in chosen_joints(findings.n_joints, joints)]
-    return draw(Figure(rows_of(panels, 1), _RESIDUALS * len(panels)), axes)
+    return draw(Figure(rows_of(panels, 1), 2.1 * len(panels)), axes)
 
 
-def residual_panel(findings: Findings, joint: int, variable: str, most: int = _SCATTER) -> Panel:
+def residual_panel(findings: Findings, joint: int, variable: str, most: int = TUNING.scatter) -> Panel:
     """Of `residuals`, for a joint from 1; at most so many dots."""
     centre, mean, error = findings.trend(joint - 1, variable)
     position = findings.position_unit[joint - 1]
@@ -250,7 +239,7 @@ def autocorrelation(
     """
     findings = findings_of(result)
     panels = [autocorrelation_panel(findings, joint) for joint in chosen_joints(findings.n_joints, joints)]
-    return draw(Figure(rows_of(panels, 1), _RESIDUALS * len(panels)), axes)
+    return draw(Figure(rows_of(panels, 1), 2.1 * len(panels)), axes)
 
 
 def autocorrelation_panel(findings: Findings, joint: int) -> Panel:
@@ -288,17 +277,18 @@ def coefficients(result: Source, ax: Axes | None = None) -> Axes:
     findings = findings_of(result)
     table = findings.coefficients
     place, bar = np.arange(len(table.mean)), table.bar
+    beyond = 2.5  # sizes: what is known so badly needs no more room
     marks: list[Mark] = []
     for chosen, colour, name in ((table.by_data, BLUE, "decided by data"), (~table.by_data, ORANGE, "by the prior")):
         if chosen.any():
             row, mean = place[chosen], bar.mean[chosen]
-            low, high = bar.low[chosen].clip(-_CLIP, _CLIP), bar.high[chosen].clip(-_CLIP, _CLIP)
+            low, high = bar.low[chosen].clip(-beyond, beyond), bar.high[chosen].clip(-beyond, beyond)
             ends = np.minimum(mean, 0.0), np.maximum(mean, 0.0)
             marks += [Boxes(ends, (row - 0.3, row + 0.3), colour, name, 0.35)]
             marks += [Strokes((low, high), (row, row), colour, width=2.0)]
     known = np.isfinite(bar.nominal)
     if known.any():
-        nominal, row = bar.nominal[known].clip(-_CLIP, _CLIP), place[known]
+        nominal, row = bar.nominal[known].clip(-beyond, beyond), place[known]
         marks.append(Strokes((nominal, nominal), (row - 0.4, row + 0.4), INK, "nominal", 1.6))
     panel = Panel(
         [*marks, upright(0.0)],
@@ -337,7 +327,7 @@ def alternatives_figure(findings: Findings) -> Figure:
     search = findings.summary.search
     if search.lower_bound is None or search.cost is None:
         raise ValueError("nothing has been proven about the signs")
-    above = (findings.alternatives.cost - search.cost)[:_SHOWN]
+    above = (findings.alternatives.cost - search.cost)[: TUNING.bars]
     count = max(1, len(above))
     marks: list[Mark] = []
     if search.certified:

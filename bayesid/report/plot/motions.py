@@ -2,39 +2,49 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
+from itertools import cycle
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bayesid.arrays import Array, Integers
+from bayesid.arrays import Array
 from bayesid.excitation.design import ExcitationDesign
 from bayesid.motion import Motion
-from bayesid.report.plot.drawing import SIZE, draw, dress, new_figure
-from bayesid.report.plot.figure import BLUE, INK, MAGENTA, ORANGE, Boxes, Figure, Line, Panel
+from bayesid.report.plot.drawing import SIZE, draw, draw_panel, handle, new_figure
+from bayesid.report.plot.figure import (
+    BLUE,
+    INK,
+    MAGENTA,
+    ORANGE,
+    Band,
+    Boxes,
+    Dots,
+    Figure,
+    Line,
+    Mark,
+    Panel,
+    Strokes,
+    Style,
+    level,
+)
 from bayesid.report.thinning import evenly
+from bayesid.report.tuning import TUNING
 from bayesid.robot import Robot
 from bayesid.robot.kinematics import pose
+from bayesid.simulation.trajectories import MotionLimits
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure as MatplotlibFigure
 
-_POINTS = 500
-"""Of a curve, at most, beside its highest and its lowest: twice as many as a column has pixels."""
-_POSES = 500
-"""Instants at which extreme poses are looked for, at most: a period of the fastest harmonic has tens of them."""
-_WIDTH, _ROW, _FOOT = 11.0, 1.15, 4.6
-"""in: the width, the height of a joint, and that of poses and distances below."""
 _ROOM = 0.12
 """Share of what a panel shows that is left free above and below."""
-_PAD = 16.0
-"""Points between a column's title and its first panel: a line of words fits between."""
-_VIEWS = (("side", 0, 2), ("top", 0, 1))
-"""Name and the two coordinates of the base frame that are seen: to the right, and up."""
-_LOOKS = ((BLUE, "-"), (ORANGE, "-"), (MAGENTA, "-"), (INK, "-"), (BLUE, "--"), (ORANGE, "--"), (MAGENTA, "--"))
+_LOOKS: tuple[tuple[str, Style], ...] = (
+    *((colour, "solid") for colour in (BLUE, ORANGE, MAGENTA, INK)),
+    *((colour, "dashed") for colour in (BLUE, ORANGE, MAGENTA)),
+)
 """Colour and line of the poses."""
 
 
@@ -68,7 +78,7 @@ def excitation_figure(design: ExcitationDesign) -> MatplotlibFigure:
 
 def _excitation(design: ExcitationDesign) -> Figure:
     n, t = design.model.robot.n_joints, design.motion.t
-    shares, shown = design.of_limits, evenly(len(design.motion), _POINTS)
+    shares, shown = design.of_limits, evenly(len(design.motion), TUNING.curve)
     within = Boxes(None, ([-1.0], [1.0]), INK, "", 0.1)
     ends = float(t[0]), float(t[-1])
     rows: list[list[Panel | None]] = []
@@ -104,46 +114,19 @@ def _expected(design: ExcitationDesign, joint: int) -> Panel:
 # A planned motion
 # ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
-class JointLimits:
-    """Limits of n joints, each None where nothing is known.
-
-    Attributes:
-        lower: (n,) lowest positions, rad (m); infinite where there is none, as with all limits.
-        upper: (n,) highest positions, rad.
-        velocity: (n,) highest speeds, rad/s.
-        acceleration: (n,) highest accelerations, rad/s^2.
-        effort: (n,) highest efforts, N m (N).
-    """
-
-    lower: Array | None = None
-    upper: Array | None = None
-    velocity: Array | None = None
-    acceleration: Array | None = None
-    effort: Array | None = None
-
-    def __post_init__(self) -> None:
-        for one in fields(self):
-            value = getattr(self, one.name)
-            if value is not None:
-                kept = np.array(value, dtype=float)
-                kept.setflags(write=False)
-                object.__setattr__(self, one.name, kept)
-
-
-@dataclass(frozen=True)
 class Poses:
     """Poses of a robot, and the way of its tip.
 
     Attributes:
         points: (K, F, 3) the skeleton in each pose as one line, m, in the base's frame; a row of nan breaks the line.
         labels: K of them, what each pose is.
-        tip: (N, 3) the way of the tip, m; None if it is not shown.
+        tip: (N, 3) the way of the tip, m.
         floor: height of the floor, m; None where there is none.
     """
 
     points: Array
     labels: tuple[str, ...]
-    tip: Array | None = None
+    tip: Array
     floor: float | None = None
 
 
@@ -155,10 +138,10 @@ class MotionPicture:
         robot: its name.
         joint_names: n of them.
         motion: N instants of n joints.
-        limits: of the joints.
-        effort: (N, n) expected efforts, N m (N); None if they are not shown.
-        effort_band: (N, n) lower and (N, n) upper ends of the efforts' band; None if there is none.
-        poses: extreme ones; None if they are not shown.
+        limits: of the joints; infinite where there is none.
+        effort: (N, n) expected efforts, N m (N).
+        effort_band: (N, n) lower and (N, n) upper ends of the efforts' band.
+        poses: extreme ones.
         distance: (N,) least distance to itself and the floor, m; None if nothing was checked.
         margin: that the distance has to keep, m; None if there is none.
         not_checked: what is said in the place of the distance.
@@ -167,33 +150,21 @@ class MotionPicture:
     robot: str
     joint_names: tuple[str, ...]
     motion: Motion
-    limits: JointLimits = JointLimits()
-    effort: Array | None = None
-    effort_band: tuple[Array, Array] | None = None
-    poses: Poses | None = None
+    limits: MotionLimits
+    effort: Array
+    effort_band: tuple[Array, Array]
+    poses: Poses
     distance: Array | None = None
     margin: float | None = None
     not_checked: str = "Distances to itself and to the floor were not checked."
 
     def __post_init__(self) -> None:
         shape = self.motion.q.shape
-        band = self.effort_band or ()
-        arrays = [*([] if self.effort is None else [self.effort]), *band]
+        arrays = [self.effort, *self.effort_band]
         if any(np.shape(one) != shape for one in arrays) or len(self.joint_names) != shape[1]:
             raise ValueError("efforts and names must be of the motion's joints and instants")
         if self.distance is not None and np.shape(self.distance) != shape[:1]:
             raise ValueError("there must be a distance for each instant of the motion")
-
-
-@dataclass(frozen=True)
-class _Quantity:
-    """A column: its title, (N, n) curves, (N, n) ends of a band, (n,) limits."""
-
-    title: str
-    values: Array
-    lower: Array | None
-    upper: Array | None
-    band: tuple[Array, Array] | None = None
 
 
 def planned_motion(picture: MotionPicture) -> MatplotlibFigure:
@@ -208,24 +179,37 @@ def planned_motion(picture: MotionPicture) -> MatplotlibFigure:
     Returns:
         A figure of its own; `savefig` saves it.
     """
-    n = picture.motion.n_joints
-    columns = _quantities(picture)
-    figure = new_figure(_ROW * n + _FOOT, _WIDTH)
-    parts: Any = figure.subfigures(2, 1, height_ratios=[_ROW * n, _FOOT])
-    above, below = parts
-    above.set_facecolor("none")
-    below.set_facecolor("none")
-    axes = above.subplots(n, len(columns), squeeze=False, sharex=True)
-    for j in range(n):
-        for ax, quantity in zip(axes[j], columns, strict=True):
-            _curve(ax, picture.motion.t, quantity, j)
-        _above(axes[j, 0], f"{j + 1}  {picture.joint_names[j]}", 0.0, color=INK, weight="bold")
-    for ax, quantity in zip(axes[0], columns, strict=True):
-        ax.set_title(quantity.title, fontsize=SIZE, color=INK, pad=_PAD)
-    for ax in axes[-1]:
-        ax.set_xlabel("time, s", fontsize=SIZE - 1.0, color=INK)
-    _foot(below, picture)
-    duration = float(picture.motion.t[-1] - picture.motion.t[0])
+    motion, limits, n = picture.motion, picture.limits, picture.motion.n_joints
+    effort = np.inf if limits.effort is None else limits.effort
+    columns = [
+        ("position, rad (m)", motion.q, (motion.q, motion.q), limits.lower, limits.upper),
+        ("velocity, rad/s (m/s)", motion.dq, (motion.dq, motion.dq), np.negative(limits.velocity), limits.velocity),
+        (
+            "acceleration, rad/s² (m/s²)",
+            motion.ddq,
+            (motion.ddq, motion.ddq),
+            np.negative(limits.acceleration),
+            limits.acceleration,
+        ),
+        ("effort, N m (N)", picture.effort, picture.effort_band, np.negative(effort), effort),
+    ]
+    figure = new_figure(1.15 * n + 4.6, 11.0)
+    parts: Any = figure.subfigures(2, 1, height_ratios=[1.15 * n, 4.6])
+    for part in parts:
+        part.set_facecolor("none")
+    axes = parts[0].subplots(n, len(columns), squeeze=False, sharex=True)
+    for column, (title, values, (low, high), *ends) in zip(axes.T, columns, strict=True):
+        lower, upper = (np.broadcast_to(np.asarray(end, dtype=float), (n,)) for end in ends)
+        for j, ax in enumerate(column):
+            x_name = "time, s" if j == n - 1 else ""
+            draw_panel(ax, _curve(motion.t, values[:, j], low[:, j], high[:, j], (lower[j], upper[j]), x_name))
+            ax.tick_params(labelsize=SIZE - 2.5)
+            _say_use(ax, float(low[:, j].min()), float(high[:, j].max()), lower[j], upper[j], values is motion.q)
+        column[0].set_title(title, fontsize=SIZE, color=INK, pad=16.0)  # a line of words fits between
+    for j, ax in enumerate(axes[:, 0]):
+        _say(ax, f"{j + 1}  {picture.joint_names[j]}", 0.0, color=INK, weight="bold")
+    _foot(parts[1], picture)
+    duration = float(motion.t[-1] - motion.t[0])
     figure.suptitle(f"{picture.robot}, planned motion of {duration:.4g} s", fontsize=SIZE + 1.0, color=INK)
     return figure
 
@@ -245,7 +229,7 @@ def extreme_poses(robot: Robot, motion: Motion, distance: Array | None = None, f
         distance: (N,) least distances, m; none by default.
         floor: height of the floor, m; none by default.
     """
-    rows = evenly(len(motion), _POSES)
+    rows = evenly(len(motion), TUNING.poses)
     tip = np.stack([pose(robot, q).flange[:3, 3] for q in motion.q[rows]])
     found = {
         "start": 0,
@@ -262,120 +246,89 @@ def extreme_poses(robot: Robot, motion: Motion, distance: Array | None = None, f
     return Poses(np.stack([skeleton_line(robot, motion.q[row]) for row in named]), labels, tip, floor)
 
 
-def _quantities(picture: MotionPicture) -> list[_Quantity]:
-    motion, limits = picture.motion, picture.limits
-    shown = [_Quantity("position, rad (m)", motion.q, limits.lower, limits.upper)]
-    rest: list[tuple[str, Array | None, Array | None, tuple[Array, Array] | None]] = [
-        ("velocity, rad/s (m/s)", motion.dq, limits.velocity, None),
-        ("acceleration, rad/s² (m/s²)", motion.ddq, limits.acceleration, None),
-        ("effort, N m (N)", picture.effort, limits.effort, picture.effort_band),
-    ]
-    for title, values, limit, band in rest:
-        if values is not None:
-            shown.append(_Quantity(title, values, None if limit is None else -limit, limit, band))
-    return shown
+def _curve(t: Array, curve: Array, low: Array, high: Array, ends: tuple[float, float], x_name: str) -> Panel:
+    shown = np.union1d(evenly(len(t), TUNING.curve), [np.argmin(curve), np.argmax(curve)])
+    lines = [end for end in ends if np.isfinite(end)]
+    marks: list[Mark] = [Line(t[shown], curve[shown], BLUE, "curve", 1.0)]
+    if (low < high).any():
+        marks.append(Band(t[shown], low[shown], high[shown], BLUE, "band", 0.3))
+    if lines:
+        marks.append(Strokes(None, (lines, lines), ORANGE, "limit"))
+    values = np.array([low.min(), high.max(), *lines])
+    room = _ROOM * (np.ptp(values) or 1.0)
+    y_limits = float(values.min() - room), float(values.max() + room)
+    return Panel(marks, x_name, x_limits=(float(t[0]), float(t[-1])), y_limits=y_limits)
 
 
-def _above(ax: Axes, text: str, right: float, **look: Any) -> None:
+def _say(ax: Axes, text: str, right: float, **look: Any) -> None:
     """A word above a panel, at its left end (0) or its right one (1)."""
     across = "right" if right else "left"
     ax.text(right, 1.03, text, transform=ax.transAxes, ha=across, va="bottom", fontsize=SIZE - 2.0, **look)
 
 
-def _curve(ax: Axes, t: Array, quantity: _Quantity, joint: int) -> None:
-    """One joint's curve, its band and its limits, and how much of them is used."""
-    curve = quantity.values[:, joint]
-    low, high = curve, curve
-    shown = np.union1d(evenly(len(t), _POINTS), [np.argmin(curve), np.argmax(curve)])
-    ax.plot(t[shown], curve[shown], color=BLUE, linewidth=1.0, gid="curve")
-    if quantity.band is not None:
-        low, high = (end[:, joint] for end in quantity.band)
-        ax.fill_between(t[shown], low[shown], high[shown], color=BLUE, alpha=0.3, linewidth=0.0, gid="band")
-    ends = [None if limit is None else float(limit[joint]) for limit in (quantity.lower, quantity.upper)]
-    lines = [end for end in ends if end is not None and np.isfinite(end)]
-    for end in lines:
-        ax.axhline(end, color=ORANGE, linewidth=1.2, gid="limit")
-    values = np.array([low.min(), high.max(), *lines])
-    room = _ROOM * (np.ptp(values) or 1.0)
-    ax.set_ylim(values.min() - room, values.max() + room)
-    dress(ax)
-    ax.tick_params(labelsize=SIZE - 2.5)
-    if lines:
-        text, beyond = _use(float(low.min()), float(high.max()), ends, quantity.title.startswith("position"))
-        _above(ax, text, 1.0, color=MAGENTA if beyond else INK, weight="bold" if beyond else "normal")
-
-
-def _use(low: float, high: float, ends: Sequence[float | None], position: bool) -> tuple[str, bool]:
-    """How much of the limits values from low to high use or leave, in words, and whether they go beyond."""
-    lower, upper = (end if end is not None else bound for end, bound in zip(ends, (-np.inf, np.inf), strict=True))
-    left = min(low - lower, upper - high)
+def _say_use(ax: Axes, low: float, high: float, lower: float, upper: float, position: bool) -> None:
+    """How much of the limits values from low to high use or, of positions, leave; in magenta beyond them."""
+    if not np.isfinite([lower, upper]).any():
+        return
     if position:
-        return (f"{-left:.2g} beyond a limit", True) if left < 0.0 else (f"{left:.2g} to a limit", False)
-    share = max(-low, high) / upper
-    return f"{100.0 * share:.0f} % of the limit", share > 1.0
+        left = min(low - lower, upper - high)
+        beyond, text = left < 0.0, f"{-left:.2g} beyond a limit" if left < 0.0 else f"{left:.2g} to a limit"
+    else:
+        share = max(-low, high) / upper
+        beyond, text = share > 1.0, f"{100.0 * share:.0f} % of the limit"
+    _say(ax, text, 1.0, color=MAGENTA if beyond else INK, weight="bold" if beyond else "normal")
 
 
 def _foot(figure: Any, picture: MotionPicture) -> None:
     """Poses from two sides, and the distance over time."""
-    columns = [1.0, 1.0, 1.2] if picture.poses is not None else [1.0]
-    axes = figure.subplots(1, len(columns), squeeze=False, width_ratios=columns)[0]
-    if picture.poses is not None:
-        _draw_poses(axes[:2], picture.poses)
-        handles, labels = axes[0].get_legend_handles_labels()
-        figure.legend(
-            handles, labels, loc="outside lower left", ncols=4, frameon=False, fontsize=SIZE - 1.0, labelcolor=INK
-        )
-    _draw_distance(axes[-1], picture)
+    axes = figure.subplots(1, 3, width_ratios=[1.0, 1.0, 1.2])
+    views = _views(picture.poses)
+    for ax, view in zip(axes, views, strict=False):
+        draw_panel(ax, view)
+        ax.set_aspect("equal")
+    look: dict[str, Any] = {"ncols": 4, "frameon": False, "fontsize": SIZE - 1.0, "labelcolor": INK}
+    handles = [handle(mark) for mark in views[0].labelled.values()]
+    figure.legend(handles, list(views[0].labelled), loc="outside lower left", **look)
+    if picture.distance is None:
+        axes[2].set_axis_off()
+        axes[2].text(0.5, 0.5, picture.not_checked, ha="center", va="center", wrap=True, fontsize=SIZE, color=INK)
+    else:
+        draw_panel(axes[2], _distance(picture, picture.distance))
 
 
-def _draw_poses(axes: Sequence[Axes], poses: Poses) -> None:
-    """All poses in both views, at one scale, with the floor."""
-    known = np.concatenate([poses.points.reshape(-1, 3), *([] if poses.tip is None else [poses.tip]), np.zeros((1, 3))])
-    if poses.floor is not None:
-        known = np.vstack([known, [0.0, 0.0, poses.floor]])
+def _views(poses: Poses) -> list[Panel]:
+    """All poses from the side and from above, at one scale, with the floor."""
+    known = np.concatenate([poses.points.reshape(-1, 3), poses.tip, [[0.0, 0.0, poses.floor or 0.0]]])
     lowest, highest = np.nanmin(known, axis=0), np.nanmax(known, axis=0)
     middle, half = (lowest + highest) / 2.0, (0.5 + _ROOM / 2.0) * float((highest - lowest).max() or 1.0)
-    for ax, (name, right, up) in zip(axes, _VIEWS, strict=True):
-        ax.set_xlim(middle[right] - half, middle[right] + half)
-        ax.set_ylim(middle[up] - half, middle[up] + half)
-        ax.set_aspect("equal")
-        if poses.floor is not None and name == "side":  # seen from above it is everywhere
-            ax.axhline(poses.floor, color=INK, linewidth=1.5, gid="floor", label="floor")
-            ax.axhspan(middle[up] - 2.0 * half, poses.floor, color=INK, alpha=0.15, linewidth=0.0)
-        if poses.tip is not None:
-            way = poses.tip
-            ax.plot(way[:, right], way[:, up], color=INK, linewidth=0.8, alpha=0.6, gid="tip", label="way of the tip")
-        for k, (line, label) in enumerate(zip(poses.points, poses.labels, strict=True)):
-            colour, dashes = _LOOKS[k % len(_LOOKS)]
-            look: dict[str, Any] = {"color": colour, "linestyle": dashes, "linewidth": 2.4, "alpha": 0.85}
-            ax.plot(line[:, right], line[:, up], marker=".", markersize=5.0, gid=f"pose {k}", label=label, **look)
-        ax.set_title(f"from {'the side' if name == 'side' else 'above'}", fontsize=SIZE, color=INK)
-        ax.set_xlabel(f"{'xyz'[right]}, m", fontsize=SIZE - 1.0, color=INK)
-        ax.set_ylabel(f"{'xyz'[up]}, m", fontsize=SIZE - 1.0, color=INK)
-        dress(ax)
+    panels = []
+    for title, right, up in (("from the side", 0, 2), ("from above", 0, 1)):
+        marks: list[Mark] = []
+        if poses.floor is not None and up == 2:  # seen from above it is everywhere
+            below = [middle[up] - 2.0 * half], [poses.floor]
+            marks += [level(poses.floor, INK, 1.5, label="floor"), Boxes(None, below, INK, "", 0.15)]
+        marks.append(Line(poses.tip[:, right], poses.tip[:, up], INK, "way of the tip", 0.8, 0.6))
+        for line, label, (colour, style) in zip(poses.points, poses.labels, cycle(_LOOKS), strict=False):
+            marks.append(Line(line[:, right], line[:, up], colour, label, 2.4, 0.85, style))
+            marks.append(Dots(line[:, right], line[:, up], colour))
+        ends = [(float(middle[k] - half), float(middle[k] + half)) for k in (right, up)]
+        names = f"{'xyz'[right]}, m", f"{'xyz'[up]}, m"
+        panels.append(Panel(marks, *names, title, x_limits=ends[0], y_limits=ends[1]))
+    return panels
 
 
-def _draw_distance(ax: Axes, picture: MotionPicture) -> None:
-    """The least distance over time with its margin, or a line of text that there is none."""
-    if picture.distance is None:
-        ax.set_axis_off()
-        ax.text(0.5, 0.5, picture.not_checked, ha="center", va="center", wrap=True, fontsize=SIZE, color=INK)
-        return
-    shown: Integers = np.union1d(evenly(len(picture.motion), _POINTS), [np.argmin(picture.distance)])
-    t, distance = picture.motion.t[shown], picture.distance[shown]
-    ax.plot(t, distance, color=BLUE, linewidth=1.2, gid="distance")
-    least = int(np.argmin(distance))
-    ax.plot(t[least], distance[least], "o", color=BLUE, markersize=5.0, gid="least")
+def _distance(picture: MotionPicture, distance: Array) -> Panel:
+    """The least distance over time with its margin."""
+    t, margin, least = picture.motion.t, picture.margin, int(np.argmin(distance))
+    shown = np.union1d(evenly(len(t), TUNING.curve), [least])
     title = f"least distance {1e3 * distance[least]:.0f} mm, at {t[least]:.3g} s"
-    lowest = min(0.0, float(distance.min()))
-    if picture.margin is not None:
-        ax.axhline(picture.margin, color=ORANGE, linewidth=1.2, gid="margin", label="margin")
-        ax.axhspan(2.0 * lowest - 1.0, picture.margin, color=ORANGE, alpha=0.12, linewidth=0.0)
-        title += f"; margin {1e3 * picture.margin:.0f} mm"
-    beyond = picture.margin is not None and distance[least] < picture.margin
-    highest = max(float(distance.max()), picture.margin or 0.0)
-    ax.set_ylim(lowest, highest + _ROOM * (highest - lowest or 1.0))
-    ax.set_title(title, fontsize=SIZE, color=MAGENTA if beyond else INK)
-    ax.set_xlabel("time, s", fontsize=SIZE - 1.0, color=INK)
-    ax.set_ylabel("distance to itself and the floor, m", fontsize=SIZE - 1.0, color=INK)
-    dress(ax)
+    lowest, highest = min(0.0, float(distance.min())), max(float(distance.max()), margin or 0.0)
+    marks: list[Mark] = [Line(t[shown], distance[shown], BLUE, "distance", 1.2)]
+    marks.append(Dots([t[least]], [distance[least]], BLUE, "least", 5.0))
+    if margin is not None:
+        marks += [level(margin, ORANGE, 1.2, label="margin"), Boxes(None, ([lowest], [margin]), ORANGE, "", 0.12)]
+        title += f"; margin {1e3 * margin:.0f} mm"
+    beyond = margin is not None and distance[least] < margin
+    room = _ROOM * (highest - lowest or 1.0)
+    y_name = "distance to itself and the floor, m"
+    return Panel(marks, "time, s", y_name, title, MAGENTA if beyond else INK, y_limits=(lowest, highest + room))

@@ -32,6 +32,7 @@ from bayesid.report.plot.figure import (
     upright,
 )
 from bayesid.report.plot.identification import Source, findings_of
+from bayesid.report.tuning import TUNING
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -39,12 +40,6 @@ if TYPE_CHECKING:
 _COLOURS = (BLUE, ORANGE, INK, MAGENTA)
 """Of the ensembles, in turn."""
 _SCALE = "over the prior's sd"
-_QUANTILES = (0.025, 0.25, 0.5, 0.75, 0.975)
-"""Ends of the thin line, of the thick one, and the dot between."""
-_ROW = 0.6
-"""Of the room of a coefficient in a forest, for the ensembles' lines."""
-_BINS = 20
-"""Of histograms: of the thousand draws that an ensemble keeps, fifty a bin, which chance moves by 14 %."""
 
 
 def forest(result: Source, count: int = 12, ax: Axes | None = None) -> Axes:
@@ -70,11 +65,11 @@ def forest(result: Source, count: int = 12, ax: Axes | None = None) -> Axes:
 def forest_figure(findings: Findings, count: int) -> Figure:
     """Of `forest`."""
     chosen = findings.worst(count)
-    quantiles = np.quantile(_values(findings, chosen), _QUANTILES, axis=1)
+    quantiles = np.quantile(_values(findings, chosen), (0.025, 0.25, 0.5, 0.75, 0.975), axis=1)
     ensembles = quantiles.shape[1]
     marks: list[Mark] = [upright(0.0)]
     for e, (low, first, middle, third, high) in enumerate(quantiles.transpose(1, 0, 2)):
-        rows = np.arange(len(chosen)) + _ROW * ((e + 0.5) / ensembles - 0.5)
+        rows = np.arange(len(chosen)) + 0.6 * ((e + 0.5) / ensembles - 0.5)
         marks += [
             Strokes((low, high), (rows, rows), INK, width=1.4),
             Strokes((first, third), (rows, rows), INK, width=2.8),
@@ -168,7 +163,7 @@ def trace_figure(findings: Findings, count: int) -> Figure:
     place = np.arange(values.shape[1], dtype=float)
     rows: list[list[Panel | None]] = []
     for k, name in enumerate(names):
-        edges = np.histogram_bin_edges(values[..., k], _BINS)
+        edges = np.histogram_bin_edges(values[..., k], TUNING.histogram)
         densities = [np.histogram(ensemble, edges, density=True)[0] for ensemble in values[..., k]]
         outlines = [
             Line(np.repeat(edges, 2), np.array([0.0, *np.repeat(density, 2), 0.0]), colour, width=1.0)
@@ -227,9 +222,9 @@ def _ranks(draws: Array, name: str) -> Panel:
     """Histograms of the ranks of each ensemble's draws (E, D) among all, one above the other; dashed if uniform."""
     ordered = np.sort(draws, axis=None)
     ranks = 0.5 * (1.0 + np.searchsorted(ordered, draws) + np.searchsorted(ordered, draws, "right"))
-    edges = np.linspace(0.5, draws.size + 0.5, _BINS + 1)
+    edges = np.linspace(0.5, draws.size + 0.5, TUNING.histogram + 1)
     counts = np.array([np.histogram(ensemble, edges)[0] for ensemble in ranks])
-    even, room = draws.shape[1] / _BINS, 1.2 * float(counts.max())
+    even, room = draws.shape[1] / TUNING.histogram, 1.2 * float(counts.max())
     marks: list[Mark] = []
     for e, colour in zip(range(len(draws)), cycle(_COLOURS), strict=False):
         x, top = np.repeat(edges, 2)[1:-1], e * room + np.repeat(counts[e], 2)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from bayesid.arrays import Array
 from bayesid.report.plot.drawing import SIZE, dress, given_axes, new_figure
-from bayesid.report.plot.figure import BLUE, INK, MAGENTA, ORANGE
+from bayesid.report.plot.figure import BLUE, INK, MAGENTA, ORANGE, WIDE
 from bayesid.robot import Robot, load_robot
 from bayesid.robot.kinematics import Pose, pose
 
@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_WIDTH, _HEIGHT = 10.0, 5.4
-"""in, of the figure."""
 _VIEWS = (("side", 0, 2), ("top", 0, 1))
 """Name and the two coordinates of the base frame that are seen: to the right, and up."""
 _ARROW = 0.11
@@ -65,7 +63,7 @@ def skeleton(robot: Robot | str | Path, q: ArrayLike | None = None, axes: Sequen
         'ur10e, side'
     """
     here = pose(robot if isinstance(robot, Robot) else load_robot(robot), q)
-    given = new_figure(_HEIGHT, _WIDTH).subplots(1, len(_VIEWS)) if axes is None else axes
+    given = new_figure(5.4, WIDE).subplots(1, len(_VIEWS)) if axes is None else axes
     drawn: list[Axes] = given_axes(given, len(_VIEWS)).tolist()
     points = np.concatenate([np.zeros((1, 3)), *here.lines])
     size = max(float(np.ptp(points, axis=0).max()), _SHORTEST)

@@ -2,132 +2,120 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bayesid.arrays import Array, Integers
+from bayesid.arrays import Array
 from bayesid.identification.prediction import NORMAL_95
 from bayesid.monitor.alarms import Alarm
 from bayesid.monitor.kinds import CONTACT, PAYLOAD
 from bayesid.monitor.replay import Replay
-from bayesid.report.plot.drawing import SIZE, dress, new_figure
-from bayesid.report.plot.figure import BLUE, INK, MAGENTA, ORANGE
-from bayesid.report.thinning import envelope
+from bayesid.report.plot.drawing import draw
+from bayesid.report.plot.figure import (
+    BLUE,
+    INK,
+    MAGENTA,
+    ORANGE,
+    WIDE,
+    Band,
+    Boxes,
+    Figure,
+    Line,
+    Mark,
+    Panel,
+    Words,
+    rows_of,
+    thinned,
+    upright,
+)
+from bayesid.report.tuning import TUNING
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-_WIDE = 10.0
-"""in, of the figure."""
-_EFFORT, _EXTERNAL = 1.9, 1.2
-"""in, of a joint's two panels."""
-_MOST = 3000
-"""Points of a curve: some two a pixel."""
-_GAP = 5.0
-"""Steps from which on no line is drawn from one instant to the next."""
-_SHORTEST = 0.004
-"""Share of the figure's width that a contact takes at least, so that it is seen."""
-_COLUMNS = 4
-"""Of the legend: as many as fit beside each other."""
-_CLEAR = 1.15
-"""Share of the largest external torque or threshold up to which its panel goes."""
+    from matplotlib.figure import Figure as MatplotlibFigure
 
 
-def stream_figure(streamed: Replay) -> Figure:
+def stream_figure(streamed: Replay) -> MatplotlibFigure:
     """Two panels a joint, one below the other.
 
     The first has the signed effort over the model's with the band of its 95 %, the second the external torque with its
     threshold. Contacts are blue, a change is an orange line from which on the model is another robot's.
     """
     n = streamed.effort.shape[1]
-    figure = new_figure(n * (_EFFORT + _EXTERNAL) + 0.6, _WIDE)
-    axes = figure.subplots(2 * n, 1, sharex=True, squeeze=False, height_ratios=[_EFFORT, _EXTERNAL] * n)[:, 0]
-    for j in range(n):
-        _efforts(axes[2 * j], streamed, j)
-        _external(axes[2 * j + 1], streamed, j)
-        for ax in axes[2 * j : 2 * j + 2]:
-            _mark(ax, streamed, j + 1)
-            dress(ax)
-    if len(streamed.t) > 1:
-        axes[0].set_xlim(float(streamed.t[0]), float(streamed.t[-1]))
-    axes[-1].set_xlabel("time, s", fontsize=SIZE, color=INK)
+    panels = [_with_alarms(panel(streamed, j), streamed, j + 1) for j in range(n) for panel in (_efforts, _external)]
+    panels[-1] = replace(panels[-1], x_name="time, s")
+    axes = draw(Figure(rows_of(panels, 1), 3.1 * n + 0.6, WIDE, key=True, heights=(1.9, 1.2) * n))
+    figure: Any = axes[0].figure
     figure.align_ylabels(axes)
-    _key(figure, axes)
     return figure
 
 
-def _key(figure: Figure, axes: Any) -> None:
-    """One legend of what any panel shows, above all."""
-    named: dict[str, Any] = {}
-    for ax in axes:
-        for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
-            named.setdefault(label, handle)
-    look: dict[str, Any] = {"fontsize": SIZE - 1.0, "labelcolor": INK, "frameon": False, "ncols": _COLUMNS}
-    figure.legend(named.values(), named.keys(), loc="outside upper center", **look)
-
-
-def _efforts(ax: Axes, streamed: Replay, j: int) -> None:
+def _efforts(streamed: Replay, j: int) -> Panel:
     predicted, half = streamed.predicted[:, j], NORMAL_95 * streamed.predicted_sd[:, j]
-    rows = np.union1d(envelope(predicted + half, _MOST // 2), envelope(predicted - half, _MOST // 2))
-    t, low, high = _broken(streamed.t, rows, (predicted - half)[rows], (predicted + half)[rows])
-    band: dict[str, Any] = {"color": MAGENTA, "alpha": 0.25, "linewidth": 0.0}
-    ax.fill_between(t, low, high, label="95 % band of the model", **band)
-    _curve(ax, streamed.t, np.nan_to_num(streamed.effort[:, j]), "effort with the stream's signs", INK, 1.4)
-    _curve(ax, streamed.t, predicted, "model", MAGENTA, 0.9)
-    ax.set_ylabel(f"joint {j + 1}:\neffort, N m", fontsize=SIZE - 1.0, color=INK)
+    curves = (
+        Band(streamed.t, predicted - half, predicted + half, MAGENTA, "95 % band of the model"),
+        Line(streamed.t, np.nan_to_num(streamed.effort[:, j]), INK, "effort with the stream's signs"),
+        Line(streamed.t, predicted, MAGENTA, "model", 0.9),
+    )
+    return Panel(_paused(streamed.t, curves), y_name=f"joint {j + 1}:\neffort, N m")
 
 
-def _external(ax: Axes, streamed: Replay, j: int) -> None:
+def _external(streamed: Replay, j: int) -> Panel:
     external, threshold = streamed.external[:, j], streamed.threshold[:, j]
-    for sign, label in ((1.0, "threshold of a contact"), (-1.0, "")):
-        _curve(ax, streamed.t, sign * threshold, label, ORANGE, 0.8, "dashed")
-    _curve(ax, streamed.t, external, "external torque", BLUE, 1.1)
+    curves = (
+        Line(streamed.t, threshold, ORANGE, "threshold of a contact", 0.8, style="dashed"),
+        Line(streamed.t, -threshold, ORANGE, "", 0.8, style="dashed"),
+        Line(streamed.t, external, BLUE, "external torque", 1.1),
+    )
     finite = threshold[np.isfinite(threshold)]
     largest = float(np.abs(external).max(initial=0.0, where=np.isfinite(external)))
-    most = max(largest, float(np.median(finite)) if finite.size else 0.0)
-    if most > 0.0:
-        ax.set_ylim(-_CLEAR * most, _CLEAR * most)
-    ax.set_ylabel("external\ntorque, N m", fontsize=SIZE - 1.0, color=INK)
+    most = 1.15 * max(largest, float(np.median(finite)) if finite.size else 0.0)
+    limits = (-most, most) if most > 0.0 else None
+    return Panel(_paused(streamed.t, curves), y_name="external\ntorque, N m", y_limits=limits)
 
 
-def _mark(ax: Axes, streamed: Replay, joint: int) -> None:
-    """The alarms of a joint."""
-    if not len(streamed.t):
-        return
-    least = _SHORTEST * float(streamed.t[-1] - streamed.t[0])
+def _with_alarms(panel: Panel, streamed: Replay, joint: int) -> Panel:
+    """The panel with the alarms of its joint; a contact is at least so broad that it is seen."""
+    if len(streamed.t) < 2:
+        return panel
+    first, last = float(streamed.t[0]), float(streamed.t[-1])
+    (_, top), marks = panel.limits[1], list(panel.marks)
     for alarm in streamed.alarms:
-        if joint not in alarm.joints and alarm.kind != PAYLOAD:  # which changes the model of all
-            continue
-        if alarm.kind == CONTACT:
-            end = alarm.time + max(alarm.duration or 0.0, least)
-            ax.axvspan(alarm.time, end, color=BLUE, alpha=0.3, linewidth=0.0, label="contact")
-        else:
-            ax.axvline(alarm.raised, color=ORANGE, linewidth=1.6, label="change, when it was said")
-            ax.axvspan(alarm.time, alarm.raised, color=ORANGE, alpha=0.2, linewidth=0.0, label="change, not yet said")
-            _name(ax, alarm)
+        if alarm.kind == CONTACT and joint in alarm.joints:
+            end = alarm.time + max(alarm.duration or 0.0, 0.004 * (last - first))
+            marks.append(Boxes(([alarm.time], [end]), None, BLUE, "contact", 0.3))
+        elif alarm.kind == PAYLOAD or (joint in alarm.joints and alarm.kind != CONTACT):  # a payload changes all joints
+            marks += _change(alarm, top)
+    return replace(panel, marks=marks, x_limits=(first, last), y_limits=panel.limits[1])
 
 
-def _name(ax: Axes, alarm: Alarm) -> None:
-    """The kind of a change beside its line, at the upper edge."""
-    text = "unknown change" if alarm.kind == "unknown" else alarm.kind
-    look: dict[str, Any] = {"ha": "left", "va": "top", "color": ORANGE, "fontsize": SIZE - 1.0}
-    ax.annotate(text, (alarm.raised, 0.98), (3.0, 0.0), ax.get_xaxis_transform(), "offset points", **look)
+def _change(alarm: Alarm, top: float) -> list[Mark]:
+    """Of a lasting change: from when on it is there, when it was said, and its kind."""
+    kind = "unknown change" if alarm.kind == "unknown" else alarm.kind
+    return [
+        upright(alarm.raised, ORANGE, 1.6, label="change, when it was said"),
+        Boxes(([alarm.time], [alarm.raised]), None, ORANGE, "change, not yet said", 0.2),
+        Words([alarm.raised], [0.85 * top], [kind]),
+    ]
 
 
-def _curve(ax: Axes, t: Array, values: Array, label: str, colour: str, width: float, style: str = "solid") -> None:
-    rows = envelope(values, _MOST)
-    at, drawn = _broken(t, rows, values[rows])
-    ax.plot(at, drawn, color=colour, linewidth=width, linestyle=style, label=label or None)
-
-
-def _broken(t: Array, rows: Integers, *curves: Array) -> list[Array]:
-    """The instants of rows, and curves over them, with a nan in each pause, so that no line crosses it."""
-    kept = t[rows]
+def _paused(t: Array, curves: Sequence[Line | Band]) -> list[Mark]:
+    """Thinned curves, interrupted where no sample came for five steps, so that no line crosses a pause."""
+    shown = thinned(curves, TUNING.curve)
     if len(t) < 3:
-        return [kept, *curves]
-    pause = np.flatnonzero(np.diff(t) > _GAP * np.median(np.diff(t)))
-    places = np.searchsorted(rows, pause, side="right")
-    middle = 0.5 * (t[pause] + t[pause + 1])
-    return [np.insert(kept, places, middle), *(np.insert(curve, places, np.nan) for curve in curves)]
+        return list(shown)
+    pause = np.flatnonzero(np.diff(t) > 5.0 * np.median(np.diff(t)))
+    places = np.searchsorted(shown[0].x, t[pause], side="right")
+    x = np.insert(shown[0].x, places, 0.5 * (t[pause] + t[pause + 1]))
+
+    def broken(values: Array) -> Array:
+        return np.insert(values, places, np.nan)
+
+    return [
+        replace(one, x=x, low=broken(one.low), high=broken(one.high))
+        if isinstance(one, Band)
+        else replace(one, x=x, y=broken(one.y))
+        for one in shown
+    ]
