@@ -67,74 +67,38 @@ class IdentifiedGains:
 
     @property
     def relative_sd(self) -> Array:
-        """(n,) standard deviations of the logarithms: relative ones.
-
-        Example:
-            >>> gains.relative_sd.round(2)
-            array([0.12, 0.11, 0.12])
-        """
+        """(n,) standard deviations of the logarithms: relative ones."""
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
 
     @property
     def sd(self) -> Array:
-        """(n,) standard deviations, in the gains' unit.
-
-        Example:
-            >>> gains.sd.round(1)
-            array([1.6, 1.5, 1.2])
-        """
+        """(n,) standard deviations, in the gains' unit."""
         return np.abs(self.value) * self.relative_sd
 
     def interval(self, mass: float = 0.95) -> tuple[Array, Array]:
-        """(n,) ends of each gain's central interval of this posterior mass.
-
-        Example:
-            >>> low, high = gains.interval(0.95)
-            >>> low.round(1), high.round(1)
-            (array([11.2, 10.2,  8.5]), array([17.7, 16.1, 13.4]))
-        """
+        """(n,) ends of each gain's central interval of this posterior mass."""
         reach: Array = np.exp(float(ndtri(0.5 + 0.5 * mass)) * self.relative_sd)
         nearer, farther = self.value / reach, self.value * reach  # from zero: a gain may be negative
         return np.minimum(nearer, farther), np.maximum(nearer, farther)
 
     @property
     def ratio_sd(self) -> Array:
-        """(n,) relative sd of each gain over those of all other joints together, weighted by what the log says.
-
-        Example:
-            >>> gains.ratio_sd.round(3)
-            array([0.021, 0.016, 0.012])
-        """
+        """(n,) relative sd of each gain over those of all other joints together, weighted by what the log says."""
         return np.sqrt(np.maximum(self._of_ratios(self.covariance), 0.0))
 
     @property
     def factor_sd(self) -> float:
-        """Relative sd of the factor common to all gains.
-
-        Example:
-            >>> round(gains.factor_sd, 2)
-            0.12
-        """
+        """Relative sd of the factor common to all gains."""
         return math.sqrt(max(float(self.weights @ self.covariance @ self.weights), 0.0))
 
     @property
     def factor(self) -> float:
-        """The factor common to all, over that of the gains stated: what they are to be multiplied by together.
-
-        Example:
-            >>> round(gains.factor, 2)
-            0.94
-        """
+        """The factor common to all, over that of the gains stated: what they are to be multiplied by together."""
         return float(np.exp(self.weights @ np.log(self.value / self.stated.value)))
 
     @property
     def decided_by(self) -> tuple[str, ...]:
-        """(n,) what decides the ratio of each gain to the others: `data`, `prior`, or it is `given`.
-
-        Example:
-            >>> gains.decided_by
-            ('data', 'data', 'data')
-        """
+        """(n,) what decides the ratio of each gain to the others: `data`, `prior`, or it is `given`."""
         prior, left = self._of_ratios(self.prior), self._of_ratios(self.covariance)
         by_data = (left <= REGRESSION.decided_gain * prior).tolist()
         return tuple(
@@ -147,10 +111,6 @@ class IdentifiedGains:
         """What decides the factor common to all: `data`, with what is stated of masses or of a gain, or the `prior`.
 
         It is `given` where the joints whose gains are exact say most of what the log says of any.
-
-        Example:
-            >>> gains.factor_decided_by
-            'prior'
         """
         if self.weights[self.stated.exact].sum() > TUNING.exact_gains_weight:
             return GIVEN
@@ -159,12 +119,7 @@ class IdentifiedGains:
 
     @property
     def unit(self) -> str:
-        """Of the gains, in words.
-
-        Example:
-            >>> gains.unit
-            'N m/A'
-        """
+        """Of the gains, in words."""
         return self.stated.unit_of_gain
 
     def _of_ratios(self, covariance: Array) -> Array:
@@ -179,12 +134,7 @@ class IdentifiedGains:
 
 
 class UnknownGains:
-    """The gains of a log while signs are searched: they move, and its efforts with them.
-
-    Args:
-        log: with gains of which some are not exact, or without.
-        beliefs: of links and parameters.
-    """
+    """The gains of a log while signs are searched: they move, and its efforts with them."""
 
     def __init__(self, log: Log, beliefs: Beliefs) -> None:
         self.log, self._beliefs = log, beliefs
@@ -213,9 +163,6 @@ class UnknownGains:
             noise: under the terms asked for, in any case: effects that are chosen on a log explain there what a wrong
                 gain leaves as well, and do not make it better known.
             probability: (N, n) P(sign = +).
-
-        Raises:
-            SolverError: a cone problem could not be solved.
         """
         if self._prior is None:
             return False
@@ -260,8 +207,8 @@ def _like_friction(evidence: Evidence, noise: Noise, fit: GainFit) -> tuple[int,
     """Joints, from 1, whose gain is told by what friction that depends on the load would explain as well.
 
     A gear's efficiency is friction in proportion to the load, and no gain: driving it adds, driven it takes away. Where
-    the log moves a joint under load one way only, both look alike. With that friction as an unknown too, less than a
-    tenth of what the log says of the gain is left then.
+    the log moves a joint under load one way only, both look alike: with that friction as an unknown too, less than a
+    tenth of what the log says of the gain is left.
     """
     model, motion = evidence.model, evidence.signals.motion
     weight = noise.sigma * np.sqrt(noise.autocorrelation)

@@ -168,85 +168,42 @@ class Identification:
 
     @property
     def model(self) -> Model:
-        """Robot, terms and distortions.
-
-        Example:
-            >>> [term.name for term in result.model.terms]
-            ['rigid_body', 'viscous_friction', 'coulomb_friction']
-        """
+        """Robot, terms and distortions."""
         return self.identified.model
 
     @property
     def theta(self) -> Array:
-        """(P,) the model's parameters: the posterior's mean, or least squares' where there is no posterior.
-
-        Example:
-            >>> result.model.cone.contains(result.theta)  # feasible
-            True
-        """
+        """(P,) the model's parameters: the posterior's mean, or least squares' where there is no posterior."""
         return self.identified.theta
 
     @property
     def gains(self) -> IdentifiedGains | None:
-        """The gains by which the log's readings were made efforts, where they were unknowns; None where all were exact.
-
-        Example:
-            >>> result.gains is None
-            True
-        """
+        """The gains by which readings were made efforts, where they were unknowns; None where all were exact."""
         return self.identified.gains
 
     @property
     def noise(self) -> Noise:
-        """Of the efforts, per joint.
-
-        Example:
-            >>> result.noise.sigma.round(1)  # N m
-            array([0.2, 0.9, 0.3])
-        """
+        """Of the efforts, per joint."""
         return self.identified.noise
 
     @property
     def knowledge(self) -> Knowledge:
-        """What the log has shown of the coefficients, for another log: the posterior as a normal distribution.
-
-        Example:
-            >>> known = result.knowledge
-            >>> known.precision.shape == result.covariance.shape
-            True
-        """
+        """What the log has shown of the coefficients, for another log: the posterior as a normal distribution."""
         return self.identified.knowledge
 
     @property
     def beta(self) -> Array:
-        """(r,) the base coefficients of these parameters.
-
-        Example:
-            >>> names = result.coefficients.names
-            >>> float(result.beta[names.index("Fc2")]) == result.coefficient("Fc2").mean
-            True
-        """
+        """(r,) the base coefficients of these parameters."""
         return self.coefficients.project(self.theta)
 
     @property
     def covariance(self) -> Array:
-        """(r, r) of the coefficients: the posterior's, or the information matrix's inverse where there is none.
-
-        Example:
-            >>> bool(np.allclose(np.diag(result.covariance), result.sd**2))
-            True
-        """
+        """(r, r) of the coefficients: the posterior's, or the information matrix's inverse where there is none."""
         return self.fit.covariance if self.posterior is None else self.posterior.covariance
 
     @property
     def sd(self) -> Array:
-        """(r,) standard deviations of the coefficients.
-
-        Example:
-            >>> names, relative = result.coefficients.names, result.sd / np.abs(result.beta)
-            >>> [name for name, share in zip(names, relative) if share > 1.0]
-            ['J3yz']
-        """
+        """(r,) standard deviations of the coefficients."""
         return np.sqrt(np.diag(self.covariance))
 
     @property
@@ -254,11 +211,6 @@ class Identification:
         """(P,) standard deviations of the parameters, and (P,) whether the data decide them.
 
         Without a posterior they come from the information matrix, NaN where a parameter is not decided by itself.
-
-        Example:
-            >>> sd, by_data = result.parameter_sd
-            >>> len(sd), int(by_data.sum()) < len(sd)
-            (36, True)
         """
         if self.posterior is not None:
             return self.posterior.parameter_sd, self.posterior.decided_by_data
@@ -271,11 +223,6 @@ class Identification:
 
         As of parameters, nine tenths of the precision must be the data's. Without a posterior there is no prior (NaN),
         and the data decide what has a standard deviation.
-
-        Example:
-            >>> prior_sd, by_data = result.prior_sd
-            >>> bool((result.sd[by_data] < prior_sd[by_data]).all())
-            True
         """
         if self.posterior is None:
             return np.full(len(self.coefficients), np.nan), np.isfinite(self.sd)
@@ -284,14 +231,7 @@ class Identification:
 
     @property
     def nominal_beta(self) -> Array:
-        """(r,) the coefficients of the parameters known beforehand; NaN where these do not give one.
-
-        Example:
-            >>> beliefs = bayesid.Beliefs(nominal={"Fc2": (1.4, 0.1)})
-            >>> told = bayesid.identify(robot, log, terms, beliefs=beliefs, posterior=False)
-            >>> float(told.nominal_beta[told.coefficients.names.index("Fc2")])
-            1.4
-        """
+        """(r,) the coefficients of the parameters known beforehand; NaN where these do not give one."""
         stated = {name: mean for name, (mean, _) in self.beliefs.nominal.items()}
         if not stated:
             return np.full(len(self.coefficients), np.nan)
@@ -304,12 +244,7 @@ class Identification:
 
     @property
     def settled_share(self) -> float | None:
-        """Share of the samples searched on whose sign all assignments within Delta agree; None without a proof.
-
-        Example:
-            >>> result.settled_share
-            1.0
-        """
+        """Share of the samples searched on whose sign all assignments within Delta agree; None without a proof."""
         if self.search.settled is None:
             return None
         count = self.searched.end - self.searched.start
@@ -317,71 +252,38 @@ class Identification:
 
     @property
     def sample_signs(self) -> Array:
-        """(N, n) the likelier sign of every sample, +1 or -1.
-
-        Example:
-            >>> result.sample_signs.shape, np.unique(result.sample_signs).tolist()
-            ((301, 3), [-1.0, 1.0])
-        """
+        """(N, n) the likelier sign of every sample, +1 or -1."""
         return np.where(self.probability >= 0.5, 1.0, -1.0)
 
     @property
     def interval_95(self) -> tuple[Array, Array]:
-        """(r,) ends of the 95 % intervals of the coefficients: the posterior's, or two standard deviations.
-
-        Example:
-            >>> lower, upper = result.interval_95
-            >>> bool((lower < result.beta).all()), bool((result.beta < upper).all())
-            (True, True)
-        """
+        """(r,) ends of the 95 % intervals of the coefficients: the posterior's, or two standard deviations."""
         if self.posterior is not None:
             return self.posterior.interval(0.95)
         return self.beta - NORMAL_95 * self.sd, self.beta + NORMAL_95 * self.sd
 
     @property
     def n_known(self) -> int:
-        """Number of coefficients whose sd is below a tenth of their value.
-
-        Example:
-            >>> result.n_known, len(result.coefficients)
-            (15, 21)
-        """
+        """Number of coefficients whose sd is below a tenth of their value."""
         return int((self.sd < KNOWN * np.abs(self.beta)).sum())
 
     @property
     def sure_share(self) -> float:
-        """Share of the |effort| in motion, each joint alike, whose sign is sure to 99 %.
-
-        Example:
-            >>> round(result.sure_share, 3)
-            0.998
-        """
+        """Share of the |effort| in motion, each joint alike, whose sign is sure to 99 %."""
         recorded = self.log.clock(self.signals.motion.t)[0] >= 0  # the pause between joined logs is not
         moving = self.segments.per_sample(self.segments.moving, *self.probability.shape) > 0
         return sure_share_of(self.probability, self.signals.raw_effort, moving & recorded[:, None])
 
     @property
     def recorded_segments(self) -> tuple[Segments, Integers, Array]:
-        """The segments without the pauses between logs that were joined, their signs (S,) and confidences (S,).
-
-        Example:
-            >>> segments, signs, confidence = result.recorded_segments
-            >>> len(segments) == len(signs) == len(confidence)
-            True
-        """
+        """The segments without the pauses between logs that were joined, their signs (S,) and confidences (S,)."""
         if not self.log.pooled:
             return self.segments, self.signs, self.confidence
         signals = self.signals
         return recorded_segments(self.log, signals.motion.t, self.segments, self.probability, signals.raw_effort)
 
     def coefficients_table(self) -> Records[Coefficient]:
-        """The base coefficients, one record each: to iterate over, or `.to_dataframe()`.
-
-        Example:
-            >>> table = result.coefficients_table()
-            >>> len(table), [one.name for one in table if one.unit == "N m"]
-            (21, ['Fc1', 'Fc2', 'Fc3'])
-        """
+        """The base coefficients, one record each: to iterate over, or `.to_dataframe()`."""
         known, (low, high), (prior_sd, by_data) = self.coefficients, self.interval_95, self.prior_sd
         words = zip(known.names, known.expressions, known.units, strict=True)
         before, nominal = np.where(np.isfinite(prior_sd), prior_sd, np.nan), self.nominal_beta
@@ -393,12 +295,7 @@ class Identification:
         return Records(Coefficient, tuple(rows))
 
     def parameters_table(self) -> Records[ParameterValue]:
-        """The model's parameters, one record each: to iterate over, or `.to_dataframe()`.
-
-        Example:
-            >>> [one.name for one in result.parameters_table() if one.decided_by == "data"][-3:]
-            ['Fc1', 'Fc2', 'Fc3']
-        """
+        """The model's parameters, one record each: to iterate over, or `.to_dataframe()`."""
         sd, by_data = self.parameter_sd
         figures = zip(self.model.parameters, self.theta.tolist(), sd.tolist(), by_data, strict=True)
         rows = (ParameterValue(p.name, p.unit, p.joint, mean, own, _decided_by(data)) for p, mean, own, data in figures)

@@ -39,20 +39,14 @@ from bayesid.regression.noise import Noise
 
 @dataclass(frozen=True)
 class ParameterDraws:
-    """Draws of a posterior, for predictions.
+    """Draws of a posterior, for predictions."""
 
-    Attributes:
-        theta: (K, P) parameters.
-        sigma: (K, n) sd of the noise, N m.
-        log_gain: (K, n) logarithms of the gains over those of the log's efforts, where gains were unknowns.
-        as_read: whether efforts are those that readings make by the log's gains, not by each draw's own.
-    """
-
-    theta: Array
-    sigma: Array
+    theta: Array  #: (K, P) parameters
+    sigma: Array  #: (K, n) sd of the noise, N m
+    #: (K, n) logarithms of the gains over those of the log's efforts, where gains were unknowns
     log_gain: Array | None = None
 
-    as_read: bool = False
+    as_read: bool = False  #: whether efforts are those that readings make by the log's gains, not by each draw's own
 
     def efforts(self, columns: Array, chosen: Integers) -> Array:
         """(N, n, k) efforts of chosen draws (k,), N m, from the model's columns (N, n, P)."""
@@ -112,33 +106,15 @@ class IdentifiedModel:
 
     @property
     def knowledge(self) -> Knowledge:
-        """What the log has shown of the coefficients, for another log.
-
-        Example:
-            >>> known = bayesid.load_model("result").knowledge
-            >>> known.precision.shape == 2 * (len(result.coefficients),)
-            True
-        """
+        """What the log has shown of the coefficients, for another log."""
         return Knowledge(self.model, self.theta, self.precision)
 
     def effort(self, motion: Motion) -> Array:
-        """(N, n) actuator efforts of a motion, N m.
-
-        Example:
-            >>> stored = bayesid.load_model("result")
-            >>> stored.effort(motion).shape  # N m
-            (201, 3)
-        """
+        """(N, n) actuator efforts of a motion, N m."""
         return self.model.effort(motion, self.theta)
 
     def seen(self, log: Log) -> bool:
-        """Whether it was identified from this log, which then shows nothing new of it.
-
-        Example:
-            >>> stored = bayesid.load_model("result")
-            >>> stored.seen(log), stored.seen(other_log)
-            (True, False)
-        """
+        """Whether it was identified from this log, which then shows nothing new of it."""
         return bool(self.logs & hashes(log))
 
     def predict(
@@ -194,12 +170,7 @@ class IdentifiedModel:
 
     @cached_property
     def spread(self) -> Spread:
-        """Normal distribution of the coefficients: by the draws' covariance, or without them by the information matrix.
-
-        Example:
-            >>> bayesid.load_model("result").spread.sd(model.columns(motion)).shape  # N m
-            (201, 3)
-        """
+        """Normal distribution of the coefficients: by the draws' covariance, or else by the information matrix."""
         if self.draws is not None:
             return spread_of_draws(self.model, self.draws.theta)
         parts = [part for part in (self.lacking, self.by_gains) if part is not None]

@@ -95,13 +95,7 @@ def call_of_log(log: Log) -> str:
 
 
 def call_of(function: str, *given: str, **options: tuple[object, object]) -> str:
-    """Python that calls a function of `bayesid` again.
-
-    Args:
-        function: its name.
-        given: arguments, as Python.
-        options: name to value and usual value; those that are usual are left out.
-    """
+    """Python that calls a function of `bayesid` again; options are (value, usual value), usual ones are left out."""
     named = [f"{name}={_as_python(value)}" for name, (value, usual) in options.items() if repr(value) != repr(usual)]
     return f"bayesid.{function}({', '.join([*given, *named])})"
 
@@ -168,27 +162,16 @@ def _usual_limit() -> float:
 # ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Provenance:
-    """How a result came about.
+    """How a result came about."""
 
-    Attributes:
-        options: what was asked for, by name; plain values only.
-        data: SHA-256 of the samples, see `fingerprint`.
-        files: each file of the log to its SHA-256; a log that never was a file has none.
-        versions: of Python and of the packages that take part.
-        machine: processor and system.
-        date: when it ended, UTC, ISO 8601.
-        command: the command line, if there was one.
-        call: the Python call that does the same.
-    """
-
-    options: Mapping[str, object]
-    data: str
-    files: Mapping[str, str]
-    versions: Mapping[str, str]
-    machine: str
-    date: str
-    command: str | None = None
-    call: str = ""
+    options: Mapping[str, object]  #: what was asked for, by name; plain values only
+    data: str  #: SHA-256 of the samples, see `fingerprint`
+    files: Mapping[str, str]  #: each file of the log to its SHA-256; a log that never was a file has none
+    versions: Mapping[str, str]  #: of Python and of the packages that take part
+    machine: str  #: processor and system
+    date: str  #: when it ended, UTC, ISO 8601
+    command: str | None = None  #: the command line, if there was one
+    call: str = ""  #: the Python call that does the same
 
 
 def record_provenance(options: Mapping[str, object], log: Log, call: str = "") -> Provenance:

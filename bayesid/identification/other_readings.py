@@ -50,19 +50,12 @@ _QUARTERS = np.array([0.0, 0.5, 1.0, -0.5]) * np.pi
 
 @dataclass(frozen=True)
 class BetterReading:
-    """A reading that explains a log better than the one given.
+    """A reading that explains a log better than the one given."""
 
-    Attributes:
-        kind: "joint order", "direction", "units", "mounting" or "robot".
-        change: what is other, to follow on "with".
-        leaves: RMS of what it leaves over RMS of the effort, over all joints.
-        given: the same of the reading given.
-    """
-
-    kind: str
-    change: str
-    leaves: float
-    given: float
+    kind: str  #: "joint order", "direction", "units", "mounting" or "robot"
+    change: str  #: what is other, to follow on "with"
+    leaves: float  #: RMS of what it leaves over RMS of the effort, over all joints
+    given: float  #: the same of the reading given
 
 
 @dataclass(frozen=True)
@@ -127,13 +120,7 @@ class _Excerpt:
 
 
 def suspected_reading(evidence: Evidence, fit: Fit, probability: Array) -> BetterReading | None:
-    """The reading that explains a log better than the one given, where the fit is a reason to look for one.
-
-    Args:
-        evidence: the robot and the log.
-        fit: of the model to it.
-        probability: (N, n) P(sign = +) of every sample.
-    """
+    """The reading that explains a log better than the given one, where the fit is a reason to look for one."""
     if fit.relative_residual.max() <= TUNING.suspicious or not evidence.used.any(axis=0).all():
         return None  # a joint whose efforts are all in fault cannot be compared with another
     return better_reading(evidence, np.where(probability >= 0.5, 1.0, -1.0), fit.residual.autocorrelation)
@@ -272,14 +259,7 @@ def _orthonormal(columns: Array) -> _Basis:
 
 
 def _settled(basis: _Basis, effort: Array, signed: Mask, believed: Mask) -> tuple[Array, Array]:
-    """(N, n) efforts whose unknown signs follow the prediction, and the prediction.
-
-    Args:
-        basis: of N n rows.
-        effort: (N, n) to begin with.
-        signed: (n,) whose signs are known.
-        believed: (n,) the joints to which the basis is fitted.
-    """
+    """(N, n) efforts whose unknown signs follow the prediction, and the prediction, fitted to the joints believed."""
     inverse = None
     if not believed.all():
         rows = np.broadcast_to(believed, effort.shape).ravel()

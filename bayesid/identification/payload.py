@@ -64,15 +64,7 @@ _UNSHOWN = 1e-9
 
 @dataclass(frozen=True)
 class UnchangedCheck:
-    """What a later log leaves of n joints, and how far it moved what was known of the robot.
-
-    Attributes:
-        residual: (n,) RMS residual of the later log over the noise of the earlier one.
-        moved: (n,) chi-square of how far each joint's own coefficients (friction, offset) moved.
-        moved_freedom: (n,) their degrees of freedom; 0 where none was known.
-        chi_square: the same of all coefficients of the robot together.
-        freedom: its degrees of freedom.
-    """
+    """What a later log leaves of n joints, and how far it moved what was known of the robot."""
 
     MOST_RESIDUAL: ClassVar[float] = Thresholds().above_blunt_floor
     """Residual over the earlier noise beyond which a joint has changed: `find_discrepancy` takes the same ratio where
@@ -81,11 +73,11 @@ class UnchangedCheck:
     FALSE_ALARM: ClassVar[float] = TUNING.unchanged_false_alarm
     """Largest rate at which any chi-square is too large by chance, where the knowledge's covariance is right."""
 
-    residual: Array
-    moved: Array
-    moved_freedom: Integers
-    chi_square: float
-    freedom: int
+    residual: Array  #: (n,) RMS residual of the later log over the noise of the earlier one
+    moved: Array  #: (n,) chi-square of how far each joint's own coefficients (friction, offset) moved
+    moved_freedom: Integers  #: (n,) their degrees of freedom; 0 where none was known
+    chi_square: float  #: the same of all coefficients of the robot together
+    freedom: int  #: its degrees of freedom
 
     @property
     def moved_limits(self) -> Array:
@@ -111,15 +103,10 @@ class UnchangedCheck:
 
 
 def check_unchanged(knowledge: Knowledge, noise: Noise, later: Identification) -> UnchangedCheck:
-    """Holds a later log against what an earlier one has shown.
+    """Holds a later log, under the same model or an extended one, against what an earlier one has shown of it.
 
     The move is that of the joint estimate, which both logs pull at: its chi-square is less than that of two separate
     estimates, so false alarms are no more frequent than `UnchangedCheck.FALSE_ALARM`.
-
-    Args:
-        knowledge: of the robot, from the earlier log.
-        noise: of the earlier log.
-        later: the later log under the same model, or an extended one, with this knowledge.
     """
     model, known = knowledge.model, base_coefficients(knowledge.model)
     extended = later.model.before_sensors
@@ -146,13 +133,7 @@ def _actuators(model: Model) -> Integers:
 
 
 def _moved(precision: Array, move: Array, which: Mask) -> tuple[float, int]:
-    """Chi-square of some of the coefficients, whatever the others, and its degrees of freedom.
-
-    Args:
-        precision: (r, r) of all, scaled to a diagonal of 1.
-        move: (r,) of all, scaled alike.
-        which: (r,) that count.
-    """
+    """Chi-square of some coefficients, whatever the others, and its freedom; all scaled to a diagonal of 1."""
     if not which.any():
         return 0.0, 0
     across, rest = precision[np.ix_(which, ~which)], precision[np.ix_(~which, ~which)]
@@ -163,21 +144,11 @@ def _moved(precision: Array, move: Array, which: Mask) -> tuple[float, int]:
 
 @dataclass(frozen=True)
 class Estimate:
-    """A number and how certain it is.
+    """A number and how certain it is."""
 
-    Attributes:
-        value: mean of the posterior.
-        sd: its standard deviation.
-        interval: ends of its central 95 % interval.
-
-    Example:
-        >>> Estimate.of_draws(np.linspace(0.0, 1.0, 101)).interval
-        (0.025, 0.975)
-    """
-
-    value: float
-    sd: float
-    interval: tuple[float, float]
+    value: float  #: mean of the posterior
+    sd: float  #: its standard deviation
+    interval: tuple[float, float]  #: ends of its central 95 % interval
 
     @classmethod
     def of_draws(cls, draws: Array) -> Estimate:
@@ -207,12 +178,7 @@ class PayloadBody:
 
     @property
     def shown(self) -> bool:
-        """Whether its mass can be told from zero.
-
-        Example:
-            >>> reading.body.shown
-            True
-        """
+        """Whether its mass can be told from zero."""
         return self.centre is not None
 
     @classmethod
@@ -223,12 +189,6 @@ class PayloadBody:
             draws: (K, 10) as in `bayesid.robot.inertia`, with masses > 0.
             shown: whether the body can be told from none. Draws cannot say so: no mass is ever below zero.
             common_sd: relative sd of the factor that all efforts have in common (see `with_common_factor`).
-
-        Example:
-            >>> draws = np.tile([0.1, 0.0, 0.0, 0.6, 0.0, 0.6, 1.0, 0.0, 0.0, 2.0], (100, 1))
-            >>> body = bayesid.PayloadBody.of_draws(draws)
-            >>> body.mass.value, [one.value for one in body.centre], round(body.inertia[1].value, 3)
-            (2.0, [0.5, 0.0, 0.0], 0.1)
         """
         draws = with_common_factor(evenly_sized(draws), common_sd)
         mass = Estimate.of_draws(draws[:, 9])
@@ -246,12 +206,6 @@ def evenly_sized(draws: Array) -> Array:
     """Draws (K, 10) of a flat prior, resampled so that the second moments about the centre of mass have one.
 
     Systematic resampling, so nothing is random; a draw may come several times.
-
-    Example:
-        >>> ball = lambda second: [2.0 * second, 0.0, 0.0, 2.0 * second, 0.0, 2.0 * second, 0.0, 0.0, 0.0, 1.0]
-        >>> draws = np.array([ball(0.01)] * 90 + [ball(0.02)] * 90)  # the larger one has 8 times the volume
-        >>> int((evenly_sized(draws)[:, 0] == 0.04).sum())
-        20
     """
     mass = draws[:, 9]
     _, inertia = about_centre_of_mass(draws)
@@ -267,10 +221,6 @@ def with_common_factor(draws: Array, common_sd: float, seed: int = 0) -> Array:
     """Draws (K, ...) with the uncertainty of a factor that all efforts have in common: ln of it is N(0, common_sd^2).
 
     Gains that are 10 % too high make a body seem 10 % heavier, its inertia too; its centre of mass stays.
-
-    Example:
-        >>> bool(np.isclose(with_common_factor(np.full((1000, 1), 3.0), 0.1).std(), 0.3, rtol=0.02))
-        True
     """
     if common_sd == 0.0:
         return draws
@@ -281,18 +231,7 @@ def with_common_factor(draws: Array, common_sd: float, seed: int = 0) -> Array:
 
 
 def gain_factor(mass: Array, known: float, known_sd: float = 0.0, seed: int = 0) -> Estimate:
-    """What efforts are to be multiplied by so that a body weighs what it does: known mass over the one read.
-
-    Args:
-        mass: (K,) draws of the mass in the scale of the efforts, kg.
-        known: the mass, kg.
-        known_sd: its standard deviation, kg.
-        seed: of the draws of the known mass.
-
-    Example:
-        >>> round(gain_factor(np.full(1000, 2.2), 2.0).value, 3)
-        0.909
-    """
+    """What efforts are to be multiplied by so that a body weighs what it does: its known mass over draws (K,), kg."""
     levels = np.random.default_rng(seed).permutation((np.arange(len(mass)) + 0.5) / len(mass))
     return Estimate.of_draws((known + known_sd * ndtri(levels)) / mass)
 
@@ -341,32 +280,17 @@ class PayloadReading:
 
         Of a Denavit-Hartenberg table that is the frame of its last row, which the standard convention puts at the
         flange; of a URDF that of the last joint that moves. Frames fixed to that link beyond it are no part of a model.
-
-        Example:
-            >>> reading.frame
-            'link 3'
         """
         return f"link {self.identification.model.robot.n_joints}"
 
     @property
     def posterior(self) -> Posterior:
-        """Draws of robot and payload.
-
-        Example:
-            >>> reading.posterior.min_ess > 400.0
-            True
-        """
+        """Draws of robot and payload."""
         return _posterior_of(self.identification)
 
     @property
     def gains(self) -> tuple[Array, Array] | None:
-        """(n,) gains that the log was read with, N m/A, and these by the factor; None without gains or factor.
-
-        Example:
-            >>> given, corrected = reading.gains
-            >>> bool(np.allclose(corrected, reading.gain_factor.value * given))
-            True
-        """
+        """(n,) gains that the log was read with, N m/A, and these by the factor; None without gains or factor."""
         read_with = self.identification.log.read_with.get("gains")
         if self.gain_factor is None or read_with is None:
             return None

@@ -20,9 +20,8 @@ from bayesid.effects.coefficients import BaseCoefficients, base_coefficients
 from bayesid.effects.model import Model
 from bayesid.effects.payload import carried_payloads
 from bayesid.errors import InputError
-from bayesid.identification.gains import UnknownGains, spread_by_gains, widened_by_gains
+from bayesid.identification.gains import UnknownGains, widened_by_gains
 from bayesid.identification.identification import Identification
-from bayesid.identification.identified_model import IdentifiedModel, ParameterDraws
 from bayesid.identification.options import (
     Completeness,
     Preparation,
@@ -36,6 +35,7 @@ from bayesid.identification.options import (
 )
 from bayesid.identification.other_readings import suspected_reading
 from bayesid.identification.records import segment_signs
+from bayesid.identification.sampling import average_over_draws, fit_of_mode, identified_model, sample
 from bayesid.identification.tuning import TUNING
 from bayesid.identification.warnings import warnings_of
 from bayesid.log.log import Log, check_exact_gains
@@ -43,18 +43,11 @@ from bayesid.log.reading import LogSource, as_log
 from bayesid.log.segments import Segments, find_segments
 from bayesid.log.signals import Signals, prepare, still_joints
 from bayesid.parallel import one_blas_thread
-from bayesid.posterior.blocks import SegmentBlocks, divide
-from bayesid.posterior.inference import Posterior, infer, widened, with_gains
-from bayesid.posterior.prior import usual_links
+from bayesid.posterior.inference import Posterior, with_gains
 from bayesid.posterior.sampler import Sampling
-from bayesid.posterior.target import PosteriorProblem
-from bayesid.posterior.tuning import TUNING as POSTERIOR
 from bayesid.progress import SILENT, Progress
 from bayesid.regression.evidence import Evidence
-from bayesid.regression.gains import GainFit
-from bayesid.regression.knowledge import Beliefs, Knowledge, Links, of_base
-from bayesid.regression.least_squares import Fit, fit_signed
-from bayesid.regression.moments import Moments
+from bayesid.regression.knowledge import Beliefs, Knowledge
 from bayesid.robot import Robot, check_joints, load_robot
 from bayesid.signs.after_rectifier import settle_unfiltered
 from bayesid.signs.averaging import AveragedSigns, average_over_models, structural_doubt, tempered_by_outliers
@@ -63,7 +56,6 @@ from bayesid.signs.completion import complete as complete_model
 from bayesid.signs.search.certified import Certified
 from bayesid.signs.search.protocol import OneBudget, Search
 from bayesid.signs.settling import Earlier, Settled, restored, settle_signs
-from bayesid.signs.smoothing import sign_probabilities
 
 QUICK = Certified(budget=TUNING.quick_budget)
 """Search of signs that an earlier log helps to settle."""
@@ -231,14 +223,7 @@ def identify_alone(
 
     No effect enters; what the catalogue holds besides, and the geometry, widen the uncertainty of the coefficients.
     Nothing is known of these beforehand, and no posterior is sampled: no prior pulls several logs to the same values.
-
-    Args:
-        model: robot, terms and distortions.
-        log: a log.
-        theta: (P,) parameters from which signs are settled too; they have no other say.
-        search: how signs are searched.
-        preparation: how the log is made ready.
-        progress: of long stages.
+    Signs are settled under theta (P,) too, which has no other say.
 
     Raises:
         SolverError: an optimisation failed.
@@ -386,7 +371,9 @@ def _identification(
     signs, confidence = segment_signs(segments, probability, signals.raw_effort)
     return Identification(
         identified=replace(
-            _identified(model, asked.evidence, averaged.fit, posterior, spread), gains=known, logs=seen | hashes(log)
+            identified_model(model, asked.evidence, averaged.fit, posterior, spread),
+            gains=known,
+            logs=seen | hashes(log),
         ),
         coefficients=asked.evidence.coefficients,
         log=log,
@@ -416,129 +403,20 @@ def _identification(
 def _sampled(run: _Run, averaged: AveragedSigns) -> _Sampled:
     if run.sampling is None:
         return averaged, None, averaged.mixed
-    posterior = _sample(run, averaged, run.sampling)
+    posterior = sample(averaged, run.sampling, run.beliefs, run.progress)
     run.lap("posterior")
-    averaged = replace(averaged, fit=_fit_of_mode(averaged, posterior, posterior.chosen))
+    averaged = replace(averaged, fit=fit_of_mode(averaged, posterior))
     probability = averaged.mixed
     if averaged.by_asked:
-        probability = _average_over_draws(averaged, posterior, run.progress)
+        probability = average_over_draws(averaged, posterior, run.progress)
     run.lap("smooth")
     return averaged, posterior, probability
 
 
-def _identified(
-    model: Model, evidence: Evidence, fit: Fit, posterior: Posterior | None, gains: GainFit | None
-) -> IdentifiedModel:
-    """The model by the posterior or, without one, by least squares.
-
-    What the model lacks makes its coefficients less certain, but not what the next log is to show of the same model: so
-    that knowledge leaves it out.
-    """
-    if posterior is None:
-        precision = of_base(model, evidence.coefficients, fit.information)
-        lacking = None if evidence.nuisance is None else _lacking(fit)
-        by_gains = None if gains is None else spread_by_gains(gains, evidence)
-        return IdentifiedModel(model, fit.theta, fit.noise, precision, lacking=lacking, by_gains=by_gains)
-    precision = of_base(model, evidence.coefficients, _inverse(posterior.covariance_of_log))
-    theta, log_scale = posterior.target.split(posterior.uncertain.spread(POSTERIOR.few_draws))
-    log_gain = None if gains is None else posterior.gains_of(posterior.uncertain.places(POSTERIOR.few_draws))
-    draws = ParameterDraws(theta, posterior.target.likelihood.sigma * np.exp(log_scale), log_gain)
-    return IdentifiedModel(model, posterior.theta, fit.noise, precision, draws)
-
-
-def _inverse(covariance: Array) -> Array:
-    """Of a covariance in mixed units: scaled first, so that what is known best is not taken for rounding."""
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    inverse: Array = np.outer(scale, scale) * np.linalg.pinv(np.outer(scale, scale) * covariance, hermitian=True)
-    return inverse
-
-
-# ---------------------------------------------------------------------------------------------------------------
-# Posterior, and signs of samples and segments
-# ---------------------------------------------------------------------------------------------------------------
 def _with_unseen(settled: Settled, probability: Array) -> Array:
     """(N, n) P(sign = +) with the mass of assignments that nobody has looked at, whose signs are guesses."""
     unseen = settled.signs.search.unseen
     return np.where(settled.evidence.signals.signed, probability, (1.0 - unseen) * probability + 0.5 * unseen)
-
-
-def _sample(run: _Run, averaged: AveragedSigns, sampling: Sampling) -> Posterior:
-    """The posterior of the model asked for; signs that another model has settled are given, all others summed out."""
-    evidence, settled, fit = averaged.asked.evidence, averaged.settled, averaged.fit
-    search = settled.signs.search
-    segments = _inner(settled.signs.segments[settled.signs.segments.fitted], evidence.signals)
-    orientation = segments.per_sample(search.signs, *settled.probability.shape)
-    known = segments.known if averaged.by_asked else search.signs
-    pieces, segment = divide(segments, fit.noise.autocorrelation)
-    expected = 2.0 * settled.probability - 1.0
-    moments = evidence.moments(expected, pieces, TUNING.pointwise_blocks, orientation, summed_out=False)
-    blocks = SegmentBlocks(replace(moments, known=known[segment]), segment, pieces.start, pieces.end)
-    if not averaged.by_asked or evidence.information is not None:
-        search = replace(search, theta=fit.theta, branches=(), settled=None)
-    problem = PosteriorProblem(
-        blocks=blocks,
-        coefficients=evidence.coefficients,
-        cone=evidence.model.cone,
-        noise=fit.noise,
-        links=run.beliefs.links or _usual_links(evidence, moments),
-        nominal=run.beliefs.of(evidence.model.parameters),
-        information=evidence.information,
-    )
-    posterior = infer(problem, search, sampling, run.progress)
-    return posterior if evidence.nuisance is None else widened(posterior, fit.information, _lacking(fit))
-
-
-def _lacking(fit: Fit) -> Array:
-    """(r, r) covariance by which coefficients are less certain than the information says: what the model may lack."""
-    known = np.isfinite(fit.sd)
-    lacking: Array = np.where(np.outer(known, known), fit.covariance, 0.0)
-    lacking[np.ix_(known, known)] -= _inverse(fit.information)[np.ix_(known, known)]
-    return lacking
-
-
-def _usual_links(evidence: Evidence, moments: Moments) -> Links:
-    """What is believed of any link where nothing is stated."""
-    model = evidence.model
-    return usual_links(model.robot, evidence.signals.motion, evidence.coefficients, model.cone, moments)
-
-
-def _inner(segments: Segments, signals: Signals) -> Segments:
-    """Segments without the samples at both ends of the log."""
-    inside = np.flatnonzero(signals.inner)
-    ends = int(inside[0]), int(inside[-1]) + 1
-    return replace(segments, start=np.clip(segments.start, *ends), end=np.clip(segments.end, *ends))
-
-
-def _average_over_draws(averaged: AveragedSigns, posterior: Posterior, progress: Progress) -> Array:
-    """(N, n) P(sign = +) of every sample, averaged over draws of parameters and noise, mode by mode.
-
-    So few draws of all modes together would give a light mode a share of 0 or 1/24.
-    """
-    evidence = averaged.asked.evidence
-    signals = evidence.signals
-    known = evidence.moving & signals.inner  # accelerations at both ends are no better known than friction at rest
-    probability = np.zeros(known.shape)
-    for sampled in posterior.modes:
-        draws, log_scale = posterior.target.split(
-            sampled.draws.spread(TUNING.smoothed_draws if sampled.weight > 0.5 else TUNING.smoothed_draws_light)
-        )
-        predicted = evidence.model.effort(signals.motion, draws.T)
-        noise = averaged.asked.fit.noise.scaled(np.exp(log_scale.mean(axis=0)))
-        steps = progress.steps("signs of samples")
-        probability += sampled.weight * sign_probabilities(signals, predicted, known, noise, steps)
-    return probability
-
-
-def _fit_of_mode(averaged: AveragedSigns, posterior: Posterior, mode: int) -> Fit:
-    """Least squares to the signs of a mode: those that were settled, unless it turns a joint of them round."""
-    evidence = averaged.asked.evidence
-    if not averaged.by_asked or not posterior.turned_joints(mode, averaged.settled.signs.search.signs):
-        return averaged.fit
-    signals, draws = evidence.signals, posterior.modes[mode].draws
-    predicted = evidence.model.effort(signals.motion, draws.theta.mean(axis=(0, 1, 2)))
-    known = evidence.moving & signals.inner
-    noise = averaged.asked.fit.noise
-    return fit_signed(evidence, 2.0 * sign_probabilities(signals, predicted, known, noise) - 1.0)
 
 
 def _sign_changes(signals: Signals) -> list[tuple[int, int]]:

@@ -79,42 +79,22 @@ class PredictedEfforts:
 
     @property
     def sd(self) -> Array:
-        """(N, n) standard deviation, N m: of a measured effort if `noise`, else of the model's.
-
-        Example:
-            >>> bool((predicted.sd >= predicted.sd_of_mean).all())
-            True
-        """
+        """(N, n) standard deviation, N m: of a measured effort if `noise`, else of the model's."""
         return np.hypot(self.sd_of_mean, self.sd_of_noise) if self.noise else self.sd_of_mean
 
     @property
     def lower(self) -> Array:
-        """(N, n) lower end of the 95 % band, N m.
-
-        Example:
-            >>> bool((predicted.lower < predicted.mean).all())
-            True
-        """
+        """(N, n) lower end of the 95 % band, N m."""
         return self.mean - NORMAL_95 * self.sd
 
     @property
     def upper(self) -> Array:
-        """(N, n) upper end of the 95 % band, N m.
-
-        Example:
-            >>> bool((predicted.mean < predicted.upper).all())
-            True
-        """
+        """(N, n) upper end of the 95 % band, N m."""
         return self.mean + NORMAL_95 * self.sd
 
     @property
     def holds(self) -> str:
-        """What the band accounts for, in words.
-
-        Example:
-            >>> predicted.holds
-            'parameters and noise, by the posterior'
-        """
+        """What the band accounts for, in words."""
         if self.basis == NOISE_ALONE:
             return NOISE_ALONE
         return f"parameters{' and noise' if self.noise else ''}, {self.basis}"
@@ -135,12 +115,7 @@ class PredictedEfforts:
         return "\n  ".join(lines)
 
     def columns(self) -> dict[str, Array]:
-        """Name to (N,) values: t, tau1..taun, sd1..sdn, lower1..lowern, upper1..uppern.
-
-        Example:
-            >>> list(predicted.columns())[:5]
-            ['t', 'tau1', 'tau2', 'tau3', 'sd1']
-        """
+        """Name to (N,) values: t, tau1..taun, sd1..sdn, lower1..lowern, upper1..uppern."""
         columns = {"t": self.t}
         for kind, block in (("tau", self.mean), ("sd", self.sd), ("lower", self.lower), ("upper", self.upper)):
             columns |= dict(zip(numbered(kind, block.shape[1]), block.T, strict=True))
@@ -182,10 +157,6 @@ class PredictedEfforts:
 
         Raises:
             InputError: the file cannot be written.
-
-        Example:
-            >>> predicted.save("torques.csv").name
-            'torques.csv'
         """
         place, (names, values) = Path(path), zip(*self.columns().items(), strict=True)
         efforts = np.column_stack(values[1:])
@@ -195,11 +166,6 @@ class PredictedEfforts:
 
 def motion_of(given: MotionLike, robot: Robot, cutoff: float | None = None) -> Motion:
     """The motion that is meant: as it stands if accelerations are given, else low-passed and differentiated.
-
-    Args:
-        given: see `MotionLike`.
-        robot: that is to move so.
-        cutoff: of the low-pass, Hz; from the motion by default.
 
     Raises:
         InputError: it is none, cannot be used, or has another number of joints.
@@ -381,14 +347,9 @@ def check_joints(robot: Robot, log: Log) -> None:
 
 
 def compare(log: Log, signals: Signals, robot: Robot, prediction: PredictedEfforts, noise: Noise) -> Validation:
-    """Settles a log's unknown signs under a prediction, and compares the two.
+    """Settles a log's unknown signs under a prediction of its motion, with a measurement's noise, and compares the two.
 
-    Args:
-        log: the raw log.
-        signals: the log on an even grid of N instants.
-        robot: of the log.
-        prediction: of its motion, with the noise of a measurement.
-        noise: of the model's residual on the log it was identified from.
+    `noise` is that of the model's residual on the log it was identified from.
     """
     segments = find_segments(signals, robot.actuators(signals.motion))
     moving = segments.per_sample(segments.moving, *signals.effort.shape) > 0

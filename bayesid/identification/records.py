@@ -19,75 +19,43 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Coefficient:
-    """A base coefficient.
+    """A base coefficient."""
 
-    Attributes:
-        name: of the parameter that it is built on.
-        expression: the sum of parameters that it is.
-        unit: of it.
-        mean: of the posterior, or the least-squares estimate.
-        sd: its standard deviation; inf where the log shows nothing of it.
-        lower: lower end of its 95 % interval.
-        upper: upper end.
-        decided_by: "data" or "prior"; of an `Accumulator` also "earlier log".
-        prior_sd: what the prior alone knows, or of an `Accumulator` the earlier log; NaN without one.
-        nominal: what the nominal parameters give; NaN where they do not give one.
-    """
-
-    name: str
-    expression: str
-    unit: str
-    mean: float
-    sd: float
-    lower: float
-    upper: float
-    decided_by: str
-    prior_sd: float
-    nominal: float
+    name: str  #: of the parameter that it is built on
+    expression: str  #: the sum of parameters that it is
+    unit: str  #: of it
+    mean: float  #: of the posterior, or the least-squares estimate
+    sd: float  #: its standard deviation; inf where the log shows nothing of it
+    lower: float  #: lower end of its 95 % interval
+    upper: float  #: upper end
+    decided_by: str  #: "data" or "prior"; of an `Accumulator` also "earlier log"
+    prior_sd: float  #: what the prior alone knows, or of an `Accumulator` the earlier log; NaN without one
+    nominal: float  #: what the nominal parameters give; NaN where they do not give one
 
 
 @dataclass(frozen=True)
 class ParameterValue:
-    """A parameter of the model.
+    """A parameter of the model."""
 
-    Attributes:
-        name: of it.
-        unit: of it.
-        joint: or link, from 1.
-        mean: of the posterior, or the least-squares estimate.
-        sd: its standard deviation; NaN where none is known: efforts show it in sums alone, and nothing was sampled.
-        decided_by: "data" or "prior".
-    """
-
-    name: str
-    unit: str
-    joint: int
-    mean: float
-    sd: float
-    decided_by: str
+    name: str  #: of it
+    unit: str  #: of it
+    joint: int  #: or link, from 1
+    mean: float  #: of the posterior, or the least-squares estimate
+    sd: float  #: its standard deviation; NaN where none is known: efforts show it in sums alone, without samples
+    decided_by: str  #: "data" or "prior"
 
 
 @dataclass(frozen=True)
 class SegmentSign:
-    """A segment of constant sign.
+    """A segment of constant sign."""
 
-    Attributes:
-        joint: from 1.
-        start: its first sample, s, on the clock of its log.
-        end: its last sample, s.
-        n_samples: in it.
-        sign: +1 or -1.
-        confidence: that it is right.
-        log: that it is of.
-    """
-
-    joint: int
-    start: float
-    end: float
-    n_samples: int
-    sign: int
-    confidence: float
-    log: str
+    joint: int  #: from 1
+    start: float  #: its first sample, s, on the clock of its log
+    end: float  #: its last sample, s
+    n_samples: int  #: in it
+    sign: int  #: +1 or -1
+    confidence: float  #: that it is right
+    log: str  #: that it is of
 
 
 Record = TypeVar("Record", Coefficient, ParameterValue, SegmentSign, covariant=True)
@@ -95,15 +63,10 @@ Record = TypeVar("Record", Coefficient, ParameterValue, SegmentSign, covariant=T
 
 @dataclass(frozen=True, repr=False)
 class Records(Sequence[Record], Generic[Record]):
-    """Records of one kind, in order.
+    """Records of one kind, in order."""
 
-    Attributes:
-        kind: of what.
-        rows: the records.
-    """
-
-    kind: type[Record]
-    rows: tuple[Record, ...]
+    kind: type[Record]  #: of what
+    rows: tuple[Record, ...]  #: the records
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -133,13 +96,7 @@ Entry = TypeVar("Entry", Coefficient, ParameterValue)
 
 
 def named(entries: Sequence[Entry], name: str, what: str, elsewhere: str = "") -> Entry:
-    """The entry of a name.
-
-    Args:
-        entries: to look among.
-        name: of one of them.
-        what: they are, for messages.
-        elsewhere: where an entry of that name is instead; empty where there is none.
+    """The entry of a name; `elsewhere` says where an entry of that name is instead.
 
     Raises:
         InputError: there is none; near names are told.
@@ -157,10 +114,7 @@ def named(entries: Sequence[Entry], name: str, what: str, elsewhere: str = "") -
 def segment_signs(segments: Segments, probability: Array, effort: Array) -> tuple[Integers, Array]:
     """(S,) signs and (S,) confidences: each segment's mean probability, weighted with the squared effort.
 
-    Args:
-        segments: S over N samples.
-        probability: (N, n) P(sign = +).
-        effort: (N, n) N m.
+    Of the S segments over N samples, P(sign = +) (N, n) and efforts (N, n), N m.
     """
     share = np.empty(len(segments))
     for k, (j, a, b) in enumerate(zip(segments.joint, segments.start, segments.end, strict=True)):

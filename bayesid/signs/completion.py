@@ -45,26 +45,17 @@ from bayesid.signs.tuning import TUNING
 
 @dataclass(frozen=True)
 class Completion:
-    """What the catalogue had to say.
+    """What the catalogue had to say."""
 
-    Attributes:
-        effects: that entered the model, in the order in which they did.
-        before: (n,) RMS error on held-back blocks of the log without them, N m.
-        after: (n,) and with them.
-        effort: (n,) RMS effort there, N m.
-        may_enter: whether effects might enter.
-        uncertain: effects that did not enter, with their joints, but widen the uncertainty: to their likely size,
-            relative to what is usual (of the geometry, to its tolerance).
-        too_narrow: coefficients whose intervals do not allow for what may be there besides.
-    """
-
-    effects: tuple[EnteredEffect, ...]
-    before: Array
-    after: Array
-    effort: Array
-    may_enter: bool = True
+    effects: tuple[EnteredEffect, ...]  #: that entered the model, in the order in which they did
+    before: Array  #: (n,) RMS error on held-back blocks of the log without them, N m
+    after: Array  #: (n,) and with them
+    effort: Array  #: (n,) RMS effort there, N m
+    may_enter: bool = True  #: whether effects might enter
+    #: effects that did not enter, with their joints, but widen the uncertainty: to their likely size, relative to what
+    #: is usual (of the geometry, to its tolerance)
     uncertain: Mapping[str, float] = field(default_factory=dict)
-    too_narrow: tuple[TooNarrow, ...] = ()
+    too_narrow: tuple[TooNarrow, ...] = ()  #: coefficients whose intervals do not allow for what may be there besides
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import pytest
 
 import bayesid
 from bayesid.errors import InputError
-from bayesid.identification import pipeline
+from bayesid.identification import sampling
 from bayesid.identification.options import check_memory, memory_needed
 from bayesid.log.log import Log
 from bayesid.posterior.sampler import Sampling
@@ -55,16 +55,16 @@ DRAWS = 24
 
 @pytest.mark.parametrize("duration", [6.0, 60.0])
 def test_a_long_log_is_averaged_over_as_many_draws(duration, monkeypatch):
-    averaged, smooth = [], pipeline.sign_probabilities
+    averaged, smooth = [], sampling.sign_probabilities
 
     def seen(signals, predicted, *others):
         averaged.append(predicted)
         return smooth(signals, predicted, *others)
 
-    monkeypatch.setattr(pipeline, "sign_probabilities", seen)
+    monkeypatch.setattr(sampling, "sign_probabilities", seen)
     log = bayesid.simulate_log(bayesid.load_robot("kr5"), duration, 100.0, 0.05, (), seed=3)[1].rectified()
-    terms, sampling = ["rigid_body", "viscous_friction"], Sampling(budget=0.0, walkers=8)
-    bayesid.identify("kr5", log, terms, posterior=sampling, complete="off")
+    terms, brief = ["rigid_body", "viscous_friction"], Sampling(budget=0.0, walkers=8)
+    bayesid.identify("kr5", log, terms, posterior=brief, complete="off")
     (predicted,) = averaged
     assert predicted.shape == (len(log.t), 6, DRAWS)
     assert len(np.unique(predicted[len(log.t) // 2, 0])) == DRAWS, "each of them another"

@@ -7,7 +7,7 @@ import pytest
 from completion_problems import BASE, LAG, LOAD, STRIBECK, THETA, identified, identify, log_with, true_signs
 
 from bayesid.errors import InputError
-from bayesid.identification import pipeline
+from bayesid.identification import sampling
 from bayesid.log.segments import Cutting, find_segments
 from bayesid.log.signals import prepare
 from bayesid.posterior.inference import widened
@@ -142,7 +142,7 @@ def test_an_effect_goes_that_the_posterior_alone_finds_consistent_with_zero(monk
         shift[..., asked:] = spread * posterior.theta[asked:]
         return replace(posterior, shift=shift)
 
-    monkeypatch.setattr(pipeline, "widened", wide)
+    monkeypatch.setattr(sampling, "widened", wide)
     result = identify(name, posterior=Sampling(budget=0.0))
     assert len(seen) == 2
     assert seen[0] > seen[1] == asked

@@ -68,21 +68,11 @@ class Beam(Search):
 
     @property
     def any_model(self) -> bool:
-        """Not where a price of the user's is given: it may know the model asked for only.
-
-        Example:
-            >>> bayesid.Beam().any_model
-            True
-        """
+        """Not where a price of the user's is given: it may know the model asked for only."""
         return self.node_cost is None
 
     def limited(self, budget: float, time_limit: float) -> Beam:
-        """The same search with another budget, nominal seconds, and time limit, seconds.
-
-        Example:
-            >>> bayesid.Beam().limited(2.5, 60.0).budget
-            2.5
-        """
+        """The same search with another budget, nominal seconds, and time limit, seconds."""
         return replace(self, budget=budget, time_limit=time_limit)
 
     def find(self, problem: SignProblem, steps: Steps = no_steps) -> SearchResult:
@@ -90,11 +80,6 @@ class Beam(Search):
 
         Raises:
             SolverError: a node could not be priced.
-
-        Example:
-            >>> result = bayesid.Beam(width=3).find(problem)
-            >>> len(result.signs), result.certified
-            (56, False)
         """
         budget = Budget(self.budget, len(problem.hessian), self.time_limit)
         result = self._search(problem, self.width, budget, steps)
@@ -110,13 +95,6 @@ class Beam(Search):
 
         Raises:
             SolverError: a cone problem could not be solved.
-
-        Example:
-            >>> from dataclasses import replace
-            >>> search = bayesid.Beam(width=3)
-            >>> last = search.find(problem)
-            >>> search.conclude(replace(problem, earlier=last)).unseen < last.unseen
-            True
         """
         result = super().conclude(problem, progress)
         if self.node_cost is not None:

@@ -79,12 +79,7 @@ class Certified(Search):
             raise InputError(f"a missed mass of {self.missed_mass:g}", "missed_mass", "give a number between 0 and 1")
 
     def limited(self, budget: float, time_limit: float) -> Certified:
-        """The same search with another budget, nominal seconds, and time limit, seconds.
-
-        Example:
-            >>> bayesid.Certified().limited(2.5, 60.0).budget
-            2.5
-        """
+        """The same search with another budget, nominal seconds, and time limit, seconds."""
         return replace(self, budget=budget, time_limit=time_limit)
 
     def find(self, problem: SignProblem, steps: Steps = no_steps) -> SearchResult:
@@ -92,11 +87,6 @@ class Certified(Search):
 
         Raises:
             SolverError: a cone problem could not be solved.
-
-        Example:
-            >>> result = bayesid.Certified().find(problem)
-            >>> len(result.signs), result.certified
-            (56, False)
         """
         result = self._search(problem, 0.0, steps)
         if problem.starts or not problem.is_poor(result):
@@ -108,12 +98,6 @@ class Certified(Search):
 
         Raises:
             SolverError: an optimisation failed.
-
-        Example:
-            >>> from dataclasses import replace
-            >>> search = bayesid.Certified(budget=5.0)
-            >>> search.conclude(replace(problem, earlier=search.find(problem))).certified
-            True
         """
         result = self._search(problem, TUNING.proof_share * self.budget, progress.steps("proof"))
         if result.certified:

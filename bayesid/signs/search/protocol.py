@@ -34,24 +34,16 @@ from bayesid.signs.tuning import TUNING
 
 @dataclass(frozen=True)
 class SignProblem:
-    """The sign problem of one log and one model.
+    """The sign problem of one log and one model."""
 
-    Attributes:
-        moments: of S segments, rows in units of the noise.
-        cone: the cone of the model's P parameters.
-        coefficients: the model's r base coefficients.
-        earlier: the result of the search before, on this log but perhaps on longer segments and with other noise; None
-            in the first round.
-        starts: (S,) each, signs that are likely beforehand, say those under another model.
-        unseen: `SearchResult.unseen` of the search that these are from.
-    """
-
-    moments: Moments
-    cone: Cone
-    coefficients: BaseCoefficients
+    moments: Moments  #: of S segments, rows in units of the noise
+    cone: Cone  #: the cone of the model's P parameters
+    coefficients: BaseCoefficients  #: the model's r base coefficients
+    #: the result of the search before, on this log but perhaps on longer segments and with other noise; None in the
+    #: first round
     earlier: SearchResult | None = None
-    starts: tuple[Integers, ...] = ()
-    unseen: float = 0.5
+    starts: tuple[Integers, ...] = ()  #: (S,) each, signs that are likely beforehand, say those under another model
+    unseen: float = 0.5  #: `SearchResult.unseen` of the search that these are from.
 
     @cached_property
     def hessian(self) -> Array:
@@ -90,12 +82,7 @@ class Search(Protocol):
 
     @property
     def any_model(self) -> bool:
-        """Whether it can search under another model than the one asked for, as a second opinion or completed.
-
-        Example:
-            >>> bayesid.Certified().any_model
-            True
-        """
+        """Whether it can search under another model than the one asked for, as a second opinion or completed."""
         return True
 
     @abstractmethod

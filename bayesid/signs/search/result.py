@@ -18,42 +18,27 @@ gaps (tests/fit/test_solver.py)."""
 
 @dataclass(frozen=True)
 class Branch:
-    """One assignment of signs and the best parameters under it.
+    """One assignment of signs and the best parameters under it."""
 
-    Attributes:
-        signs: (S,) +1 or -1 for each segment of the moments.
-        theta: (P,) best feasible parameters.
-        cost: min over the cone of f(theta, signs) + rho(theta), efforts in units of their noise
-            (:eq:`assignment-cost`).
-        lower_bound: proven bound on the cost of every assignment that the branch stands for: those with the same signs
-            in the segments that the proof decided one by one, whatever the signs of the weak ones.
-    """
-
-    signs: Integers
-    theta: Array
+    signs: Integers  #: (S,) +1 or -1 for each segment of the moments
+    theta: Array  #: (P,) best feasible parameters
+    #: min over the cone of f(theta, signs) + rho(theta), efforts in units of their noise (:eq:`assignment-cost`)
     cost: float
+    #: proven bound on the cost of every assignment that the branch stands for: those with the same signs in the
+    #: segments that the proof decided one by one, whatever the signs of the weak ones
     lower_bound: float
 
 
 @dataclass(frozen=True)
 class Pruning:
-    """What became of the nodes of a beam: all that were grown were pruned one way or the other, or survived their step.
+    """What became of the nodes of a beam: those that were grown were pruned either way, or survived their step."""
 
-    Attributes:
-        grown: sign choices.
-        by_bound: pruned by the unconstrained bound, without a cone problem.
-        by_cone: pruned by their cost in the cone.
-        survived: a step, the last one too.
-        leaves: that survived the last step.
-        undecided: segments that no step had decided when time was up: each leaf predicts their signs.
-    """
-
-    grown: int = 0
-    by_bound: int = 0
-    by_cone: int = 0
-    survived: int = 0
-    leaves: int = 0
-    undecided: int = 0
+    grown: int = 0  #: sign choices
+    by_bound: int = 0  #: pruned by the unconstrained bound, without a cone problem
+    by_cone: int = 0  #: pruned by their cost in the cone
+    survived: int = 0  #: a step, the last one too
+    leaves: int = 0  #: that survived the last step
+    undecided: int = 0  #: segments that no step had decided when time was up: each leaf predicts their signs
 
     def __add__(self, other: Pruning) -> Pruning:
         return Pruning(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(self)))
@@ -77,79 +62,55 @@ def listed_without_proof(moments: Moments, best: Branch, others: Iterable[Branch
 
 @dataclass(frozen=True)
 class Way:
-    """What one way of searching has found.
+    """What one way of searching has found."""
 
-    Attributes:
-        name: "candidates", "earlier signs" (found under another model), "branch and bound", "local search", "beam", or
-            "final noise weights" (another assignment is cheaper by these; its cost does not compare with the others').
-        cost: of its best assignment.
-        spent: nominal seconds of work.
-        starts: how often it began from other signs; 0 where that means nothing.
-    """
-
+    #: "candidates", "earlier signs" (found under another model), "branch and bound", "local search", "beam", or "final
+    #: noise weights" (another assignment is cheaper by these; its cost does not compare with the others')
     name: str
-    cost: float
-    spent: float = 0.0
-    starts: int = 0
+    cost: float  #: of its best assignment
+    spent: float = 0.0  #: nominal seconds of work
+    starts: int = 0  #: how often it began from other signs; 0 where that means nothing
 
 
 @dataclass(frozen=True)
 class SearchResult:
-    """The best assignment of a search, and what is proven about all others.
+    """The best assignment of a search, and what is proven about all others."""
 
-    Attributes:
-        signs: (S,) +1 or -1 for each segment of the moments.
-        theta: (P,) best feasible parameters under these signs.
-        cost: min over the cone of f(theta, signs) + rho(theta), efforts in units of their noise
-            (:eq:`assignment-cost`).
-        method: of the search.
-        width: of the beam; None if it was unlimited or there was none.
-        certified: whether no other assignment can cost less (by more than 1e-8 of the efforts' energy), with the pull
-            and without it, by the noise weights of the search and by those of its result.
-        lower_bound: proven bound on the cost of every assignment, or None.
-        nodes: priced by the unconstrained bound.
-        solves: cone problems solved.
-        tolerance: coarsest relative gap among them.
-        seconds: of wall time.
-        branches: the best assignment and all others that may cost at most `within` more, cheapest first; of a beam, the
-            leaves that survived its last step; empty if neither was had.
-        within: Delta, in units of the cost.
-        missed: bound on the sum of exp(-(cost - best cost) / 2) over all assignments of the segments decided one by
-            one that `branches` leaves out (:eq:`missed-mass`); inf if nothing is proven.
-        settled: (S,) whether all assignments within Delta give the segment the same sign; None if nothing is proven.
-        decided: (B, S) segments that each branch decides one by one; it stands for all signs of the others.
-        withheld: why a proof is no certificate: "pull" where another assignment may cost the data less, "noise" where
-            the best assignment depends on the noise weights; empty otherwise.
-        pull: what rho adds to the cost; None if the nodes' price is the user's.
-        pruning: what became of a beam's nodes; None without one.
-        spent: nominal seconds of work; 0 where the search had no budget.
-        timed_out: whether the time limit on the clock has ended it: a faster machine may give another result.
-        ways: what each way of searching has found, in the order in which they were tried.
-        unseen: probability that an assignment which nobody has looked at is the right one; 0 where a proof excludes it.
-    """
-
-    signs: Integers
-    theta: Array
+    signs: Integers  #: (S,) +1 or -1 for each segment of the moments
+    theta: Array  #: (P,) best feasible parameters under these signs
+    #: min over the cone of f(theta, signs) + rho(theta), efforts in units of their noise (:eq:`assignment-cost`)
     cost: float
-    method: str
-    width: int | None = None
+    method: str  #: of the search
+    width: int | None = None  #: of the beam; None if it was unlimited or there was none
+    #: whether no other assignment can cost less (by more than 1e-8 of the efforts' energy), with the pull and without
+    #: it, by the noise weights of the search and by those of its result
     certified: bool = False
-    lower_bound: float | None = None
-    nodes: int = 0
-    solves: int = 0
-    tolerance: float = 0.0
-    seconds: float = 0.0
+    lower_bound: float | None = None  #: proven bound on the cost of every assignment, or None
+    nodes: int = 0  #: priced by the unconstrained bound
+    solves: int = 0  #: cone problems solved
+    tolerance: float = 0.0  #: coarsest relative gap among them
+    seconds: float = 0.0  #: of wall time
+    #: the best assignment and all others that may cost at most `within` more, cheapest first; of a beam, the leaves
+    #: that survived its last step; empty if neither was had
     branches: tuple[Branch, ...] = ()
-    within: float = 0.0
+    within: float = 0.0  #: Delta, in units of the cost
+    #: bound on the sum of exp(-(cost - best cost) / 2) over all assignments of the segments decided one by one that
+    #: `branches` leaves out (:eq:`missed-mass`); inf if nothing is proven
     missed: float = np.inf
+    #: (S,) whether all assignments within Delta give the segment the same sign; None if nothing is proven
     settled: Mask | None = None
+    #: (B, S) segments that each branch decides one by one; it stands for all signs of the others
     decided: Mask | None = None
+    #: why a proof is no certificate: "pull" where another assignment may cost the data less, "noise" where the best
+    #: assignment depends on the noise weights; empty otherwise
     withheld: str = ""
-    pull: float | None = None
-    pruning: Pruning | None = None
-    spent: float = 0.0
+    pull: float | None = None  #: what rho adds to the cost; None if the nodes' price is the user's
+    pruning: Pruning | None = None  #: what became of a beam's nodes; None without one
+    spent: float = 0.0  #: nominal seconds of work; 0 where the search had no budget
+    #: whether the time limit on the clock has ended it: a faster machine may give another result
     timed_out: bool = False
-    ways: tuple[Way, ...] = ()
+    ways: tuple[Way, ...] = ()  #: what each way of searching has found, in the order in which they were tried
+    #: probability that an assignment which nobody has looked at is the right one; 0 where a proof excludes it
     unseen: float = 0.5
 
     def with_work_of(self, others: Iterable[SearchResult]) -> SearchResult:

@@ -1,0 +1,135 @@
+"""The posterior of a log with settled signs, and what it says of samples, of the fit and of the model."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from bayesid.arrays import Array
+from bayesid.effects.model import Model
+from bayesid.identification.gains import spread_by_gains
+from bayesid.identification.identified_model import IdentifiedModel, ParameterDraws
+from bayesid.identification.tuning import TUNING
+from bayesid.log.segments import Segments
+from bayesid.log.signals import Signals
+from bayesid.posterior.blocks import SegmentBlocks, divide
+from bayesid.posterior.inference import Posterior, infer, widened
+from bayesid.posterior.prior import usual_links
+from bayesid.posterior.sampler import Sampling
+from bayesid.posterior.target import PosteriorProblem
+from bayesid.posterior.tuning import TUNING as POSTERIOR
+from bayesid.progress import Progress
+from bayesid.regression.evidence import Evidence
+from bayesid.regression.gains import GainFit
+from bayesid.regression.knowledge import Beliefs, Links, of_base
+from bayesid.regression.least_squares import Fit, fit_signed
+from bayesid.regression.moments import Moments
+from bayesid.signs.averaging import AveragedSigns
+from bayesid.signs.smoothing import sign_probabilities
+
+
+def sample(averaged: AveragedSigns, sampling: Sampling, beliefs: Beliefs, progress: Progress) -> Posterior:
+    """The posterior of the model asked for; signs that another model has settled are given, all others summed out."""
+    evidence, settled, fit = averaged.asked.evidence, averaged.settled, averaged.fit
+    search = settled.signs.search
+    segments = _inner(settled.signs.segments[settled.signs.segments.fitted], evidence.signals)
+    orientation = segments.per_sample(search.signs, *settled.probability.shape)
+    known = segments.known if averaged.by_asked else search.signs
+    pieces, segment = divide(segments, fit.noise.autocorrelation)
+    expected = 2.0 * settled.probability - 1.0
+    moments = evidence.moments(expected, pieces, TUNING.pointwise_blocks, orientation, summed_out=False)
+    blocks = SegmentBlocks(replace(moments, known=known[segment]), segment, pieces.start, pieces.end)
+    if not averaged.by_asked or evidence.information is not None:
+        search = replace(search, theta=fit.theta, branches=(), settled=None)
+    problem = PosteriorProblem(
+        blocks=blocks,
+        coefficients=evidence.coefficients,
+        cone=evidence.model.cone,
+        noise=fit.noise,
+        links=beliefs.links or _usual_links(evidence, moments),
+        nominal=beliefs.of(evidence.model.parameters),
+        information=evidence.information,
+    )
+    posterior = infer(problem, search, sampling, progress)
+    return posterior if evidence.nuisance is None else widened(posterior, fit.information, _lacking(fit))
+
+
+def _lacking(fit: Fit) -> Array:
+    """(r, r) covariance by which coefficients are less certain than the information says: what the model may lack."""
+    known = np.isfinite(fit.sd)
+    lacking: Array = np.where(np.outer(known, known), fit.covariance, 0.0)
+    lacking[np.ix_(known, known)] -= _inverse(fit.information)[np.ix_(known, known)]
+    return lacking
+
+
+def _usual_links(evidence: Evidence, moments: Moments) -> Links:
+    """What is believed of any link where nothing is stated."""
+    model = evidence.model
+    return usual_links(model.robot, evidence.signals.motion, evidence.coefficients, model.cone, moments)
+
+
+def _inner(segments: Segments, signals: Signals) -> Segments:
+    """Segments without the samples at both ends of the log."""
+    inside = np.flatnonzero(signals.inner)
+    ends = int(inside[0]), int(inside[-1]) + 1
+    return replace(segments, start=np.clip(segments.start, *ends), end=np.clip(segments.end, *ends))
+
+
+def average_over_draws(averaged: AveragedSigns, posterior: Posterior, progress: Progress) -> Array:
+    """(N, n) P(sign = +) of every sample, averaged over draws of parameters and noise, mode by mode.
+
+    So few draws of all modes together would give a light mode a share of 0 or 1/24.
+    """
+    evidence = averaged.asked.evidence
+    signals = evidence.signals
+    known = evidence.moving & signals.inner  # accelerations at both ends are no better known than friction at rest
+    probability = np.zeros(known.shape)
+    for sampled in posterior.modes:
+        draws, log_scale = posterior.target.split(
+            sampled.draws.spread(TUNING.smoothed_draws if sampled.weight > 0.5 else TUNING.smoothed_draws_light)
+        )
+        predicted = evidence.model.effort(signals.motion, draws.T)
+        noise = averaged.asked.fit.noise.scaled(np.exp(log_scale.mean(axis=0)))
+        steps = progress.steps("signs of samples")
+        probability += sampled.weight * sign_probabilities(signals, predicted, known, noise, steps)
+    return probability
+
+
+def fit_of_mode(averaged: AveragedSigns, posterior: Posterior) -> Fit:
+    """Least squares to the signs of the chosen mode: those that were settled, unless it turns a joint of them round."""
+    evidence = averaged.asked.evidence
+    if not averaged.by_asked or not posterior.turned_joints(posterior.chosen, averaged.settled.signs.search.signs):
+        return averaged.fit
+    signals, draws = evidence.signals, posterior.modes[posterior.chosen].draws
+    predicted = evidence.model.effort(signals.motion, draws.theta.mean(axis=(0, 1, 2)))
+    known = evidence.moving & signals.inner
+    noise = averaged.asked.fit.noise
+    return fit_signed(evidence, 2.0 * sign_probabilities(signals, predicted, known, noise) - 1.0)
+
+
+def identified_model(
+    model: Model, evidence: Evidence, fit: Fit, posterior: Posterior | None, gains: GainFit | None
+) -> IdentifiedModel:
+    """The model by the posterior or, without one, by least squares.
+
+    What the model lacks makes its coefficients less certain, but not what the next log is to show of the same model: so
+    that knowledge leaves it out.
+    """
+    if posterior is None:
+        precision = of_base(model, evidence.coefficients, fit.information)
+        lacking = None if evidence.nuisance is None else _lacking(fit)
+        by_gains = None if gains is None else spread_by_gains(gains, evidence)
+        return IdentifiedModel(model, fit.theta, fit.noise, precision, lacking=lacking, by_gains=by_gains)
+    precision = of_base(model, evidence.coefficients, _inverse(posterior.covariance_of_log))
+    theta, log_scale = posterior.target.split(posterior.uncertain.spread(POSTERIOR.few_draws))
+    log_gain = None if gains is None else posterior.gains_of(posterior.uncertain.places(POSTERIOR.few_draws))
+    draws = ParameterDraws(theta, posterior.target.likelihood.sigma * np.exp(log_scale), log_gain)
+    return IdentifiedModel(model, posterior.theta, fit.noise, precision, draws)
+
+
+def _inverse(covariance: Array) -> Array:
+    """Of a covariance in mixed units: scaled first, so that what is known best is not taken for rounding."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    inverse: Array = np.outer(scale, scale) * np.linalg.pinv(np.outer(scale, scale) * covariance, hermitian=True)
+    return inverse
