@@ -18,8 +18,8 @@ from bayesid.errors import InputError
 from bayesid.excitation.design import ExcitationDesign, Objective, TrajectoryShape, design_excitation
 from bayesid.excitation.judgement import judge_log
 from bayesid.excitation.limits import read_limits
-from bayesid.excitation.next_motion import Hypotheses, NextMotion, RunSettings, design_next, equivalent_classes
-from bayesid.excitation.rivals import parse_key
+from bayesid.excitation.next_motion import NextMotion, RunSettings, design_next
+from bayesid.excitation.rivals import Hypotheses, equivalent_classes, hypotheses_of
 from bayesid.files.tables import read_json
 from bayesid.files.writing import check_folder
 from bayesid.identification.identified_model import IdentifiedModel
@@ -143,7 +143,7 @@ def _next_motion(
     about, between = _words(options.about, "--about"), _words(options.between, "--between")
     found = _hypotheses(options.result)
     if between:
-        found = Hypotheses((tuple(map(parse_key, between)),), found.changed)
+        found = Hypotheses(hypotheses_of(between).classes, found.changed)
     elif about:
         found = Hypotheses()
     return design_next(

@@ -10,20 +10,26 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
 from bayesid.arrays import Array
-from bayesid.discrepancy.workflow import CHANGE_OF, Discrepancy
-from bayesid.effects.catalogue import main_forms
+from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.effects.coefficients import base_coefficients
 from bayesid.errors import InputError
 from bayesid.excitation.goals import CRITERIA, Goal, goal_of, information_gain, usual_motion
 from bayesid.excitation.known import GAIN, Known, certain_share, information_of, inverse, known_of
 from bayesid.excitation.limits import check_limits
-from bayesid.excitation.rivals import Changes, RivalEffects, inseparable, make_rivals, parse_key
+from bayesid.excitation.rivals import (
+    Hypotheses,
+    RivalEffects,
+    hypotheses_after,
+    hypotheses_of,
+    inseparable,
+    make_rivals,
+)
 from bayesid.excitation.search import Design, MotionSearch, best_motion
 from bayesid.excitation.splines import Feasibility, SplineBasis, SplineTrajectory, at_rest, fine_steps, largest_efforts
 from bayesid.excitation.tuning import TUNING
@@ -32,9 +38,7 @@ from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.motion import Motion
 from bayesid.parallel import one_blas_thread
 from bayesid.progress import SILENT, Progress
-from bayesid.regression.selection.added_effect import AddedEffect
 from bayesid.regression.selection.explanation import LN10
-from bayesid.regression.selection.hypotheses import EffectKey
 from bayesid.robot.collision import CollisionModel
 from bayesid.simulation.trajectories import MotionLimits
 
@@ -44,19 +48,6 @@ _SUPPOSED = (
 )
 SPEEDS = (0.1, 0.3, 1.0)
 """Shares of the speed at which a new motion is played, one after the other."""
-
-
-@dataclass(frozen=True)
-class Hypotheses:
-    """Classes of effects of which each class is to be told apart.
-
-    Attributes:
-        classes: effect and joints (from 1) of each hypothesis, the one that was named first.
-        changed: those that are a change of a term which the model had before, and by how much which parameters.
-    """
-
-    classes: tuple[tuple[EffectKey, ...], ...] = ()
-    changed: Changes = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -336,14 +327,11 @@ def _taken(
     about: Sequence[str],
 ) -> tuple[IdentifiedModel, Motion | None, Hypotheses]:
     """The model, the motion of its log, and the hypotheses."""
-    named = between if isinstance(between, Hypotheses) else _one_class(between)
+    named = between if isinstance(between, Hypotheses) else hypotheses_of(between)
     if named.classes and about:
         raise InputError("asks for coefficients and for hypotheses", field="between", remedy="leave it or `about` out")
     if isinstance(result, Discrepancy):
-        changed, classes = _changes(result), named.classes
-        if not about and not classes:
-            classes = equivalent_classes([(one.effect, one.joints, _equivalents(one)) for one in result.added])
-        named, result = Hypotheses(classes, changed), result.identification
+        named, result = hypotheses_after(result.added, named.classes, asked=not about), result.identification
     if isinstance(result, Identification):
         recorded = result.signals.motion if recorded is None else recorded
         result = _with_lacking(result)
@@ -351,32 +339,6 @@ def _taken(
     if recorded is not None and len(recorded) > TUNING.most_recorded:
         recorded = recorded[:: -(-len(recorded) // TUNING.most_recorded)]
     return result, recorded, named
-
-
-def _one_class(between: Sequence[str]) -> Hypotheses:
-    return Hypotheses((tuple(map(parse_key, between)),) if between else ())
-
-
-def _equivalents(added: AddedEffect) -> list[str]:
-    """Names of the effects that are equivalent to one, with the joints in which they are, as `--between` takes them."""
-    keys = {score.hypothesis.effect: score.key for score in reversed(added.rivals)}  # the best of each name
-    found = (keys.get(name) for name in added.equivalent)
-    return [
-        name if key is None else f"{name}:{':'.join(map(str, key[1]))}"  # with no joint behind it, the whole robot
-        for name, key in zip(added.equivalent, found, strict=True)
-    ]
-
-
-def _changes(result: Discrepancy) -> Changes:
-    """Effects of a discrepancy that are changes of terms which the model had before."""
-    changed: dict[tuple[str, tuple[int, ...]], dict[str, float]] = {}
-    for added in result.added:
-        changed |= {score.key: {} for score in added.rivals if score.hypothesis.changes}
-    for added in result.added:
-        steps = {name: added.parameters[f"{CHANGE_OF}{name}"][0] for name in added.hypothesis.changes}
-        if steps:
-            changed[added.hypothesis.key] = steps
-    return changed
 
 
 def _with_lacking(result: Identification) -> IdentifiedModel:
@@ -392,28 +354,6 @@ def _with_lacking(result: Identification) -> IdentifiedModel:
     )
     lacking = np.atleast_2d(np.cov(wide, rowvar=False)) - np.atleast_2d(np.cov(narrow, rowvar=False))
     return replace(result.identified, lacking=lacking)
-
-
-def equivalent_classes(
-    found: Sequence[tuple[str, tuple[int, ...], Sequence[str]]],
-) -> tuple[tuple[EffectKey, ...], ...]:
-    """Classes of hypotheses that a log could not tell apart: effect and joints of each, the one that was named first.
-
-    Args:
-        found: effect, joints and names of the effects that are equivalent, of each effect that was found. These act in
-            the same joints, or in the whole robot where they can in no joint alone, unless their names say more
-            ("thermal_drift:3", and "delay:" in the whole robot).
-    """
-    told = [one for one in found if one[2]]
-    return tuple(
-        ((effect, joints), *(parse_key(other) if ":" in other else _placed(other, joints) for other in equivalent))
-        for effect, joints, equivalent in told
-    )
-
-
-def _placed(effect: str, joints: tuple[int, ...]) -> EffectKey:
-    kind = main_forms().get(effect)
-    return effect, joints if kind is None or kind.by_joint else ()
 
 
 def _settled(run: RunSettings, known: Known, recorded: Motion | None) -> RunSettings:

@@ -8,13 +8,15 @@ best. So what is expected is that of the least clear case.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
 from bayesid.arrays import Array, Integers
+from bayesid.discrepancy.workflow import CHANGE_OF
 from bayesid.effects import Distortion, Term, catalogue
+from bayesid.effects.catalogue import main_forms
 from bayesid.effects.coefficients import base_coefficients
 from bayesid.effects.effect import Effect
 from bayesid.effects.model import Model
@@ -23,6 +25,7 @@ from bayesid.excitation.bayes_factors import BayesFactors, FormKnowledge
 from bayesid.excitation.known import Known, information_of, inverse
 from bayesid.excitation.tuning import TUNING
 from bayesid.motion import Motion
+from bayesid.regression.selection.added_effect import AddedEffect
 from bayesid.regression.selection.explanation import LN10
 from bayesid.regression.selection.hypotheses import EffectKey, forms_of, maker
 
@@ -31,6 +34,78 @@ _RANK = 1e-6
 Changes = Mapping[EffectKey, Mapping[str, float]]
 """Hypotheses that a term of the model has changed, and by how much which parameters, where the result has found it."""
 NO_CHANGES: Changes = {}
+
+
+@dataclass(frozen=True)
+class Hypotheses:
+    """Classes of effects of which each class is to be told apart.
+
+    Attributes:
+        classes: effect and joints (from 1) of each hypothesis, the one that was named first.
+        changed: those that are a change of a term which the model had before, and by how much which parameters.
+    """
+
+    classes: tuple[tuple[EffectKey, ...], ...] = ()
+    changed: Changes = field(default_factory=dict)
+
+
+def hypotheses_of(names: Sequence[str]) -> Hypotheses:
+    """One class by its names, as in ("stribeck_friction:3", "thermal_drift:3"); none of no names."""
+    return Hypotheses((tuple(map(parse_key, names)),) if names else ())
+
+
+def hypotheses_after(
+    found: Sequence[AddedEffect], classes: tuple[tuple[EffectKey, ...], ...], *, asked: bool
+) -> Hypotheses:
+    """Hypotheses of a discrepancy that has found some effects.
+
+    Args:
+        found: by the discrepancy.
+        classes: that are named.
+        asked: whether effects that its log could not tell apart are meant where none are named.
+    """
+    changed: dict[EffectKey, dict[str, float]] = {}
+    for added in found:
+        changed |= {score.key: {} for score in added.rivals if score.hypothesis.changes}
+    for added in found:
+        steps = {name: added.parameters[f"{CHANGE_OF}{name}"][0] for name in added.hypothesis.changes}
+        if steps:
+            changed[added.hypothesis.key] = steps
+    if asked and not classes:
+        classes = equivalent_classes([(one.effect, one.joints, _equivalents(one)) for one in found])
+    return Hypotheses(classes, changed)
+
+
+def _equivalents(added: AddedEffect) -> list[str]:
+    """Names of the effects that are equivalent to one, with the joints in which they are, as `--between` takes them."""
+    keys = {score.hypothesis.effect: score.key for score in reversed(added.rivals)}  # the best of each name
+    found = (keys.get(name) for name in added.equivalent)
+    return [
+        name if key is None else f"{name}:{':'.join(map(str, key[1]))}"  # with no joint behind it, the whole robot
+        for name, key in zip(added.equivalent, found, strict=True)
+    ]
+
+
+def equivalent_classes(
+    found: Sequence[tuple[str, tuple[int, ...], Sequence[str]]],
+) -> tuple[tuple[EffectKey, ...], ...]:
+    """Classes of hypotheses that a log could not tell apart: effect and joints of each, the one that was named first.
+
+    Args:
+        found: effect, joints and names of the effects that are equivalent, of each effect that was found. These act in
+            the same joints, or in the whole robot where they can in no joint alone, unless their names say more
+            ("thermal_drift:3", and "delay:" in the whole robot).
+    """
+    told = [one for one in found if one[2]]
+    return tuple(
+        ((effect, joints), *(parse_key(other) if ":" in other else _placed(other, joints) for other in equivalent))
+        for effect, joints, equivalent in told
+    )
+
+
+def _placed(effect: str, joints: tuple[int, ...]) -> EffectKey:
+    kind = main_forms().get(effect)
+    return effect, joints if kind is None or kind.by_joint else ()
 
 
 @dataclass(frozen=True)
@@ -266,13 +341,8 @@ def _as_before(known: Known, changed: Changes) -> tuple[Known, dict[EffectKey, A
 def _unstepped(prior: Array, bare: Known, parameters: Sequence[str], sd: Array) -> Array:
     """The inverse covariance before, without the step that parameters were taken to have made (`Knowledge.widened`).
 
-    Where that step is all that was uncertain of a coefficient, a `TUNING.wider`th of it is left.
-
-    Args:
-        prior: with the step.
-        bare: whose quantities they are.
-        parameters: that have made it.
-        sd: (p,) of the step.
+    Where that step, of standard deviations (p,), is all that was uncertain of a coefficient, a `TUNING.wider`th of it
+    is left.
     """
     names = [parameter.name for parameter in bare.model.parameters]
     step = np.zeros((len(bare), len(parameters)))
@@ -288,11 +358,6 @@ def _before(known: Known, bare: Known, earlier: Motion) -> Array:
     """(r, r) inverse covariance of the quantities before the earlier recording, by what is known beside it.
 
     What the recording tells is taken from what is known now; where it tells all of it, next to nothing was known.
-
-    Args:
-        known: the result.
-        bare: the same without the effects in question.
-        earlier: N instants of the motion of its log.
     """
     scale = np.sqrt(np.maximum(np.diag(known.precision), np.finfo(float).tiny))
     values, vectors = np.linalg.eigh(known.precision / np.outer(scale, scale))

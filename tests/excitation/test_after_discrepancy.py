@@ -9,7 +9,8 @@ from open_results import TERMS, earlier_motion, open_result
 
 from bayesid.discrepancy.workflow import find_discrepancy
 from bayesid.effects.stribeck_friction import StribeckFriction
-from bayesid.excitation.next_motion import RunSettings, design_next, equivalent_classes
+from bayesid.excitation.next_motion import RunSettings, design_next
+from bayesid.excitation.rivals import equivalent_classes
 from bayesid.identification.pipeline import identify
 from bayesid.simulation.logs import simulate
 
