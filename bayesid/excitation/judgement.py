@@ -20,7 +20,6 @@ from bayesid.effects.coefficients import BaseCoefficients
 from bayesid.effects.model import Model
 from bayesid.errors import InputError
 from bayesid.excitation.resolvability import (
-    Expectation,
     JointFlips,
     SegmentFlips,
     check_noise,
@@ -32,8 +31,8 @@ from bayesid.excitation.resolvability import (
 )
 from bayesid.excitation.tuning import TUNING
 from bayesid.log.reading import LogSource, as_log
-from bayesid.log.segments import Segments, find_segments
-from bayesid.log.signals import Signals, prepare
+from bayesid.log.segments import find_segments
+from bayesid.log.signals import prepare
 from bayesid.parallel import one_blas_thread
 from bayesid.regression.moments import moments
 from bayesid.robot import Robot, check_joints, load_robot
@@ -90,23 +89,12 @@ class ExcitationJudgement:
 
     @property
     def undecided(self) -> tuple[int, ...]:
-        """Coefficients that the log leaves undecided.
-
-        Example:
-            >>> judgement = bayesid.judge_log(robot, log, terms)
-            >>> [judgement.coefficients.names[k] for k in judgement.undecided]
-            ['J2yz', 'J3yz']
-        """
+        """Coefficients that the log leaves undecided."""
         return undecided(self.uncertainty)
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What is to be said, in plain words: what the log leaves undecided, and which motion would decide it.
-
-        Example:
-            >>> bayesid.judge_log(robot, log, terms).remarks[0].partition(";")[0]
-            'undecided at a noise of 5% (rigid body): J2yz, J3yz'
-        """
+        """What is to be said, in plain words: what the log leaves undecided, and which motion would decide it."""
         return (*_still(self), *_turned(self), *_idle(self), *_coefficients(self), *_segments(self), *_merged(self))
 
     @property
@@ -114,10 +102,6 @@ class ExcitationJudgement:
         """Red where a joint or its signs are left open, amber where less is, green where nothing is.
 
         What no motion shows is no fault of the log's.
-
-        Example:
-            >>> bayesid.judge_log(robot, log, terms).light
-            'green'
         """
         if _still(self) or _turned(self):
             return "red"
@@ -163,11 +147,19 @@ def judge_log(
     segments = segments[segments.fitted]
     if not len(segments):
         raise InputError("no joint moves", log.source, "record a motion in which every joint moves")
-    expectation = expect(Model(robot, catalogue.make_terms(terms, robot, signals.motion)), seed)
-    shown = _shown(expectation, signals, segments, noise)
-    speed = np.abs(actuators.dq)
+    model = Model(robot, catalogue.make_terms(terms, robot, signals.motion))
+    expectation = expect(model, seed)
+    speed, n = np.abs(actuators.dq), robot.n_joints
+    unsigned = np.flatnonzero(~signals.signed).tolist()
+    sums = moments(model, expectation.coefficients, signals.motion, signals.effort, segments, most_individual=0)
+    grams, counts = sums.hessian.by_joint(n), np.bincount(sums.joint, sums.count, n)
+    samples, weight = np.maximum(counts, 1).astype(np.int64), min(1.0, TUNING.independent / signals.rate)
+    groups = groups_of(unsigned, all_unsigned=len(unsigned) == n)
+    flips = expectation.joint_flips(grams, samples, noise, weight, groups) if unsigned else [None]
+    measured = turn_measured(sums.scaled(noise * sums.rms_effort(n)), segments.start, segments.end, weight)
+    wrong = np.bincount(measured.joint, sums.energy[sums.known == 0] * mistaken(measured.resolvability), n)
     return ExcitationJudgement(
-        model=expectation.model,
+        model=model,
         coefficients=expectation.coefficients,
         source=log.source,
         noise=noise,
@@ -175,34 +167,6 @@ def judge_log(
         speed=speed.max(axis=0),
         acceleration=np.abs(actuators.ddq).max(axis=0),
         idle=np.mean(speed <= actuators.standstill_speed, axis=0),
-        **vars(shown),
-    )
-
-
-@dataclass(frozen=True)
-class _Shown:
-    """What the rows of a log show; see `ExcitationJudgement`."""
-
-    condition: float
-    uncertainty: Array
-    joints: JointFlips | None
-    segments: SegmentFlips
-    doubtful: Array
-
-
-def _shown(expectation: Expectation, signals: Signals, segments: Segments, noise: float) -> _Shown:
-    """Conditions and resolvabilities of a log's segments in motion."""
-    n, unsigned = len(signals.signed), np.flatnonzero(~signals.signed).tolist()
-    sums = moments(
-        expectation.model, expectation.coefficients, signals.motion, signals.effort, segments, most_individual=0
-    )
-    grams, counts = sums.hessian.by_joint(n), np.bincount(sums.joint, sums.count, n)
-    samples, weight = np.maximum(counts, 1).astype(np.int64), min(1.0, TUNING.independent / signals.rate)
-    groups = groups_of(unsigned, all_unsigned=len(unsigned) == n)
-    flips = expectation.joint_flips(grams, samples, noise, weight, groups) if unsigned else [None]
-    measured = turn_measured(sums.scaled(noise * sums.rms_effort(n)), segments.start, segments.end, weight)
-    wrong = np.bincount(measured.joint, sums.energy[sums.known == 0] * mistaken(measured.resolvability), n)
-    return _Shown(
         condition=_condition(grams.sum(axis=0)),
         uncertainty=expectation.uncertainty(grams, samples, noise, weight),
         joints=min(flips, key=_weakest),

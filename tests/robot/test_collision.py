@@ -91,7 +91,7 @@ def test_radii_and_a_tool_are_checked():
         with pytest.raises(InputError, match="capsules"):
             collision_model(robot, np.zeros(7), Capsules(radii))
     for tool in ((0.0, 0.1), (0.0, 0.0, float("inf"))):
-        with pytest.raises(InputError, match=r"^tool: \d numbers"):
+        with pytest.raises(InputError, match=r"^`tool`: \d numbers"):
             collision_model(robot, np.zeros(7), Capsules(0.05, tool))
     for radius, margin in ((5.0, 0.01), (0.06, 2.0)):  # that tell nothing, so that no motion passes for a checked one
         with pytest.raises(InputError, match=rf"all distances are less than {margin:g} m.*narrower"):

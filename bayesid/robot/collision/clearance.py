@@ -60,13 +60,7 @@ class CollisionModel:
 
     @property
     def not_watched(self) -> tuple[str, ...]:
-        """Pairs of which parts do not count, and why, in sentences.
-
-        Example:
-            >>> shapes = bayesid.collision_model(robot, motion.q[::20], bayesid.Capsules(0.03), floor=None)
-            >>> shapes.not_watched
-            ()
-        """
+        """Pairs of which parts do not count, and why, in sentences."""
         near = f"nearer than {self.margin:g} m"
         reasons = (
             (self.left_out, f"{near} where the robot has been: their shapes are wider than the links"),
@@ -80,11 +74,6 @@ class CollisionModel:
 
         Args:
             q: (N, n) positions of the joints, rad or m.
-
-        Example:
-            >>> shapes = bayesid.collision_model(robot, motion.q[::20], bayesid.Capsules(0.03), floor=None)
-            >>> shapes.distance(motion.q).shape  # m
-            (201,)
         """
         return self._distances.least(np.asarray(q, dtype=float))[0]
 
@@ -93,11 +82,6 @@ class CollisionModel:
 
         Args:
             q: (n,) positions of the joints, rad or m.
-
-        Example:
-            >>> shapes = bayesid.collision_model(robot, motion.q[::20], bayesid.Capsules(0.03), floor=None)
-            >>> shapes.nearest(motion.q[0])[1] in shapes.pairs
-            True
         """
         distance, pair = self._distances.least(np.asarray(q, dtype=float)[None])
         return float(distance[0]), names_of(self._shapes[pair[0]])
@@ -115,11 +99,6 @@ class CollisionModel:
 
         Returns:
             False also where it is neither shown that they are nor that they are not.
-
-        Example:
-            >>> shapes = bayesid.collision_model(robot, motion.q[::20], bayesid.Capsules(0.03), floor=None)
-            >>> shapes.stays_clear(lambda t: np.tile(motion.q[0], (len(t), 1)), np.array([0.0, 1.0]), np.zeros(3))
-            True
         """
         t = np.asarray(t, dtype=float)
         middle, half = (t[1:] + t[:-1]) / 2.0, (t[1:] - t[:-1]) / 2.0
