@@ -30,19 +30,12 @@ _LEAST_SECOND_MOMENT = 1e-14
 
 @dataclass(frozen=True)
 class Body:
-    """A link as other tools want it, in its joint's frame.
+    """A link as other tools want it, in its joint's frame."""
 
-    Attributes:
-        mass: kg.
-        centre: (3,) centre of mass, m.
-        axes: (3, 3) principal axes of inertia, the columns of a rotation.
-        moments: (3,) about these axes and the centre of mass, kg m^2.
-    """
-
-    mass: float
-    centre: Array
-    axes: Array
-    moments: Array
+    mass: float  # kg
+    centre: Array  # (3,) centre of mass, m
+    axes: Array  # (3, 3) principal axes of inertia, the columns of a rotation
+    moments: Array  # (3,) about these axes and the centre of mass, kg m^2
 
     @property
     def inertia(self) -> Array:

@@ -21,19 +21,11 @@ if TYPE_CHECKING:
 
 def segment_rows(identification: Identification) -> list[dict[str, object]]:
     """segments.csv: one row a segment; of several logs the last column names which, and times are on its clock."""
-    pooled = identification.log.pooled
-    return [
-        {
-            "joint": segment.joint,
-            "start": repr(segment.start),
-            "end": repr(segment.end),
-            "n_samples": segment.n_samples,
-            "sign": segment.sign,
-            "confidence": segment.confidence,
-            **({"log": segment.log} if pooled else {}),
-        }
-        for segment in identification.segments_table()
-    ]
+    rows = []
+    for segment in identification.segments_table():
+        row = {**vars(segment), "start": repr(segment.start), "end": repr(segment.end)}
+        rows.append(row if identification.log.pooled else {name: row[name] for name in row if name != "log"})
+    return rows
 
 
 def coefficient_rows(identification: Identification) -> list[dict[str, object]]:
@@ -62,17 +54,7 @@ def coefficient_rows(identification: Identification) -> list[dict[str, object]]:
 
 def parameter_rows(identification: Identification) -> list[dict[str, object]]:
     """parameters.csv: one row a standard parameter; without a posterior `sd` only where the data alone decide it."""
-    return [
-        {
-            "name": one.name,
-            "unit": one.unit,
-            "joint": one.joint,
-            "mean": one.mean,
-            "sd": _if_known(one.sd),
-            "decided_by": one.decided_by,
-        }
-        for one in identification.parameters_table()
-    ]
+    return [{**vars(one), "sd": _if_known(one.sd)} for one in identification.parameters_table()]
 
 
 def _if_known(value: float) -> object:

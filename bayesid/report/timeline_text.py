@@ -33,33 +33,19 @@ _SAYS: Mapping[str, str] = {SHOWN: "shown", ABSENT: "not there", OPEN: "cannot t
 # ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Moved:
-    """A parameter that moved, as people read it.
+    """A parameter that moved, as people read it."""
 
-    Attributes:
-        place: among all that are tracked.
-        name: in words, with its joint.
-        symbol: the sum of parameters that it is.
-        unit: in which people read it.
-        value: (K,) in that unit, without a payload.
-        sd: (K,).
-        z: (K,) change since the first log over its sd.
-        since: first log (from 1) in which it is another one.
-        last: last one.
-        change: what it changed by until the last of them, in words.
-        text: all in one line.
-    """
-
-    place: int
-    name: str
-    symbol: str
-    unit: str
-    value: tuple[float, ...]
-    sd: tuple[float, ...]
-    z: tuple[float, ...]
-    since: int
-    last: int
-    change: str
-    text: str
+    place: int  # among all that are tracked
+    name: str  # in words, with its joint
+    symbol: str  # the sum of parameters that it is
+    unit: str  # in which people read it
+    value: tuple[float, ...]  # (K,) in that unit, without a payload
+    sd: tuple[float, ...]  # (K,)
+    z: tuple[float, ...]  # (K,) change since the first log over its sd
+    since: int  # first log (from 1) in which it is another one
+    last: int  # last one
+    change: str  # what it changed by until the last of them, in words
+    text: str  # all in one line
 
 
 def moved_parameters(comparison: LogComparison) -> list[Moved]:

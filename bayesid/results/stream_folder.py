@@ -24,46 +24,28 @@ STREAM_FILES = frozenset({STREAM, "signed_stream.csv", "alarms.json", "stream.pn
 
 @dataclass(frozen=True)
 class StreamResult:
-    """What there is to say of a stream.
+    """What there is to say of a stream."""
 
-    Attributes:
-        log: where it came from.
-        rate: Hz.
-        lag: s.
-        counts: what became of the rows.
-        bad: rows that were none.
-        figures: of the stream as a whole.
-        alarms: as they stood at the end.
-        smoothing: agreement with the smoothing of the whole log; None where there is none.
-        smoothing_status: why not, or "done".
-        known: agreement of a stream that was fed absolute values with the signs of the log; None where it has none.
-        named: by alarm, what `bayesid.find_discrepancy` names; None where nobody asked.
-    """
-
-    log: str
-    rate: float
-    lag: float
-    counts: Counts
-    bad: int
-    figures: StreamFigures
-    alarms: tuple[Alarm, ...]
-    smoothing: Agreement | None
-    smoothing_status: str
+    log: str  # where it came from
+    rate: float  # Hz
+    lag: float  # s
+    counts: Counts  # what became of the rows
+    bad: int  # rows that were none
+    figures: StreamFigures  # of the stream as a whole
+    alarms: tuple[Alarm, ...]  # as they stood at the end
+    smoothing: Agreement | None  # agreement with the smoothing of the whole log; None where there is none
+    smoothing_status: str  # why not, or "done"
+    # agreement of a stream that was fed absolute values with the signs of the log; None where it has none
     known: Agreement | None = None
-    named: Mapping[int, Named] | None = None
+    named: Mapping[int, Named] | None = None  # by alarm, what `bayesid.find_discrepancy` names; None where nobody asked
 
 
 @dataclass(frozen=True)
 class Named:
-    """What a change is by `bayesid.find_discrepancy`.
+    """What a change is by `bayesid.find_discrepancy`."""
 
-    Attributes:
-        status: its status, or why it could not say anything.
-        effects: names with their joints (from 1).
-    """
-
-    status: str
-    effects: tuple[tuple[str, tuple[int, ...]], ...] = ()
+    status: str  # its status, or why it could not say anything
+    effects: tuple[tuple[str, tuple[int, ...]], ...] = ()  # names with their joints (from 1)
 
 
 def stream_names(n: int) -> list[str]:
