@@ -49,7 +49,6 @@ def _share_reading(parser: Parser, *others: str) -> None:
 
 
 def _add_out(parser: Parser, **changes: Any) -> None:
-    """What ends the options of a command that writes."""
     share(parser, "--out", **changes)
     share(parser, "--quiet")
 
@@ -100,7 +99,6 @@ def _command(commands: _Commands, name: str, purpose: str, examples: Sequence[st
 
 
 def _action(actions: _Commands, name: str, purpose: str, examples: Sequence[str]) -> Parser:
-    """One of several things that a command does; its name as `action`."""
     parser = _command(actions, name, purpose, examples)
     parser.set_defaults(command="robot", action=name)
     return parser
@@ -157,7 +155,6 @@ def _add_identify(commands: _Commands) -> None:
 
 
 def _add_logs(parser: Parser) -> None:
-    """The logs of an identification, and what the flange carried in them."""
     logs = (
         "t,q1..qn[,dq1..dqn],tau1..taun (or i1..in with --gains) as CSV, Parquet or MATLAB file, a ROS bag or a "
         "KUKA table; several logs of one robot count as one, also by a quoted pattern: 'runs/*.csv'; "

@@ -130,7 +130,6 @@ def _search(options: argparse.Namespace, usual: float) -> Certified:
 
 
 def _with_command(result: Discrepancy) -> Discrepancy:
-    """With what was typed."""
     again = result.identification
     run_by = replace(again.provenance, command=command_line())
     return replace(result, identification=replace(again, provenance=run_by))

@@ -65,7 +65,6 @@ def excite_command(options: argparse.Namespace) -> None:
 
 
 def _refuse(options: argparse.Namespace, names: Sequence[str], said: str, remedy: str) -> None:
-    """Raises InputError if one of some options was given."""
     for name in names:
         if name in options.given:
             raise InputError(said, name, remedy)

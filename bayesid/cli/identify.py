@@ -70,7 +70,6 @@ def _read(one: Recording, reading: Mapping[str, Any]) -> Log:
 
 
 def _settings(options: argparse.Namespace, logs: Sequence[Recording]) -> dict[str, Any]:
-    """Keyword arguments of `bayesid.identify`."""
     return {
         "terms": term_names(options),
         "complete": options.complete,

@@ -152,7 +152,6 @@ def _tolerance(text: str) -> KinematicTolerance:
 
 
 def _measure(text: str, units: Mapping[str, float]) -> float | None:
-    """A number with its unit; None where it is none."""
     found = re.fullmatch(r"([0-9.eE+-]+)\s*([a-z]+)", text)
     try:
         value = float(found[1]) * units[found[2]] if found else math.nan

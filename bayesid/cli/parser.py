@@ -105,7 +105,6 @@ def whole(text: str) -> int:
 
 
 def _names(words: Sequence[str]) -> list[str]:
-    """Long options, as they are written."""
     before = takewhile(lambda word: word != "--", words)
     return [word.partition("=")[0] for word in before if word.startswith("--")]
 

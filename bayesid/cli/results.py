@@ -63,7 +63,6 @@ def predict_command(options: argparse.Namespace) -> None:
 
 
 def _check_out(out: Path, motion: Path) -> None:
-    """A place where the file may stand."""
     if out.is_dir():
         raise InputError("is a folder", str(out), "give --out the name of a file")
     if out.resolve() == motion.resolve():

@@ -41,7 +41,6 @@ def robot_command(options: argparse.Namespace) -> None:
 # new
 # ---------------------------------------------------------------------------------------------------------------
 def _new(options: argparse.Namespace) -> None:
-    """One file."""
     out: Path = options.out
     _check_file(out)
     if out.suffix != ".toml":
@@ -65,7 +64,6 @@ def _new(options: argparse.Namespace) -> None:
 
 
 def _table_of(source: str) -> tuple[str, str]:
-    """A table's text, and what to call it in messages."""
     if "\n" in source or "\\n" in source:
         return source.replace("\\n", "\n"), "the table"
     try:
@@ -81,7 +79,6 @@ def _table_of(source: str) -> tuple[str, str]:
 # show
 # ---------------------------------------------------------------------------------------------------------------
 def _show(options: argparse.Namespace) -> None:
-    """Text, and a picture where one is asked for."""
     out: Path | None = options.out
     if out is not None:
         _check_file(out)
@@ -123,7 +120,6 @@ def _pose_parts(here: Pose, about: Mapping[str, Any]) -> list[RenderableType]:
 
 
 def _positions(text: str, degrees: bool | None, robot: Robot) -> Array:
-    """(n,) rad, m for a prismatic joint."""
     try:
         values = np.array([float(word) for word in text.split(",")])
     except ValueError:
@@ -144,14 +140,12 @@ def _positions(text: str, degrees: bool | None, robot: Robot) -> Array:
 # list
 # ---------------------------------------------------------------------------------------------------------------
 def _list(_options: argparse.Namespace) -> None:
-    """A row a robot."""
     tables = {name: built_in_table(name) for name in BUILT_IN}
     rows = [(name, str(len(one["joints"])), one["description"], one["source"]) for name, one in tables.items()]
     show(table(["name", "joints", "robot", "source"], rows, left=["name", "robot", "source"]))
 
 
 def _check_file(out: Path) -> None:
-    """A place where a file may stand."""
     if out.is_dir():
         raise InputError("is a folder", str(out), "give --out the name of a file")
     check_place(out)

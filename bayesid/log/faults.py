@@ -83,7 +83,6 @@ class _Runs:
         return cls(reading[first[:-1]], first, np.diff(ends[first]))
 
     def rows(self, chosen: Mask) -> Integers:
-        """The rows of some runs."""
         return np.flatnonzero(np.repeat(chosen, np.diff(self.first)))
 
     def repeated(self, chosen: Mask) -> Integers:
@@ -101,15 +100,7 @@ class _Runs:
 def find_faults(
     t: Array, q: Array, effort: Array, dq: Array | None = None, starts: Sequence[int] = (0,)
 ) -> tuple[Fault, ...]:
-    """All faults of a log, by joint.
-
-    Args:
-        t: (N,) s, increasing.
-        q: (N, n) positions.
-        effort: (N, n) efforts, or their absolute values.
-        dq: (N, n) measured velocities, or None.
-        starts: first rows of the recordings that it was joined from: none says anything of its neighbour's readings.
-    """
+    """All faults, by joint, of a log of N rows, of recordings that begin at `starts`; efforts may be absolute values."""
     found: dict[tuple[int, str, str], Fault] = {}
     for first, stop in zip(starts, [*starts[1:], len(t)], strict=True):
         rows = slice(first, stop)
@@ -165,14 +156,7 @@ def lost_rows(t: Array, q: Array, effort: Array, dq: Array | None = None) -> tup
 
 
 def without(t: Array, reading: Array, known: Mask, smooth: bool = True) -> Array:
-    """(N,) a channel whose unknown readings are interpolated, smoothly or not; those before all others and after stay.
-
-    Args:
-        t: (N,) s, increasing.
-        reading: (N,) of the channel.
-        known: (N,) which of them hold.
-        smooth: by a cubic spline; else never beyond the readings on both sides.
-    """
+    """(N,) a channel whose unknown readings are interpolated, smoothly or without overshoot; the outer ones stay."""
     between = ~known & np.logical_or.accumulate(known) & np.logical_or.accumulate(known[::-1])[::-1]
     filled = np.array(reading)
     if between.any():
@@ -183,14 +167,12 @@ def without(t: Array, reading: Array, known: Mask, smooth: bool = True) -> Array
 
 
 def _all_but(count: int, rows: Integers) -> Mask:
-    """(count,) False for some rows."""
     others = np.ones(count, dtype=bool)
     others[rows] = False
     return others
 
 
 def _named(t: Array, joint: int, reading: str, rows_of: dict[str, Integers]) -> list[Fault]:
-    """A fault for each kind of which there are rows."""
     period, found = float(np.median(np.diff(t))), []
     for kind, rows in rows_of.items():
         if rows.size:
@@ -255,7 +237,6 @@ def _usual_step(before: Array, after: Array) -> Array:
 
 
 def _slight(position: Array) -> float:
-    """A jump of a position that does no harm."""
     return TUNING.slight * float(np.ptp(np.percentile(position, [1, 99])))
 
 

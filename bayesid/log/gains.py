@@ -157,7 +157,6 @@ def _parsed(text: str, n: int) -> Gains:
 
 
 def _pair(word: str, text: str) -> tuple[float, float]:
-    """A gain and the sd of its logarithm."""
     if word == UNKNOWN:
         return 1.0, math.inf
     number, uncertain, spread = word.partition("~")

@@ -112,7 +112,6 @@ def read_log(
 
 
 def _table_of(source: str | Path | Variables | Parts, options: Options) -> Table:
-    """What a file, a program's variables, or the parts of a run hold."""
     if isinstance(source, str | Path):
         return read_table(Path(source), options)
     if isinstance(source, list | tuple) and source and all(map(_is_part, source)):
@@ -125,17 +124,12 @@ def _table_of(source: str | Path | Variables | Parts, options: Options) -> Table
 
 
 def _is_part(source: object) -> bool:
-    """Whether something is a path or has columns."""
     named = isinstance(source, np.ndarray) and source.dtype.names is not None
     return named or isinstance(source, str | Path | Mapping) or (hasattr(source, "columns"))
 
 
 def _recordings(table: Table) -> list[tuple[str, slice]]:
-    """The recordings that a file holds, with their names and rows; those that are too short are left out.
-
-    Raises:
-        InputError: all of several are.
-    """
+    """The recordings that a file holds, with their names and rows; those that are too short are left out."""
     starts = table.starts
     if len(starts) == 1:
         return [(table.source, slice(None))]
@@ -155,11 +149,7 @@ def _part(values: Array, rows: slice) -> Array:
 
 
 def as_log(source: LogSource) -> Log:
-    """A log as it is, and anything else as `read_log` reads it.
-
-    Raises:
-        InputError: it cannot be used.
-    """
+    """A log as it is, and anything else as `read_log` reads it."""
     return source if isinstance(source, Log) else read_log(source)
 
 
@@ -225,11 +215,7 @@ def angle_unit(table: Table, degrees: bool | None) -> float:
 
 
 def gains_of_table(table: Table, stated: Sequence[float] | Gains | str | None) -> Gains:
-    """The gains by which a table's readings become efforts.
-
-    Raises:
-        InputError: they do not suit what it holds.
-    """
+    """The gains by which a table's readings become efforts, or an InputError where they do not suit it."""
     n, where, torques = table.n_joints, table.source, "tau1" in table.columns
     if stated is None:
         if torques:
@@ -257,18 +243,13 @@ def _unit_of_currents(table: Table) -> str:
 
 
 def _check_lists(**given: object) -> None:
-    """What has an entry for every joint is a list, where it is given."""
     for name, values in given.items():
         if not isinstance(values, Sequence | np.ndarray | None) or isinstance(values, str):
             raise InputError(f"{values!r} is no list", field=name, remedy="give one entry a joint, as in [1, 2, 3]")
 
 
 def signed_joints(measured: Array, unsigned: str | None, n: int) -> Mask:
-    """(n,) which joints are signed, by readings (N, n), or as a user has said.
-
-    Raises:
-        InputError: it names no joints.
-    """
+    """(n,) which joints are signed, by readings (N, n), or as a user has said."""
     if unsigned is None:
         negative: Mask = np.any(measured < 0.0, axis=0)
         return negative
@@ -315,21 +296,13 @@ def read_motion(
 
 
 def motion_of_variables(source: Variables) -> RecordedMotion:
-    """The motion in a data frame, a structured array or a dict of arrays; names and units as in a log's header.
-
-    Raises:
-        InputError: a column is missing, or a value cannot be used.
-    """
+    """The motion in a data frame, a structured array or a dict of arrays; names and units as in a log's header."""
     table = read_variables(source, Options(motion=True))
     return _recorded(table, angle_unit(table, None))
 
 
 def motion_of_arrays(t: object, q: object, dq: object | None = None) -> RecordedMotion:
-    """The motion in arrays: (N,) s, (N, n) rad and, if they are given, (N, n) rad/s.
-
-    Raises:
-        InputError: their shapes do not belong together, or a value cannot be used.
-    """
+    """The motion in arrays: (N,) s, (N, n) rad and, if they are given, (N, n) rad/s."""
     given = {"t": _numbers(t, "t"), "q": _numbers(q, "q"), **({} if dq is None else {"dq": _numbers(dq, "dq")})}
     shape = given["q"].shape
     for name, values in given.items():
@@ -386,7 +359,6 @@ def _check_velocities(t: Array, q: Array, dq: Array, source: str) -> None:
 
 
 def _over_window(values: Array) -> Array:
-    """How much values change within the window from each row on."""
     window = min(TUNING.speed_window, len(values) - 1)
     change: Array = values[window:] - values[:-window]
     return change

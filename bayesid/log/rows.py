@@ -81,11 +81,7 @@ class TextRows:
 
 
 def lines_of(stream: Stream, source: str) -> Iterator[bytes]:
-    """The lines of a stream as soon as each is there.
-
-    Raises:
-        InputError: a line is longer than any of a log.
-    """
+    """The lines of a stream as soon as each is there; InputError where one is longer than any of a log."""
     while line := stream.readline(TUNING.header_bytes):
         if len(line) == TUNING.header_bytes:
             raise InputError(f"has a line of {TUNING.header_bytes:,} bytes", source, "give one row a line")
@@ -114,7 +110,7 @@ def follow_rows(lines: Iterator[bytes], options: Options, source: str) -> tuple[
         layout = _layout(head, source)
         if layout.first or len(head) == 3:
             break
-    selected, clock = select_columns(layout, source, lambda header, where: choose(header, where, **options.choice))
+    selected, clock = select_columns(layout, source, lambda header, where: choose(header, where, options))
     rows = TextRows(layout, selected.columns, clock, source, selected.notes)
     return rows, chain(head[layout.rows :], lines)
 

@@ -156,12 +156,10 @@ def _strong(magnitude: Array, threshold: float) -> Mask:
 
 
 def _changes(state: Mask) -> set[int]:
-    """Samples that differ from the one before."""
     return {int(i) for i in np.flatnonzero(np.diff(state)) + 1}
 
 
 def _reversals(speed: Array) -> set[int]:
-    """Samples at which the velocity has changed its sign."""
     sign = np.sign(speed)
     return {int(i) for i in np.flatnonzero(sign[1:] * sign[:-1] < 0) + 1}
 

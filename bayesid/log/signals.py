@@ -311,7 +311,6 @@ class _EvenMotion:
 
 
 def _on_even_grid(recorded: RecordedMotion) -> _EvenMotion:
-    """A motion of distinct rows, to be resampled."""
     t, source = _instants(recorded.t, recorded.q), recorded.source
     rate = 1.0 / float(f"{np.median(np.diff(t)):.{_DIGITS}g}")
     size = (t[-1] - t[0]) * rate * (1 + 1e-9) + 1.0

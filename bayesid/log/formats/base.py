@@ -10,7 +10,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, ClassVar, NoReturn
+from typing import ClassVar, NoReturn
 
 from bayesid.errors import InputError
 from bayesid.log.formats.table import Table
@@ -35,11 +35,6 @@ class Options:
     columns: Mapping[str, str] | None = None
     motion: bool = False
     part: bool = False
-
-    @property
-    def choice(self) -> dict[str, Any]:
-        """What `bayesid.log.formats.names.choose` is asked for."""
-        return {"columns": self.columns, "motion": self.motion, "currents": self.currents, "part": self.part}
 
 
 class Format(ABC):

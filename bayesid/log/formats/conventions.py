@@ -43,13 +43,7 @@ class Convention:
     says: str = ""
 
     def stated(self, header: Sequence[str], given: Mapping[str, str], *, currents: bool) -> dict[str, str]:
-        """Its patterns that are in a header, and what a user has given, which counts.
-
-        Args:
-            header: of a file.
-            given: by the user.
-            currents: whether currents count where there are torques too.
-        """
+        """Its patterns that are in a header, and what a user has given, which counts."""
         there = {kind: pattern for kind, pattern in self.columns.items() if fits(kind, pattern, header)}
         said = {kind_part(key) for key in given}
         leave = set(said) | (set(_EFFORTS) if said & set(_EFFORTS) else set())

@@ -42,11 +42,7 @@ class _Element(NamedTuple):
 
 
 def check_matlab(path: Path) -> None:
-    """Refuses a MAT-file of version 5 that unpacks to too much, or whose matrices nest or claim too much.
-
-    Raises:
-        ValueError: it does.
-    """
+    """Refuses, by ValueError, a MAT-file that unpacks to too much, or whose matrices nest or claim too much."""
     content = path.read_bytes()
     if len(content) < _HEADER or content[126:128] not in (b"IM", b"MI"):  # of version 4, which packs nothing
         _check_version_4(content)
@@ -116,11 +112,7 @@ def _check_version_4(content: bytes) -> None:
 
 
 def check_hdf5(file: h5py.File, names: Sequence[str]) -> None:
-    """Refuses an HDF5 file whose arrays claim too much, or whose groups nest too deep or in a circle.
-
-    Raises:
-        ValueError: they do.
-    """
+    """Refuses, by ValueError, an HDF5 file whose arrays claim too much, or whose groups nest too deep or circle."""
     import h5py
 
     waiting, size, objects = [(file, name, 1) for name in names], 0, 0
@@ -143,12 +135,7 @@ def check_hdf5(file: h5py.File, names: Sequence[str]) -> None:
 
 
 def check_bag(path: Path) -> None:
-    """Refuses a bag, a folder or a file, of which a packed file, chunk or message unpacks to too much.
-
-    Raises:
-        ValueError: it does, or it is damaged.
-        OSError: it cannot be read.
-    """
+    """Refuses, by ValueError, a bag (folder or file) of which a packed file, chunk or message unpacks to too much."""
     for file in sorted(path.iterdir()) if path.is_dir() else [path]:
         with file.open("rb") as content:
             head = content.read(len(_SQLITE))

@@ -75,12 +75,7 @@ class _Columns:
     where: str
 
     def pick(self, quantities: Sequence[str], prefix: str | None = None) -> _Kind | None:
-        """The only kind of the first of some quantities that is there.
-
-        Args:
-            quantities: in the order of preference.
-            prefix: what to prefer where several recorders' prefixes stand before the same name.
-        """
+        """The only kind of the first of some quantities that is there, of several prefixes the given one."""
         for quantity in quantities:
             kinds = [kind for kind in self.places if kind.quantity == quantity]
             if len(kinds) > 1:
@@ -93,7 +88,6 @@ class _Columns:
         return None
 
     def choices(self, name: str, kind: _Kind, n: int, unit: float | None) -> list[SourceColumn]:
-        """The columns of axes 1 to n."""
         places = self.places[kind]
         for axis in range(1, n + 1):
             if axis not in places:
@@ -124,18 +118,14 @@ def _chosen(header: Sequence[str], where: str, options: Options) -> Chosen:
     """The columns that make a log, by the controller's names but for a time that a user has named, or by the user's."""
     columns = options.columns or {}
     if set(columns) - {"t"} or options.part:
-        return choose(header, where, **options.choice)
+        return choose(header, where, options)
     stated = {source.name: source for source in stated_columns(header, columns, where, described(header))}
     by_names = _choose(header, where, motion=options.motion)
     return Chosen(tuple(stated.get(source.name, source) for source in by_names))
 
 
 def _choose(header: Sequence[str], where: str, *, motion: bool = False) -> tuple[SourceColumn, ...]:
-    """The columns that make a log, see `bayesid.log.formats.names.choose`.
-
-    Raises:
-        InputError: one is missing, or several hold the same.
-    """
+    """The columns that make a log; InputError where one is missing, or several hold the same."""
     columns = _find(header, where)
     position = columns.pick(["aipos", "a", "aspos"])
     if position is None:

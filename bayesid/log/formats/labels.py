@@ -56,12 +56,7 @@ class Label(NamedTuple):
 
 
 def factor_of(kind: str, unit: str) -> float | None:
-    """SI units in one of a unit; None where it is not one of such a column. A time may be in "8 ms", which counts rows.
-
-    Args:
-        kind: of the column: "t", "q", "dq", "tau" or "i".
-        unit: as a header has it.
-    """
+    """SI units in one of a unit of a kind; None where it is none of it. A time may be in "8 ms", which counts rows."""
     count = _COUNT.fullmatch(unit.strip()) if kind == "t" else None
     factor = _FACTORS[kind].get((unit if count is None else count["unit"]).strip().casefold())
     return factor if factor is None or count is None else float(count["count"]) * factor
@@ -246,5 +241,4 @@ def _with_unit(place: int, label: str, name: str, unit: str | None, any_current:
 
 
 def _plain(name: str) -> str:
-    """A name in small letters, without what separates its words."""
     return re.sub(r"[\W_]+", "", name).casefold()

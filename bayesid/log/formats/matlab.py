@@ -50,11 +50,10 @@ def _read(path: Path, options: Options) -> Table:
     for kind in WORDS if not options.columns else ():
         if len(same := [name for name in found if kind_of(name) == kind]) > 1:
             raise InputError(f"variables {' and '.join(same)} may be the same", str(path), "save one of them only")
-    return table_of(found, str(path), **options.choice)
+    return table_of(found, str(path), options)
 
 
 def _load(path: Path) -> dict[str, Any]:
-    """Variables by name, structs as dictionaries."""
     from scipy.io import loadmat
 
     check_matlab(path)
@@ -79,13 +78,7 @@ def _load_hdf5(path: Path) -> dict[str, Any]:
 
 
 def _log_of(variables: Mapping[str, Any], where: str, named: bool) -> Mapping[str, Any]:
-    """What holds the log: the variables themselves, or the only struct with a time and positions.
-
-    Args:
-        variables: of the file.
-        where: for messages.
-        named: whether a user says what they are called: any may then be a log.
-    """
+    """What holds the log: the variables, or the only struct with a time and positions, or any if they are named."""
     if _is_log(variables):
         return variables
     candidates = {name: value for name, value in variables.items() if isinstance(value, Mapping)}

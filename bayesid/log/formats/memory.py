@@ -19,30 +19,19 @@ from bayesid.log.formats.table import Column, SourceColumn, Table, check, rows_o
 _Vector = NDArray[Any]
 
 
-def table_of(
-    variables: Mapping[str, Any],
-    source: str,
-    columns: Mapping[str, str] | None = None,
-    *,
-    motion: bool = False,
-    currents: bool = False,
-    part: bool = False,
-) -> Table:
+def table_of(variables: Mapping[str, Any], source: str, options: Options) -> Table:
     """The columns of a log.
 
     Args:
         variables: `t` (N,), `q` (N, n) or (n, N) or `q1..qn` (N,) each, and so on; others are left out.
         source: where they are from, for messages.
-        columns: those that a user has named, see `bayesid.log.formats.stated`; `q="q{}"` are those of a matrix q.
-        motion: whether efforts are left out, and need not be there.
-        currents: whether currents count where there are torques too.
-        part: whether they need not be a whole log.
+        options: what a user says of them; columns named `q="q{}"` are those of a matrix q.
 
     Raises:
         InputError: one is missing, holds no numbers, or has another length than the time.
     """
-    vectors = _vectors(variables, source, columns or {})
-    chosen, notes = choose(list(vectors), source, columns, motion=motion, currents=currents, part=part)
+    vectors = _vectors(variables, source, options.columns or {})
+    chosen, notes = choose(list(vectors), source, options)
     n_rows = len(vectors[chosen[0].label])
     for one in chosen:
         if len(vectors[one.label]) != n_rows:
@@ -84,14 +73,7 @@ def _time(value: Any, name: str, where: str) -> _Vector:
 
 
 def _split(value: Any, name: str, n_rows: int | None, where: str) -> dict[str, _Vector]:
-    """The columns of one variable by their labels; none if it is nothing of a log.
-
-    Args:
-        value: of the variable.
-        name: of the variable; q of all joints gives q1, q2, ...
-        n_rows: number of instants; None for the time itself, and where there is none.
-        where: it is from, for messages.
-    """
+    """The columns of one variable by their labels, q1, q2, .. of q; none if it is nothing of a log of so many instants."""
     array = _array(value)
     numbers = array.dtype.kind in "iuf" and array.ndim > 0
     if kind_of(name) in (None, "t"):
@@ -164,16 +146,8 @@ Variables: TypeAlias = Mapping[str, Any] | NDArray[Any] | Frame
 
 
 def read_variables(source: object, options: Options) -> Table:
-    """What a program's variables hold of a log, its numbers checked.
-
-    Args:
-        source: `Variables`, see `bayesid.log.formats.memory`; of anything else it is said that it is no log.
-        options: what a user says of it.
-
-    Raises:
-        InputError: it is nothing of the kind, or cannot be used.
-    """
-    return check(table_of(_by_name(source), type(source).__name__, **options.choice), options.columns)
+    """What a program's variables hold of a log, its numbers checked; InputError where it is no log."""
+    return check(table_of(_by_name(source), type(source).__name__, options), options.columns)
 
 
 def _by_name(source: Any) -> dict[str, Any]:

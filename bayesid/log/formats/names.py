@@ -7,9 +7,10 @@ make no whole log, the usual other ones count too (`WORDS`), and joints may be n
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence, Set
-from typing import NamedTuple
+from dataclasses import replace
 
 from bayesid.errors import InputError
+from bayesid.log.formats.base import Options
 from bayesid.log.formats.conventions import convention_of, note_of
 from bayesid.log.formats.labels import (
     OTHER,
@@ -33,55 +34,39 @@ _Family = Mapping[int, Reading]
 """Columns of one kind that are called alike, by the numbers in their labels."""
 
 
-class _Asked(NamedTuple):
-    """What a user wants of a log: the columns named, whether the motion alone, and what a recorder says of efforts."""
-
-    columns: Mapping[str, str]
-    motion: bool
-    lacking: str
-
-
-def choose(
-    header: Sequence[str],
-    where: str,
-    columns: Mapping[str, str] | None = None,
-    *,
-    motion: bool = False,
-    currents: bool = False,
-    part: bool = False,
-) -> Chosen:
+def choose(header: Sequence[str], where: str, options: Options) -> Chosen:
     """The columns that make a log: the time; for every joint its position, effort and, if measured, velocity.
 
     Args:
         header: the names of a file's columns; those that are not of a log are left out.
         where: the header's place, for messages.
-        columns: those that a user has named, see `bayesid.log.formats.stated`; the others go by their own names.
-        motion: whether efforts are left out, and need not be there.
-        currents: whether currents count where there are torques too.
-        part: whether they need not be a whole log: a column of a joint may then be without a number.
+        options: the columns that a user has named (the others go by their own names); whether efforts are left out;
+            whether currents count where there are torques too; whether the columns need not be a whole log.
 
     Raises:
         InputError: a column is missing or appears twice, or which is meant stays open.
     """
-    if part:
-        columns = {key: pattern for key, pattern in (columns or {}).items() if fits(kind_part(key), pattern, header)}
+    columns = options.columns or {}
+    if options.part:
+        columns = {key: pattern for key, pattern in columns.items() if fits(kind_part(key), pattern, header)}
     convention = None if _is_whole(header) else convention_of(header)
     if convention is not None:
-        columns = convention.stated(header, columns or {}, currents=currents)
-        columns = {key: pattern for key, pattern in columns.items() if not motion or kind_part(key) not in ("tau", "i")}
+        columns = convention.stated(header, columns, currents=options.currents)
+        left_out = ("tau", "i") if options.motion else ()
+        columns = {key: pattern for key, pattern in columns.items() if kind_part(key) not in left_out}
     stated = stated_columns(header, columns, where, described(header)) if columns else []
-    kinds, named = _settled(columns or {}, stated, motion=motion)
+    kinds, named = _settled(columns, stated, motion=options.motion)
     taken, names = {source.place for source in stated}, {source.name for source in stated}
     readings = [reading for reading in read_labels(header) if reading.place not in taken and reading.kind not in kinds]
-    families = _families(readings, kinds, named, where, currents=currents)
+    families = _families(readings, kinds, named, where, currents=options.currents)
     _check_start(families, where)
     sources = (_source(one, family) for family in families for one in family.values())
     found = [*stated, *(source for source in sources if source.name not in names)]
-    if part:
+    if options.part:
         return _part(found, header, where)
     lacking = "" if convention is None else convention.lacking
-    asked = _Asked(columns or {}, motion, lacking)
-    chosen = _complete({source.name: source for source in found}, header, where, asked)
+    asked = replace(options, columns=columns)
+    chosen = _complete({source.name: source for source in found}, header, where, asked, lacking)
     if convention is not None and convention.part is not None and convention.part in header:
         chosen += (SourceColumn("part", header.index(convention.part), convention.part, 1.0),)
     foreign = convention is not None or any(one.rank == OTHER for family in families for one in family.values())
@@ -224,17 +209,14 @@ def _kind_of(family: _Family) -> str:
 
 
 def _span(family: _Family) -> str:
-    """The first and the last label."""
     return f"{family[min(family)].label}..{family[max(family)].label}"
 
 
 def _ranged(family: _Family, last: int) -> str:
-    """A pattern of the columns from 1 to the last."""
     return pattern_of(family[max(family)].label).replace("{}", f"{{1-{last}}}")
 
 
 def _source(one: Reading, family: _Family) -> SourceColumn:
-    """A column under its log's name, joints counted from 1."""
     joint = "" if one.kind == "t" else str(one.number + (0 in family))
     return SourceColumn(f"{one.kind}{joint}", one.place, one.label, one.factor)
 
@@ -243,19 +225,19 @@ def _source(one: Reading, family: _Family) -> SourceColumn:
 # What is missing
 # ---------------------------------------------------------------------------------------------------------------
 def _complete(
-    found: Mapping[str, SourceColumn], header: Sequence[str], where: str, asked: _Asked
+    found: Mapping[str, SourceColumn], header: Sequence[str], where: str, options: Options, lacking: str
 ) -> tuple[SourceColumn, ...]:
     """The columns of a log, or of its motion alone, in order, if none is missing."""
     n, effort = _highest("q", found), "tau" if _highest("tau", found) else "i"
     absent = {"column t": "t" not in found, "column q1": n == 0}
-    absent[_EFFORT] = not asked.motion and not _highest(effort, found)
+    absent[_EFFORT] = not options.motion and not _highest(effort, found)
     for said in (said for said, is_absent in absent.items() if is_absent):
         _check_units(header, where, {"column t": ("t",), "column q1": ("q",)}.get(said, ("tau",)))
-        remedy = asked.lacking if said == _EFFORT else ""
+        remedy = lacking if said == _EFFORT else ""
         said = f"{said} is missing{described(header, found)}"
-        raise InputError(said, where, remedy or _missing_remedy(header, found, asked.columns))
+        raise InputError(said, where, remedy or _missing_remedy(header, found, options.columns or {}))
     chosen = [found["t"]]
-    for kind in ["q", *([] if asked.motion else [effort]), *(["dq"] if _highest("dq", found) else [])]:
+    for kind in ["q", *([] if options.motion else [effort]), *(["dq"] if _highest("dq", found) else [])]:
         for j in range(1, n + 1):
             if f"{kind}{j}" not in found:
                 there = f"{_label(found, 'q', 1)}..{_label(found, 'q', n)}"
@@ -282,7 +264,6 @@ def _missing_remedy(header: Sequence[str], found: Mapping[str, SourceColumn], gi
 
 
 def _check_units(header: Sequence[str], where: str, kinds: Sequence[str]) -> None:
-    """Columns that are missing may be there in a unit that is not known."""
     for label in header:
         found = unknown_unit(label)
         if found is not None and found[0] in kinds:
@@ -294,7 +275,6 @@ def _check_units(header: Sequence[str], where: str, kinds: Sequence[str]) -> Non
 
 
 def _highest(kind: str, names: Mapping[str, SourceColumn]) -> int:
-    """The highest joint of which there is a column of a kind."""
     return max((_joint(name) for name in names if name != "t" and kind_part(name) == kind), default=0)
 
 

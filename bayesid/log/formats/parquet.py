@@ -51,7 +51,7 @@ def _read(path: Path, options: Options) -> Table:
     try:
         file = parquet.ParquetFile(path)
         places = _places(file, str(path))
-        chosen, notes = choose(list(places), str(path), **options.choice)
+        chosen, notes = choose(list(places), str(path), options)
         names = list(dict.fromkeys(places[source.label].column for source in chosen))
         _check_size(file, names, str(path))
         columns = file.read(names)
@@ -102,7 +102,6 @@ def _check_size(file: parquet.ParquetFile, names: Sequence[str], where: str) -> 
 
 
 def _width(column: pyarrow.ChunkedArray, where: str) -> int:
-    """How many values each list of a column has."""
     from pyarrow import compute
 
     widths = np.unique(compute.list_value_length(column).to_numpy())
@@ -113,7 +112,6 @@ def _width(column: pyarrow.ChunkedArray, where: str) -> int:
 
 
 def _column(columns: pyarrow.Table, where: _Place) -> pyarrow.ChunkedArray:
-    """A column of numbers."""
     from pyarrow import compute
 
     column = columns.column(where.column)

@@ -38,27 +38,16 @@ class _Part:
     t: Array
 
     def block(self, kinds: Sequence[str]) -> dict[str, Array]:
-        """Its columns of some kinds."""
         return {name: column.values for name, column in self.table.columns.items() if kind_part(name) in kinds}
 
     @property
     def period(self) -> float:
-        """Its typical step, s."""
         steps = np.diff(self.t)
         return float(np.median(steps[steps > 0.0]))
 
 
 def join_parts(tables: Sequence[Table], columns: Mapping[str, str] | None, *, motion: bool = False) -> Table:
-    """The files of one run as one table.
-
-    Args:
-        tables: what each holds: a time, and any columns of a log.
-        columns: those that a user has named: each is in one of the files.
-        motion: whether efforts need not be there.
-
-    Raises:
-        InputError: a column is missing or twice there, or the files have too little time in common.
-    """
+    """The files of one run as one table; InputError where a column is missing or twice, or too little in common."""
     parts = [_Part(table, table.t) for table in _numbered(tables)]
     source = JOINT.join(table.source for table in tables)
     _check_names(parts, columns or {}, source, motion=motion)
@@ -139,11 +128,7 @@ def _in_order(joined: Mapping[str, Column], source: str, *, motion: bool) -> dic
 # Which instants
 # ---------------------------------------------------------------------------------------------------------------
 def _common(parts: Sequence[_Part], base: _Part) -> Integers:
-    """Rows of the base at which all parts know something.
-
-    Raises:
-        InputError: they have too little time in common.
-    """
+    """Rows of the base at which all parts know something; InputError where they have too little time in common."""
     start, stop = max(part.t[0] for part in parts), min(part.t[-1] for part in parts)
     shortest = min(part.t[-1] - part.t[0] for part in parts)
     if stop - start < TUNING.in_common * shortest:
@@ -187,7 +172,6 @@ def _brought(part: _Part, base: _Part, instants: Array, kept: Integers) -> tuple
 
 
 def _nearest(t: Array, instants: Array) -> Integers:
-    """(M,) the rows whose stamps are the nearest."""
     after = np.clip(np.searchsorted(t, instants), 1, len(t) - 1)
     nearest: Integers = after - (instants - t[after - 1] < t[after] - instants)
     return nearest

@@ -115,7 +115,6 @@ def _read(path: Path, options: Options) -> Table:
 
 
 def _topics(path: Path) -> dict[str, list[_Message]]:
-    """The joint states of each topic, in the order in which the bag received them."""
     try:
         from rosbags.rosbag2 import Reader
         from rosbags.typesys import Stores, get_typestore
@@ -162,7 +161,6 @@ def _choose_topic(topics: dict[str, list[_Message]], topic: str | None, where: s
 
 
 def _names(messages: Sequence[_Message], joints: Sequence[str] | None, where: str) -> tuple[str, ...]:
-    """Which joints, in their order."""
     if joints is not None:
         if len(set(joints)) < len(joints):
             raise InputError("a joint is named twice", field="joints", remedy="name every joint once")

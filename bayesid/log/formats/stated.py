@@ -35,11 +35,7 @@ class _Match(NamedTuple):
 
 
 def parse_columns(text: str) -> dict[str, str]:
-    """What the command line says of columns, as in `t="Zeit [ms]",q="Achse{}"`, or the TOML file that says it.
-
-    Raises:
-        InputError: it cannot be understood, or there is no such file.
-    """
+    """What the command line says of columns, as in `t="Zeit [ms]",q="Achse{}"`, or the TOML file that says it."""
     if "=" not in text:
         return _read(Path(text))
     columns: dict[str, str] = {}
@@ -53,11 +49,7 @@ def parse_columns(text: str) -> dict[str, str]:
 
 
 def check_columns(columns: Mapping[str, str]) -> dict[str, str]:
-    """The columns themselves, if each is one of a log and has a name.
-
-    Raises:
-        InputError: one is not.
-    """
+    """The columns themselves, if each is one of a log and has a name, or an InputError."""
     for key, pattern in columns.items():
         if not isinstance(key, str) or not _KEY.fullmatch(key):
             remedy = f"give t, q, dq, tau or i, or one joint's as q1: {EXAMPLE}"
@@ -79,17 +71,7 @@ def _read(path: Path) -> dict[str, str]:
 
 
 def stated_columns(header: Sequence[str], columns: Mapping[str, str], where: str, found: str) -> list[SourceColumn]:
-    """The columns of a header that a user has named, their joints counted from 1.
-
-    Args:
-        header: names of a file's columns.
-        columns: patterns by the log's column: t; q, dq, tau or i of all joints, or q1.. of one.
-        where: the header's place, for messages.
-        found: what the file's columns are, for messages.
-
-    Raises:
-        InputError: no column is called so, several are, or one's unit is not known.
-    """
+    """The columns of a header that a user has named, their joints counted from 1; `found` is for messages."""
     chosen: dict[str, SourceColumn] = {}
     for key in sorted(
         check_columns(columns), key=lambda key: key != _kind(key)
@@ -150,7 +132,6 @@ def _agree(kind: str, wanted: str | None, seen: str | None) -> bool:
 
 
 def _expression(pattern: str) -> re.Pattern[str]:
-    """A pattern as a regular expression: the number is a group, spaces do not matter."""
     before, *rest = _PLACEHOLDER.split(pattern, maxsplit=1)
     return re.compile(rf"{_fixed(before)}\s*(?P<number>[0-9]{{1,3}})\s*{_fixed(rest[-1])}" if rest else _fixed(before))
 
@@ -209,13 +190,7 @@ def option(columns: Mapping[str, str]) -> str:
 
 
 def suggestion(header: Sequence[str], found: Mapping[str, SourceColumn], given: Mapping[str, str] | None = None) -> str:
-    """The option that names the columns of a log: those found and, for those missing, what might be meant.
-
-    Args:
-        header: the labels that are there.
-        found: columns that are known.
-        given: what a user has named: it stays.
-    """
+    """The option that names the columns of a log: those found or given and, for those missing, what might be meant."""
     given = given or {}
     left = [label for label in header if label and label not in {source.label for source in found.values()}]
     effort = next((kind for kind in ("tau", "i") if f"{kind}1" in found), None)

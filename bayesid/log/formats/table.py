@@ -108,15 +108,7 @@ class Table:
 
 
 def check(table: Table, given: Mapping[str, str] | None = None) -> Table:
-    """The table itself, if its rows are enough, its numbers of this world and its time in order.
-
-    Args:
-        table: of a log, or of a part of one.
-        given: columns that a user has named, which messages repeat.
-
-    Raises:
-        InputError: they are not.
-    """
+    """The table itself, if its rows are enough, its numbers of this world and its time in order, or an InputError."""
     t = table.columns["t"]
     if len(t.values) < TUNING.fewest_rows:
         said = f"holds {len(t.values)} rows, too few to identify anything"
@@ -203,12 +195,7 @@ def _check_numbers(table: Table) -> None:
 
 
 def seconds(counts: ArrayLike, per_second: int = 1_000_000_000) -> Array:
-    """Whole numbers of ticks in s, as exact as a float allows: it cannot hold the nanoseconds since 1970.
-
-    Args:
-        counts: (N,) ticks.
-        per_second: how many ticks a second has; nanoseconds by default.
-    """
+    """Whole numbers of ticks (N,) in s, as exact as a float allows: it cannot hold the nanoseconds since 1970."""
     whole, rest = np.divmod(np.asarray(counts, dtype=np.int64), per_second)
     return whole + rest / per_second
 
@@ -219,12 +206,7 @@ def rows_of(source: str) -> Callable[[int], str]:
 
 
 def distinct_rows(t: Array, readings: Sequence[Array]) -> Integers:
-    """Rows that bring something new: a later time and a changed reading.
-
-    Args:
-        t: (N,) s, non-decreasing.
-        readings: (N, k) each.
-    """
+    """Rows that bring something new: a later time (N,), s, and a changed reading of some (N, k)."""
     fresh = np.zeros(len(t), dtype=bool)
     fresh[:1] = True
     for column in (column for block in readings for column in block.T):

@@ -63,7 +63,6 @@ def clock_seconds(cell: str) -> float:
 
 
 def _iso(date: str, time: str | None = None) -> float:
-    """A date with a time of day, or both in one text."""
     if time is not None and _TIME.fullmatch(time):
         return datetime.fromisoformat(date).replace(tzinfo=UTC).timestamp() + _since_midnight(time)
     moment = datetime.fromisoformat(date if time is None else f"{date}T{time}")
@@ -114,7 +113,7 @@ class CsvFile(Format):
 
     def read(self, path: Path, options: Options) -> Table:
         """The columns of a log."""
-        return read_text(path, lambda header, where: choose(header, where, **options.choice))
+        return read_text(path, lambda header, where: choose(header, where, options))
 
 
 @dataclass(frozen=True)
@@ -163,27 +162,12 @@ class Layout:
 
 
 def look(content: bytes, whole: bool = False) -> Layout:
-    """How a file is written.
-
-    Args:
-        content: its first bytes.
-        whole: whether these are all.
-
-    Raises:
-        UnicodeDecodeError: it is not text.
-        csv.Error: it is no table.
-    """
+    """How a file is written, by its first bytes; UnicodeDecodeError or csv.Error if it is no table."""
     return _look(content, _encoding(lambda: [content], whole))
 
 
 def look_at(path: Path) -> Layout:
-    """How a file is written that may be larger than memory: its beginning shows it, but all of it the encoding.
-
-    Raises:
-        UnicodeDecodeError: it is not text.
-        csv.Error: it is no table.
-        OSError: there is no such file, or it cannot be opened.
-    """
+    """How a file is written that may be larger than memory: its beginning shows it, but all of it the encoding."""
 
     def pieces() -> Iterator[bytes]:
         with path.open("rb") as file:
@@ -194,7 +178,6 @@ def look_at(path: Path) -> Layout:
 
 
 def _look(content: bytes, encoding: str) -> Layout:
-    """How a file with this beginning is written."""
     text = codecs.getincrementaldecoder(encoding)().decode(content[: TUNING.header_bytes])
     lines = io.StringIO(text, newline="").readlines()
     if lines and "\0" in lines[0]:
@@ -215,16 +198,7 @@ def _look(content: bytes, encoding: str) -> Layout:
 
 
 def read_text(path: Path, select: Callable[[Sequence[str], str], Chosen]) -> Table:
-    """Reads a table of text.
-
-    Args:
-        path: the file.
-        select: the columns that make a log, of a header at a place that messages name.
-
-    Raises:
-        InputError: it is not text, or no such table.
-        OSError: there is no such file, or it cannot be opened.
-    """
+    """A table of text; `select` chooses the columns that make a log, of a header at a place that messages name."""
     try:
         layout = look_at(path)
         selected, clock = select_columns(layout, str(path), select)
@@ -240,16 +214,7 @@ def read_text(path: Path, select: Callable[[Sequence[str], str], Chosen]) -> Tab
 def select_columns(
     layout: Layout, source: str, select: Callable[[Sequence[str], str], Chosen]
 ) -> tuple[Chosen, int | None]:
-    """The columns that make a log, in the table's order, and the place of a time that is written as one of day.
-
-    Args:
-        layout: of the table.
-        source: the table, for messages.
-        select: the columns that make a log, of a header at a place that messages name.
-
-    Raises:
-        InputError: the header names no columns, or not those of a log.
-    """
+    """The columns that make a log, in the table's order, and the place of a time that is written as one of day."""
     where, remedy = f"{source}, row {layout.header_row}", "begin it with t,q1..qn,tau1..taun"
     if len(layout.header) > TUNING.most_columns:
         raise InputError(f"names {len(layout.header)} columns", where, f"give a log of {TUNING.most_columns} at most")
@@ -274,12 +239,7 @@ def _not_text(path: Path, undecoded: bool) -> InputError:
 # How a file is written
 # ---------------------------------------------------------------------------------------------------------------
 def _encoding(pieces: Callable[[], Iterable[bytes]], whole: bool) -> str:
-    """By its first bytes, or else UTF-8 where it is that, or what Western Windows writes.
-
-    Args:
-        pieces: gives the file's bytes piece by piece, from the beginning whenever it is called.
-        whole: whether these are all.
-    """
+    """By the first bytes, or else UTF-8 where the pieces of the file are that, or what Western Windows writes."""
     first = next(iter(pieces()), b"")
     for bom, encoding in _BOMS.items():
         if first.startswith(bom):
@@ -312,7 +272,6 @@ def _are_quoted(lines: Sequence[str]) -> bool:
 
 
 def _unquoted(line: str) -> str:
-    """A line without the quotes around it."""
     return line.strip().removeprefix('"').removesuffix('"').replace('""', '"') + "\n"
 
 
@@ -349,7 +308,6 @@ def _separator(line: str, first: str) -> str:
 
 
 def _split(line: str, separator: str) -> list[str]:
-    """The cells of a line."""
     line = line.strip(" \r\n") if separator == " " else line
     cells = next(csv.reader([line], delimiter=separator, skipinitialspace=separator == " "), [])
     return [cell.strip() for cell in cells]
@@ -362,12 +320,10 @@ def _are_units(cells: Sequence[str], header: Sequence[str]) -> bool:
 
 
 def _unit_of(cell: str) -> str:
-    """A unit without the brackets around it."""
     return cell[1:-1].strip() if cell[:1] + cell[-1:] in ("[]", "()") else cell
 
 
 def _joined(name: str, unit: str) -> str:
-    """A name with the unit beneath it."""
     return f"{name} [{_unit_of(unit)}]" if unit and name and split_brackets(name).unit is None else name
 
 
@@ -440,7 +396,6 @@ def _first_bad_row(path: Path, layout: Layout, used: list[int], clock: int | Non
 
 
 def _correction(cell: str) -> str:
-    """What to do about a cell that is no number."""
     if _THOUSANDS.fullmatch(cell):
         return "write numbers without separators of thousands"
     if not cell or cell.startswith(_NO_VALUE):
@@ -449,7 +404,6 @@ def _correction(cell: str) -> str:
 
 
 def _remedy(number: int, layout: Layout, cells: int) -> str:
-    """What to do about a row of the wrong length."""
     truncated = "remove the row (a truncated last row is common) or complete it"
     return (_semicolons(layout, cells) if number == layout.rows + 1 else "") or truncated
 
