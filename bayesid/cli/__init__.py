@@ -27,13 +27,13 @@ _MODULES = dict.fromkeys(("validate", "predict", "report", "payload"), "results"
 """The module of each command whose module has another name."""
 
 
+_ENDS = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs one command and returns its exit code."""
     with _terminated_as_interrupted() as terminated:
         return _run(arguments, terminated)
-
-
-_ENDS = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
 
 @contextmanager

@@ -12,12 +12,11 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from bayesid.cli.parser import MOTION, READING, ROBOT, SHARED, TERMS, Parser, share, whole
+from bayesid.cli.tuning import TUNING
 from bayesid.errors import missing
 from bayesid.study import STUDIES
 
 SHELLS = ("bash", "zsh", "tcsh")
-MASS_SD = 0.001
-"""Standard deviation of a payload's mass where none is given, as a share of it: a common scale's."""
 _EXAMPLES = """examples:
   bayesid demo
   bayesid identify log.csv --robot ur10e --out result
@@ -40,6 +39,9 @@ _ROBOT_HELP = SHARED["--robot"]["help"]
 
 
 _EXACT = "N m/A of each joint, for a log of currents (default: those of the result, where it has its own)"
+
+
+_Commands: TypeAlias = "argparse._SubParsersAction[Parser]"
 
 
 def _share_reading(parser: Parser, *others: str) -> None:
@@ -85,9 +87,6 @@ def make_parser() -> Parser:
 def parse(arguments: Sequence[str]) -> argparse.Namespace:
     """The options of one command, see `Parser.understand`."""
     return make_parser().understand(arguments)
-
-
-_Commands: TypeAlias = "argparse._SubParsersAction[Parser]"
 
 
 def _command(commands: _Commands, name: str, purpose: str, examples: Sequence[str], more: str = "") -> Parser:
@@ -166,7 +165,7 @@ def _add_logs(parser: Parser) -> None:
     payload = (
         "one more log, recorded with a payload of this mass on the flange, whose parameters act in its logs alone; the "
         "mass enters the posterior, and fixes the factor of uncertain gains "
-        f"(default sd: {100 * MASS_SD:g} %% of it; default label: payload)"
+        f"(default sd: {100 * TUNING.payload_mass_sd:g} %% of it; default label: payload)"
     )
     metavar = "[LABEL:]KG[~SD]@LOG"
     parser.add_argument("--payload", action="append", default=[], metavar=metavar, help=payload)

@@ -19,6 +19,7 @@ from bayesid.discrepancy.workflow import Discrepancy, find_discrepancy
 from bayesid.errors import InputError
 from bayesid.identification.model_file import load_model
 from bayesid.identification.options import Preparation
+from bayesid.identification.pipeline import QUICK
 from bayesid.log.formats import is_log_folder
 from bayesid.log.reading import find_logs
 from bayesid.progress import Progress
@@ -29,9 +30,6 @@ from bayesid.report.words import in_percent, rounded, unit_of
 from bayesid.results.discrepancies import save_comparison, save_discrepancy
 from bayesid.results.folders import check_result_folder, collect_incomplete, save_or_rescue
 from bayesid.signs.search.certified import Certified
-
-_OF_EXTENDED, _OF_FIRST = 3.0, 30.0
-"""s for the proof of the signs where an earlier log helps, and where none does, as `bayesid identify` has them."""
 
 
 def discrepancy_command(options: argparse.Namespace) -> None:
@@ -70,7 +68,7 @@ def _compare_with_result(options: argparse.Namespace) -> None:
             identified,
             log,
             holdout[0] if holdout else None,
-            search=_search(options, _OF_EXTENDED),
+            search=_search(options, QUICK.budget),
             posterior=sampling(options),
             preparation=Preparation(cutoff=options.cutoff),
             progress=Progress(bars.show),
@@ -103,7 +101,7 @@ def _compare_logs(options: argparse.Namespace) -> None:
             logs,
             terms,
             None if options.holdout is None else read(options.holdout, reading),
-            search=_search(options, _OF_FIRST),
+            search=_search(options, Certified().budget),
             posterior=sampling(options),
             preparation=Preparation(cutoff=options.cutoff),
             progress=Progress(bars.show),

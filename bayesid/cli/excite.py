@@ -13,6 +13,7 @@ import numpy as np
 from bayesid.arrays import Array
 from bayesid.cli.options import beliefs, read, reading_options, robot_of, term_names
 from bayesid.cli.terminal import StageBars, show, warn
+from bayesid.cli.tuning import TUNING
 from bayesid.discrepancy.workflow import CHANGE_OF
 from bayesid.errors import InputError
 from bayesid.excitation.design import ExcitationDesign, Objective, TrajectoryShape, design_excitation
@@ -43,6 +44,9 @@ _FOR_ROBOT = (
     *("--gains", "--unsigned", "--degrees", "--no-degrees", "--columns", "--topic", "--joints"),
 )
 """Options that mean nothing with it: the result has its own terms, noise and parameters."""
+
+
+_DISCREPANCY_FILE = "discrepancy.json"
 
 
 def excite_command(options: argparse.Namespace) -> None:
@@ -104,11 +108,6 @@ def _designed(robot: Robot, options: argparse.Namespace, bars: StageBars) -> Exc
         seed=options.seed,
         progress=Progress(bars.show),
     )
-
-
-_DISCREPANCY_FILE = "discrepancy.json"
-_BEEN = 300
-"""Poses of the log that the robot is known to have been in without touching itself. A round number."""
 
 
 def design_for_result(options: argparse.Namespace) -> str:
@@ -250,7 +249,7 @@ def _poses(options: argparse.Namespace, robot: Robot, recorded: Motion | None) -
     start = _floats(options.start, "--start")
     parts = [] if start is None or len(start) != robot.n_joints else [np.array([start])]
     if recorded is not None:
-        parts.append(recorded.q[:: max(1, len(recorded) // _BEEN)])
+        parts.append(recorded.q[:: max(1, len(recorded) // TUNING.poses)])
     return np.concatenate(parts) if parts else np.zeros((1, robot.n_joints))
 
 

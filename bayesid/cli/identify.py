@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from bayesid.cli.arguments import MASS_SD
 from bayesid.cli.options import beliefs, command_line, end_with, read, reading_options, robot_of, sampling, term_names
 from bayesid.cli.tables import identification_parts, separate_parts
 from bayesid.cli.terminal import CountBar, StageBars, complain, show, warn
+from bayesid.cli.tuning import TUNING
 from bayesid.errors import BayesidError, InputError, near_names, printable
 from bayesid.files.bounded import LARGEST, read_source, toml_of
 from bayesid.identification.options import Preparation
@@ -27,6 +27,16 @@ from bayesid.results.several_logs import identify_separately
 from bayesid.signs.search.beam import Beam
 from bayesid.signs.search.certified import Certified
 from bayesid.signs.search.protocol import Search
+
+_USUAL = "payload"
+"""Label of a payload that has none."""
+_PAYLOAD = re.compile(r"(?:(?P<label>[^:~@]*):)?(?P<mass>[^:~@]*)(?:~(?P<sd>[^:~@]*))?@(?P<file>.+)")
+_PAYLOAD_REMEDY = "give [LABEL:]KG[~SD]@LOG, as in 2.8~0.005@loaded.csv"
+_LOG_REMEDY = "give LOG:payload=LABEL, as in loaded.csv:payload=tool1"
+_KEYS = ("file", "payload", "mass")
+_FILE_REMEDY = (
+    'give tables [[logs]] with file = "loaded.csv" and, if it carries something, payload = "tool1", mass = 2.8'
+)
 
 
 def identify_command(options: argparse.Namespace) -> None:
@@ -110,17 +120,6 @@ def _identify_each(options: argparse.Namespace, logs: Sequence[Recording], setti
         if all(result.bad_input for result in failed):
             raise InputError(said, str(folder), "see above; the other results are complete")
         raise BayesidError(f"{folder}: {said}; see above; the other results are complete")
-
-
-_USUAL = "payload"
-"""Label of a payload that has none."""
-_PAYLOAD = re.compile(r"(?:(?P<label>[^:~@]*):)?(?P<mass>[^:~@]*)(?:~(?P<sd>[^:~@]*))?@(?P<file>.+)")
-_PAYLOAD_REMEDY = "give [LABEL:]KG[~SD]@LOG, as in 2.8~0.005@loaded.csv"
-_LOG_REMEDY = "give LOG:payload=LABEL, as in loaded.csv:payload=tool1"
-_KEYS = ("file", "payload", "mass")
-_FILE_REMEDY = (
-    'give tables [[logs]] with file = "loaded.csv" and, if it carries something, payload = "tool1", mass = 2.8'
-)
 
 
 @dataclass(frozen=True)
@@ -234,7 +233,7 @@ def _mass(numbers: list[Any], text: str, where: str, remedy: str) -> tuple[float
     if not 1 <= len(numbers) <= 2 or any(isinstance(one, bool) or not isinstance(one, int | float) for one in numbers):
         raise InputError(f"{text} is no mass in kg", where, remedy)
     mass = float(numbers[0])
-    sd = float(numbers[1]) if len(numbers) == 2 else MASS_SD * mass
+    sd = float(numbers[1]) if len(numbers) == 2 else TUNING.payload_mass_sd * mass
     if not (0.0 < mass < LARGEST and 0.0 < sd < math.inf):
         raise InputError(f"{text} is no mass in kg with its sd, both above 0", where, remedy)
     return mass, sd

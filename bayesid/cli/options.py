@@ -28,6 +28,9 @@ from bayesid.robot import Robot, load_robot
 Recording = TypeVar("Recording", Log, RecordedMotion)
 
 
+_LENGTHS, _ANGLES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}, {"deg": math.pi / 180.0, "mrad": 1e-3, "rad": 1.0}
+
+
 def command_line() -> str:
     """What was typed."""
     return printable(shlex.join(["bayesid", *sys.argv[1:]]))
@@ -136,9 +139,6 @@ def _links(text: str) -> Links:
         remedy = "give the scales of a link's mass and of its distances in kg and m, as in 30,0.5"
         raise InputError(f"{text!r} are no scales of links", "--links", remedy) from None
     return Links(mass=mass, reach=reach)
-
-
-_LENGTHS, _ANGLES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}, {"deg": math.pi / 180.0, "mrad": 1e-3, "rad": 1.0}
 
 
 def _tolerance(text: str) -> KinematicTolerance:

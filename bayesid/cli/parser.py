@@ -19,6 +19,16 @@ _NUMBERS = re.compile(r"-[\d.][-+\d.e]*(?:,[-+\d.e]+)+")
 """Several numbers, the first below zero."""
 
 
+TERMS = "rigid_body,viscous_friction,coulomb_friction,torque_offset,rotor_inertia"
+"""`bayesid.effects.STANDARD`, spelled out: to import the catalogue for a help text takes a second."""
+ROBOT = "--robot", "--tip", "--hold"
+"""Which robot, and which of its joints."""
+MOTION = "--degrees", "--columns", "--topic", "--joints"
+"""How a motion is to be read."""
+READING = "--gains", "--unsigned", *MOTION
+"""How a log is to be read, see `bayesid.read_log`."""
+
+
 class Parser(argparse.ArgumentParser):
     """Says what is wrong in one line, and which name is the nearest.
 
@@ -130,10 +140,6 @@ def _joined(arguments: Sequence[str]) -> list[str]:
     return words
 
 
-TERMS = "rigid_body,viscous_friction,coulomb_friction,torque_offset,rotor_inertia"
-"""`bayesid.effects.STANDARD`, spelled out: to import the catalogue for a help text takes a second."""
-
-
 SHARED: dict[str, dict[str, Any]] = {
     "--robot": {
         "required": True,
@@ -198,18 +204,6 @@ SHARED: dict[str, dict[str, Any]] = {
     "--out": {"type": Path},
     "--quiet": {"action": "store_true", "help": "print nothing but warnings and errors"},
 }
-
-
-ROBOT = "--robot", "--tip", "--hold"
-"""Which robot, and which of its joints."""
-
-
-MOTION = "--degrees", "--columns", "--topic", "--joints"
-"""How a motion is to be read."""
-
-
-READING = "--gains", "--unsigned", *MOTION
-"""How a log is to be read, see `bayesid.read_log`."""
 
 
 def share(parser: Parser, *names: str, **changes: Any) -> None:

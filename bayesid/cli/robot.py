@@ -20,6 +20,7 @@ from bayesid.errors import InputError
 from bayesid.files.bounded import MOST_BYTES
 from bayesid.files.writing import check_place, replace_file
 from bayesid.log.formats.text import look
+from bayesid.log.tuning import TUNING
 from bayesid.report.plot.robots import positions_text, skeleton_figure
 from bayesid.results.robot_file import robot_file, robot_template
 from bayesid.robot import Robot
@@ -27,9 +28,6 @@ from bayesid.robot.built_in import BUILT_IN, built_in_table
 from bayesid.robot.kinematics import Pose, pose, reach
 
 _PICTURES = ".png", ".svg", ".pdf"
-_DPI = 150
-_TWO_TURNS = 4.0 * np.pi
-"""rad; positions beyond are degrees, as in logs."""
 
 
 def robot_command(options: argparse.Namespace) -> None:
@@ -91,7 +89,7 @@ def _show(options: argparse.Namespace) -> None:
     if out is not None:
         figure = skeleton_figure(robot, here.q)
         kind = out.suffix[1:].lower()
-        replace_file(out, lambda aside: figure.savefig(aside, format=kind, dpi=_DPI, facecolor="white"))
+        replace_file(out, lambda aside: figure.savefig(aside, format=kind, dpi=150, facecolor="white"))
     if not options.quiet:
         about = built_in_table(options.robot) if options.robot in BUILT_IN else {}
         show(*_pose_parts(here, about), *([] if out is None else [f"written to {out}"]))
@@ -130,7 +128,7 @@ def _positions(text: str, degrees: bool | None, robot: Robot) -> Array:
         said = f"holds {len(values)} positions, {robot.name} has {robot.n_joints} joints"
         raise InputError(said, "--q", "give one number a joint")
     turning = np.array([not joint.prismatic for joint in robot.joints])
-    if degrees is None and np.any(np.abs(values[turning]) > _TWO_TURNS):
+    if degrees is None and np.any(np.abs(values[turning]) > TUNING.few_turns):
         said = f"{text!r} looks like degrees"
         raise InputError(said, "--q", "say so with --degrees, or with --no-degrees that they are in rad")
     return np.where(turning & bool(degrees), np.radians(values), values)

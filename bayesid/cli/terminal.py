@@ -15,6 +15,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColum
 from rich.table import Table
 from rich.text import Text
 
+from bayesid.cli.tuning import TUNING
 from bayesid.errors import printable
 from bayesid.parallel import onlookers
 
@@ -54,12 +55,6 @@ OPTIONS = {
 }
 """The option of the command line for each argument that an error names."""
 _ARGUMENT = re.compile("`([^` ]+)`")
-_UNWRAPPED = 10_000
-"""Columns of what is no terminal: a file's or a pipe's lines are as long as they are."""
-
-
-_GAP = 3
-"""Columns between those of a table."""
 
 
 class _Console(Console):
@@ -75,7 +70,7 @@ def console(stderr: bool = False) -> Console:
     coloured = on_terminal and not os.environ.get("NO_COLOR")
     return _Console(
         stderr=stderr,
-        width=None if on_terminal else _UNWRAPPED,
+        width=None if on_terminal else 10_000,  # lines of a file or a pipe are as long as they are
         color_system="auto" if coloured else None,
         highlight=False,
         markup=False,
@@ -91,7 +86,7 @@ def show(*parts: RenderableType) -> None:
 
 def table(headings: Sequence[str], rows: Iterable[Sequence[str]], left: Collection[str] = ()) -> Table:
     """A table without rules, numbers to the right; columns `left`, by their headings, hold words."""
-    drawn = Table(box=None, pad_edge=False, padding=(0, _GAP, 0, 0), header_style="bold")
+    drawn = Table(box=None, pad_edge=False, padding=(0, 3, 0, 0), header_style="bold")
     for heading in headings:
         drawn.add_column(heading, justify="left" if heading in left else "right", overflow="fold")
     for row in rows:
@@ -123,21 +118,15 @@ def _print_message(head: str, message: str, style: str) -> None:
     console(stderr=True).print(Text.assemble((f"{head}:", style), " ", printable(message)), soft_wrap=True)
 
 
-_PATIENCE = 1.0
-"""s; what ends sooner is not worth a bar. A round number; not studied."""
-_REFRESHES = 4.0
-"""1/s; how often bars are drawn: an eye sees no more, and the computation shares the processor."""
-
-
 class _Bars(Progress):
     """Bars of the tasks that have taken a while, which vanish at the end."""
 
     def __init__(self, *columns: ProgressColumn) -> None:
-        super().__init__(*columns, console=console(stderr=True), transient=True, refresh_per_second=_REFRESHES)
+        super().__init__(*columns, console=console(stderr=True), transient=True, refresh_per_second=4.0)
 
     def get_renderables(self) -> Iterable[RenderableType]:
         """What is drawn."""
-        yield self.make_tasks_table([task for task in self.tasks if (task.elapsed or 0.0) > _PATIENCE])
+        yield self.make_tasks_table([task for task in self.tasks if (task.elapsed or 0.0) > TUNING.patience])
 
 
 class _Pace(ProgressColumn):

@@ -15,7 +15,8 @@ from rich.console import RenderableType
 
 from bayesid.cli.options import read, reading_options
 from bayesid.cli.tables import line_of
-from bayesid.cli.terminal import StageBars, note, show, table, warn
+from bayesid.cli.terminal import StageBars, in_options, note, show, table, warn
+from bayesid.cli.tuning import TUNING
 from bayesid.errors import BayesidError, InputError
 from bayesid.files.tables import plain
 from bayesid.files.writing import check_folder, save_folder
@@ -29,7 +30,7 @@ from bayesid.log.rows import Row, RowReader
 from bayesid.monitor.alarms import Alarm
 from bayesid.monitor.figures import StreamFigures, looked_at
 from bayesid.monitor.kinds import CONTACT
-from bayesid.monitor.replay import Agreement, Replay, agreement, contradicts, known_signs, replay, timed
+from bayesid.monitor.replay import Replay, agreement, contradicts, known_signs, replay, timed
 from bayesid.monitor.tracked import Tracked
 from bayesid.monitor.tracker import GAP, SignTracker
 from bayesid.parallel import one_blas_thread
@@ -90,7 +91,8 @@ def _replay(options: argparse.Namespace) -> None:
         result, offline = _compared(options, identified, log, streamed)
         if options.explain:
             bars.show("explain", 0, 1)
-            result = replace(result, named=_named(identified, log, streamed.alarms))
+            changes = [k for k, alarm in enumerate(streamed.alarms) if alarm.kind != CONTACT]
+            result = replace(result, named={k: _name(identified, log, streamed.alarms[k]) for k in changes})
         bars.show("write", 0, 1)
         save_replay(folder, result, streamed, options.plot)
     if not options.quiet:
@@ -115,20 +117,14 @@ def _compared(
     try:
         offline = identified.validate(log)
     except InputError as error:
-        status = str(error)
+        status = in_options(str(error))
     if offline is not None:
         smoothing = agreement(streamed, offline)
         if log.signed.any():
             tracker = _tracker(options, identified, streamed.rate)
             known = known_signs(replay(tracker, log.rectified()), offline)
-    return _result(log.source, streamed, smoothing, status, known), offline
-
-
-def _result(
-    source: str, streamed: Replay, smoothing: Agreement | None, status: str, known: Agreement | None
-) -> StreamResult:
-    return StreamResult(
-        log=source,
+    result = StreamResult(
+        log=log.source,
         rate=streamed.rate,
         lag=streamed.lag,
         counts=streamed.counts,
@@ -139,11 +135,7 @@ def _result(
         smoothing_status=status,
         known=known,
     )
-
-
-def _named(identified: IdentifiedModel, log: Log, alarms: tuple[Alarm, ...]) -> dict[int, Named]:
-    """What each change is, by the log from its time on."""
-    return {k: _name(identified, log, alarm) for k, alarm in enumerate(alarms) if alarm.kind != CONTACT}
+    return result, offline
 
 
 def _name(identified: IdentifiedModel, log: Log, alarm: Alarm) -> Named:
@@ -155,7 +147,7 @@ def _name(identified: IdentifiedModel, log: Log, alarm: Alarm) -> Named:
     try:
         found = find_discrepancy(identified, part, posterior=False)
     except BayesidError as error:
-        return Named(f"could not be told from {part.t[-1] - part.t[0]:.2f} s of the log: {error}")
+        return Named(f"could not be told from {part.t[-1] - part.t[0]:.2f} s of the log: {in_options(str(error))}")
     return Named(found.status, tuple((one.effect, one.joints) for one in found.added))
 
 
@@ -252,12 +244,6 @@ def _follow_into(folder: Path, tracker: SignTracker, reader: RowReader) -> Strea
     return gathered[0]
 
 
-_STEPS = 50
-"""Rows after which the time between them is compared with the rate."""
-_OFF = 20.0
-"""Factor between the two from which on the time is not in seconds, or the rate another stream's. A round number."""
-
-
 class NobodyReadsError(Exception):
     """Whoever read the rows has gone; no `OSError`, which would be taken for one of the folder's files."""
 
@@ -343,21 +329,21 @@ class _Steps:
         self._steps: list[float] = []
 
     def add(self, t: float) -> None:
-        if len(self._steps) < _STEPS:
+        if len(self._steps) < TUNING.steps:
             if t > self._last:
                 self._steps.append(t - self._last)
             self._last = t if np.isfinite(t) else self._last
-            if len(self._steps) == _STEPS:
+            if len(self._steps) == TUNING.steps:
                 self._check()
 
     def end(self) -> None:
         """A few rows may have come in bursts or with pauses: that is no reason to lose them."""
-        if 0 < len(self._steps) < _STEPS:
+        if 0 < len(self._steps) < TUNING.steps:
             self._compare(float(np.median(self._steps)))
 
     def _check(self) -> None:
         step = float(np.median(self._steps))
-        if not 1.0 / _OFF < step * self._rate < _OFF:
+        if not 1.0 / TUNING.off < step * self._rate < TUNING.off:
             usual = 1.0 / self._rate
             said = f"rows are {step:.6g} s apart by their time, at {self._rate:g} Hz they would be {usual:.6g} s"
             remedy = "give the time's unit in the header, as in t[ms], or the --rate of the rows"

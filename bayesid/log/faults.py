@@ -21,6 +21,9 @@ from bayesid.arrays import Array, Integers, Mask
 from bayesid.log.tuning import TUNING
 from bayesid.motion import STANDSTILL
 
+_Sides: TypeAlias = tuple[Array, Array]
+"""(R, 8) values before each and (R, 8) after."""
+
 
 @dataclass(frozen=True)
 class Fault:
@@ -100,7 +103,7 @@ class _Runs:
 def find_faults(
     t: Array, q: Array, effort: Array, dq: Array | None = None, starts: Sequence[int] = (0,)
 ) -> tuple[Fault, ...]:
-    """All faults, by joint, of a log of N rows, of recordings that begin at `starts`; efforts may be absolute values."""
+    """All faults, by joint, of a log of N rows, of recordings that begin at `starts`; efforts may be absolute."""
     found: dict[tuple[int, str, str], Fault] = {}
     for first, stop in zip(starts, [*starts[1:], len(t)], strict=True):
         rows = slice(first, stop)
@@ -207,10 +210,6 @@ def _jumps(t: Array, position: Array) -> Integers:
         _slight(position), TUNING.outlier_steps * _by_blocks(lambda _, sides: _usual_step(*sides), runs.value)
     )
     return runs.rows((departs > 0.0) & (departs >= least) & (runs.seconds < TUNING.dropout))
-
-
-_Sides: TypeAlias = tuple[Array, Array]
-"""(R, 8) values before each and (R, 8) after."""
 
 
 def _by_blocks(of: Callable[[Array, _Sides], Array], values: Array) -> Array:

@@ -61,23 +61,13 @@ class Gains:
 
     @property
     def exact(self) -> Mask:
-        """(n,) whether a gain is taken as exact.
-
-        Example:
-            >>> bayesid.Gains(value=[12.0, 16.0], sd=[0.2, 0.0]).exact
-            array([False,  True])
-        """
+        """(n,) whether a gain is taken as exact."""
         exact: Mask = self.sd == 0.0
         return exact
 
     @property
     def unknown(self) -> Mask:
-        """(n,) whether nobody knows a gain.
-
-        Example:
-            >>> bayesid.Gains(value=[1.0, 16.0], sd=[float("inf"), 0.0]).unknown
-            array([ True, False])
-        """
+        """(n,) whether nobody knows a gain."""
         return np.isinf(self.sd)
 
     @property
@@ -92,21 +82,11 @@ class Gains:
 
     @property
     def unit_of_gain(self) -> str:
-        """What the values are in.
-
-        Example:
-            >>> bayesid.Gains(value=[12.0], sd=[0.2], unit="%").unit_of_gain
-            'N m/%'
-        """
+        """What the values are in, as N m/A."""
         return "N m per N m as logged" if self.of_torques else f"N m/{self.unit}"
 
     def times(self, factor: Array) -> Gains:
-        """With each value multiplied by its factor (n,).
-
-        Example:
-            >>> bayesid.Gains(value=[12.0, 16.0], sd=[0.2, 0.0]).times([2.0, 1.0]).text
-            '24~20%,16'
-        """
+        """With each value multiplied by its factor (n,)."""
         return replace(self, value=self.value * factor)
 
 

@@ -26,6 +26,10 @@ _ROUNDING = 0.01
 that count from 1970 (2.4e-7 s), far below half a period."""
 
 
+GIVEN = "the motion"
+"""What messages call a motion that is no file."""
+
+
 @dataclass(frozen=True)
 class Piece:
     """One of the recordings that a log was joined from.
@@ -158,24 +162,14 @@ class Log:
 
     @property
     def payload(self) -> Labels:
-        """(N,) label of what the flange carried in each row; empty where it carried nothing.
-
-        Example:
-            >>> np.unique(log.carrying("tool1").payload).tolist()
-            ['tool1']
-        """
+        """(N,) label of what the flange carried in each row; empty where it carried nothing."""
         if not self.pieces:
             return labels("", len(self))
         return np.repeat([piece.payload for piece in self.pieces], [len(piece.t) for piece in self.pieces])
 
     @property
     def pooled(self) -> bool:
-        """Whether it was joined from several recordings.
-
-        Example:
-            >>> log.pooled, bayesid.join_logs([log, other_log]).pooled
-            (False, True)
-        """
+        """Whether it was joined from several recordings."""
         return len(self.pieces) > 1
 
     def clock(self, t: Array) -> tuple[Integers, Array]:
@@ -204,23 +198,13 @@ class Log:
 
     @property
     def period(self) -> float:
-        """Typical time between two rows, s.
-
-        Example:
-            >>> round(log.period, 3)
-            0.02
-        """
+        """Typical time between two rows, s."""
         steps = np.diff(self.t)
         return float(np.median(steps[steps > 0.0])) if np.any(steps > 0.0) else 0.0
 
     @property
     def n_joints(self) -> int:
-        """Number of joints n.
-
-        Example:
-            >>> log.n_joints
-            3
-        """
+        """Number of joints n."""
         return int(self.q.shape[1])
 
 
@@ -318,10 +302,6 @@ def write_log(path: str | Path, log: Log) -> None:
     blocks = {"q": log.q, **({} if log.dq is None else {"dq": log.dq}), "tau": log.effort}
     names = ["t", *(name for kind in blocks for name in numbered(kind, log.n_joints))]
     replace_file(Path(path), lambda aside: write_columns(aside, names, log.t, np.hstack(list(blocks.values()))))
-
-
-GIVEN = "the motion"
-"""What messages call a motion that is no file."""
 
 
 @dataclass(frozen=True)

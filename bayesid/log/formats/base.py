@@ -15,6 +15,40 @@ from typing import ClassVar, NoReturn
 from bayesid.errors import InputError
 from bayesid.log.formats.table import Table
 
+_UNPACK = "unpack it, and give the log inside"
+_TABLE = "write its columns as CSV, or give it from Python: bayesid.read_log(pandas.{}(FILE{}))"
+_SHEET = "save the sheet with the log as CSV"
+_FOREIGN = (
+    (rb"\s*\{[^\n]*\}\s*\n\s*\{", "lines of JSON", _TABLE.format("read_json", ", lines=True")),
+    (rb"\s*(\{\s*[\"}]|\[\s*[\[{\"\d-])", "JSON", _TABLE.format("read_json", "")),
+    (rb"\s*<(!doctype html|html|head|body)", "a web page (HTML), no table of numbers", "save the table as CSV"),
+    (rb"\s*<[!?a-z]", "XML", _TABLE.format("read_xml", "")),
+    (rb"PK.{2,8192}(xl/|\[Content_Types\]\.xml)", "an Excel workbook", _SHEET),
+    (rb"PK.{2,8192}content\.xml", "an OpenDocument spreadsheet", _SHEET),
+    (rb"\xd0\xcf\x11\xe0", "an old Excel workbook", _SHEET),
+    (rb"PK.{2,8192}\.npy", "an archive of NumPy", "give it from Python: bayesid.read_log(dict(numpy.load(FILE)))"),
+    (
+        rb"\x93NUMPY",
+        "an array of NumPy",
+        "give it from Python, with names: bayesid.read_log({'t': .., 'q': .., 'tau': ..})",
+    ),
+    (rb"PK\x03\x04", "a zip archive", _UNPACK),
+    (rb"\x1f\x8b|BZh\d|\xfd7zXZ|\x28\xb5\x2f\xfd|7z\xbc\xaf", "compressed", _UNPACK),
+    (rb"#ROSBAG V", "a bag of ROS 1", "convert it: rosbags-convert --src FILE --dst FOLDER"),
+    (
+        rb"\x89HDF",
+        "an HDF5 file, but none of MATLAB",
+        "give its arrays from Python: bayesid.read_log({'t': .., 'q': .., 'tau': ..})",
+    ),
+    (
+        rb"DIAEXTENDED",
+        "a header of DIAdem, as KUKA's trace writes it beside its .r64",
+        "export the trace as a table of text (WorkVisual); a file a joint is given as 'trace_*.csv+'",
+    ),
+    (rb"TDSm|MDF {5}|UnFinMF", "a measurement file (TDMS or MDF)", "export its channels as CSV"),
+    (rb"%PDF|\x89PNG|\xff\xd8\xff", "a document or a picture", "give the log that it shows"),
+)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
@@ -79,41 +113,6 @@ class Format(ABC):
             InputError: they are not there, or damaged, or which is meant stays open.
             OSError: the file cannot be opened.
         """
-
-
-_UNPACK = "unpack it, and give the log inside"
-_TABLE = "write its columns as CSV, or give it from Python: bayesid.read_log(pandas.{}(FILE{}))"
-_SHEET = "save the sheet with the log as CSV"
-_FOREIGN = (
-    (rb"\s*\{[^\n]*\}\s*\n\s*\{", "lines of JSON", _TABLE.format("read_json", ", lines=True")),
-    (rb"\s*(\{\s*[\"}]|\[\s*[\[{\"\d-])", "JSON", _TABLE.format("read_json", "")),
-    (rb"\s*<(!doctype html|html|head|body)", "a web page (HTML), no table of numbers", "save the table as CSV"),
-    (rb"\s*<[!?a-z]", "XML", _TABLE.format("read_xml", "")),
-    (rb"PK.{2,8192}(xl/|\[Content_Types\]\.xml)", "an Excel workbook", _SHEET),
-    (rb"PK.{2,8192}content\.xml", "an OpenDocument spreadsheet", _SHEET),
-    (rb"\xd0\xcf\x11\xe0", "an old Excel workbook", _SHEET),
-    (rb"PK.{2,8192}\.npy", "an archive of NumPy", "give it from Python: bayesid.read_log(dict(numpy.load(FILE)))"),
-    (
-        rb"\x93NUMPY",
-        "an array of NumPy",
-        "give it from Python, with names: bayesid.read_log({'t': .., 'q': .., 'tau': ..})",
-    ),
-    (rb"PK\x03\x04", "a zip archive", _UNPACK),
-    (rb"\x1f\x8b|BZh\d|\xfd7zXZ|\x28\xb5\x2f\xfd|7z\xbc\xaf", "compressed", _UNPACK),
-    (rb"#ROSBAG V", "a bag of ROS 1", "convert it: rosbags-convert --src FILE --dst FOLDER"),
-    (
-        rb"\x89HDF",
-        "an HDF5 file, but none of MATLAB",
-        "give its arrays from Python: bayesid.read_log({'t': .., 'q': .., 'tau': ..})",
-    ),
-    (
-        rb"DIAEXTENDED",
-        "a header of DIAdem, as KUKA's trace writes it beside its .r64",
-        "export the trace as a table of text (WorkVisual); a file a joint is given as 'trace_*.csv+'",
-    ),
-    (rb"TDSm|MDF {5}|UnFinMF", "a measurement file (TDMS or MDF)", "export its channels as CSV"),
-    (rb"%PDF|\x89PNG|\xff\xd8\xff", "a document or a picture", "give the log that it shows"),
-)
 
 
 class ForeignFile(Format):

@@ -48,37 +48,6 @@ _NUMBER = re.compile(r"[0-9]+|\{[^}]*\}")
 _COUNT = re.compile(rf"(?P<count>[0-9]{{1,{MOST_DIGITS}}}(?:\.[0-9]+)?)\s*(?P<unit>[^0-9]+)")
 
 
-class Label(NamedTuple):
-    """A name and what is said of its unit, if anything is."""
-
-    name: str
-    unit: str | None
-
-
-def factor_of(kind: str, unit: str) -> float | None:
-    """SI units in one of a unit of a kind; None where it is none of it. A time may be in "8 ms", which counts rows."""
-    count = _COUNT.fullmatch(unit.strip()) if kind == "t" else None
-    factor = _FACTORS[kind].get((unit if count is None else count["unit"]).strip().casefold())
-    return factor if factor is None or count is None else float(count["count"]) * factor
-
-
-def is_unit(text: str) -> bool:
-    """Whether a text is the unit of any column of a log."""
-    return any(text.strip().casefold() in units for units in _FACTORS.values())
-
-
-def split_brackets(label: str) -> Label:
-    """A label without the unit in brackets behind it: "q1 [deg]" is q1 in "deg", but "q[1]" has a number, no unit.
-
-    In a pattern of a user `{}` stands for the number.
-    """
-    match = None if len(label) > TUNING.longest_label else _BRACKETED.fullmatch(label)
-    unit = None if match is None else match["square"] or match["round"]
-    if match is None or unit is None or not match["name"] or _NUMBER.fullmatch(unit.strip()):
-        return Label(label, None)
-    return Label(match["name"], unit.strip())
-
-
 _POSITIONS = "q", "actual q", "joint", "axis", "position", "pos", "angle", "joint position", "joint pos", "joint angle"
 _VELOCITIES = "dq", "qd", "actual qd", "velocity", "vel", "speed", "joint velocity", "joint vel", "joint speed"
 _TORQUES = "tau", "tau j", "torque", "effort", "moment", "joint torque", "joint effort", "actual torque", "drehmoment"
@@ -119,6 +88,37 @@ OTHER = 3
 _AXIS_LETTER = re.compile(r"(?<=[\W_])[AJaj](?=[0-9]+\W*$)")
 """A letter before a joint's number that says no more, as in `Torque_A1` or `pos.j1`."""
 _LAST_NUMBER = re.compile(rf"[0-9]{{1,{MOST_DIGITS}}}(?=[^0-9]*$)")
+
+
+class Label(NamedTuple):
+    """A name and what is said of its unit, if anything is."""
+
+    name: str
+    unit: str | None
+
+
+def factor_of(kind: str, unit: str) -> float | None:
+    """SI units in one of a unit of a kind; None where it is none of it. A time may be in "8 ms", which counts rows."""
+    count = _COUNT.fullmatch(unit.strip()) if kind == "t" else None
+    factor = _FACTORS[kind].get((unit if count is None else count["unit"]).strip().casefold())
+    return factor if factor is None or count is None else float(count["count"]) * factor
+
+
+def is_unit(text: str) -> bool:
+    """Whether a text is the unit of any column of a log."""
+    return any(text.strip().casefold() in units for units in _FACTORS.values())
+
+
+def split_brackets(label: str) -> Label:
+    """A label without the unit in brackets behind it: "q1 [deg]" is q1 in "deg", but "q[1]" has a number, no unit.
+
+    In a pattern of a user `{}` stands for the number.
+    """
+    match = None if len(label) > TUNING.longest_label else _BRACKETED.fullmatch(label)
+    unit = None if match is None else match["square"] or match["round"]
+    if match is None or unit is None or not match["name"] or _NUMBER.fullmatch(unit.strip()):
+        return Label(label, None)
+    return Label(match["name"], unit.strip())
 
 
 @dataclass(frozen=True)

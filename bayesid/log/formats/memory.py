@@ -73,7 +73,7 @@ def _time(value: Any, name: str, where: str) -> _Vector:
 
 
 def _split(value: Any, name: str, n_rows: int | None, where: str) -> dict[str, _Vector]:
-    """The columns of one variable by their labels, q1, q2, .. of q; none if it is nothing of a log of so many instants."""
+    """The columns of one variable by their labels, q1, q2, .. of q; none if it is nothing of a log."""
     array = _array(value)
     numbers = array.dtype.kind in "iuf" and array.ndim > 0
     if kind_of(name) in (None, "t"):

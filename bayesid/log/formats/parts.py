@@ -7,7 +7,7 @@ stamps by a cubic spline. Files are of one run and on one clock by the word of t
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import scipy
@@ -25,55 +25,40 @@ _EFFORTS = "tau", "i"
 _TOGETHER = "give the parts of one run, all with times on the same clock"
 
 
-@dataclass(frozen=True)
-class _Part:
-    """What one file holds of the run.
-
-    Attributes:
-        table: its columns, those of its joints numbered.
-        t: (N,) its time, s.
-    """
-
-    table: Table
-    t: Array
-
-    def block(self, kinds: Sequence[str]) -> dict[str, Array]:
-        return {name: column.values for name, column in self.table.columns.items() if kind_part(name) in kinds}
-
-    @property
-    def period(self) -> float:
-        steps = np.diff(self.t)
-        return float(np.median(steps[steps > 0.0]))
-
-
 def join_parts(tables: Sequence[Table], columns: Mapping[str, str] | None, *, motion: bool = False) -> Table:
     """The files of one run as one table; InputError where a column is missing or twice, or too little in common."""
-    parts = [_Part(table, table.t) for table in _numbered(tables)]
+    parts = _numbered(tables)
     source = JOINT.join(table.source for table in tables)
     _check_names(parts, columns or {}, source, motion=motion)
-    base = next((part for part in parts if part.block(_EFFORTS)), None)
-    base = base or next(part for part in parts if part.block("q"))
+    base = next((part for part in parts if _block(part, _EFFORTS)), None)
+    base = base or next(part for part in parts if _block(part, "q"))
     kept = _common(parts, base)
     instants = base.t[kept]
-    joined = {"t": Column(base.table.columns["t"].label, instants, 1.0)}
+    joined = {"t": Column(base.columns["t"].label, instants, 1.0)}
     said = []
     for part in parts:
         values, how = _brought(part, base, instants, kept)
         said += [how] if how else []
-        named = {name: column for name, column in part.table.columns.items() if name in values}
+        named = {name: column for name, column in part.columns.items() if name in values}
         joined |= {name: replace(column, values=values[name]) for name, column in named.items()}
-    stamps = f"the stamps of {base.table.source} ({1.0 / base.period:.4g} Hz)"
+    stamps = f"the stamps of {base.source} ({1.0 / _period(base.t):.4g} Hz)"
     rows = f"{source}: joined by time: {len(instants):,} rows at {stamps}"
     left = len(base.t) - len(kept)
     outside = [f"{left:,} rows that others do not cover are left out"] if left else []
     note = "; ".join([rows, *dict.fromkeys(said), *outside])
     notes = (*(note for table in tables for note in table.notes), note)
-    return Table(_in_order(joined, source, motion=motion), source, lambda row: base.table.place(int(kept[row])), notes)
+    return Table(_in_order(joined, source, motion=motion), source, lambda row: base.place(int(kept[row])), notes)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Which columns
-# ---------------------------------------------------------------------------------------------------------------
+def _block(part: Table, kinds: Sequence[str]) -> dict[str, Array]:
+    return {name: column.values for name, column in part.columns.items() if kind_part(name) in kinds}
+
+
+def _period(t: Array) -> float:
+    steps = np.diff(t)
+    return float(np.median(steps[steps > 0.0]))
+
+
 def _numbered(tables: Sequence[Table]) -> list[Table]:
     """The tables; columns of a joint without a number count as that of the file's place among those with such ones."""
     counts: dict[str, int] = {}
@@ -90,15 +75,15 @@ def _numbered(tables: Sequence[Table]) -> list[Table]:
     return numbered
 
 
-def _check_names(parts: Sequence[_Part], stated: Mapping[str, str], source: str, *, motion: bool) -> None:
+def _check_names(parts: Sequence[Table], stated: Mapping[str, str], source: str, *, motion: bool) -> None:
     """Every column is in one part only, and what the user has named is there."""
     owners: dict[str, str] = {}
     for part in parts:
-        for name in (name for name in part.table.columns if name != "t"):
+        for name in (name for name in part.columns if name != "t"):
             if name in owners:
-                said = f"{name} is in {owners[name]} and in {part.table.source}"
+                said = f"{name} is in {owners[name]} and in {part.source}"
                 raise InputError(said, source, f"leave one of them out, or say with {OPTION} which is meant")
-            owners[name] = part.table.source
+            owners[name] = part.source
     there = {*owners, *map(kind_part, owners), "t"}
     for key, pattern in stated.items():
         if key not in there:
@@ -124,17 +109,14 @@ def _in_order(joined: Mapping[str, Column], source: str, *, motion: bool) -> dic
     return {name: joined[name] for name in names}
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Which instants
-# ---------------------------------------------------------------------------------------------------------------
-def _common(parts: Sequence[_Part], base: _Part) -> Integers:
+def _common(parts: Sequence[Table], base: Table) -> Integers:
     """Rows of the base at which all parts know something; InputError where they have too little time in common."""
     start, stop = max(part.t[0] for part in parts), min(part.t[-1] for part in parts)
     shortest = min(part.t[-1] - part.t[0] for part in parts)
     if stop - start < TUNING.in_common * shortest:
-        spans = ", ".join(f"{part.table.source} {part.t[0]:.9g} to {part.t[-1]:.9g} s" for part in parts)
+        spans = ", ".join(f"{part.source} {part.t[0]:.9g} to {part.t[-1]:.9g} s" for part in parts)
         common = f"{stop - start:.4g} s" if stop > start else "nothing"
-        raise InputError(f"they have {common} in common: {spans}", JOINT.join(p.table.source for p in parts), _TOGETHER)
+        raise InputError(f"they have {common} in common: {spans}", JOINT.join(p.source for p in parts), _TOGETHER)
     covered = np.ones(len(base.t), dtype=bool)
     for part in parts:
         covered &= _covered(part, base.t)
@@ -142,32 +124,32 @@ def _common(parts: Sequence[_Part], base: _Part) -> Integers:
     return kept
 
 
-def _covered(part: _Part, t: Array) -> Mask:
+def _covered(part: Table, t: Array) -> Mask:
     """(N,) whether a part has readings around an instant: not before it begins, behind its end or in a pause."""
-    slack = TUNING.same_stamp * part.period
+    slack = TUNING.same_stamp * _period(part.t)
     after = np.clip(np.searchsorted(part.t, t - slack), 1, len(part.t) - 1)
     inside: Mask = (t >= part.t[0] - slack) & (t <= part.t[-1] + slack)
-    return inside & (part.t[after] - part.t[after - 1] <= TUNING.held_periods * part.period)
+    return inside & (part.t[after] - part.t[after - 1] <= TUNING.held_periods * _period(part.t))
 
 
-def _brought(part: _Part, base: _Part, instants: Array, kept: Integers) -> tuple[dict[str, Array], str]:
+def _brought(part: Table, base: Table, instants: Array, kept: Integers) -> tuple[dict[str, Array], str]:
     """A part's columns at the instants, and how they came there; nothing is said where the stamps are the same."""
-    everything = part.block(("q", "dq", *_EFFORTS))
-    if len(part.t) == len(base.t) and np.abs(part.t - base.t).max() <= TUNING.same_stamp * base.period:
+    everything = _block(part, ("q", "dq", *_EFFORTS))
+    if len(part.t) == len(base.t) and np.abs(part.t - base.t).max() <= TUNING.same_stamp * _period(base.t):
         return {name: values[kept] for name, values in everything.items()}, ""
     values, said = {}, []
-    motion, efforts = part.block(("q", "dq")), part.block(_EFFORTS)
+    motion, efforts = _block(part, ("q", "dq")), _block(part, _EFFORTS)
     if motion:
         rows = distinct_rows(part.t, [np.column_stack(list(motion.values()))])
         for name, column in motion.items():
             curve = scipy.interpolate.CubicSpline if kind_part(name) == "q" else scipy.interpolate.PchipInterpolator
             values[name] = curve(part.t[rows], column[rows])(instants)
-        said.append(f"positions of {part.table.source} ({1.0 / part.period:.4g} Hz) by a spline")
+        said.append(f"positions of {part.source} ({1.0 / _period(part.t):.4g} Hz) by a spline")
     if efforts:
         nearest = _nearest(part.t, instants)
         values |= {name: column[nearest] for name, column in efforts.items()}
         off = float(np.abs(part.t[nearest] - instants).max())
-        said.append(f"efforts of {part.table.source} at its nearest stamps, {1e3 * off:.3g} ms off at most")
+        said.append(f"efforts of {part.source} at its nearest stamps, {1e3 * off:.3g} ms off at most")
     return values, ", ".join(said)
 
 

@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,16 +23,8 @@ from bayesid.log.formats.table import Column, Table, seconds
 _TYPE = "sensor_msgs/msg/JointState"
 
 
-@dataclass(frozen=True)
-class _Message:
-    """A joint state.
-
-    Attributes:
-        received: when the bag received it, ns.
-        stamp: when it was measured by its publisher's word, ns; 0 where that says nothing.
-        names: of the joints.
-        position, velocity, effort: of the joints, or empty.
-    """
+class _Message(NamedTuple):
+    """A joint state: when it came and was measured (0: not said), ns; names, and what is known of the joints."""
 
     received: int
     stamp: int
@@ -56,7 +47,9 @@ class RosBag(Format):
 
     def recognises(self, path: Path, head: bytes) -> bool:
         """Whether it is a bag's folder, or a file of one."""
-        return self.is_folder(path) or head.startswith(self.magic) or _holds_bag_files(path)
+        return (
+            self.is_folder(path) or head.startswith(self.magic) or any(path.glob("*.mcap")) or any(path.glob("*.db3"))
+        )
 
     def is_folder(self, path: Path) -> bool:
         """Whether a folder is a bag: its metadata say so."""
@@ -68,10 +61,6 @@ class RosBag(Format):
             remedy = "run `ros2 bag reindex` on it, or give the file inside"
             raise InputError("is a bag without its metadata.yaml", str(path), remedy)
         return _read(path, options)
-
-
-def _holds_bag_files(path: Path) -> bool:
-    return any(path.glob("*.mcap")) or any(path.glob("*.db3"))
 
 
 def _read(path: Path, options: Options) -> Table:
@@ -147,9 +136,8 @@ def _choose_topic(topics: dict[str, list[_Message]], topic: str | None, where: s
         raise InputError(f"holds no message of {_TYPE}", where, "record the topic of the joint states")
     if topic is not None:
         if topic not in topics:
-            raise InputError(
-                f"{topic!r} is no topic of joint states", field="topic", remedy=f"give {', '.join(topics)}"
-            )
+            remedy = f"give {', '.join(topics)}"
+            raise InputError(f"{topic!r} is no topic of joint states", field="topic", remedy=remedy)
         return topic
     chosen = [name for name, messages in topics.items() if any(len(message.effort) for message in messages)]
     if len(topics) == 1:

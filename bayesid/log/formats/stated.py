@@ -26,6 +26,18 @@ _SEPARATOR = re.compile(r"[\s_.-]+")
 _NEXT = re.compile(r",\s*(?=(?:t|(?:q|dq|tau|i)[0-9]*)\s*=)")
 
 
+UNNAMED = "NAME{}"
+"""What stands for columns of which there are none."""
+_EFFORT = re.compile(r"tau|torque|moment|eff|force|curr|amp|strom|kraft|last|load|\bN ?m\b", re.IGNORECASE)
+"""What names of efforts hold in many languages."""
+_VELOCITY = re.compile(r"vel|speed|geschw|drehzahl|vitesse|rpm|(rad|deg|°)/s", re.IGNORECASE)
+"""What names of velocities hold, which are no efforts."""
+_TIME = re.compile("time|zeit|temps|tiempo|stamp|clock", re.IGNORECASE)
+"""What names of times hold."""
+_CURRENT = re.compile("curr|strom|amp", re.IGNORECASE)
+"""What names of currents hold."""
+
+
 class _Match(NamedTuple):
     """A column that a pattern fits: its place, the number in its name, and its unit as text."""
 
@@ -162,18 +174,6 @@ def _factor(kind: str, unit: str | None, label: str, where: str) -> float | None
         said = f"column {label} is in {unit}, which is no known unit of {kind}"
         raise InputError(said, where, f"give it in {', '.join(UNITS[kind])}")
     return factor
-
-
-UNNAMED = "NAME{}"
-"""What stands for columns of which there are none."""
-_EFFORT = re.compile(r"tau|torque|moment|eff|force|curr|amp|strom|kraft|last|load|\bN ?m\b", re.IGNORECASE)
-"""What names of efforts hold in many languages."""
-_VELOCITY = re.compile(r"vel|speed|geschw|drehzahl|vitesse|rpm|(rad|deg|°)/s", re.IGNORECASE)
-"""What names of velocities hold, which are no efforts."""
-_TIME = re.compile("time|zeit|temps|tiempo|stamp|clock", re.IGNORECASE)
-"""What names of times hold."""
-_CURRENT = re.compile("curr|strom|amp", re.IGNORECASE)
-"""What names of currents hold."""
 
 
 def described(header: Sequence[str], found: Mapping[str, SourceColumn] | None = None) -> str:

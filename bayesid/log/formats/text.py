@@ -33,6 +33,25 @@ _TIME = re.compile(
 )
 
 
+_SEPARATORS = ",", ";", "\t", "|", " "
+"""What may be between two columns; spaces count in any number."""
+_QUOTED = re.compile(r'"[^"]*"')
+_WESTERN = re.compile(rb"[\t-\r\x20-\x7e\x80\x82-\x8c\x8e\x91-\x9c\x9e-\xfe]*")
+"""Bytes of a text in cp1252, the encoding of Western Windows: no control characters, none that it does not have."""
+_COMMENTS = "#", "%"
+"""What a line of remarks among the values begins with."""
+_MINUS = "\u2212"
+"""The sign of mathematics, which word processors put in place of a hyphen."""
+_AGAIN = "remove the row or, if another recording begins there, cut the log into two files and give both"
+_THOUSANDS = re.compile(r"[-+]?\d{1,3}(?:[.,'\u00a0\u202f ]\d{3})+(?:[.,]\d*)?")
+"""What is no number, but would be one without the separators of its thousands."""
+_NO_VALUE = "#", "nan", "NaN", "NULL", "null", "None", "N/A", "n/a", "-", "?"
+"""How a cell without a value begins: errors of spreadsheets, and words for nothing."""
+_CONTROLS = re.compile(rb"[\0-\x08\x0e-\x1f]")
+"""Bytes that stand in no text."""
+_BOMS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
+
+
 def is_clock(cell: str) -> bool:
     """Whether a cell holds such a time."""
     try:
@@ -79,25 +98,6 @@ def _since_midnight(time: str) -> float:
     if found["half"]:
         hours = hours % 12 + (12 if found["half"].upper() == "PM" else 0)
     return hours * 3600.0 + int(found["minutes"]) * 60.0 + float(f"{whole}.{fraction or 0}")
-
-
-_SEPARATORS = ",", ";", "\t", "|", " "
-"""What may be between two columns; spaces count in any number."""
-_QUOTED = re.compile(r'"[^"]*"')
-_WESTERN = re.compile(rb"[\t-\r\x20-\x7e\x80\x82-\x8c\x8e\x91-\x9c\x9e-\xfe]*")
-"""Bytes of a text in cp1252, the encoding of Western Windows: no control characters, none that it does not have."""
-_COMMENTS = "#", "%"
-"""What a line of remarks among the values begins with."""
-_MINUS = "\u2212"
-"""The sign of mathematics, which word processors put in place of a hyphen."""
-_AGAIN = "remove the row or, if another recording begins there, cut the log into two files and give both"
-_THOUSANDS = re.compile(r"[-+]?\d{1,3}(?:[.,'\u00a0\u202f ]\d{3})+(?:[.,]\d*)?")
-"""What is no number, but would be one without the separators of its thousands."""
-_NO_VALUE = "#", "nan", "NaN", "NULL", "null", "None", "N/A", "n/a", "-", "?"
-"""How a cell without a value begins: errors of spreadsheets, and words for nothing."""
-_CONTROLS = re.compile(rb"[\0-\x08\x0e-\x1f]")
-"""Bytes that stand in no text."""
-_BOMS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
 
 
 class CsvFile(Format):
