@@ -3,6 +3,7 @@ from functools import cache, cached_property
 
 import numpy as np
 import pytest
+from completion_problems import BASE, MOTION, ROBOT, SIZE, TOP
 from conftest import small_robot, smooth_motion
 from oracles import assert_close
 
@@ -10,7 +11,8 @@ from bayesid.effects import STANDARD
 from bayesid.effects.catalogue import DISTORTIONS, TERMS, effect_names, main_forms, make_effect, make_terms
 from bayesid.effects.effect import Scene
 from bayesid.effects.model import Model
-from bayesid.regression.selection.hypotheses import hypotheses
+from bayesid.regression.selection.columns import NO_COLUMNS
+from bayesid.regression.selection.hypotheses import hypotheses, near_standstill
 from bayesid.simulation.parameters import random_parameters
 
 NAMES = """
@@ -205,3 +207,23 @@ def test_a_change_has_the_shape_of_the_models_own_term():
             assert not one.columns.positive.any()
     assert len({one.source.speed for one in of_joint[2]}) > 3
     assert all(one.changes == () and one.columns.positive.all() for one in of_joint[2])
+
+
+USED = np.ones(MOTION.dq.shape, dtype=bool)
+
+
+def test_a_turn_at_once_differs_near_standstill_alone():
+    """tanh(4 u' / v) - tanh(u' / v) in each joint's own row, v a hundredth of the highest speed."""
+    columns = near_standstill(BASE, MOTION, SIZE, USED)
+    for j in range(2):
+        speed = MOTION.dq[:, j] / (0.01 * TOP[j])
+        expected = np.tanh(4.0 * speed) - np.tanh(speed)
+        np.testing.assert_allclose(columns.rows[j][:, j], expected, atol=1e-9)
+        np.testing.assert_array_equal(columns.rows[j][:, 1 - j], 0.0)
+        np.testing.assert_allclose(columns.sd[j], 0.3 * SIZE[j] / np.abs(expected).max(), rtol=1e-6)
+    assert not columns.positive.any()
+
+
+def test_without_dry_friction_nothing_is_uncertain():
+    smooth = make_terms([name for name in STANDARD if name != "coulomb_friction"], ROBOT, MOTION)
+    assert near_standstill(Model(ROBOT, smooth), MOTION, SIZE, USED) is NO_COLUMNS
