@@ -127,22 +127,22 @@ class Moments:
 
     def rms_effort(self, n: int) -> Array:
         """(n,) RMS effort of each of n joints, N m; 1 where there are no samples."""
-        return np.sqrt(self._per_sample(self._joint_sums(self.energy, n), 1.0))
+        return np.sqrt(self._per_sample(self._joint_sums(self.energy, n)))
 
     def residual_sd(self, beta: Array, signs: Integers, n: int) -> Array:
         """(n,) RMS residual of each of n joints under coefficients beta (r,) and signs (S,), N m."""
         explained = np.bincount(self.hessian.joint, weights=self.hessian.forms(beta[None])[0], minlength=n)
         cost = explained + self._joint_sums(self.energy - 2.0 * signs * (self.gradient @ beta), n)
         floor = _RELATIVE_FLOOR * self.rms_effort(n)
-        return np.maximum(np.sqrt(np.maximum(self._per_sample(cost, 1.0), 0.0)), floor)
+        return np.maximum(np.sqrt(np.maximum(self._per_sample(cost), 0.0)), floor)
 
     def _joint_sums(self, values: Array, n: int) -> Array:
         return np.bincount(self.joint, weights=values, minlength=n).astype(np.float64)
 
-    def _per_sample(self, sums: Array, otherwise: float) -> Array:
-        """(n,) sums over the joints' numbers of samples, and another value where there are none."""
+    def _per_sample(self, sums: Array) -> Array:
+        """(n,) sums over the joints' numbers of samples; 1 where there are none."""
         count = self._joint_sums(self.count.astype(np.float64), len(sums))
-        return np.where(count > 0.0, sums / np.maximum(count, 1.0), otherwise)
+        return np.where(count > 0.0, sums / np.maximum(count, 1.0), 1.0)
 
     def cost(self, beta: Array, signs: Array) -> float:
         """f(beta, s) for coefficients beta (r,) and signs (S,) (:eq:`cost`)."""

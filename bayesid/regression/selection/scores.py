@@ -53,16 +53,6 @@ class Score:
     mean_square: Array | None = None
 
     @property
-    def n_parameters(self) -> int:
-        """Numbers that it takes: amplitudes, and nonlinear ones."""
-        return len(self.hypothesis.columns.sd) + len(self.hypothesis.source.sought)
-
-    @property
-    def standard(self) -> bool:
-        """Whether every robot has it, more or less."""
-        return self.hypothesis.standard
-
-    @property
     def key(self) -> EffectKey:
         """Effect and joints."""
         return self.hypothesis.key
@@ -198,7 +188,7 @@ def plain_first(scores: Sequence[Score], data: Observations) -> list[Score]:
     ordered: list[Score] = []
     for score in scores:
         place, blunt = len(ordered), not all(data.sharp[j] for j in score.hypothesis.columns.joints)
-        advances = blunt and score.standard and score.qualifies(data.thresholds)
+        advances = blunt and score.hypothesis.standard and score.qualifies(data.thresholds)
         while place and advances and _hardly_better(ordered[place - 1], score, data):
             place -= 1
         ordered.insert(place, score)
@@ -207,9 +197,10 @@ def plain_first(scores: Sequence[Score], data: Observations) -> list[Score]:
 
 def _hardly_better(other: Score, standard: Score, data: Observations) -> bool:
     """Whether another effect of the same joints is no standard one, takes more numbers, and improves little more."""
-    if other.standard or other.hypothesis.joints != standard.hypothesis.joints:
+    if other.hypothesis.standard or other.hypothesis.joints != standard.hypothesis.joints:
         return False
-    if other.n_parameters <= standard.n_parameters or other.mean_square is None or standard.mean_square is None:
+    numbers, least = (len(s.hypothesis.columns.sd) + len(s.hypothesis.source.sought) for s in (other, standard))
+    if numbers <= least or other.mean_square is None or standard.mean_square is None:
         return False
     if at_blunt_floor(data, standard.mean_square)[list(standard.hypothesis.columns.joints)].all():
         return True

@@ -166,23 +166,19 @@ def _selected(case: SignedLog, products: Products, start: frozenset[EffectKey], 
 
 
 def _entered(products: Products, chosen: Sequence[Candidate], explanation: Explanation) -> list[EnteredEffect]:
-    entered = []
+    """Each weighed given the others, with what could stand in its place."""
+    entered, taken = [], {candidate.key for candidate in chosen}
     for k, candidate in enumerate(chosen):
-        gain, equivalent = _weighed(products, candidate, [other for other in chosen if other is not candidate])
+        near_by = (c for c in products.candidates if c.columns.joints & candidate.columns.joints)
+        rivals = [c for c in near_by if c.key not in taken]
+        others = [other for other in chosen if other is not candidate]
+        gain, *gains = products.gains(others, [candidate, *rivals]).tolist()
+        near = {c.hypothesis.effect for c, g in zip(rivals, gains, strict=True) if g > gain - LN10}
         source = candidate.hypothesis.source
+        equivalent = tuple(sorted(near - {source.effect}))
         number_sd = () if source.linear else tuple(explanation.sd[k].tolist())
         entered.append(EnteredEffect(source.moved(explanation.amplitudes[k]), gain / LN10, equivalent, number_sd))
     return entered
-
-
-def _weighed(products: Products, candidate: Candidate, others: Sequence[Candidate]) -> tuple[float, tuple[str, ...]]:
-    """Log Bayes factor of a candidate, given the others, and what could stand in its place."""
-    taken = {candidate.key, *(other.key for other in others)}
-    near_by = (c for c in products.candidates if c.columns.joints & candidate.columns.joints)
-    rivals = [c for c in near_by if c.key not in taken]
-    gain, *gains = products.gains(others, [candidate, *rivals]).tolist()
-    near = {c.hypothesis.effect for c, g in zip(rivals, gains, strict=True) if g > gain - LN10}
-    return gain, tuple(sorted(near - {candidate.hypothesis.effect}))
 
 
 @dataclass(frozen=True)
