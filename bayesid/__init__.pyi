@@ -40,7 +40,7 @@ from .log.reading import read_log as read_log
 from .log.reading import read_motion as read_motion
 from .log.segments import Cutting as Cutting
 from .monitor.accumulator import Accumulator as Accumulator
-from .monitor.alarms import Alarm as Alarm
+from .monitor.changes import Alarm as Alarm
 from .monitor.tracked import Tracked as Tracked
 from .monitor.tracker import SignTracker as SignTracker
 from .posterior.sampler import Sampling as Sampling

@@ -27,12 +27,12 @@ from bayesid.log.formats import STANDARD_INPUT
 from bayesid.log.formats.base import Options
 from bayesid.log.log import Log, check_exact_gains
 from bayesid.log.rows import Row, RowReader
-from bayesid.monitor.alarms import Alarm
-from bayesid.monitor.figures import StreamFigures, looked_at
+from bayesid.monitor.changes import Alarm
 from bayesid.monitor.kinds import CONTACT
 from bayesid.monitor.replay import Replay, agreement, contradicts, known_signs, replay, timed
-from bayesid.monitor.tracked import Tracked
-from bayesid.monitor.tracker import GAP, SignTracker
+from bayesid.monitor.tracked import StreamFigures, Tracked, looked_at
+from bayesid.monitor.tracker import SignTracker
+from bayesid.monitor.tuning import TUNING as MONITOR
 from bayesid.parallel import one_blas_thread
 from bayesid.progress import Progress
 from bayesid.report.track_text import (
@@ -353,5 +353,7 @@ class _Steps:
     def _compare(self, step: float) -> None:
         if contradicts(self._rate, step):
             rate = f"{1.0 / step:.4g}"
-            lost = "rows come after gaps, and nothing is known" if step * self._rate > GAP else "lag is not kept"
+            lost = (
+                "rows come after gaps, and nothing is known" if step * self._rate > MONITOR.gap else "lag is not kept"
+            )
             warn(f"rows come at {rate} Hz by their time, not at {self._rate:g} Hz: {lost}; give --rate {rate}")

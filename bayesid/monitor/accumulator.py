@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,22 +14,16 @@ from bayesid.identification.identification import Identification, identified_of
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.prediction import NORMAL_95, check_payloads
 from bayesid.identification.records import Coefficient, Records, named
-from bayesid.monitor.estimates import Normal, least_squares
-from bayesid.monitor.figures import looked_at
 from bayesid.monitor.sign_check import SignCheck, check_signs
-from bayesid.monitor.stream_moments import Setting, StreamMoments, advanced, condensed
-from bayesid.monitor.stretches import StreamSamples
-from bayesid.monitor.tracked import MOVING, Tracked
+from bayesid.monitor.stream_moments import Setting, StreamMoments, StreamSamples, Totals, advanced, condensed
+from bayesid.monitor.tracked import MOVING, Tracked, looked_at
 from bayesid.motion import SLOWEST, STANDSTILL, Motion
-from bayesid.posterior.tuning import TUNING
+from bayesid.posterior.tuning import TUNING as POSTERIOR_TUNING
 from bayesid.regression.least_squares import covariance_of
 from bayesid.regression.noise import Noise
 from bayesid.regression.solver import solve_precisely
 from bayesid.signs.search.certified import Certified
 from bayesid.signs.search.protocol import Search, SignProblem
-
-_MOST_INDIVIDUAL = 200
-"""Stretches of each joint that are kept by themselves: some 10 kB each, and what a certified search of a minute has."""
 
 _BY_DATA, _BY_EARLIER, _BY_PRIOR = "data", "earlier log", "prior"
 
@@ -51,7 +46,7 @@ class Accumulator:
             infinite sd.
         signed: (n,) joints whose efforts have signs; none by default.
         most_individual: stretches of constant sign that are kept by themselves in each joint, those whose signs are
-            most in doubt; `check_signs` can turn each of them, and the others of a joint only together.
+            most in doubt, some 10 kB each; `check_signs` can turn each of them, the others of a joint only together.
 
     Raises:
         InputError: the model, `forget`, `signed` or `most_individual` cannot be used.
@@ -72,7 +67,7 @@ class Accumulator:
         *,
         earlier: bool = False,
         signed: Mask | None = None,
-        most_individual: int = _MOST_INDIVIDUAL,
+        most_individual: int = 200,
     ) -> None:
         identified = identified_of(model, "model")
         n = identified.model.robot.n_joints
@@ -200,7 +195,7 @@ class Accumulator:
             )
         )
         decided = np.where(
-            now <= TUNING.of_prior * before, _BY_DATA, np.where(np.isfinite(before), _BY_EARLIER, _BY_PRIOR)
+            now <= POSTERIOR_TUNING.of_prior * before, _BY_DATA, np.where(np.isfinite(before), _BY_EARLIER, _BY_PRIOR)
         )
         decided = np.where(np.isfinite(now), decided, _BY_PRIOR)
         sd, told = np.sqrt(now + more), np.sqrt(np.where(np.isfinite(before), before + more, np.nan))
@@ -368,11 +363,6 @@ class Accumulator:
 
 
 def _checked(values: Array, shape: tuple[int, ...], name: str) -> Array:
-    """Finite values of a shape.
-
-    Raises:
-        InputError: they are something else.
-    """
     try:
         array = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError):
@@ -386,11 +376,6 @@ def _checked(values: Array, shape: tuple[int, ...], name: str) -> Array:
 
 
 def _mask(values: Mask, shape: tuple[int, ...]) -> Mask:
-    """Truth values of a shape.
-
-    Raises:
-        InputError: they are of another one.
-    """
     array = np.asarray(values, dtype=bool)
     if array.shape != shape:
         raise InputError(f"values of shape {array.shape}", "moving", _remedy(shape))
@@ -403,3 +388,60 @@ def _remedy(shape: tuple[int, ...]) -> str:
 
 def _place(where: Integers) -> str:
     return f"sample {where[0]}, joint {where[1] + 1}"
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Normal equations
+# ---------------------------------------------------------------------------------------------------------------
+@dataclass(frozen=True)
+class Normal:
+    """beta' H beta - 2 g' beta + c, rows in units of their noise.
+
+    Attributes:
+        hessian: (r, r) H.
+        lost: (r, r) what H says too much, as long as signs are not certain: |effort| tells at least E[(E s)^2] of what
+            the effort would, whatever that is in units of its noise (tests/monitor).
+        gradient: (r,) g.
+        energy: c.
+    """
+
+    hessian: Array
+    lost: Array
+    gradient: Array
+    energy: float
+
+    @classmethod
+    def of(cls, totals: Totals, weights: Array) -> Normal:
+        """Of the sums of each joint, and (n,) the noise of its efforts, N m."""
+        share = 1.0 / weights**2
+        hessian, lost = (np.tensordot(share, values, 1) for values in (totals.hessian, totals.lost))
+        return cls(hessian, lost, share @ totals.gradient, float(share @ totals.energy))
+
+    @classmethod
+    def around(cls, centre: Array, precision: Array) -> Normal:
+        """Of a normal distribution: its centre (r,) and its inverse covariance (r, r)."""
+        gradient = precision @ centre
+        return cls(precision, np.zeros_like(precision), gradient, float(centre @ gradient))
+
+    def __add__(self, other: Normal) -> Normal:
+        return Normal(
+            self.hessian + other.hessian,
+            self.lost + other.lost,
+            self.gradient + other.gradient,
+            self.energy + other.energy,
+        )
+
+
+def least_squares(hessian: Array, gradient: Array, start: Array) -> Array:
+    """(r,) the coefficients that solve H beta = g and are nearest to a start (r,), in columns of unit length.
+
+    Where H shows nothing they stay as they were.
+    """
+    lengths = np.sqrt(np.diag(hessian))
+    seen = lengths > 0.0
+    scale = np.where(seen, 1.0 / np.where(seen, lengths, 1.0), 0.0)
+    values, vectors = np.linalg.eigh(scale[:, None] * hessian * scale)
+    clear = values > 1e-12 * max(values[-1], np.finfo(float).tiny)
+    rest = vectors[:, clear].T @ (scale * (gradient - hessian @ start))
+    step: Array = scale * (vectors[:, clear] @ (rest / values[clear]))
+    return start + step

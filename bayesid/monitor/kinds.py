@@ -13,15 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayesid.arrays import Array, Mask
+from bayesid.monitor.tuning import TUNING
 
 PAYLOAD, FRICTION, GAIN, UNKNOWN = "payload", "friction", "gain", "unknown"
 CONTACT = "contact"
-_EXPLAINED = 0.5
-"""Share of the misfit that a named kind explains at least. A round number; not studied."""
-_RIDGE = 1e-6
-"""Of a column's mean square: what this motion does not show stays at zero."""
-_PASSES = 4
-"""Fits of a candidate, each with the signs of the one before it. A round number; not studied."""
 
 
 @dataclass(frozen=True)
@@ -82,10 +77,10 @@ def kind_of(look: Look, changed: Mask) -> Kind:
     body = _fitted(look, _Candidate(PAYLOAD, every, look.body, 3), misfit)
     own = [max((_fitted(look, one, misfit) for one in _of_joint(look, j)), key=lambda fit: fit[0]) for j in joints]
     together = sum(gain for gain, _ in own)
-    if body[0] >= together and body[1].explained >= _EXPLAINED:
+    if body[0] >= together and body[1].explained >= TUNING.explained:
         return body[1]
     strongest = max(own, key=lambda fit: fit[0])[1]
-    if strongest.explained < _EXPLAINED:
+    if strongest.explained < TUNING.explained:
         return Kind(UNKNOWN, tuple(j + 1 for j in joints), None, strongest.explained)
     alike = tuple(sorted(k for _, kind in own if kind.name == strongest.name for k in kind.joints))
     return Kind(strongest.name, alike, strongest.amount, strongest.explained)
@@ -102,9 +97,9 @@ def _fitted(look: Look, one: _Candidate, misfit: Array) -> tuple[float, Kind]:
     effort, weight = look.effort[:, joints], look.weight[joints] / look.width[:, joints] ** 2
     rows = (np.sqrt(weight)[:, :, None] * one.columns).reshape(-1, size)
     normal = rows.T @ rows
-    normal += np.diag(_RIDGE * np.diag(normal) + 1e-300)
+    normal += np.diag(1e-6 * np.diag(normal) + 1e-300)  # what this motion does not show stays at zero
     predicted, change = effort, np.zeros((size,), dtype=float)
-    for _ in range(_PASSES):
+    for _ in range(TUNING.passes):
         aim = (np.sqrt(weight) * (_nearest(look, joints, predicted) - effort)).ravel()
         change[:] = np.linalg.solve(normal, rows.T @ aim)
         predicted = effort + one.columns @ change
@@ -115,7 +110,6 @@ def _fitted(look: Look, one: _Candidate, misfit: Array) -> tuple[float, Kind]:
 
 
 def _nearest(look: Look, joints: list[int], predicted: Array) -> Array:
-    """(W, n') readings with the signs that suit efforts (W, n'), N m."""
     reading = look.reading[:, joints]
     return np.where(look.signed[joints], reading, np.where(predicted >= 0.0, 1.0, -1.0) * np.abs(reading))
 
@@ -125,3 +119,66 @@ def _left(look: Look, joints: tuple[int, ...], predicted: Array) -> float:
     those = list(joints)
     off = (_nearest(look, those, predicted) - predicted) / look.width[:, those]
     return float((look.weight[those] * off**2).sum())
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# The last seconds
+# ---------------------------------------------------------------------------------------------------------------
+@dataclass
+class Ring:
+    """The newest rows of a table.
+
+    Attributes:
+        rows: (R, C) the oldest at `count` modulo R.
+        count: rows so far.
+    """
+
+    rows: Array
+    count: int = 0
+
+    @classmethod
+    def of(cls, seconds: float, rate: float, width: int) -> Ring:
+        """Empty, for so many seconds at a rate, Hz."""
+        return cls(np.full((max(8, min(TUNING.most_remembered, int(seconds * rate) + 1)), width), np.nan))
+
+    def add(self, t: float, *parts: Array) -> None:
+        """One more row: an instant, s, and parts one after the other."""
+        row, start = self.rows[self.count % len(self.rows)], 1
+        row[0] = t
+        for part in parts:
+            row[start : start + part.size] = part.ravel()
+            start += part.size
+        self.count += 1
+
+    def newest(self) -> Array:
+        """(R', C) the rows in their order."""
+        if self.count <= len(self.rows):
+            return self.rows[: self.count]
+        at = self.count % len(self.rows)
+        return np.concatenate([self.rows[at:], self.rows[:at]])
+
+
+@dataclass
+class Recent:
+    """What was recorded, and what it looked like to the model now and then.
+
+    Attributes:
+        log: rows t, q, effort, dq, nan where not measured.
+        looks: rows t, reading, effort, width, body, direction, speed (see `bayesid.monitor.kinds.Look`).
+    """
+
+    log: Ring
+    looks: Ring
+
+    @classmethod
+    def begin(cls, n: int, rate: float, look_rate: float) -> Recent:
+        """Before the first sample."""
+        return cls(Ring.of(TUNING.remembered, rate, 1 + 3 * n), Ring.of(TUNING.remembered, look_rate, 1 + 9 * n))
+
+    def look(self, since: float, signed: Mask, weight: Array) -> Look:
+        """What was seen since an instant, s."""
+        n = len(signed)
+        rows = self.looks.newest()
+        rows = rows[rows[:, 0] >= since]
+        reading, effort, width, body, direction, speed = np.split(rows[:, 1:], n * np.array([1, 2, 3, 7, 8]), axis=1)
+        return Look(reading, effort, width, body.reshape(-1, n, 4), direction, speed, signed, weight)

@@ -14,19 +14,10 @@ import numpy as np
 from scipy.linalg import lapack
 
 from bayesid.arrays import Array
+from bayesid.monitor.tuning import TUNING
 
 _DEGREE = 3
-"""Of the polynomial: accelerations that change linearly are followed. Not studied."""
-_SPARE = 2
-"""Samples more than the polynomial has coefficients, from which on it is used: it then averages something."""
-_MEMORY = 1.0
-"""s over which the size of the fit's residual is averaged. A round number; not studied."""
-_LEAST_FREE = 1e-6
-"""Share of a variance that a fit leaves, at least: by rounding alone it would be none."""
-_MOST = 400
-"""Samples of the window, for memory and time: of 0.2 s at 2 kHz."""
-_ALIKE = 1e-9
-"""Of the window: instants that lie so near those of the sample before have the same weights."""
+"""Of the polynomial: accelerations that change linearly are followed."""
 
 
 @dataclass
@@ -80,7 +71,7 @@ class MotionEstimator:
 
     def begin(self) -> MotionWindow:
         """Before the first sample."""
-        size = min(_MOST, int(np.ceil(self.span * self.rate)) + _DEGREE + _SPARE)
+        size = min(TUNING.most_in_window, int(np.ceil(self.span * self.rate)) + _DEGREE + TUNING.spare)
         width = self.n * (1 + self.velocities + self.accelerations)
         nothing = np.zeros(0), np.zeros((_DEGREE + 1, 0))
         return MotionWindow(np.zeros(size), np.zeros((size, width)), np.zeros(width), 0.0, 0, 0, False, *nothing)
@@ -91,13 +82,13 @@ class MotionEstimator:
         window.t[-1], window.values[-1] = t, values
         window.full = window.full or window.count == len(window.t)
         window.count = min(window.count + 1, len(window.t))
-        oldest = t - self.span * (1.0 + _ALIKE)
-        while window.count > _DEGREE + _SPARE and window.t[-window.count] < oldest:
+        oldest = t - self.span * (1.0 + 1e-9)
+        while window.count > _DEGREE + TUNING.spare and window.t[-window.count] < oldest:
             window.count, window.full = window.count - 1, True
 
     def fit(self, window: MotionWindow) -> LocalMotion | None:
         """The motion about now; None while there are too few samples."""
-        if window.count < _DEGREE + _SPARE:
+        if window.count < _DEGREE + TUNING.spare:
             return None
         t, values = window.t[-window.count :], window.values[-window.count :]
         scale = t[-1] - t[0]
@@ -107,17 +98,18 @@ class MotionEstimator:
         coefficients = window.weights @ values
         left = values[-1] - coefficients[0]  # the newest sample lies at the origin
         window.fits += 1
-        new = max(1.0 / window.fits, 1.0 / (_MEMORY * self.rate))  # a plain average until there is a second of them
+        new = max(
+            1.0 / window.fits, 1.0 / (TUNING.memory * self.rate)
+        )  # a plain average until there is a second of them
         window.left = window.left + new * (left * left - window.left)
         window.free += new * (1.0 - float(window.weights[0, -1]) - window.free)
-        variance = window.left / max(window.free, _LEAST_FREE)
+        variance = window.left / max(window.free, 1e-6)  # less would be rounding
         return LocalMotion(float(t[-1]), float(scale), coefficients, window.weights, variance, window.full, self)
 
 
 def _alike(places: Array, others: Array) -> bool:
-    """Whether two sets of instants (W,) have the same weights."""
     apart = places - others
-    return bool(apart @ apart <= _ALIKE * _ALIKE)
+    return bool(apart @ apart <= 1e-18)
 
 
 def _weights(places: Array) -> Array:

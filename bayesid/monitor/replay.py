@@ -12,20 +12,12 @@ from bayesid.errors import InputError
 from bayesid.identification.identification import SURE
 from bayesid.identification.prediction import Validation
 from bayesid.log.log import Log
-from bayesid.monitor.alarms import Alarm
-from bayesid.monitor.figures import StreamFigures, looked_at
-from bayesid.monitor.tracked import Counts, Tracked
+from bayesid.monitor.changes import Alarm
+from bayesid.monitor.tracked import Counts, StreamFigures, Tracked, looked_at
 from bayesid.monitor.tracker import SignTracker
+from bayesid.monitor.tuning import TUNING
 from bayesid.parallel import one_blas_thread
 from bayesid.progress import SILENT, Progress
-
-FARTHEST = 3.0
-"""Factor between a tracker's rate and that of the rows up to which they are taken for the same: half the rows may be
-lost. Lag and false alarms, which count samples, are off by that much, signs are not; beyond 5 every row comes after a
-gap (`bayesid.monitor.tracker`). A round number; of a UR10e's log at 100 Hz as many signs are right with 35 and with 290
-Hz (`bayesid track --rate`)."""
-_TOLD = 1000
-"""Rows between two messages of the progress."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +69,7 @@ def timed(tracker: SignTracker, figures: StreamFigures, t: float, q: Array, effo
 
 def contradicts(rate: float, step: float) -> bool:
     """Whether a tracker's rate, Hz, is not that of rows that are typically so far apart, s."""
-    return step > 0.0 and not 1.0 / FARTHEST <= rate * step <= FARTHEST
+    return step > 0.0 and not 1.0 / TUNING.farthest <= rate * step <= TUNING.farthest
 
 
 @one_blas_thread
@@ -94,12 +86,14 @@ def replay(tracker: SignTracker, log: Log, progress: Progress = SILENT) -> Repla
     """
     if contradicts(tracker.rate, log.period):
         said = f"the log has rows at {1.0 / log.period:.4g} Hz, not at {tracker.rate:g} Hz"
-        raise InputError(said, field="rate", remedy=f"leave it out, or give at most {FARTHEST:g} times more or less")
+        raise InputError(
+            said, field="rate", remedy=f"leave it out, or give at most {TUNING.farthest:g} times more or less"
+        )
     n, rows = log.n_joints, len(log)
     figures, seen = StreamFigures.of_joints(n), 0
     t, parts = np.empty(rows), {name: np.empty((rows, n)) for name in _PARTS}
     for k in range(rows):
-        if k % _TOLD == 0:
+        if k % 1000 == 0:
             progress("track", k, rows)
         now = timed(tracker, figures, float(log.t[k]), log.q[k], log.effort[k], None if log.dq is None else log.dq[k])
         if looked_at(now):

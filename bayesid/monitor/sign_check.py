@@ -7,16 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayesid.arrays import Array, Integers
-from bayesid.monitor.stream_moments import Stretches
-from bayesid.monitor.stretches import MERGED
+from bayesid.monitor.stream_moments import MERGED, Stretches
+from bayesid.monitor.tuning import TUNING
 from bayesid.signs.search.protocol import Search, SignProblem
 from bayesid.signs.search.result import SearchResult
 
 _SURELY = 2.0 * float(np.log(99.0))
 """Cost, twice the nats, from which on a sign is as good as certain: 99 to 1, `bayesid.identification.SURE`."""
-_OUTLIERS = 3
-"""Samples up to which a stretch may be outliers alone: a tracker's noise may have heavy tails, a cost of squares has
-none. A round number; not studied."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +91,7 @@ def check_signs(problem: SignProblem, stretches: Stretches, search: Search) -> S
     taken = problem.solver().prepared().solve_precisely(problem.moments.gradient.sum(axis=0))
     cost_taken = problem.energy + taken.cost
     gain = 4.0 * problem.moments.gradient @ problem.coefficients.project(result.theta)
-    turned = np.flatnonzero((result.signs < 0) & (-gain >= _SURELY) & (problem.moments.count > _OUTLIERS))
+    turned = np.flatnonzero((result.signs < 0) & (-gain >= _SURELY) & (problem.moments.count > TUNING.outliers))
     order = turned[np.argsort(gain[turned], kind="stable")]
     listed = _listed(stretches, result, -gain, order) if result.cost < cost_taken else ()
     return SignCheck(listed, cost_taken, result.cost, result.certified, len(result.signs), result)

@@ -6,6 +6,10 @@ others are merged into one. Moments are kept with the signs that were taken, so 
 
 Whatever has come before an instant counts less by exp(-dt / forget), dt later (exponentially weighted least squares,
 Ljung 1999, section 11.2).
+
+A stretch ends where the sign that was taken changes, where the actuator stops or turns round, and where |effort| comes
+out of the noise around zero, in which it may have changed its sign. All of that shows in two neighbouring samples, so
+it does not matter how a stream is cut into chunks.
 """
 
 from __future__ import annotations
@@ -18,18 +22,136 @@ import numpy as np
 from bayesid.arrays import Array, Integers, Mask
 from bayesid.effects.coefficients import BaseCoefficients
 from bayesid.effects.model import FeltColumns, Model
-from bayesid.effects.tuning import TUNING
-from bayesid.monitor.stretches import MERGED, PAUSE, Edge, StreamSamples, joined, numbered, runs
+from bayesid.effects.tuning import TUNING as EFFECTS
+from bayesid.monitor.tuning import TUNING
 from bayesid.motion import Motion
 from bayesid.regression.moments import HessianSums, Moments
 
-_LEAST_DOUBT = 1e-3
-"""No sign that a tracker takes is surer than this. By expected energy of wrong sign the strong stretches then come
-behind those in doubt, and before those that are weak and sure. A round number; not studied."""
-_SURE = 1e-12
-"""Uncertainty 1 - (E s)^2 of a sign below which it is rounding."""
+UNUSED = -1
+"""The number of a sample that no stretch holds."""
+MERGED = 0
+"""The number of what a joint's stretches have been merged into, and of all stretches of a joint with signs."""
 
 
+@dataclass(frozen=True)
+class StreamSamples:
+    """N samples of a stream.
+
+    Attributes:
+        motion: of n joints.
+        speed: (N, n) velocities of the actuators, rad/s.
+        magnitude: (N, n) |effort|, N m.
+        sign: (N, n) its expected sign, -1 to +1.
+        used: (N, n) whether it counts.
+    """
+
+    motion: Motion
+    speed: Array
+    magnitude: Array
+    sign: Array
+    used: Mask
+
+    def __len__(self) -> int:
+        return len(self.motion)
+
+    def __getitem__(self, rows: slice) -> StreamSamples:
+        if rows == slice(0, len(self)):
+            return self
+        return StreamSamples(
+            self.motion[rows], self.speed[rows], self.magnitude[rows], self.sign[rows], self.used[rows]
+        )
+
+    def followed_by(self, others: StreamSamples) -> StreamSamples:
+        """These, and behind them others."""
+        if not len(self):
+            return others
+        names = ("speed", "magnitude", "sign", "used")
+        parts = (np.concatenate([getattr(self, name), getattr(others, name)]) for name in names)
+        return StreamSamples(joined(self.motion, others.motion), *parts)
+
+
+def joined(motion: Motion, following: Motion) -> Motion:
+    """A motion and the one that follows it, which begins where the first did."""
+    if not len(motion) and motion.origin == following.origin:
+        return following
+    parts = {k: np.concatenate([getattr(motion, k), getattr(following, k)]) for k in ("t", "q", "dq", "ddq", "payload")}
+    return Motion(**parts, origin=motion.origin)
+
+
+@dataclass(frozen=True)
+class Edge:
+    """The last sample of a stream, by which the next one goes on with a stretch or does not.
+
+    Attributes:
+        t: its instant, s; -inf before the first.
+        used: (n,) whether it counts.
+        sign: (n,) that was taken, +1 or -1.
+        direction: (n,) of the actuator, +1, -1 or 0.
+        weak: (n,) whether |effort| is within the noise around zero.
+        number: (n,) of each joint's last stretch, from 1.
+    """
+
+    t: float
+    used: Mask
+    sign: Integers
+    direction: Integers
+    weak: Mask
+    number: Integers
+
+    @classmethod
+    def none(cls, n: int) -> Edge:
+        """Before the first sample of n joints."""
+        no, zero = np.zeros(n, dtype=bool), np.zeros(n, dtype=np.int64)
+        return cls(-np.inf, no, zero, zero, no, zero)
+
+
+def numbered(edge: Edge, samples: StreamSamples, sigma: Array, signed: Mask) -> tuple[Integers, Edge]:
+    """(N, n) the number of the stretch that each sample belongs to, `UNUSED` if to none, and the last sample.
+
+    Args:
+        edge: the sample before the first.
+        samples: at least one.
+        sigma: (n,) sd of the noise, N m.
+        signed: (n,) joints whose efforts have signs, so that their stretches need not be told apart.
+    """
+    now = replace(
+        edge,
+        used=samples.used,
+        sign=np.where(samples.sign >= 0.0, 1, -1),
+        direction=np.sign(samples.speed).astype(np.int64),
+        weak=samples.magnitude <= TUNING.clearly * sigma,
+    )
+    used, sign, turned, weak = (
+        np.concatenate([getattr(edge, name)[None], getattr(now, name)])
+        for name in ("used", "sign", "direction", "weak")
+    )
+    silent = np.diff(samples.motion.t, prepend=edge.t) > TUNING.pause
+    ends = ~used[:-1] | silent[:, None] | (sign[1:] != sign[:-1]) | (turned[1:] * turned[:-1] < 0)
+    ends |= weak[:-1] & ~weak[1:]
+    number = edge.number + np.cumsum(used[1:] & ends, axis=0)
+    last = Edge(float(samples.motion.t[-1]), used[-1], sign[-1], turned[-1], weak[-1], number[-1])
+    return np.where(samples.used, np.where(signed, MERGED, number), UNUSED), last
+
+
+def runs(number: Integers) -> tuple[Integers, Integers, Integers, Integers]:
+    """(S,) joint, first sample, the one behind the last, and number of every run of samples of one stretch.
+
+    Args:
+        number: (N, n) of each sample's stretch.
+    """
+    found = []
+    for j, column in enumerate(number.T):
+        bounds = np.concatenate([[0], np.flatnonzero(np.diff(column)) + 1, [len(column)]])
+        inside = column[bounds[:-1]] != UNUSED
+        start, end = bounds[:-1][inside], bounds[1:][inside]
+        found.append(np.stack([np.full(len(start), j), start, end, column[start]]))
+    joint, start, end, which = np.concatenate(found, axis=1)
+    return joint, start, end, which
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Moments
+# ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Setting:
     """What stays the same along a stream.
@@ -54,7 +176,7 @@ class Setting:
     def reach(self) -> tuple[int, int]:
         """How many samples before and behind a sample its columns depend on."""
         memory = any(effect.memory for effect in self.model.effects)
-        return (TUNING.look_back, TUNING.look_ahead) if memory else (0, 0)
+        return (EFFECTS.look_back, EFFECTS.look_ahead) if memory else (0, 0)
 
     def fade(self, seconds: float) -> float:
         """What is left of a weight after some time."""
@@ -200,8 +322,8 @@ def advanced(setting: Setting, running: StreamMoments, samples: StreamSamples, t
     waiting = running.waiting.followed_by(samples)
     motion, first = joined(running.context, waiting.motion), len(running.context)
     ready = max(len(waiting) - ahead, 0)
-    for begin in range(0, ready, TUNING.chunk):
-        rows = slice(begin, min(begin + TUNING.chunk, ready))
+    for begin in range(0, ready, EFFECTS.chunk):
+        rows = slice(begin, min(begin + EFFECTS.chunk, ready))
         around = slice(max(first + rows.start - back, 0), first + rows.stop + ahead)
         inside = slice(first + rows.start - around.start, first + rows.stop - around.start)
         columns = FeltColumns.of(setting.model.columns(motion[around])[inside]).chosen(setting.coefficients.kept)
@@ -219,7 +341,7 @@ def _taken(setting: Setting, running: StreamMoments, samples: StreamSamples, col
     piece = _piece(setting, samples, columns, number, weight)
     totals = running.totals.faded(setting.fade(edge.t - before.t)) + _totals(samples, columns, weight, piece.moments)
     steps = np.diff(t, prepend=before.t)
-    steps = steps[steps <= PAUSE]
+    steps = steps[steps <= TUNING.pause]
     pieces, bound = (*running.pieces, piece), running.bound
     held = sum(len(one.moments.hessian) for one in pieces)
     if held > bound:  # condensing now and then costs less than every time
@@ -247,7 +369,7 @@ def _piece(
     root = np.sqrt(weight)[:, None]
     rows = [root * values for values in columns.values]
     effort, square = root * samples.sign * samples.magnitude, weight[:, None] * samples.magnitude**2
-    wrong = np.maximum(0.5 * (1.0 - np.abs(samples.sign)), _LEAST_DOUBT) * square
+    wrong = np.maximum(0.5 * (1.0 - np.abs(samples.sign)), TUNING.least_doubt) * square
     energy, doubt = np.zeros(len(joint)), np.zeros(len(joint))
     for k, (j, a, b) in enumerate(zip(joint, start, end, strict=True)):
         hessian.add_rows(k, rows[j][a:b])
@@ -266,7 +388,7 @@ def _totals(samples: StreamSamples, columns: FeltColumns, weight: Array, moments
     np.add.at(energy, moments.joint, moments.energy)
     unknown = samples.used * (1.0 - samples.sign**2)
     for j, (felt, values) in enumerate(zip(columns.felt, columns.values, strict=True)):
-        doubtful = unknown[:, j] > _SURE
+        doubtful = unknown[:, j] > 1e-12  # less is rounding
         rows = np.sqrt(weight[doubtful] * unknown[doubtful, j])[:, None] * values[doubtful]
         lost[j][np.ix_(felt, felt)] = rows.T @ rows
     return Totals(moments.hessian.by_joint(n), lost, gradient, energy, weight @ samples.used)

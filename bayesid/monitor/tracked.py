@@ -1,11 +1,19 @@
-"""What is known of every joint at an instant, and what became of the samples."""
+"""What a tracker knows of every joint at an instant, what it remembers, and the figures of a stream as a whole."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, field
+from typing import Any
 
-from bayesid.arrays import Array
-from bayesid.monitor.alarms import Alarm
+import numpy as np
+
+from bayesid.arrays import Array, Integers, Mask
+from bayesid.monitor.changes import Alarm, Alarms, Sums
+from bayesid.monitor.kinds import Recent
+from bayesid.monitor.motion_estimate import MotionWindow
+from bayesid.monitor.running_model import Observed
+from bayesid.signs.filtering import Belief
 
 MOVING, REST, UNKNOWN = "moving", "rest", "unknown"
 """States of a joint: at rest nobody knows friction's direction; unknown while there is too little to go by, or since
@@ -84,3 +92,142 @@ class Counts:
     unread: int = 0
     gaps: int = 0
     set_back: int = 0
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# What a tracker remembers
+# ---------------------------------------------------------------------------------------------------------------
+@dataclass(frozen=True)
+class Waiting:
+    """An instant whose signs are still looked for: its readings, and what is known of it without them."""
+
+    reading: Array
+    held: Mask
+    predicted: Array
+    known: dict[str, Any]
+
+
+@dataclass
+class TrackerState:
+    """All that a tracker remembers: numbers and arrays, to be copied, pickled and handed to another tracker.
+
+    Attributes:
+        velocities: whether the samples have velocities.
+        accelerations: whether they have accelerations.
+        motion: the samples of the window.
+        observed: the momentum and its observer.
+        sums: of the tests for changes.
+        alarms: what was raised.
+        recent: the last seconds.
+        top_speed: (n,) highest speeds of the actuators so far, rad/s.
+        sd: (n,) of the model's effort by its parameters, N m.
+        origin: when the stream began, s.
+        looked: time of the instant looked at last, s.
+        at_rest: (n,) size of static friction, N m; None before the first instant.
+        belief: about the model's error; None before the first instant.
+        readings: efforts of the newest samples, with their times.
+        memory: states of effects with a memory.
+        waiting: instants whose signs are still looked for.
+        late: times of late samples in a row that went up, how many and the last, s.
+        counts: what became of the samples.
+        latest: what was known last.
+    """
+
+    velocities: bool
+    accelerations: bool
+    motion: MotionWindow
+    observed: Observed
+    sums: Sums
+    alarms: Alarms
+    recent: Recent
+    top_speed: Array
+    sd: Array
+    origin: float
+    looked: float = np.nan
+    at_rest: Array | None = None
+    belief: Belief | None = None
+    readings: list[tuple[float, Array]] = field(default_factory=list)
+    memory: dict[object, tuple[Array, Array]] = field(default_factory=dict)
+    waiting: list[Waiting] = field(default_factory=list)
+    late: tuple[int, float] = (0, np.inf)
+    counts: Counts = field(default_factory=Counts)
+    latest: Tracked | None = None
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# The stream as a whole
+# ---------------------------------------------------------------------------------------------------------------
+_FIRST, _STEP, _BINS = 1e-6, math.log(1.01), 2000
+"""s of the first bin of the update times, log of the ratio of two bins, and how many: up to minutes, to 1 %."""
+
+
+@dataclass
+class UpdateTimes:
+    """How long updates took, as a histogram.
+
+    Attributes:
+        counts: of the bins.
+    """
+
+    counts: Integers = field(default_factory=lambda: np.zeros(_BINS, dtype=np.int64))
+
+    def add(self, seconds: float) -> None:
+        """One update more."""
+        place = int(math.log(max(seconds, _FIRST) / _FIRST) / _STEP)
+        self.counts[min(place, _BINS - 1)] += 1
+
+    def quantile(self, share: float) -> float:
+        """s, to 1 %; nan where there was no update."""
+        total = self.counts.sum()
+        if not total:
+            return math.nan
+        place = int(np.searchsorted(np.cumsum(self.counts), share * total))
+        return _FIRST * math.exp(_STEP * (place + 0.5))
+
+
+@dataclass
+class StreamFigures:
+    """Of n joints.
+
+    Attributes:
+        moving: (n,) instants in motion.
+        squares: (n,) sum of the squared residuals in motion, (N m)^2.
+        pushed: (n,) largest external torque over its threshold so far, of two samples in a row the lesser, as the test
+            of a contact takes it (`bayesid.monitor.changes`); nan while none is known.
+        instants: that were looked at.
+        times: of the updates.
+        last: (n,) external torque over its threshold in the last sample; nan where it was not known.
+    """
+
+    moving: Integers
+    squares: Array
+    pushed: Array
+    instants: int = 0
+    times: UpdateTimes = field(default_factory=UpdateTimes)
+    last: Array | None = None
+
+    @classmethod
+    def of_joints(cls, n: int) -> StreamFigures:
+        """Before the first sample."""
+        return cls(np.zeros(n, dtype=np.int64), np.zeros(n), np.full(n, np.nan))
+
+    def add(self, now: Tracked) -> None:
+        """One instant more that was looked at."""
+        self.instants += 1
+        counts = np.array([state != REST for state in now.state]) & np.isfinite(now.residual)
+        self.moving += counts
+        self.squares += np.where(counts, now.residual, 0.0) ** 2
+        ratio = np.where(np.isfinite(now.threshold), np.abs(now.external) / now.threshold, np.nan)
+        if self.last is not None:
+            self.pushed = np.fmax(self.pushed, np.minimum(ratio, self.last))
+        self.last = ratio
+
+    @property
+    def rms(self) -> Array:
+        """(n,) RMS of the residuals in motion, N m; nan of joints that never moved."""
+        return np.where(self.moving > 0, np.sqrt(self.squares / np.maximum(self.moving, 1)), np.nan)
+
+
+def looked_at(now: Tracked) -> bool:
+    """Whether an update has brought an instant of which something is known."""
+    return now.fresh and bool(np.isfinite(now.predicted).all())

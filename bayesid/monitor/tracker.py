@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import deepcopy
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from math import isfinite, isnan
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,91 +15,14 @@ from bayesid.errors import InputError
 from bayesid.identification.identification import Identification, identified_of
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.log.log import Log
-from bayesid.monitor.alarms import Alarm, Alarms
-from bayesid.monitor.changes import ChangeTest, Sums
-from bayesid.monitor.kinds import Kind, kind_of
-from bayesid.monitor.motion_estimate import LocalMotion, MotionEstimator, MotionWindow
-from bayesid.monitor.observer import Doubt, Observed, observe, threshold
-from bayesid.monitor.recent import Recent
-from bayesid.monitor.running_model import AtInstant, RunningModel
-from bayesid.monitor.tracked import MOVING, REST, UNKNOWN, Counts, Tracked
+from bayesid.monitor.changes import Alarm, Alarms, ChangeTest, Sums
+from bayesid.monitor.kinds import Kind, Recent, kind_of
+from bayesid.monitor.motion_estimate import LocalMotion, MotionEstimator
+from bayesid.monitor.running_model import AtInstant, Doubt, Observed, RunningModel, observe, threshold
+from bayesid.monitor.tracked import MOVING, REST, UNKNOWN, Counts, Tracked, TrackerState, Waiting
+from bayesid.monitor.tuning import TUNING
 from bayesid.motion import STANDSTILL, Instant
-from bayesid.signs.filtering import Belief, SignFilter
-
-_SPAN = 0.12
-"""s of the window from which the motion is estimated: a longer one takes torques of one joint for those of another, a
-shorter one is noisy. Set by hand on pushes that MuJoCo plays and logs of a UR10e; not studied."""
-_FEWEST = 10.0
-"""Periods that the window spans at least: of fewer samples the noise is not known. Not studied."""
-GAP = 5.0
-"""Periods without a sample from which on what was before is forgotten: friction may have turned round meanwhile."""
-_SET_BACK = 5
-"""Samples in a row, each before the newest and after the one before it, that tell of a clock that was set back: fewer
-are late. As many as the periods of a gap."""
-_LOOKS = 20.0
-"""Hz at which the columns of the model are made: they cost as much as all the rest, and what is made of them, the sd of
-the effort and the look of a change, stays much the same so long."""
-_MOST_ALARMS = 3600.0
-"""False alarms an hour: one a second, with which nobody is served. A round number."""
-_FASTEST = 2e4
-"""Hz; no controller logs faster: a rate in mHz, or a period in its place, is told."""
-
-
-@dataclass(frozen=True)
-class _Waiting:
-    """An instant whose signs are still looked for: its readings, and what is known of it without them."""
-
-    reading: Array
-    held: Mask
-    predicted: Array
-    known: dict[str, Any]
-
-
-@dataclass
-class TrackerState:
-    """All that a tracker remembers: numbers and arrays, to be copied, pickled and handed to another tracker.
-
-    Attributes:
-        velocities: whether the samples have velocities.
-        accelerations: whether they have accelerations.
-        motion: the samples of the window.
-        observed: the momentum and its observer.
-        sums: of the tests for changes.
-        alarms: what was raised.
-        recent: the last seconds.
-        top_speed: (n,) highest speeds of the actuators so far, rad/s.
-        sd: (n,) of the model's effort by its parameters, N m.
-        origin: when the stream began, s.
-        looked: time of the instant looked at last, s.
-        at_rest: (n,) size of static friction, N m; None before the first instant.
-        belief: about the model's error; None before the first instant.
-        readings: efforts of the newest samples, with their times.
-        memory: states of effects with a memory.
-        waiting: instants whose signs are still looked for.
-        late: times of late samples in a row that went up, how many and the last, s.
-        counts: what became of the samples.
-        latest: what was known last.
-    """
-
-    velocities: bool
-    accelerations: bool
-    motion: MotionWindow
-    observed: Observed
-    sums: Sums
-    alarms: Alarms
-    recent: Recent
-    top_speed: Array
-    sd: Array
-    origin: float
-    looked: float = np.nan
-    at_rest: Array | None = None
-    belief: Belief | None = None
-    readings: list[tuple[float, Array]] = field(default_factory=list)
-    memory: dict[object, tuple[Array, Array]] = field(default_factory=dict)
-    waiting: list[_Waiting] = field(default_factory=list)
-    late: tuple[int, float] = (0, np.inf)
-    counts: Counts = field(default_factory=Counts)
-    latest: Tracked | None = None
+from bayesid.signs.filtering import SignFilter
 
 
 class SignTracker:
@@ -108,8 +30,8 @@ class SignTracker:
 
     One `update` a sample. The joints' velocities and accelerations are those of a polynomial through the samples of the
     last 0.12 s (`bayesid.monitor.motion_estimate`); signs come from filtering the model's error
-    (`bayesid.signs.filtering`), external torques from the momentum (`bayesid.monitor.observer`), alarms from tests with
-    a stated rate of false ones (`bayesid.monitor.changes`). There is no thread, no clock and nothing that grows.
+    (`bayesid.signs.filtering`), external torques from the momentum (`bayesid.monitor.running_model`), alarms from tests
+    with a stated rate of false ones (`bayesid.monitor.changes`). There is no thread, no clock and nothing that grows.
 
     Args:
         model: an identification, or its model as `bayesid.load_model` gives it.
@@ -155,12 +77,11 @@ class SignTracker:
         self._behind, self._sign_wait = waited - waited // 2, waited // 2
         self._running = RunningModel(self._identified, payload)
         self._test = ChangeTest(self._identified.noise, self.rate, false_alarms)
-        self._look_stride = max(1, round(self.rate / _LOOKS))
+        self._look_stride = max(1, round(self.rate / TUNING.looks))
         self._filter: SignFilter | None = None
         self._state: TrackerState | None = None
-        ready = self._running.instant(
-            0.0, *np.zeros((3, self.n_joints))
-        )  # what is made once is made before the first sample
+        # what is made once is made before the first sample
+        ready = self._running.instant(0.0, *np.zeros((3, self.n_joints)))
         self._running.sd_of(self._running.columns(ready))
         self._running.at(ready)
 
@@ -316,7 +237,6 @@ class SignTracker:
         return state.latest
 
     def _look(self, state: TrackerState, local: LocalMotion, t: float, reading: Array) -> Tracked:
-        """At the instant t, s, of a reading (n,)."""
         motion = local.at(t)
         running, instant = self._running, self._instant(state, local, t, motion)
         here, speeds = running.at(instant), running.actuator_speeds(motion[1])
@@ -358,16 +278,16 @@ class SignTracker:
             "dq": motion[1],
             "ddq": motion[2],
         }
-        state.waiting.append(_Waiting(reading, held, here.effort, known_now))
+        state.waiting.append(Waiting(reading, held, here.effort, known_now))
         if found is None:
             return replace(self._nothing(state.waiting[0].known["t"]), alarms=alarms)
         return self._with_signs(state.waiting.pop(0), found, alarms)
 
-    def _with_signs(self, waiting: _Waiting, probability: Array, alarms: tuple[Alarm, ...]) -> Tracked:
+    def _with_signs(self, waiting: Waiting, probability: Array, alarms: tuple[Alarm, ...]) -> Tracked:
         """A record with P(sign = +) (n,), which is that of a guess where a change has made the model another's."""
         reading = waiting.reading
         if some(waiting.held):
-            probability = np.where(waiting.held, 0.5 + _TRUST * (probability - 0.5), probability)
+            probability = np.where(waiting.held, 0.5 + TUNING.trust * (probability - 0.5), probability)
         if self._any_signed:
             known = self.signed & ~np.isnan(reading)
             probability = np.where(known, reading >= 0.0, probability)
@@ -418,7 +338,6 @@ class SignTracker:
         return (*raised, *([] if contact is None else [contact])), felt
 
     def _kind(self, state: TrackerState, since: float, changed: Mask) -> Kind:
-        """What has changed since an instant, s, in joints (n,)."""
         weight = np.minimum(self._test.weight * self._look_stride, 1.0)
         return kind_of(state.recent.look(since, self.signed, weight), changed)
 
@@ -433,7 +352,6 @@ class SignTracker:
         columns: Array,
         moving: Mask,
     ) -> None:
-        """Keeps what tells one kind of change from another."""
         width = np.where(moving & ~np.isnan(reading), self._test.width(np.hypot(state.sd, by_motion)), np.inf)
         direction = np.tanh(speeds / np.maximum(self._running.standstill, STANDSTILL * state.top_speed + 1e-12))
         parts = (np.nan_to_num(reading), here.effort, width, columns[:, self._running.body], direction, speeds)
@@ -466,7 +384,7 @@ class SignTracker:
             counts.set_back += 1
             self._forget(state)
             self._forget_times(state, ahead)
-        elif state.motion.count and ahead > GAP / self.rate:
+        elif state.motion.count and ahead > TUNING.gap / self.rate:
             counts.gaps += 1
             self._forget(state)
         state.late = 0, np.inf
@@ -478,7 +396,7 @@ class SignTracker:
         number, last = state.late
         if t != last:
             state.late = (number + 1 if t > last else 1), t
-        return state.late[0] >= _SET_BACK
+        return state.late[0] >= TUNING.set_back
 
     def _forget_times(self, state: TrackerState, ahead: float) -> None:
         """Begins anew what was timed by a clock that has moved, s; what was raised stays."""
@@ -502,7 +420,7 @@ class SignTracker:
     def _begin(self, t: float, velocities: bool, accelerations: bool) -> TrackerState:
         n = self.n_joints
         motion = MotionEstimator(
-            n, max(_SPAN, _FEWEST / self.rate, 2.0 * self.lag), self.rate, velocities, accelerations
+            n, max(TUNING.span, TUNING.fewest_periods / self.rate, 2.0 * self.lag), self.rate, velocities, accelerations
         )
         self._estimator = motion
         return TrackerState(
@@ -551,17 +469,13 @@ class SignTracker:
         return InputError(seen, "update", expected)
 
 
-_TRUST = 0.9
-"""How far a sign is believed whose joint has changed since its model was identified: a round number; not studied."""
-
-
 def _check(identified: IdentifiedModel, rate: float, lag: float, payload: str, false_alarms: float) -> None:
-    if not (np.isfinite(rate) and 1.0 <= rate <= _FASTEST):
-        raise InputError(f"a rate of {rate:g} Hz", "rate", f"give the samples' rate in Hz, 1 to {_FASTEST:g}")
+    if not (np.isfinite(rate) and 1.0 <= rate <= TUNING.fastest):
+        raise InputError(f"a rate of {rate:g} Hz", "rate", f"give the samples' rate in Hz, 1 to {TUNING.fastest:g}")
     if not (np.isfinite(lag) and 0.0 <= lag <= 1.0):
         raise InputError(f"a lag of {lag:g} s", field="lag", remedy="give 0 to 1, in seconds")
-    if not 0.0 < false_alarms <= _MOST_ALARMS:
-        remedy = f"give more than 0, and {_MOST_ALARMS:g} at most"
+    if not 0.0 < false_alarms <= TUNING.most_alarms:
+        remedy = f"give more than 0, and {TUNING.most_alarms:g} at most"
         raise InputError(f"{false_alarms:g} false alarms an hour", field="false_alarms", remedy=remedy)
     if payload and payload not in identified.model.payloads:
         known = ", ".join(identified.model.payloads) or "none"

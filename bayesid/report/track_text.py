@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import shlex
 
-from bayesid.monitor.alarms import Alarm
-from bayesid.monitor.figures import StreamFigures
+from bayesid.monitor.changes import Alarm
 from bayesid.monitor.kinds import CONTACT, FRICTION, GAIN, PAYLOAD
 from bayesid.monitor.replay import Agreement
-from bayesid.monitor.tracked import Counts
+from bayesid.monitor.tracked import Counts, StreamFigures
 from bayesid.report.tuning import TUNING
 from bayesid.report.verdicts import Check
 from bayesid.report.words import joints_in_words, rounded

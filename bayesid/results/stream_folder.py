@@ -12,10 +12,9 @@ import numpy as np
 from bayesid.arrays import Array
 from bayesid.files.tables import numbered, write_columns, write_json
 from bayesid.files.writing import save_folder
-from bayesid.monitor.alarms import Alarm
-from bayesid.monitor.figures import StreamFigures
+from bayesid.monitor.changes import Alarm
 from bayesid.monitor.replay import Agreement, Replay
-from bayesid.monitor.tracked import Counts, Tracked
+from bayesid.monitor.tracked import Counts, StreamFigures, Tracked
 from bayesid.report.plot.stream import stream_figure
 
 STREAM = "stream.json"

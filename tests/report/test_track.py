@@ -5,11 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from bayesid.monitor.alarms import Alarm
-from bayesid.monitor.changes import ChangeTest, Sums
-from bayesid.monitor.figures import StreamFigures, UpdateTimes
+from bayesid.monitor.changes import Alarm, ChangeTest, Sums
 from bayesid.monitor.replay import Agreement, Replay
-from bayesid.monitor.tracked import Counts, Tracked
+from bayesid.monitor.tracked import Counts, StreamFigures, Tracked, UpdateTimes
 from bayesid.report.plot.stream import stream_figure
 from bayesid.report.track_text import alarm_line, count_line, track_lines, track_rows
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from bayesid.arrays import Array
 from bayesid.identification.prediction import NORMAL_95
-from bayesid.monitor.alarms import Alarm
+from bayesid.monitor.changes import Alarm
 from bayesid.monitor.kinds import CONTACT, PAYLOAD
 from bayesid.monitor.replay import Replay
 from bayesid.report.plot.drawing import draw
