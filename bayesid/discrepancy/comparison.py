@@ -140,13 +140,7 @@ class LogComparison:
         return "\n  ".join(lines)
 
     def of(self, became: str) -> tuple[EffectHistory, ...]:
-        """The effects of which that became: "changed", "all_along", "gone" or "undecided".
-
-        Example:
-            >>> both = bayesid.compare_logs(robot, [log, other_log], terms, posterior=False)
-            >>> both.of("gone")
-            ()
-        """
+        """The effects of which that became: "changed", "all_along", "gone" or "undecided"."""
         return tuple(history for history in self.effects if history.became == became)
 
 

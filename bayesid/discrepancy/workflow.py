@@ -127,12 +127,7 @@ class Discrepancy:
 
     @property
     def vetoed(self) -> tuple[EffectKey, ...]:
-        """Effects and joints that were refused.
-
-        Example:
-            >>> found.vetoed
-            ()
-        """
+        """Effects and joints that were refused."""
         return tuple(effect.hypothesis.key for effect in self.refused)
 
 

@@ -223,28 +223,13 @@ class Accumulator:
 
     @property
     def covariance(self) -> Array:
-        """(r, r) of the coefficients; inf on the diagonal where nothing shows one.
-
-        Example:
-            >>> running = bayesid.Accumulator(result)
-            >>> running.add(result.signals.motion, result.signals.raw_effort, result.probability)
-            >>> sd = np.array([one.sd for one in running.coefficients()])
-            >>> bool(np.allclose(np.diag(running.covariance), sd**2))
-            True
-        """
+        """(r, r) of the coefficients; inf on the diagonal where nothing shows one."""
         normal = self._normal()
         return covariance_of(normal.hessian - normal.lost)[0] + self._lacking
 
     @property
     def effective_samples(self) -> Array:
-        """(n,) samples in motion of each joint that count: less those forgotten, over their autocorrelation time.
-
-        Example:
-            >>> running = bayesid.Accumulator(result)
-            >>> running.add(result.signals.motion, result.signals.raw_effort, result.probability)
-            >>> bool((running.effective_samples <= len(result.signals.motion)).all())
-            True
-        """
+        """(n,) samples in motion of each joint that count: less those forgotten, over their autocorrelation time."""
         return self._running.totals.weight / self._noise.autocorrelation
 
     def model(self) -> IdentifiedModel:

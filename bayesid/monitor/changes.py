@@ -190,12 +190,7 @@ class Alarm:
     explained: float | None = None
 
     def as_dict(self) -> dict[str, object]:
-        """What alarms.json holds of it.
-
-        Example:
-            >>> bayesid.Alarm(time=3.2, joint=2, kind="contact", joints=(1, 2), raised=3.2).as_dict()["joints"]
-            [1, 2]
-        """
+        """What alarms.json holds of it."""
         return {**asdict(self), "joints": list(self.joints), "unit": UNITS.get(self.kind, "N m")}
 
 

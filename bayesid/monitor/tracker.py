@@ -91,32 +91,17 @@ class SignTracker:
 
     @property
     def lag(self) -> float:
-        """By how much the instants lie behind the newest sample, s.
-
-        Example:
-            >>> bayesid.SignTracker(result, rate=100.0, lag=0.05).lag
-            0.05
-        """
+        """By how much the instants lie behind the newest sample, s."""
         return (self._behind + self._sign_wait) / self.rate
 
     @property
     def alarms(self) -> tuple[Alarm, ...]:
-        """What was raised, the last thousand; a contact that turned out to be a change is not among them.
-
-        Example:
-            >>> bayesid.SignTracker(result, rate=100.0).alarms
-            ()
-        """
+        """What was raised, the last thousand; a contact that turned out to be a change is not among them."""
         return () if self._state is None else self._state.alarms.all
 
     @property
     def counts(self) -> Counts:
-        """What became of the samples.
-
-        Example:
-            >>> bayesid.SignTracker(result, rate=100.0).counts.gaps
-            0
-        """
+        """What became of the samples."""
         return Counts() if self._state is None else replace(self._state.counts)
 
     def state(self) -> TrackerState | None:
