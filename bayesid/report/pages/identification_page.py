@@ -79,8 +79,6 @@ _SECTION_OF = {
     "Warnings": "warnings",
 }
 """Where the page shows more of a check."""
-_BAR = (60.0, 28.0, 2.0)
-"""Zero of a coefficient's bar, its own size, and where it is cut off in such sizes: the picture is 120 wide."""
 
 
 @one_at_a_time
@@ -239,10 +237,10 @@ def _percent(share: float) -> str:
 
 def _bar(mean: float, low: float, high: float, nominal: float) -> Markup:
     """A small picture of numbers that stand beside it."""
-    zero, size, most = _BAR
+    zero = 60.0  # of 120, with 28 for the coefficient's own size
 
     def place(value: float) -> float:
-        return zero + size * float(np.clip(value, -most, most))
+        return zero + 28.0 * float(np.clip(value, -2.0, 2.0))
 
     tick = "" if np.isnan(nominal) else f'<path class="tick" d="M{place(nominal):.1f} 1v14"/>'
     return Markup(

@@ -21,10 +21,6 @@ if TYPE_CHECKING:
 
 SIZE = 10.0
 """Of letters, points."""
-_LETTER = 0.13
-"""in; a narrower box has no room for its letter."""
-_MANY = 300
-"""Dots from which on they are drawn as a picture: a thousand shapes make a file large."""
 
 
 def new_figure(height: float, width: float = WIDTH) -> MatplotlibFigure:
@@ -150,6 +146,7 @@ def _draw_mark(ax: Axes, mark: Mark) -> None:
     elif isinstance(mark, Band):
         ax.fill_between(mark.x, mark.low, mark.high, color=mark.colour, alpha=mark.alpha, linewidth=0.0, gid=mark.label)
     elif isinstance(mark, Dots):
+        many = np.size(mark.x) > 300  # drawn as a picture, below lines: a thousand shapes make a file large
         ax.scatter(
             mark.x,
             mark.y,
@@ -157,9 +154,9 @@ def _draw_mark(ax: Axes, mark: Mark) -> None:
             color=mark.colour,
             alpha=mark.alpha,
             linewidths=0.0,
-            rasterized=np.size(mark.x) > _MANY,
+            rasterized=many,
             gid=mark.label,
-            zorder=3.0 if np.size(mark.x) <= _MANY else 1.0,
+            zorder=1.0 if many else 3.0,
         )
     elif isinstance(mark, Words):
         for x, y, text in zip(np.ravel(mark.x), np.ravel(mark.y), mark.texts, strict=True):
@@ -190,7 +187,7 @@ def _draw_letter(ax: Axes, start: float, end: float, letter: str) -> None:
     left, right = ax.get_xlim()
     figure: Any = ax.figure
     width = ax.get_position().width * float(figure.figure.get_figwidth())
-    if (end - start) / (right - left) * width > _LETTER:
+    if (end - start) / (right - left) * width > 0.13:  # in: room for a letter
         look: dict[str, Any] = {"ha": "center", "va": "bottom", "color": INK, "fontsize": SIZE - 1.0}
         place = (0.5 * (start + end), 0.999)
         ax.annotate(letter, place, (0.0, 3.0), ax.get_xaxis_transform(), "offset points", annotation_clip=True, **look)

@@ -39,8 +39,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure as MatplotlibFigure
 
-_ROOM = 0.12
-"""Share of what a panel shows that is left free above and below."""
 _LOOKS: tuple[tuple[str, Style], ...] = (
     *((colour, "solid") for colour in (BLUE, ORANGE, MAGENTA, INK)),
     *((colour, "dashed") for colour in (BLUE, ORANGE, MAGENTA)),
@@ -255,7 +253,7 @@ def _curve(t: Array, curve: Array, low: Array, high: Array, ends: tuple[float, f
     if lines:
         marks.append(Strokes(None, (lines, lines), ORANGE, "limit"))
     values = np.array([low.min(), high.max(), *lines])
-    room = _ROOM * (np.ptp(values) or 1.0)
+    room = 0.12 * (np.ptp(values) or 1.0)
     y_limits = float(values.min() - room), float(values.max() + room)
     return Panel(marks, x_name, x_limits=(float(t[0]), float(t[-1])), y_limits=y_limits)
 
@@ -300,7 +298,7 @@ def _views(poses: Poses) -> list[Panel]:
     """All poses from the side and from above, at one scale, with the floor."""
     known = np.concatenate([poses.points.reshape(-1, 3), poses.tip, [[0.0, 0.0, poses.floor or 0.0]]])
     lowest, highest = np.nanmin(known, axis=0), np.nanmax(known, axis=0)
-    middle, half = (lowest + highest) / 2.0, (0.5 + _ROOM / 2.0) * float((highest - lowest).max() or 1.0)
+    middle, half = (lowest + highest) / 2.0, (0.5 + 0.06) * float((highest - lowest).max() or 1.0)
     panels = []
     for title, right, up in (("from the side", 0, 2), ("from above", 0, 1)):
         marks: list[Mark] = []
@@ -329,6 +327,6 @@ def _distance(picture: MotionPicture, distance: Array) -> Panel:
         marks += [level(margin, ORANGE, 1.2, label="margin"), Boxes(None, ([lowest], [margin]), ORANGE, "", 0.12)]
         title += f"; margin {1e3 * margin:.0f} mm"
     beyond = margin is not None and distance[least] < margin
-    room = _ROOM * (highest - lowest or 1.0)
+    room = 0.12 * (highest - lowest or 1.0)
     y_name = "distance to itself and the floor, m"
     return Panel(marks, "time, s", y_name, title, MAGENTA if beyond else INK, y_limits=(lowest, highest + room))

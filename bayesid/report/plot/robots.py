@@ -24,10 +24,6 @@ _VIEWS = (("side", 0, 2), ("top", 0, 1))
 """Name and the two coordinates of the base frame that are seen: to the right, and up."""
 _ARROW = 0.11
 """Length of an axis over the size of the picture."""
-_MARGIN = 1.5
-"""Arrows that have room around the skeleton."""
-_NEAR = 0.012
-"""Distance over the size of the picture within which joints share a label."""
 _SHORTEST = 1e-4
 """m; a shorter piece of a link is rounding."""
 _EDGE_ON = 0.3
@@ -99,7 +95,7 @@ def positions_text(here: Pose) -> str:
 def _frame(ax: Axes, points: Array, size: float) -> float:
     """The same scale for all views, and room for arrows and labels; the width of what is seen, m."""
     middle = (points.min(axis=0) + points.max(axis=0)) / 2.0
-    half = (0.5 + _MARGIN * _ARROW) * size
+    half = (0.5 + 1.5 * _ARROW) * size  # room for an arrow and its label
     ax.set_xlim(middle[0] - half, middle[0] + half)
     ax.set_ylim(middle[1] - half, middle[1] + half)
     ax.set_aspect("equal")
@@ -153,7 +149,7 @@ def _draw_joints(ax: Axes, here: Pose, seen: Sequence[int], size: float, labels:
         else:
             ax.plot(*place, "o", color=ORANGE, markersize=11.0, fillstyle="none", markeredgewidth=1.5)
             ax.plot(*place, "." if axis @ towards > 0.0 else "x", color=ORANGE, markersize=6.0)
-    for members in _groups(places, _NEAR * size):
+    for members in _groups(places, 0.012 * size):
         labels.add(", ".join(str(i + 1) for i in members), places[members[0]], ORANGE, SIZE + 1.0, first=True)
 
 
@@ -187,13 +183,7 @@ def _groups(places: Array, near: float) -> list[list[int]]:
 # ---------------------------------------------------------------------------------------------------------------
 # Labels that do not lie on each other
 # ---------------------------------------------------------------------------------------------------------------
-_PANEL = 300.0
-"""Points, the width of a view in a figure made here: labels are kept apart on a paper of this size."""
-_LETTER = 0.62
-"""Width of a letter over its size."""
 _DIRECTIONS = np.array([(-1, 1), (1, 1), (1, -1), (-1, -1), (0, 1), (1, 0), (0, -1), (-1, 0)])
-_DISTANCES = 5.0, 11.0, 18.0
-"""Points from a place to its label."""
 
 
 class Labels:
@@ -205,7 +195,7 @@ class Labels:
     """
 
     def __init__(self, ax: Axes, width: float) -> None:
-        self._ax, self._scale = ax, _PANEL / width
+        self._ax, self._scale = ax, 300.0 / width  # points of a view in a figure made here
         self._labels: list[tuple[bool, str, Array, str, float]] = []
         self._clear: list[Array] = []
 
@@ -222,8 +212,8 @@ class Labels:
         """Writes all of them."""
         lines, taken = np.concatenate(self._clear), np.empty((0, 4))
         for _, text, place, colour, size in sorted(self._labels, key=lambda label: label[0]):
-            offsets = np.concatenate([distance * _DIRECTIONS for distance in _DISTANCES])
-            half = 0.5 * np.array([_LETTER * size * len(text), size])
+            offsets = np.concatenate([distance * _DIRECTIONS for distance in (5.0, 11.0, 18.0)])
+            half = 0.5 * np.array([0.62 * size * len(text), size])
             centres = offsets + np.sign(offsets) * half
             boxes = np.hstack([centres - half, centres + half]) + np.tile(self._scale * place, 2)
             best = int(np.argmin([_covered(box, lines, taken) for box in boxes]))

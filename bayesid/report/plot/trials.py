@@ -20,23 +20,11 @@ from bayesid.parallel import ALONE
 COLOURS = ("#1b7f79", "#c0392b", "#2c5d9b", "#d08a1d", "#6a4c93", "#555555", "#a0522d")
 """Distinct for people who do not see red and green alike, and in print together with the markers."""
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
-_SIZE = (7.5, 3.6)
-"""Of a figure, in: two panels side by side fill the width of a page of docs/studies.md."""
-_QUANTILES = (0.1, 0.9)
-"""Between which a bar stands: eight trials of ten."""
-_BESIDE = 0.012
-"""Distance of two lines' points, as a share of the axis: as wide as their bars' caps."""
-_LABELS = 32
-"""Letters that fit below a panel at a size of 8 points."""
-_LEAST_WRONG = 0.1
-"""%, below which an axis of wrong signs is linear: a study's logs hold some thousand strong samples each."""
-_WRONG_TICKS = (0.0, 0.1, 1.0, 10.0, 50.0)
-"""%"""
 
 
 def save_figure(draw: Callable[[Figure], None], path: Path) -> None:
     """Has `draw` fill a figure and writes it, aside first."""
-    figure = Figure(figsize=_SIZE, layout="constrained")
+    figure = Figure(figsize=(7.5, 3.6), layout="constrained")
     FigureCanvasAgg(figure)
     draw(figure)
     with ALONE, rc_context({"svg.hashsalt": "bayesid"}):  # and without a date: the same rows, the same file
@@ -54,16 +42,16 @@ def spreads(axes: Axes, groups: Mapping[str, Sequence[tuple[float, Sequence[floa
     for k, ((name, pairs), colour, marker) in enumerate(zip(groups.items(), cycle(COLOURS), cycle(MARKERS))):
         if not pairs:  # a short run has not come to it
             continue
-        x = _aside(axes, np.array([x for x, _ in pairs], dtype=float), (k - (count - 1) / 2) * _BESIDE)
+        x = _aside(axes, np.array([x for x, _ in pairs], dtype=float), (k - (count - 1) / 2) * 0.012)
         middle = np.array([np.median(values) for _, values in pairs])
-        low, high = (np.array([np.quantile(values, q) for _, values in pairs]) for q in _QUANTILES)
+        low, high = (np.array([np.quantile(values, q) for _, values in pairs]) for q in (0.1, 0.9))
         bars = np.clip([middle - low, high - middle], 0.0, None)
         axes.errorbar(x, middle, bars, color=colour, marker=marker, ms=4, lw=1.2, elinewidth=0.8, capsize=2, label=name)
 
 
 def name_ticks(axes: Axes, places: Mapping[str, float]) -> None:
     """Labels at their places on the x axis, turned where they would touch."""
-    turned = 60 if sum(map(len, places)) > _LABELS else 0
+    turned = 60 if sum(map(len, places)) > 32 else 0
     axes.set_xticks(list(places.values()), list(places), rotation=turned, fontsize=8)
     axes.xaxis.set_minor_locator(NullLocator())
 
@@ -71,9 +59,9 @@ def name_ticks(axes: Axes, places: Mapping[str, float]) -> None:
 def wrong_axis(axes: Axes) -> None:
     """Shares that are mostly zero, in percent: linear near zero, logarithmic above."""
     axes.set_ylabel("strong samples with the wrong sign, %")
-    axes.set_yscale("symlog", linthresh=_LEAST_WRONG)
+    axes.set_yscale("symlog", linthresh=0.1)  # a study's logs hold some thousand strong samples each
     axes.set_ylim(-0.01, max(1.5, 1.3 * axes.get_ylim()[1]))
-    ticks = [value for value in _WRONG_TICKS if value < axes.get_ylim()[1]]
+    ticks = [value for value in (0.0, 0.1, 1.0, 10.0, 50.0) if value < axes.get_ylim()[1]]
     axes.set_yticks(ticks, [f"{value:g}" for value in ticks])
     axes.minorticks_off()
 
