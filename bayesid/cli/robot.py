@@ -24,8 +24,8 @@ from bayesid.log.tuning import TUNING
 from bayesid.report.plot.robots import positions_text, skeleton_figure
 from bayesid.results.robot_file import robot_file, robot_template
 from bayesid.robot import Robot
-from bayesid.robot.built_in import BUILT_IN, built_in_table
 from bayesid.robot.kinematics import Pose, pose, reach
+from bayesid.robot.load import BUILT_IN, built_in_table
 
 _PICTURES = ".png", ".svg", ".pdf"
 

@@ -1,10 +1,8 @@
 """Robots: what they are, and how they are read."""
 
 from bayesid.robot.arm import Joint, Robot
-from bayesid.robot.built_in import BUILT_IN
 from bayesid.robot.dh_table import robot_from_table, robot_table
-from bayesid.robot.load import load_robot
-from bayesid.robot.log_joints import check_joints
+from bayesid.robot.load import BUILT_IN, check_joints, load_robot
 from bayesid.robot.urdf import robot_from_urdf
 
 __all__ = [

@@ -23,14 +23,9 @@ from bayesid.arrays import Array, Mask, frozen
 from bayesid.errors import printable
 from bayesid.motion import Motion
 from bayesid.robot import inertia
+from bayesid.robot.tuning import TUNING
 
 _TO_PINOCCHIO = [9, 6, 7, 8, 0, 1, 3, 2, 4, 5]  # pinocchio: m, mc, Ixx, Ixy, Iyy, Ixz, Iyz, Izz
-
-
-_AT_ONCE = 256
-"""Samples of a regressor that are brought into link frames together: most of the time is Pinocchio's then."""
-_REMEMBERED = 4
-"""Sets of bodies that a robot remembers: a model has those of its links, and those that load its gears."""
 
 
 @dataclass(frozen=True)
@@ -149,9 +144,10 @@ class Robot:
         """
         model, data, width = self._pinocchio, self._bodies.workspace(self), 10 * self.n_joints
         regressor = np.empty((len(motion), self.n_joints, width))
-        raw = np.empty((min(_AT_ONCE, len(motion)), self.n_joints, width))  # small enough for a processor's cache
-        for start in range(0, len(motion), _AT_ONCE):
-            some = slice(start, start + _AT_ONCE)
+        at_once = TUNING.samples_at_once  # small enough for a processor's cache
+        raw = np.empty((min(at_once, len(motion)), self.n_joints, width))
+        for start in range(0, len(motion), at_once):
+            some = slice(start, start + at_once)
             for row, q, dq, ddq in zip(raw, motion.q[some], motion.dq[some], motion.ddq[some], strict=False):
                 row[:] = pin.computeJointTorqueRegressor(model, data, q, dq, ddq)
             rows = regressor[some].reshape(-1, width)
@@ -283,7 +279,7 @@ class _Bodies:
         """Model and data of a robot whose links have these parameters (10 n,)."""
         asked = parameters.tobytes()
         if asked not in self._made:
-            if len(self._made) >= _REMEMBERED:
+            if len(self._made) >= TUNING.bodies_remembered:
                 self._made.pop(next(iter(self._made)))
             self._made[asked] = self._of(robot, parameters)
         return self._made[asked]

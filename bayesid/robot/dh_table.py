@@ -11,14 +11,11 @@ from bayesid.arrays import Array
 from bayesid.errors import InputError
 from bayesid.files.bounded import LARGEST
 from bayesid.robot.arm import Joint, Robot
-from bayesid.robot.numbers import LONGEST, check_count, given_numbers
+from bayesid.robot.numbers import check_count, given_numbers
+from bayesid.robot.tuning import TUNING
 
 _AS_WRITTEN = "use the table as bayesid wrote it"
 """Remedy for a damaged model.toml."""
-
-
-_ROUNDING = 1e-6
-"""Of the entries of a rotation; a dozen of them multiplied are rounded to much less."""
 
 
 def robot_from_table(table: Mapping[str, Any], where: str) -> Robot:
@@ -138,7 +135,7 @@ def _frame(value: object, key: str, where: str) -> Array:
     """(4, 4) a place of a rigid body."""
     frame = given_numbers(value, (4, 4), key, where)
     turn = frame[:3, :3]
-    rigid = np.allclose(turn @ turn.T, np.eye(3), atol=_ROUNDING) and np.linalg.det(turn) > 0.0
+    rigid = np.allclose(turn @ turn.T, np.eye(3), atol=1e-6) and np.linalg.det(turn) > 0.0
     if not rigid or frame[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
         raise InputError(f"key '{key}' is no place of a rigid body", where, _AS_WRITTEN)
     return frame
@@ -154,7 +151,7 @@ def _dh_row(row: object, where: str) -> dict[str, Any]:
     for key in ("a", "alpha", "d", "theta"):
         if key not in row:
             raise InputError(f"key '{key}' is missing", where, "give a and d in m, alpha and theta in rad")
-        values[key] = float(given_numbers(row[key], (), key, where, LONGEST if key in ("a", "d") else LARGEST))
+        values[key] = float(given_numbers(row[key], (), key, where, TUNING.longest if key in ("a", "d") else LARGEST))
     return {**values, "rated_effort": _rated_effort(row, where)}
 
 

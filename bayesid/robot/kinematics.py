@@ -12,11 +12,7 @@ from numpy.typing import ArrayLike
 from bayesid.arrays import Array, frozen
 from bayesid.errors import InputError
 from bayesid.robot import Robot
-
-_STARTS = 8
-"""Random positions from which the reach is looked for: from two of them it is found on all built-in robots."""
-_PARALLEL = 0.1
-"""Sine of the angle below which axes count as parallel: those of a calibrated robot nearly are, and meet far away."""
+from bayesid.robot.tuning import TUNING
 
 
 @dataclass(frozen=True)
@@ -82,7 +78,7 @@ def nearest_points(start: Array, along: Array, end: Array, axis: Array) -> tuple
     """The points of two lines that are nearest to each other; of parallel lines the first one's own point."""
     normal = np.cross(along, axis)
     size, between = float(normal @ normal), end - start
-    if size < _PARALLEL**2:
+    if size < TUNING.parallel_axes**2:
         return start, end - axis * (axis @ between)
     first, second = np.cross(between, axis) @ normal / size, np.cross(between, along) @ normal / size
     return start + along * first, end + axis * second
@@ -126,7 +122,7 @@ def reach(robot: Robot, joint: int | None = None) -> float:
     free = np.array([not one.prismatic for one in robot.joints])
     free[0] = False
     rng = np.random.default_rng(0)
-    starts = rng.uniform(-np.pi, np.pi, (_STARTS, int(free.sum())))
+    starts = rng.uniform(-np.pi, np.pi, (TUNING.reach_starts, int(free.sum())))
 
     def shortfall(values: Array) -> tuple[float, Array]:
         """Minus half the squared distance, and its slope: a joint moves the point along axis x arm."""

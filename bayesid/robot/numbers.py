@@ -7,11 +7,7 @@ import numpy as np
 from bayesid.arrays import Array, frozen
 from bayesid.errors import InputError
 from bayesid.files.bounded import LARGEST
-
-LONGEST = 1e3
-"""m; no link is so long. A table in mm is mostly not so far off that this would tell."""
-MOST_JOINTS = 128
-"""Moving joints of a robot; the most of example-robot-data has 48. What computes recurses over them."""
+from bayesid.robot.tuning import TUNING
 
 
 def given_numbers(value: object, shape: tuple[int, ...], key: str, where: str, most: float = LARGEST) -> Array:
@@ -47,6 +43,6 @@ def check_count(n_joints: int, where: str) -> None:
     Raises:
         InputError: it has.
     """
-    if n_joints > MOST_JOINTS:
-        remedy = f"give a robot of {MOST_JOINTS} joints at most, or the chain to identify (`tip`)"
+    if n_joints > TUNING.most_joints:
+        remedy = f"give a robot of {TUNING.most_joints} joints at most, or the chain to identify (`tip`)"
         raise InputError(f"has {n_joints} moving joints", where, remedy)

@@ -1,17 +1,29 @@
-"""Robots from URDF files: the kinematics alone."""
+"""Robots from URDF files, the kinematics alone: joints that are identified, and those that are held at a position.
+
+What held joints carry belongs to their parents. A log holds the arm's joints. Those that it cannot hold are recognised
+by what the file says: joints that follow another one (<mimic>), joints without a motor (floating, planar), the fingers
+of a gripper, and, where a tip is named, all that are not on the chain to it.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from itertools import combinations
 
 import numpy as np
 import scipy
 
 from bayesid.arrays import Array
+from bayesid.errors import InputError
 from bayesid.robot.arm import Joint, Robot
-from bayesid.robot.held_joints import HeldJoints, hold_joints
-from bayesid.robot.numbers import check_count
-from bayesid.robot.urdf_tree import UrdfJoint, UrdfTree, read_tree
+from bayesid.robot.numbers import check_count, given_numbers
+from bayesid.robot.tuning import TUNING
+from bayesid.robot.urdf_tree import FREE, UrdfJoint, UrdfTree, read_tree
+
+_WORLD = "world"
+"""Base link of a URDF that is bolted to the ground, by the convention of Gazebo and MoveIt."""
 
 
 def robot_from_urdf(text: str, where: str, tip: str | None = None, hold: Mapping[str, float] | None = None) -> Robot:
@@ -62,3 +74,179 @@ def _displacement(joint: UrdfJoint, position: float) -> Array:
     elif joint.moves:
         frame[:3, :3] = scipy.spatial.transform.Rotation.from_rotvec(joint.axis * position).as_matrix()
     return frame
+
+
+@dataclass(frozen=True)
+class HeldJoints:
+    """Joints that do not move in the model.
+
+    Attributes:
+        positions: name to position, rad or m; of a floating or planar joint 0.
+        notes: why they are held, and what the base is taken for, a sentence each.
+    """
+
+    positions: Mapping[str, float]
+    notes: tuple[str, ...]
+
+
+def hold_joints(tree: UrdfTree, tip: str | None, hold: Mapping[str, float], where: str) -> HeldJoints:
+    """What is to be held.
+
+    Args:
+        tree: the URDF.
+        tip: link or joint at the end of the chain that is identified; None for all chains but grippers.
+        hold: positions of more joints, rad or m, by name.
+        where: what to name in an error.
+
+    Raises:
+        InputError: a name is not in the file, a joint that follows another one carries joints that are identified, or
+            nothing is left to identify.
+    """
+    positions = {name: _position(tree, name, value, where) for name, value in hold.items()}
+    chain = None if tip is None else _chain(tree, tip, where)
+    off = [] if chain is None else [joint for joint in tree.joints if joint.moves and joint not in chain]
+    fingers = _fingers(tree) if chain is None else []
+    mimics = [joint for joint in tree.joints if joint.moves and joint.leader is not None]
+    mimics = [joint for joint in mimics if joint not in (*off, *fingers)]
+    positions = {joint.name: 0.0 for joint in (*off, *fingers, *mimics)} | positions
+    for joint in (*off, *fingers, *mimics):
+        if joint.leader is not None and joint.name not in hold:
+            positions[joint.name] = joint.multiplier * positions.get(joint.leader, 0.0) + joint.offset
+    identified = [joint for joint in tree.joints if joint.moves and joint.name not in positions]
+    if not identified:
+        raise _nothing_moves(tree, tip, positions, where)
+    notes = [
+        _sentence([joint.name for joint in off], f"not on the chain to {tip}"),
+        _sentence([joint.name for joint in fingers], "a gripper is not identified"),
+        *_mimic_notes(tree, mimics, identified, where),
+        _sentence([f"{name} (at {position:g})" for name, position in hold.items()], "as asked"),
+        *_base_notes(tree, fingers),
+    ]
+    return HeldJoints(positions, tuple(note for note in notes if note))
+
+
+def _position(tree: UrdfTree, name: str, value: object, where: str) -> float:
+    movable = [joint.name for joint in tree.joints if joint.moves]
+    if name not in movable:
+        raise InputError(f"has no moving joint {name!r}", where, f"`hold` takes {_nearest(name, movable)}")
+    return float(given_numbers(value, (), name, "`hold`"))
+
+
+def _nothing_moves(tree: UrdfTree, tip: str | None, positions: Collection[str], where: str) -> InputError:
+    but = f" but {_listed(list(positions))}, held" if positions else ""
+    if tip is None or not positions:
+        return InputError(f"has no moving joint{but}", where, "give a URDF of an arm")
+    return InputError(f"no joint moves on the chain to {tip}", where, f"`tip` takes {_nearest(tip, (), _ends(tree))}")
+
+
+def _ends(tree: UrdfTree) -> list[str]:
+    """Links of the last moving joints."""
+    return [joint.child for joint in tree.joints if joint.moves and not _moving_beyond(tree, joint)]
+
+
+def _chain(tree: UrdfTree, tip: str, where: str) -> list[UrdfJoint]:
+    """Joints between the base and a link, or up to a joint."""
+    links = [tree.base, *(joint.child for joint in tree.joints)]
+    if tip in links:
+        return tree.path(tip)
+    if tip in tree.named:
+        return tree.path(tree.named[tip].child)
+    remedy = f"`tip` takes {_nearest(tip, [*links, *tree.named], _ends(tree))}"
+    raise InputError(f"has no link or joint {tip!r}", where, remedy)
+
+
+def _nearest(name: str, known: Sequence[str], usual: Sequence[str] = ()) -> str:
+    """The names nearest to one or, where none is near, the usual ones."""
+    return _some(get_close_matches(name, known, n=3) or usual or known)
+
+
+def _some(names: Sequence[str]) -> str:
+    """The first names, and how many more there are."""
+    most = TUNING.named_joints
+    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Grippers
+# ---------------------------------------------------------------------------------------------------------------
+def _fingers(tree: UrdfTree) -> list[UrdfJoint]:
+    """Joints of grippers: one and those that follow it, with two ends or more; and two ends that oppose each other."""
+    found = {joint for group in _mimic_groups(tree) for joint in group}
+    found |= {joint for pair in _opposed_ends(tree) for joint in pair}
+    return [joint for joint in tree.joints if joint in found and joint.moves]
+
+
+def _mimic_groups(tree: UrdfTree) -> Iterator[list[UrdfJoint]]:
+    """Leaders with their followers, where nothing else moves beyond them; one end alone may be the arm's."""
+    for leader in tree.joints:
+        group = [leader, *(joint for joint in tree.joints if joint.leader == leader.name)]
+        ends = [joint for joint in group if not _moving_beyond(tree, joint)]
+        alone = all(other in group for joint in group for other in _moving_beyond(tree, joint))
+        if leader.moves and alone and len(ends) > 1:
+            yield group
+
+
+def _opposed_ends(tree: UrdfTree) -> Iterator[tuple[UrdfJoint, UrdfJoint]]:
+    """Pairs of last joints of a kind on one body that moves, along opposite axes."""
+    ends: dict[tuple[str, bool], list[tuple[UrdfJoint, Array]]] = {}
+    for joint in tree.joints:
+        if joint.moves and joint.leader is None and not _moving_beyond(tree, joint):
+            body, frame = tree.body(joint.parent)
+            axis = (frame @ joint.origin)[:3, :3] @ joint.axis
+            ends.setdefault((body, joint.kind == "prismatic"), []).append((joint, axis))
+    for (body, _), joints in ends.items():
+        for (one, along), (other, against) in combinations(joints, 2):
+            if body != tree.base and np.allclose(along, -against, atol=TUNING.opposed):
+                yield one, other
+
+
+def _moving_beyond(tree: UrdfTree, joint: UrdfJoint) -> list[UrdfJoint]:
+    return [other for other in tree.beyond(joint) if other.moves]
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# What is to be told
+# ---------------------------------------------------------------------------------------------------------------
+def _mimic_notes(
+    tree: UrdfTree, mimics: Sequence[UrdfJoint], identified: Collection[UrdfJoint], where: str
+) -> list[str]:
+    """Joints that follow one that stands still hold with it; one that is identified takes them along."""
+    names = [joint.name for joint in identified]
+    dragged = [joint for joint in mimics if joint.leader in names]
+    for joint in dragged:
+        if carried := [other.name for other in tree.beyond(joint) if other in identified]:
+            said = f"follows joint {joint.leader} (<mimic>) and carries {_listed(carried)}"
+            remedy = "bayesid identifies joints that move by themselves; choose a chain that ends before it by `tip`"
+            raise InputError(said, f"{where}, joint {joint.name}", remedy)
+    still = _sentence([joint.name for joint in mimics if joint not in dragged], "mimic joints are not identified")
+    return [
+        still,
+        *(f"joint {one.name} is held: in the model it does not follow joint {one.leader}" for one in dragged),
+    ]
+
+
+def _base_notes(tree: UrdfTree, fingers: Collection[UrdfJoint]) -> list[str]:
+    """Joints without a motor, and a base that may be a trunk."""
+    bodies = {link: tree.body(link)[0] for link in (tree.base, *(joint.parent for joint in tree.joints))}
+    free = [joint for joint in tree.joints if joint.kind in FREE]
+    notes = [
+        f"joint {joint.name} is {joint.kind}: {joint.child} is taken as fixed to "
+        + ("the ground" if bodies[joint.parent] == tree.base else joint.parent)
+        for joint in free
+    ]
+    chains = [
+        joint
+        for joint in tree.joints
+        if joint.moves and joint not in fingers and joint.leader is None and bodies[joint.parent] == tree.base
+    ]
+    if len(chains) > 1 and tree.base != _WORLD:
+        notes.append(f"{len(chains)} chains of joints begin at {tree.base}: it is taken as fixed to the ground")
+    return notes
+
+
+def _sentence(names: Sequence[str], reason: str) -> str:
+    return f"{_listed(names)} {'is' if len(names) == 1 else 'are'} held: {reason}" if names else ""
+
+
+def _listed(names: Sequence[str]) -> str:
+    return f"joint{'s' if len(names) > 1 else ''} {_some(names)}"

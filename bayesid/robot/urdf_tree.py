@@ -15,18 +15,13 @@ import scipy
 from bayesid.arrays import Array
 from bayesid.errors import InputError
 from bayesid.files.bounded import LARGEST, xml_of
-from bayesid.robot.numbers import LONGEST, given_numbers
+from bayesid.robot.numbers import given_numbers
+from bayesid.robot.tuning import TUNING
 
 MOVING = ("revolute", "continuous", "prismatic")
 FREE = ("floating", "planar")
 """Joints of several degrees of freedom, without a motor."""
 _KINDS = (*MOVING, *FREE, "fixed")
-MOST_LINKS = 512
-"""Of a file; the most of example-robot-data has 120."""
-UNLIMITED = 1e6
-"""N m or N; a limit from here on stands for none: bayesid's own URDFs have it, and no joint is so strong."""
-_SHORTEST_AXIS = 1e-6
-"""Of an axis that is written without its unit length."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,8 +148,8 @@ def check_links(root: ET.Element, where: str) -> None:
         InputError: it has.
     """
     for kind in ("link", "joint"):
-        if (count := len(root.findall(kind))) > MOST_LINKS:
-            raise InputError(f"has {count} {kind}s", where, f"give a URDF of {MOST_LINKS} at most")
+        if (count := len(root.findall(kind))) > TUNING.most_links:
+            raise InputError(f"has {count} {kind}s", where, f"give a URDF of {TUNING.most_links} at most")
 
 
 def _root(text: str, where: str) -> ET.Element:
@@ -195,12 +190,12 @@ def _joint(element: ET.Element, links: list[str], where: str) -> UrdfJoint:
     if kind not in _KINDS:
         raise InputError(f"is of type {kind!r}", here, f"give one of {', '.join(_KINDS)}")
     parent, child = (_link(element, end, links, here) for end in ("parent", "child"))
-    position = _vector(element, "origin", "xyz", "0 0 0", here, LONGEST)
+    position = _vector(element, "origin", "xyz", "0 0 0", here, TUNING.longest)
     angles = _vector(element, "origin", "rpy", "0 0 0", here)
     origin = np.eye(4)
     origin[:3, :3], origin[:3, 3] = scipy.spatial.transform.Rotation.from_euler("xyz", angles).as_matrix(), position
     axis = _vector(element, "axis", "xyz", "1 0 0", here)
-    if kind in MOVING and np.linalg.norm(axis) < _SHORTEST_AXIS:
+    if kind in MOVING and np.linalg.norm(axis) < 1e-6:
         raise InputError("key 'axis xyz' cannot be used", here, "give a direction that is not zero")
     mimic = element.find("mimic")
     numbers = {"multiplier": 1.0, "offset": 0.0}
@@ -218,7 +213,7 @@ def _rated_effort(element: ET.Element) -> float | None:
         effort = float("nan" if limit is None else limit.get("effort", "nan"))
     except ValueError:
         return None
-    return effort if 0.0 < effort < UNLIMITED else None
+    return effort if 0.0 < effort < TUNING.unlimited_effort else None
 
 
 def _link(element: ET.Element, end: str, links: list[str], where: str) -> str:

@@ -11,8 +11,8 @@ from command_line import assert_refused, run
 from bayesid.errors import InputError
 from bayesid.results.robot_file import robot_file, robot_template
 from bayesid.robot import load_robot
-from bayesid.robot.built_in import BUILT_IN, built_in_table
 from bayesid.robot.kinematics import pose
+from bayesid.robot.load import BUILT_IN, built_in_table
 
 KR5 = """Achse;a [mm];alpha [deg];d [mm];theta [deg]
 1;75;-90;335;0

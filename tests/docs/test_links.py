@@ -11,7 +11,7 @@ import pytest
 
 import bayesid
 from bayesid.cli.arguments import make_parser
-from bayesid.robot.built_in import BUILT_IN, built_in_table
+from bayesid.robot.load import BUILT_IN, built_in_table
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"

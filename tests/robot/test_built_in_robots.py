@@ -12,8 +12,8 @@ from bayesid.effects.coefficients import base_coefficients
 from bayesid.effects.model import Model
 from bayesid.errors import InputError
 from bayesid.robot import load_robot, robot_from_table
-from bayesid.robot.built_in import BUILT_IN
 from bayesid.robot.kinematics import pose, reach
+from bayesid.robot.load import BUILT_IN
 
 ASYMMETRIC = np.radians([30.0, -50.0, 70.0, -25.0, 40.0, 100.0])
 HOMES = {"kr": (0.0, -90.0, 90.0, 0.0, 0.0, 0.0)}

@@ -10,7 +10,7 @@ import pytest
 
 from bayesid.cli.terminal import in_options
 from bayesid.errors import InputError
-from bayesid.robot import installed, load_robot
+from bayesid.robot import load, load_robot
 
 ARM = (
     '<robot name="NAME"><link name="base"/><link name="l1"/><joint name="j1" type="revolute"><parent link="base"/>'
@@ -54,9 +54,9 @@ def install(place, name, files):
 @pytest.fixture
 def forgotten():
     """What is known of installed packages is looked up anew."""
-    importlib.reload(installed)
+    importlib.reload(load)
     yield
-    importlib.reload(installed)
+    importlib.reload(load)
 
 
 @pytest.fixture
@@ -122,9 +122,9 @@ def test_without_the_packages(monkeypatch, forgotten):
     def nothing(name):
         raise PackageNotFoundError(name)
 
-    monkeypatch.setattr(installed, "distribution", nothing)
+    monkeypatch.setattr(load, "distribution", nothing)
     assert "pip install 'bayesid[robots]'" in refusal("ur5")
-    assert installed.installed_names() == []
+    assert load.installed_names() == []
 
 
 def test_robots_of_the_real_packages():

@@ -22,9 +22,9 @@ from bayesid.errors import InputError, printable
 from bayesid.files.bounded import MOST_BYTES, read_source, xml_of
 from bayesid.robot import Robot
 from bayesid.robot.arm import Origin
-from bayesid.robot.held_joints import hold_joints
-from bayesid.robot.numbers import LONGEST, given_numbers
-from bayesid.robot.urdf import place_links
+from bayesid.robot.numbers import given_numbers
+from bayesid.robot.tuning import TUNING
+from bayesid.robot.urdf import hold_joints, place_links
 from bayesid.robot.urdf_tree import read_tree
 
 BASE = -1
@@ -182,7 +182,7 @@ def _origin(element: ET.Element, where: str) -> Array:
     found = element.find("origin")
     given = {} if found is None else found.attrib
     frame = np.eye(4)
-    frame[:3, 3] = given_numbers(given.get("xyz", "0 0 0").split(), (3,), "origin xyz", where, LONGEST)
+    frame[:3, 3] = given_numbers(given.get("xyz", "0 0 0").split(), (3,), "origin xyz", where, TUNING.longest)
     angles = given_numbers(given.get("rpy", "0 0 0").split(), (3,), "origin rpy", where)
     frame[:3, :3] = scipy.spatial.transform.Rotation.from_euler("xyz", angles).as_matrix()
     return frame
@@ -234,7 +234,7 @@ class _Meshes:
             points = np.array(mesh.vertices()).reshape(-1, 3)
         except (ValueError, RuntimeError):
             points = np.zeros((0, 3))
-        if not len(points) or not (np.abs(points) < LONGEST).all():
+        if not len(points) or not (np.abs(points) < TUNING.longest).all():
             remedy = "give an STL, OBJ or DAE file in m, or radii by `capsules`"
             raise InputError(f"mesh {shown} cannot be read", self.where, remedy)
         return _hull(points), points
@@ -256,7 +256,7 @@ def _shapes(element: ET.Element, name: str, body: int, place: Array, meshes: _Me
     """The shape of a <collision>; none of an element that is empty."""
 
     def length(found: ET.Element, key: str) -> float:
-        value = float(given_numbers(found.get(key), (), f"{found.tag} {key}", meshes.where, LONGEST))
+        value = float(given_numbers(found.get(key), (), f"{found.tag} {key}", meshes.where, TUNING.longest))
         if value <= 0.0:
             raise InputError(f"key '{found.tag} {key}' is not positive", meshes.where, "give a length in m")
         return value
@@ -272,7 +272,7 @@ def _shapes(element: ET.Element, name: str, body: int, place: Array, meshes: _Me
             ends = np.array([[0.0, 0.0, -long / 2.0], [0.0, 0.0, long / 2.0]])
             yield shape(ends, radius, coal.Cylinder(radius, long) if found.tag == "cylinder" else None)
         elif found.tag == "box":
-            sides = given_numbers(found.get("size", "").split(), (3,), "box size", meshes.where, LONGEST)
+            sides = given_numbers(found.get("size", "").split(), (3,), "box size", meshes.where, TUNING.longest)
             corners = np.array(np.meshgrid(*((-side / 2.0, side / 2.0) for side in sides))).reshape(3, -1).T
             yield shape(*enclosing_capsule(corners), coal.Box(*np.abs(sides)))
         elif found.tag == "mesh":
