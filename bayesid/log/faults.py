@@ -67,13 +67,7 @@ class Fault:
 
 @dataclass(frozen=True)
 class _Runs:
-    """A channel's R stretches of equal readings.
-
-    Attributes:
-        value: (R,) of each.
-        first: (R + 1,) its first row; at last the number of rows.
-        seconds: (R,) from its first row to the next one's.
-    """
+    """A channel's R stretches of equal readings: values, first rows and at last the number of rows, lengths in s."""
 
     value: Array
     first: Integers

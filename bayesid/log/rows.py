@@ -33,15 +33,7 @@ class Stream(Protocol):
 
 @dataclass(frozen=True)
 class TextRows:
-    """How a row's line becomes numbers.
-
-    Attributes:
-        layout: how the table is written.
-        chosen: its columns that make a log, K of them.
-        clock: the place of a time that is written as one of day; None where it is a number.
-        source: the table, for messages.
-        notes: what had to be assumed, a sentence each.
-    """
+    """How a line becomes numbers: the K columns that make a log, and the place of a time that is a time of day."""
 
     layout: Layout
     chosen: tuple[SourceColumn, ...]
@@ -89,18 +81,7 @@ def lines_of(stream: Stream, source: str) -> Iterator[bytes]:
 
 
 def follow_rows(lines: Iterator[bytes], options: Options, source: str) -> tuple[TextRows, Iterator[bytes]]:
-    """How the rows of a stream are to be read, and the lines that hold them.
-
-    The header is the first line; units may stand beneath it. It is understood when the first row of values is there.
-
-    Args:
-        lines: of the stream.
-        options: what a user has said about it.
-        source: the stream, for messages.
-
-    Raises:
-        InputError: it begins with no header of a log, or is written in a way that cannot be followed.
-    """
+    """How the rows of a stream are to be read, by its header and the units beneath it; and the lines that hold them."""
     CsvFile().check_options(options, source)
     head: list[bytes] = []
     layout = Layout("utf-8")
@@ -126,14 +107,7 @@ def _layout(head: list[bytes], source: str) -> Layout:
 
 
 class Row(NamedTuple):
-    """A sample.
-
-    Attributes:
-        t: s.
-        q: (n,) rad (m).
-        effort: (n,) N m, with the signs that were written; nan where none was.
-        dq: (n,) rad/s, or None.
-    """
+    """A sample: s; (n,) rad (m); (n,) N m with the signs that were written, nan where none was; (n,) rad/s or None."""
 
     t: float
     q: Array

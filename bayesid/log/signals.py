@@ -157,15 +157,7 @@ def _thinned(size: int, rate: float, cutoff: float) -> slice:
 
 
 def filtered_motion(recorded: RecordedMotion, cutoff: float | None = None) -> Motion:
-    """A motion at its own N instants, made as `prepare` makes a log's: low-passed on an even grid and differentiated.
-
-    Args:
-        recorded: positions as recorded or planned, and velocities where there are any.
-        cutoff: as for `prepare`.
-
-    Raises:
-        InputError: too few distinct instants, or a cut-off beyond the motion's Nyquist frequency.
-    """
+    """A motion at its own N instants, made as `prepare` makes a log's: low-passed on an even grid, differentiated."""
     even = _on_even_grid(_distinct(recorded)[0])
     smooth = even.smooth(even.cutoff(cutoff))
     q, velocity = scipy.interpolate.CubicSpline(smooth.t, smooth.q), scipy.interpolate.CubicSpline(smooth.t, smooth.dq)
@@ -175,13 +167,7 @@ def filtered_motion(recorded: RecordedMotion, cutoff: float | None = None) -> Mo
 
 @dataclass(frozen=True)
 class _Mended:
-    """The rows of a log that bring something new, with what is in fault interpolated.
-
-    Attributes:
-        motion: of K rows.
-        effort: (K, n) N m.
-        faults: what was in fault, its rows among these K.
-    """
+    """The K rows of a log that bring something new, what is in fault interpolated; rows of faults are among these."""
 
     motion: RecordedMotion
     effort: Array
@@ -258,14 +244,7 @@ def _nearest(grid: Array, t: Array) -> Integers:
 
 @dataclass(frozen=True)
 class _EvenMotion:
-    """A recorded motion on an even grid: one joint at a time, for long ones would fill the memory.
-
-    Attributes:
-        recorded: of K rows.
-        t: (K,) instants of the rows, s.
-        grid: (N,) even instants, s.
-        rate: of the grid, Hz.
-    """
+    """A motion of K instants t on an even grid (N,), s: one joint at a time, for long ones would fill the memory."""
 
     recorded: RecordedMotion
     t: Array
@@ -338,13 +317,7 @@ def _effort_cutoff(cutoff: float, rate: float) -> float:
 
 
 def lowpass(values: Array, cutoff: float, rate: float) -> Array:
-    """Zero-phase low-pass along the first axis; both ends are extended by a point reflection.
-
-    Args:
-        values: (N, ...) evenly sampled values.
-        cutoff: Hz; at or above 0.45 of the rate nothing is filtered.
-        rate: Hz.
-    """
+    """Zero-phase low-pass of (N, ...) even values along the first axis; both ends are extended by point reflection."""
     if cutoff >= 0.45 * rate:
         return values
     padding = min(len(values) - 1, int(3 * rate / cutoff))
