@@ -95,15 +95,7 @@ def goal_of(known: Known, about: Sequence[str] = (), payload: str = "") -> Goal:
     return _joined(known, [_named(known, name, payload) for name in about])
 
 
-@dataclass(frozen=True)
-class _Part:
-    names: tuple[str, ...]
-    forms: Array
-    wanted: Array
-    never: tuple[str, ...] = ()
-
-
-def _joined(known: Known, parts: Sequence[_Part]) -> Goal:
+def _joined(known: Known, parts: Sequence[Goal]) -> Goal:
     names, forms, wanted, seen = [], [], [], set()
     for part in parts:
         for name, form, size in zip(part.names, part.forms, part.wanted, strict=True):
@@ -118,15 +110,15 @@ def _joined(known: Known, parts: Sequence[_Part]) -> Goal:
     return Goal(tuple(names), np.array(forms).reshape(-1, len(known)), np.array(wanted), never)
 
 
-def _of_places(known: Known, places: Iterable[int], never: tuple[str, ...] = ()) -> _Part:
+def _of_places(known: Known, places: Iterable[int], never: tuple[str, ...] = ()) -> Goal:
     chosen = list(places)
     sd = np.sqrt(np.diag(known.now))
     wanted = np.maximum(KNOWN * np.abs(known.mean), 1e-6 * sd)  # of a quantity that is zero, below every gain
-    return _Part(tuple(known.names[k] for k in chosen), np.eye(len(known))[chosen], wanted[chosen], never)
+    return Goal(tuple(known.names[k] for k in chosen), np.eye(len(known))[chosen], wanted[chosen], never)
 
 
-def _named(known: Known, name: str, payload: str) -> _Part:
-    special: dict[str, Callable[[Known], _Part]]
+def _named(known: Known, name: str, payload: str) -> Goal:
+    special: dict[str, Callable[[Known], Goal]]
     special = {GAINS: _gains, PAYLOAD: partial(_payload, payload=payload), SIGNS: _signs}
     if name in special:
         return special[name](known)
@@ -137,7 +129,7 @@ def _named(known: Known, name: str, payload: str) -> _Part:
         return _sums_with(known, name, parameters.index(name))
     for term, place in zip(known.model.terms, known.model.places, strict=True):
         if name in (term.name, term.effect):
-            return _sums_of(known, place)
+            return _of_places(known, _holding(known, place))
     near = near_names(name, [*known.coefficients.names, *parameters, *(t.effect for t in known.model.terms), *special])
     alike = [one for one in known.coefficients.names if one[:2] == name[:2]][:6] or known.coefficients.names[:6]
     remedy = f"name coefficients ({', '.join(alike)}, ..), effects, {GAINS}, {PAYLOAD} or {SIGNS}"
@@ -152,9 +144,9 @@ def _sum_behind(known: Known, name: str) -> tuple[str, ...]:
     return (f"no motion can tell {name} by itself: efforts show {expression}, which is aimed at",)
 
 
-def _sums_with(known: Known, name: str, place: int) -> _Part:
+def _sums_with(known: Known, name: str, place: int) -> Goal:
     """Coefficients that hold a parameter which is none by itself."""
-    holding = np.flatnonzero(np.abs(known.coefficients.projection[:, place]) > _NONE).tolist()
+    holding = _holding(known, [place])
     names = [known.coefficients.names[k] for k in holding]
     if not holding:
         return _of_places(known, [], (f"no motion can tell {name}: efforts do not depend on it",))
@@ -162,18 +154,18 @@ def _sums_with(known: Known, name: str, place: int) -> _Part:
     return _of_places(known, holding, (said,))
 
 
-def _sums_of(known: Known, place: slice | list[int]) -> _Part:
+def _holding(known: Known, places: slice | list[int]) -> list[int]:
     """Coefficients that hold parameters of some places."""
-    of_term = known.coefficients.projection[:, place]
-    return _of_places(known, np.flatnonzero(np.abs(of_term).max(axis=1, initial=0.0) > _NONE).tolist())
+    shares = np.abs(known.coefficients.projection[:, places])
+    return np.flatnonzero(shares.max(axis=1, initial=0.0) > _NONE).tolist()
 
 
-def _gains(known: Known) -> _Part:
+def _gains(known: Known) -> Goal:
     """Ratios of gains to the first that is unknown; their common factor is no motion's."""
     count, r = len(known.gains), len(known.coefficients)
     if not count:
         never = ("the result's gains are exact: nothing is open of them",)
-        return _Part((), np.zeros((0, len(known))), np.zeros(0), never)
+        return Goal((), np.zeros((0, len(known))), np.zeros(0), never)
     forms = np.zeros((count - 1, len(known)))
     forms[:, r] = -1.0
     forms[np.arange(count - 1), r + 1 + np.arange(count - 1)] = 1.0
@@ -183,10 +175,10 @@ def _gains(known: Known) -> _Part:
         "no motion can tell the common factor of the gains: a payload of known mass does (--payload KG~SD@LOG), or one "
         "exact gain",
     )
-    return _Part(names, forms, np.full(count - 1, KNOWN), never)
+    return Goal(names, forms, np.full(count - 1, KNOWN), never)
 
 
-def _payload(known: Known, payload: str) -> _Part:
+def _payload(known: Known, payload: str) -> Goal:
     labels = known.model.payloads
     if labels and not payload:
         said = f"is known as {', '.join(labels)}, and the motion carries nothing"
@@ -203,23 +195,16 @@ def _payload(known: Known, payload: str) -> _Part:
             "no motion can tell a payload from the last link: record once without it and once with it (--log "
             "FILE:payload=LABEL, or `bayesid payload`)",
         )
-        last = [p.name for p in known.model.parameters if _of_last_link(p, known)]
-        return _joined_sums(known, last, never)
-    return _sums_of(known, places)
+        last = [k for k, parameter in enumerate(known.model.parameters) if _of_last_link(parameter, known)]
+        return _of_places(known, _holding(known, last), never)
+    return _of_places(known, _holding(known, places))
 
 
 def _of_last_link(parameter: Parameter, known: Known) -> bool:
     return parameter.joint == known.model.robot.n_joints and parameter.name[:1] in "mJ"
 
 
-def _joined_sums(known: Known, names: Sequence[str], never: tuple[str, ...]) -> _Part:
-    parameters = [parameter.name for parameter in known.model.parameters]
-    places = [parameters.index(name) for name in names]
-    holding = np.abs(known.coefficients.projection[:, places]).max(axis=1, initial=0.0) > _NONE
-    return _of_places(known, np.flatnonzero(holding).tolist(), never)
-
-
-def _signs(known: Known) -> _Part:
+def _signs(known: Known) -> Goal:
     """The efforts of any motion, by the directions in which the coefficients are most uncertain of what noise shows.
 
     A sign is certain where the model's error of the effort is small beside it. The motions are random ones.
@@ -231,7 +216,7 @@ def _signs(known: Known) -> _Part:
     forms = (vectors[:, seen] * np.sqrt(values[seen])).T
     names = tuple(f"effort{k + 1}" for k in range(int(seen.sum())))
     never = ("what is learned of efforts hardly helps signs: over 291 simulated logs no design of motion has",)
-    return _Part(names, forms, np.full(int(seen.sum()), TUNING.sign), never)
+    return Goal(names, forms, np.full(int(seen.sum()), TUNING.sign), never)
 
 
 def usual_motion(robot: Robot, limits: MotionLimits = INDUSTRIAL_ARM, duration: float | None = None) -> Motion:

@@ -144,7 +144,6 @@ def known_of(identified: IdentifiedModel, rate: float) -> Known:
     Args:
         identified: with the uncertainty of its parameters.
         rate: of the recording to come, Hz; its efforts are as noisy as those of the result's log.
-
     """
     model = identified.model.before_sensors
     base = base_coefficients(model)
@@ -182,9 +181,15 @@ def _distribution(identified: IdentifiedModel, base: BaseCoefficients) -> tuple[
 
 def _blind(precision: Array) -> bool:
     """Whether nothing is known of some sum of coefficients."""
-    scale = np.sqrt(np.maximum(np.diag(precision), np.finfo(float).tiny))
-    values = np.linalg.eigvalsh(precision / np.outer(scale, scale))
+    values, *_ = scaled_spectrum(precision)
     return bool(values[0] <= _ROUNDING * values[-1])
+
+
+def scaled_spectrum(matrix: Array) -> tuple[Array, Array, Array]:
+    """Eigenvalues and eigenvectors of a symmetric matrix in mixed units, scaled to a diagonal of ones; its scale."""
+    scale = np.sqrt(np.maximum(np.abs(np.diag(matrix)), np.finfo(float).tiny))
+    values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
+    return values, vectors, scale
 
 
 def _beyond_sampling(covariance: Array, precision: Array, draws: int) -> Array:
@@ -195,8 +200,7 @@ def _beyond_sampling(covariance: Array, precision: Array, draws: int) -> Array:
     large sample covariance matrices of spiked population models, 2006), which is undone; a smaller one is not seen.
     """
     share = len(covariance) / draws
-    scale = np.sqrt(np.maximum(np.diag(precision), np.finfo(float).tiny))
-    values, vectors = np.linalg.eigh(precision / np.outer(scale, scale))
+    values, vectors, scale = scaled_spectrum(precision)
     root = scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))  # L = root root'
     found, turn = np.linalg.eigh(root.T @ covariance @ root)
     more = found > TUNING.chance * (1.0 + np.sqrt(share)) ** 2
@@ -208,16 +212,14 @@ def _beyond_sampling(covariance: Array, precision: Array, draws: int) -> Array:
 
 def _positive(matrix: Array) -> Array:
     """What is positive of a symmetric matrix."""
-    scale = np.sqrt(np.maximum(np.abs(np.diag(matrix)), np.finfo(float).tiny))
-    values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
+    values, vectors, scale = scaled_spectrum(matrix)
     part: Array = (vectors * np.maximum(values, 0.0)) @ vectors.T * np.outer(scale, scale)
     return part
 
 
 def _floored(covariance: Array) -> Array:
     """A covariance of draws whose inverse exists."""
-    scale = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
-    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
+    values, vectors, scale = scaled_spectrum(covariance)
     floored: Array = (vectors * np.maximum(values, _ROUNDING * values[-1])) @ vectors.T * np.outer(scale, scale)
     return floored
 

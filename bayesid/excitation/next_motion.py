@@ -261,10 +261,9 @@ def design_next(
     """
     began = time.perf_counter()
     identified, recorded, hypotheses = _taken(result, recorded, between, about)
-    _check_search(criterion, changes)
     delayed = known_of(identified, run.rate)  # a delay may be among the hypotheses
     known = delayed.undelayed
-    _check_payload(known, run.payload)
+    _check(known, run.payload, criterion, changes)
     assumed, run = run.limits is None, _settled(run, known, recorded)
     assert run.limits is not None
     feasibility = Feasibility.of(known, run.limits, run.clearance)
@@ -275,7 +274,10 @@ def design_next(
     goal = None if rivals else goal_of(known, about, run.payload)
     design = _of_rivals(rivals) if goal is None else _of_goal(known, goal, run, criterion)
     search = MotionSearch(design, feasibility, basis, pose, run.payload)
-    trajectory = best_motion(search, _usual_changes(design, goal) if changes is None else changes, progress)[1]
+    if changes is None:
+        usual = TUNING.telling_changes if goal is None else TUNING.changes
+        changes = usual // TUNING.whole if design.whole else usual
+    _, trajectory = best_motion(search, changes, progress)
     motion = trajectory.motion(_instants(run))
     told = partial(_prediction, known, goal, rivals)
     never = ((_SUPPOSED,) if known.supposed else ()) + (() if goal is None else goal.never)
@@ -297,22 +299,13 @@ def design_next(
     )
 
 
-def _usual_changes(design: Design, goal: Goal | None) -> int:
-    """As many as take some half a minute."""
-    usual = TUNING.telling_changes if goal is None else TUNING.changes
-    return usual // TUNING.whole if design.whole else usual
-
-
-def _check_search(criterion: str, changes: int | None) -> None:
+def _check(known: Known, payload: str, criterion: str, changes: int | None) -> None:
     if criterion not in CRITERIA:
         raise InputError(f"{criterion!r} cannot be used", field="criterion", remedy=f"give {' or '.join(CRITERIA)}")
     if changes is not None and changes < 1:
         raise InputError(
             f"{changes} changes cannot be tried", field="changes", remedy=f"give 1 or more, as {TUNING.changes}"
         )
-
-
-def _check_payload(known: Known, payload: str) -> None:
     if payload and payload not in known.model.payloads:
         labels = ", ".join(known.model.payloads) or "none"
         raise InputError(
@@ -457,7 +450,6 @@ def _prediction(
 
 
 def _usual(known: Known, run: RunSettings, *duration: float) -> Motion:
-    """A random motion within the same limits."""
     assert run.limits is not None
     return replace(usual_motion(known.model.robot, run.limits, *duration), payload=np.array(run.payload))
 

@@ -22,7 +22,7 @@ from bayesid.effects.effect import Effect
 from bayesid.effects.model import Model
 from bayesid.errors import InputError
 from bayesid.excitation.bayes_factors import BayesFactors, FormKnowledge
-from bayesid.excitation.known import Known, information_of, inverse
+from bayesid.excitation.known import Known, information_of, inverse, scaled_spectrum
 from bayesid.excitation.tuning import TUNING
 from bayesid.motion import Motion
 from bayesid.regression.selection.added_effect import AddedEffect
@@ -359,8 +359,7 @@ def _before(known: Known, bare: Known, earlier: Motion) -> Array:
 
     What the recording tells is taken from what is known now; where it tells all of it, next to nothing was known.
     """
-    scale = np.sqrt(np.maximum(np.diag(known.precision), np.finfo(float).tiny))
-    values, vectors = np.linalg.eigh(known.precision / np.outer(scale, scale))
+    values, vectors, scale = scaled_spectrum(known.precision)
     root = scale[:, None] * vectors * np.sqrt(np.maximum(values, np.finfo(float).tiny))  # L = root root'
     whiten = np.linalg.pinv(root)
     told, turn = np.linalg.eigh(whiten @ known.information(earlier, _period(earlier)) @ whiten.T)
