@@ -10,7 +10,6 @@ import os
 import re
 import tomllib
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -67,13 +66,13 @@ def toml_of(text: str, where: str, remedy: str) -> dict[str, Any]:
         raise deep
     try:
         table = tomllib.loads(text)
+        if _depth(table) <= DEEPEST + 1:
+            return table
     except RecursionError:
-        raise deep from None
+        pass
     except ValueError as error:
         raise InputError(f"is not valid TOML ({_said(error)})", where, remedy) from None
-    if not _is_flat(table):
-        raise deep
-    return table
+    raise deep
 
 
 def xml_of(text: str, where: str) -> ET.Element:
@@ -107,18 +106,9 @@ class _Shallow(ET.TreeBuilder):
         return super().end(tag)
 
 
-def _is_flat(content: Any) -> bool:
-    level = [content]
-    for _ in range(DEEPEST + 1):
-        level = [inner for outer in level for inner in _inner(outer)]
-        if not level:
-            return True
-    return False
-
-
-def _inner(content: Any) -> Iterator[Any]:
-    values = content.values() if isinstance(content, Mapping) else content if isinstance(content, list) else ()
-    return (value for value in values if isinstance(value, Mapping | list))
+def _depth(content: Any) -> int:
+    inner = content.values() if isinstance(content, dict) else content if isinstance(content, list) else None
+    return 0 if inner is None else 1 + max(map(_depth, inner), default=0)
 
 
 def _said(error: Exception) -> str:

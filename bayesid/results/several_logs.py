@@ -10,6 +10,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -77,18 +78,6 @@ class Separate:
         return "\n  ".join([f"Separate: {len(self.runs)} logs, {said}", *heads])
 
 
-@dataclass(frozen=True)
-class _Job:
-    """One log, for a worker."""
-
-    robot: Robot
-    log: Path
-    folder: Path
-    reading: Mapping[str, Any]
-    options: Mapping[str, Any]
-    report: bool
-
-
 def identify_separately(
     robot: Robot | str | Path,
     logs: Sequence[str | Path],
@@ -129,13 +118,11 @@ def identify_separately(
     place, paths = Path(out), [Path(log) for log in logs]
     folders = [place / name for name in _names(paths)]
     _check(place, folders, paths)
-    jobs = [
-        _Job(robot, log.absolute(), folder.absolute(), reading or {}, options, report)
-        for log, folder in zip(paths, folders, strict=True)
-    ]
+    jobs = [(log.absolute(), folder.absolute()) for log, folder in zip(paths, folders, strict=True)]
+    work = partial(_identify, robot=robot, reading=reading or {}, options=options, report=report)
     done: dict[int, Run] = {}
     try:
-        with closing(run(_identify, jobs, workers, scheduler)) as batches:
+        with closing(run(work, jobs, workers, scheduler)) as batches:
             for batch in batches:
                 found = {result.index: _run(paths[result.index], folders[result.index], result) for result in batch}
                 done.update(found)
@@ -151,15 +138,18 @@ def identify_separately(
     return separate
 
 
-def _identify(job: _Job) -> Run:
+def _identify(
+    place: tuple[Path, Path], robot: Robot, reading: Mapping[str, Any], options: Mapping[str, Any], report: bool
+) -> Run:
+    log, folder = place
     try:
-        result = identify(job.robot, read_log(job.log, **job.reading), **job.options)
+        result = identify(robot, read_log(log, **reading), **options)
         with collect_incomplete() as incomplete:
-            save_identification(result, job.folder, report=job.report)
+            save_identification(result, folder, report=report)
     except InputError as error:
-        return Run(job.log, job.folder, str(error), bad_input=True)
+        return Run(log, folder, str(error), bad_input=True)
     said = [*result.warnings, *incomplete]
-    return Run(job.log, job.folder, figures=_figures(result), coefficients=coefficient_rows(result), warnings=said)
+    return Run(log, folder, figures=_figures(result), coefficients=coefficient_rows(result), warnings=said)
 
 
 def _figures(result: Identification) -> dict[str, Any]:
