@@ -75,26 +75,7 @@ def transitions(grid: Array, sd: Array, memory: Array) -> Array:
 # ---------------------------------------------------------------------------------------------------------------
 # Smoothing
 # ---------------------------------------------------------------------------------------------------------------
-@dataclass(frozen=True)
-class Space:
-    """Arrays that are used again and again: what the system hands out anew, it clears first."""
-
-    arrays: dict[str, Single] = field(default_factory=dict)  # by name, flat
-    name: str = ""  # under which they are kept
-
-    def of(self, name: str) -> Space:
-        """A part of it with names of its own."""
-        return Space(self.arrays, f"{self.name}/{name}")
-
-    def take(self, name: str, shape: tuple[int, ...]) -> Single:
-        """An array of any content, good until one of the same name is taken."""
-        key, size = f"{self.name}/{name}", int(np.prod(shape))
-        if key not in self.arrays or self.arrays[key].size < size:
-            self.arrays[key] = np.empty(size, dtype=np.float32)
-        return self.arrays[key][:size].reshape(shape)
-
-
-Weigh = Callable[[Integers, slice, Space], tuple[Single, Single]]
+Weigh = Callable[[Integers, slice], tuple[Single, Single]]
 """From pieces and values of the grid to two arrays (L, G', R): likelihoods, up to a factor, and a share of each."""
 
 
@@ -113,7 +94,7 @@ class Chain:
         """All values."""
         return slice(0, len(self.start))
 
-    def smooth(self, weigh: Weigh, turns: Single, chains: int, wide: Mask, space: Space) -> tuple[Array, Mask]:
+    def smooth(self, weigh: Weigh, turns: Single, chains: int, wide: Mask) -> tuple[Array, Mask]:
         """(L, B, K) posterior mean of a share of the likelihood, and which of B pieces turn out to need the whole grid.
 
         Args:
@@ -121,14 +102,11 @@ class Chain:
             turns: (L, B) probability that a chain starts afresh before a sample; positive at standstill only.
             chains: K.
             wide: (B,) pieces that are smoothed on the whole grid.
-            space: for what is kept of all samples.
         """
         (length, pieces), rows = turns.shape, turns.shape[1] * chains
-        groups = (("wide", wide, self.whole), ("middle", ~wide, self.middle))
+        groups = ((wide, self.whole), (~wide, self.middle))
         parts = [
-            _Part.of(np.flatnonzero(which), window, weigh, turns, chains, space.of(name))
-            for name, which, window in groups
-            if which.any()
+            _Part.of(np.flatnonzero(which), window, weigh, turns, chains) for which, window in groups if which.any()
         ]
         ones = np.ones_like(self.start)
         forwards = _Pass(parts, _Step(self.moving.T, self.resting.T, ones, self.afresh), self.start, chains, rows)
@@ -160,17 +138,16 @@ class _Part:
     share: Single  # (L, G', R) of it
     turns: Single  # (L, R) probability that the chain starts afresh before a sample
     turns_after: Single  # (L, R) and after it
-    space: Space  # for what is kept of all samples
 
     @classmethod
-    def of(cls, pieces: Integers, window: slice, weigh: Weigh, turns: Single, chains: int, space: Space) -> _Part:
+    def of(cls, pieces: Integers, window: slice, weigh: Weigh, turns: Single, chains: int) -> _Part:
         """Pieces of all chains."""
         rows = (pieces[:, None] * chains + np.arange(chains)).ravel()
         next_piece = np.append(turns[0, 1:], np.float32(0.0))
         after = np.concatenate([turns[1:], next_piece[None]])
         before, after = (np.repeat(values[:, pieces], chains, axis=1) for values in (turns, after))
-        likelihood, share = weigh(pieces, window, space)
-        return cls(window, rows, likelihood, share, before, after, space)
+        likelihood, share = weigh(pieces, window)
+        return cls(window, rows, likelihood, share, before, after)
 
 
 @dataclass(frozen=True)
@@ -252,7 +229,7 @@ class _Pass:
     def _run(self, part: _Part, state: Single, samples: int) -> Single:
         """(samples + 1, G', R) what is passed on over the last samples of all rows of a part."""
         likelihood, turns = (values[-samples:] for values in self._in_order(part))
-        states = part.space.take("forwards" if self.shift > 0 else "backwards", (len(turns) + 1, *state.shape))
+        states = np.empty((len(turns) + 1, *state.shape), dtype=np.float32)
         step, weighed = self.step.within(part.window), np.empty_like(state)
         states[0] = state
         for i in range(len(turns)):

@@ -35,7 +35,7 @@ from bayesid.log.signals import Signals
 from bayesid.parallel import in_parallel
 from bayesid.progress import Steps, no_steps
 from bayesid.regression.noise import Noise
-from bayesid.signs.chain import TAILS, Chain, Single, Space, error_grid, spread, stationary, transitions
+from bayesid.signs.chain import TAILS, Chain, Single, error_grid, spread, stationary, transitions
 from bayesid.signs.tuning import TUNING, Tuning
 
 _FARTHEST = 1e15
@@ -81,12 +81,12 @@ def smooth(
     moves = moving.copy()
     moves[1:] &= moving[:-1]  # a standstill is left as it is entered: by a wide step
     turns = _turns(moves)
-    probability, space = np.empty_like(effort), Space()
+    probability = np.empty_like(effort)
     for start in range(0, len(effort), tuning.smoothed):
         stop = min(start + tuning.smoothed, len(effort))
         around = slice(max(0, start - tuning.overlap), min(len(effort), stop + tuning.overlap))
         joints = [
-            partial(_smooth, effort[around, j], draws[around, j], turns[around, j], process, tuning, space)
+            partial(_smooth, effort[around, j], draws[around, j], turns[around, j], process, tuning)
             for j, process in enumerate(processes)
         ]
         for j, mean in enumerate(in_parallel(joints)):
@@ -160,7 +160,7 @@ def _doubt_at_rest(mismatch: Array, predicted: Array, moving: Mask) -> Array:
     return np.maximum(seen, 0.5 * jump)
 
 
-def _smooth(effort: Array, predicted: Array, turns: Array, joint: _Joint, tuning: Tuning, space: Space) -> Array:
+def _smooth(effort: Array, predicted: Array, turns: Array, joint: _Joint, tuning: Tuning) -> Array:
     """(N,) P(sign = +) of a joint's |effort| (N,), the mean over K predictions (N, K).
 
     Where friction may turn round at once, with the probabilities `turns` (N,), the joint is at standstill. A piece that
@@ -175,7 +175,7 @@ def _smooth(effort: Array, predicted: Array, turns: Array, joint: _Joint, tuning
         some = predicted[:, k : k + at_once]
         readings = (_Readings if joint.after is None else _FilteredReadings).of(effort, some, joint, length)
         while True:
-            mean, leans = joint.chain.smooth(readings.weigh, cut, some.shape[1], wide, space)
+            mean, leans = joint.chain.smooth(readings.weigh, cut, some.shape[1], wide)
             if not np.any(leans & ~wide):
                 break
             wide = wide | _and_beside(leans)
@@ -213,13 +213,13 @@ class _Readings:
         up, down = (_cut(values, length) for values in signed)
         return cls(up, down, (joint.grid / scale).astype(np.float32), -len(effort) % length)
 
-    def weigh(self, pieces: Integers, window: slice, space: Space) -> tuple[Single, Single]:
+    def weigh(self, pieces: Integers, window: slice) -> tuple[Single, Single]:
         """(L, G', R) likelihoods of b (:eq:`sample-likelihood`), up to a factor, and the share of sign +."""
         length, chains, points = len(self.up), self.up.shape[2], self.points[window, None]
         up, down = (values[:, pieces].reshape(length, 1, -1) for values in (self.up, self.down))
         least = 1.0 + np.minimum(_off(up, points), _off(down, points)) ** 2
         shape = (length, len(points), len(pieces) * chains)
-        plus, likelihood, root = space.take("share", shape), space.take("likelihood", shape), np.empty(shape[1:], "f4")
+        plus, likelihood, root = np.empty(shape, "f4"), np.empty(shape, "f4"), np.empty(shape[1:], "f4")
         for i in range(length):
             _students(up[i], points, least[i], root, plus[i])
             _students(down[i], points, least[i], root, likelihood[i])
@@ -271,11 +271,8 @@ class _FilteredReadings:
         cut[length - (-len(effort) % length) :, -1] = 1.0
         return cls(cut, cut * _cut(ndtr(mean / joint.taken), length))
 
-    def weigh(self, pieces: Integers, window: slice, space: Space) -> tuple[Single, Single]:
+    def weigh(self, pieces: Integers, window: slice) -> tuple[Single, Single]:
         """(L, G', R) likelihoods and the share of sign +."""
-        taken = []
-        for name, values in (("likelihood", self.likelihood), ("share", self.plus)):
-            rows = values[:, pieces][..., window].reshape(len(values), -1, window.stop - window.start).swapaxes(1, 2)
-            taken.append(space.take(name, rows.shape))
-            taken[-1][...] = rows
-        return taken[0], taken[1]
+        shape = len(self.plus), -1, window.stop - window.start
+        likelihood, plus = (values[:, pieces][..., window].reshape(shape) for values in (self.likelihood, self.plus))
+        return np.ascontiguousarray(likelihood.swapaxes(1, 2)), np.ascontiguousarray(plus.swapaxes(1, 2))

@@ -150,7 +150,8 @@ def beam(
         SolverError: a node could not be priced.
     """
     began = time.perf_counter()
-    known, order = np.flatnonzero(moments.known), _search_order(moments)
+    known, unknown = np.flatnonzero(moments.known), np.flatnonzero((moments.known == 0) & moments.individual)
+    order = unknown[np.argsort(-moments.energy[unknown], kind="stable")]  # they decide most and are mistaken least
     budget = Budget(np.inf, 0) if budget is None else budget
     pricing = _Pricing(node_cost, budget)
     hessian = moments.hessian_of(known)
@@ -185,7 +186,7 @@ def beam(
         cost=leaves[0].cost,
         method="beam",
         width=width,
-        nodes=pricing.nodes,
+        nodes=pricing.pruning.grown,
         solves=pricing.solves,
         tolerance=pricing.tolerance,
         seconds=time.perf_counter() - began,
@@ -221,12 +222,6 @@ def _listed(moments: Moments, result: SearchResult, leaves: Iterable[Branch]) ->
     return replace(result, branches=branches, decided=decided)
 
 
-def _search_order(moments: Moments) -> Integers:
-    """Unknown segments, those with the most energy first: they decide most and are mistaken least."""
-    unknown = np.flatnonzero((moments.known == 0) & moments.individual)
-    return unknown[np.argsort(-moments.energy[unknown], kind="stable")]
-
-
 def _expand(level: _Level, gradients: Array) -> tuple[Integers, Array]:
     """Every node with every choice of signs for the next segments: (children, d') signs and (children, r) gradients."""
     d = len(gradients)
@@ -245,11 +240,6 @@ class _Pricing:
         self.pruning = Pruning()
         self.solves = 0
         self.tolerance = 0.0
-
-    @property
-    def nodes(self) -> int:
-        """Priced by the unconstrained bound."""
-        return self.pruning.grown
 
     def select(self, candidates: tuple[Integers, Array], hessian: Array, energy: float, width: int | None) -> _Level:
         signs, gradient = candidates
@@ -297,19 +287,18 @@ def turn_joints(
     symmetry at its root cannot come back to it one segment at a time. Every joint is tried once at least, whatever is
     left of the budget.
     """
-    prepared = node_cost.prepared(moments.hessian.total())
-    energy = float(moments.energy.sum())
+    prepared, energy = node_cost.prepared(moments.hessian.total()), float(moments.energy.sum())
+    budget = Budget(np.inf, 0) if budget is None else budget
     joints = np.unique(moments.joint[moments.known == 0])
     better, tried, failed = True, 0, 0
     while better:
         better = False
         for joint in joints:
-            if budget is not None and budget.over and tried >= len(joints):
+            if budget.over and tried >= len(joints):
                 return replace(result, unseen=1.0 / (failed + 2.0))
             signs = np.where((moments.joint == joint) & (moments.known == 0), -result.signs, result.signs)
             solution, tried = prepared.solve(signs @ moments.gradient), tried + 1
-            if budget is not None:
-                budget.count(parameters=len(solution.theta))
+            budget.count(parameters=len(solution.theta))
             better = energy + solution.cost < result.cost
             failed = 0 if better else failed + 1
             result = replace(result, solves=result.solves + 1, tolerance=max(result.tolerance, solution.tolerance))
