@@ -121,9 +121,8 @@ def _split(residual: Array, used: Mask, rate: float, pairs: Array) -> tuple[floa
     least, most = TUNING.coloured_share
     coloured = float(np.clip(covariance[lag], least * total, most * total))
     below = np.flatnonzero(covariance[lag:] < coloured / np.e)
-    correlation = max(
-        (below[0] if below.size else len(covariance)) / rate, 2.0 / rate
-    )  # two samples: no shorter one shows
+    lasts = below[0] if below.size else len(covariance)
+    correlation = max(lasts / rate, 2.0 / rate)  # no time below two samples can be read off
     return np.sqrt(total - coloured), np.sqrt(coloured), correlation, integrated_time(covariance)
 
 

@@ -51,9 +51,13 @@ _STRETCH = np.where(_ROWS == _COLUMNS, 1.0, np.sqrt(2.0))
 class _Attempt(NamedTuple):
     """Settings of one attempt.
 
-    The tolerance asked for grows by a factor; Clarabel scales the rows or not; it steps at most so far to the edge of
-    the cone, as full steps may go back and forth without end; a constant is added to the diagonal of its linear
-    systems; or it is asked for y = L'x with P = LL', where curvatures differ by no more than their rounding.
+    Attributes:
+        coarser: factor on the tolerance asked for.
+        equilibrate: whether Clarabel scales the rows.
+        step: most of the way to the edge of the cone that it steps: full steps may go back and forth without end.
+        constant: on the diagonal of its linear systems, as small as the finest tolerance asked of it.
+        whitened: whether it is asked for y = L'x, where P = LL': curvatures that differ by more than their rounding, as
+            those of the pull and of data that say everything of a coefficient, are then all one.
     """
 
     coarser: float = 1.0

@@ -132,22 +132,19 @@ class Finder:
         time: Variable = (Quantity.TIME, 0)
         low, high = self._range(time)
         rate = (len(self._value(time)) - 1) / (high - low)
-        count = int(TUNING.fastest_oscillation * rate * 2.0 * high / TUNING.oscillations_apart)
-        yield from (
-            Axis(*time, Family.PERIODIC, low, high, np.pi * TUNING.oscillations_apart * k / high, 2)
-            for k in range(1, count + 1)
-        )
+        apart = TUNING.oscillations_apart
+        count = int(TUNING.fastest_oscillation * rate * 2.0 * high / apart)
+        yield from (Axis(*time, Family.PERIODIC, low, high, np.pi * apart * k / high, 2) for k in range(1, count + 1))
 
     def _tuned(self, forms: Iterable[Form]) -> Iterator[Form]:
         """Of what oscillates over time the same at frequencies nearby."""
         for form in forms:
             axis = form.axes[0]
             if len(form.axes) == 1 and axis.quantity is Quantity.TIME and axis.family is Family.PERIODIC:
-                apart = np.pi * TUNING.oscillations_apart / axis.high / TUNING.oscillations_refined
-                steps = np.arange(-TUNING.oscillations_refined, TUNING.oscillations_refined + 1) * apart
-                yield from (
-                    Form((replace(axis, order=float(axis.order + step)),)) for step in steps[steps > -axis.order]
-                )
+                count = TUNING.oscillations_refined
+                steps = np.arange(-count, count + 1) * (np.pi * TUNING.oscillations_apart / axis.high / count)
+                for step in steps[steps > -axis.order]:
+                    yield Form((replace(axis, order=float(axis.order + step)),))
 
     def _smooth(self, variable: Variable, count: int) -> Axis:
         return Axis(*variable, Family.SMOOTH, *self._range(variable), 0.0, count)
@@ -156,9 +153,12 @@ class Finder:
         slowest = float(self.scene.actuators.standstill_speed[variable[1] - 1])
         return Axis(*variable, Family.DIRECTION, *self._range(variable), slowest, 1)
 
-    def _plain(self, variable: Variable) -> Iterator[Axis]:
-        """One or two columns each."""
+    def _families(self, variable: Variable, *, fine: bool) -> Iterator[Axis]:
+        """Every family of functions of a variable."""
         low, high = self._range(variable)
+        yield self._smooth(variable, TUNING.cosines_coarse)
+        if fine:
+            yield self._smooth(variable, TUNING.cosines_fine)
         if self._turns(variable):
             yield from (Axis(*variable, Family.PERIODIC, low, high, h, 2) for h in TUNING.harmonics)
         if variable[0] is Quantity.VELOCITY:
@@ -167,15 +167,6 @@ class Finder:
         if variable[0] is Quantity.TIME:
             yield from (Axis(*variable, Family.FADING, low, high, share * high, 2) for share in TUNING.fadings)
         yield Axis(*variable, Family.POWER, low, high, 1.0, 1)
-
-    def _families(self, variable: Variable, *, fine: bool) -> Iterator[Axis]:
-        """Every family of functions of a variable."""
-        low, high = self._range(variable)
-        yield from (
-            self._smooth(variable, count)
-            for count in ((TUNING.cosines_coarse, TUNING.cosines_fine) if fine else (TUNING.cosines_coarse,))
-        )
-        yield from self._plain(variable)
         if self._turns(variable):
             counts = (7, 13) if fine else (7,)
             yield from (Axis(*variable, Family.PERIODIC, low, high, h, n) for h in TUNING.harmonics[:3] for n in counts)
