@@ -17,7 +17,7 @@ from markupsafe import Markup, escape
 from numpy.typing import ArrayLike
 
 from bayesid.arrays import Array
-from bayesid.report.plot.figure import Band, Boxes, Figure, Line, Mark, Panel, Strokes, Ticks
+from bayesid.report.plot.figure import Band, Boxes, Figure, Line, Mark, Panel, Strokes, Ticks, corners
 from bayesid.report.thinning import evenly
 from bayesid.report.tuning import TUNING
 from bayesid.report.words import rounded
@@ -127,7 +127,7 @@ def _panel(panel: Panel) -> dict[str, Any]:
         elif isinstance(mark, Band):
             named |= {"x": across(mark.x), "low": _rounded(mark.low, y_digits), "high": _rounded(mark.high, y_digits)}
         elif isinstance(mark, Boxes | Strokes):
-            x, y = mark.corners
+            x, y = corners(mark)
             named["x"] = None if mark.x is None else [_rounded(end, x_digits) for end in x.T]
             named["y"] = None if mark.y is None else [_rounded(end, y_digits) for end in y.T]
         else:

@@ -13,7 +13,7 @@ import numpy as np
 from bayesid.arrays import Array
 from bayesid.errors import InputError
 from bayesid.parallel import ALONE
-from bayesid.report.plot.figure import INK, WIDTH, Band, Boxes, Dots, Figure, Line, Mark, Panel, Strokes, Words
+from bayesid.report.plot.figure import INK, WIDTH, Band, Boxes, Dots, Figure, Line, Mark, Panel, Strokes, Words, corners
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -171,7 +171,7 @@ def _draw_mark(ax: Axes, mark: Mark) -> None:
 def _draw_boxes(ax: Axes, mark: Boxes) -> None:
     from matplotlib.collections import PolyCollection
 
-    x, y = mark.corners
+    x, y = corners(mark)
     across = mark.x is None or mark.y is None
     look: dict[str, Any] = {"facecolors": _colours(mark)}
     if mark.hatched:
@@ -196,7 +196,7 @@ def _draw_letter(ax: Axes, start: float, end: float, letter: str) -> None:
 def _draw_strokes(ax: Axes, mark: Strokes) -> None:
     from matplotlib.collections import LineCollection
 
-    lines = np.stack(mark.corners, axis=2)
+    lines = np.stack(corners(mark), axis=2)
     look: dict[str, Any] = {"colors": mark.colour, "linewidths": mark.width, "linestyles": mark.style}
     drawn = LineCollection(list(lines), transform=_transform(ax, mark), gid=mark.label, zorder=2.0, **look)
     ax.add_collection(drawn, autolim=False)
@@ -213,7 +213,7 @@ def _colours(mark: Boxes) -> Array:
     from matplotlib.colors import to_rgba_array
 
     colours = to_rgba_array(mark.colour if isinstance(mark.colour, str) else list(mark.colour))
-    colours = np.tile(colours, (len(mark.corners[0]) if len(colours) == 1 else 1, 1))
+    colours = np.tile(colours, (len(corners(mark)[0]) if len(colours) == 1 else 1, 1))
     colours[:, 3] = mark.alpha
     return colours
 

@@ -77,11 +77,6 @@ class Boxes:
     letters: Sequence[str] = ()
     details: Sequence[str] = ()
 
-    @property
-    def corners(self) -> tuple[Array, Array]:
-        """(K, 2) ends in x and (K, 2) in y, which are 0 and 1 for a whole panel."""
-        return _pairs(self.x, self.y)
-
 
 @dataclass(frozen=True)
 class Strokes:
@@ -93,11 +88,6 @@ class Strokes:
     label: str = ""
     width: float = 1.2
     style: Style = "solid"
-
-    @property
-    def corners(self) -> tuple[Array, Array]:
-        """(K, 2) ends in x and (K, 2) in y, which are 0 and 1 for a whole panel."""
-        return _pairs(self.x, self.y)
 
 
 @dataclass(frozen=True)
@@ -233,6 +223,14 @@ def thinned(curves: Sequence[Line | Band], most: int) -> list[Line | Band]:
     ]
 
 
+def corners(mark: Boxes | Strokes) -> tuple[Array, Array]:
+    """(K, 2) ends in x and (K, 2) in y, which are 0 and 1 for a whole panel."""
+    count = max(np.size(end) for ends in (mark.x, mark.y) if ends is not None for end in ends)
+    pairs = [(0.0, 1.0) if ends is None else ends for ends in (mark.x, mark.y)]
+    left, right = (np.stack([np.broadcast_to(np.asarray(end, float), (count,)) for end in pair], 1) for pair in pairs)
+    return left, right
+
+
 def level(at: float, colour: str = INK, width: float = 0.8, style: Style = "solid", label: str = "") -> Strokes:
     """A line across a panel."""
     return Strokes(None, ([at], [at]), colour, label, width, style)
@@ -250,13 +248,6 @@ def means(x: Array, mean: Array, half: Array, colour: str, size: float = 3.0) ->
         Dots(x, mean, colour, size=size),
         Strokes((x, x), (mean - half, mean + half), colour, width=1.4),
     ]
-
-
-def _pairs(x: Ends, y: Ends) -> tuple[Array, Array]:
-    count = max(np.size(end) for ends in (x, y) if ends is not None for end in ends)
-    pairs = [(0.0, 1.0) if ends is None else ends for ends in (x, y)]
-    left, right = (np.stack([np.broadcast_to(np.asarray(end, float), (count,)) for end in pair], 1) for pair in pairs)
-    return left, right
 
 
 def _around(values: Sequence[Array], margin: float, boxes: bool) -> tuple[float, float]:
