@@ -361,13 +361,5 @@ def _write_signed_log(path: Path, log: Log, signals: Signals, probability: Array
 
 
 def check_result_folder(folder: str | Path, files: Set[str] = IDENTIFICATION_FILES) -> Path:
-    """The folder, if a result may be written there (see `bayesid.files.writing.check_folder`).
-
-    Args:
-        folder: where the result is to stand.
-        files: names of the files that an earlier result may hold.
-
-    Raises:
-        InputError: something else is there, or the place cannot be written.
-    """
+    """The folder, if a result may be written there, as `bayesid.files.writing.check_folder` has it."""
     return check_folder(folder, files, MARKER)

@@ -111,11 +111,7 @@ def _reached(motion: Motion) -> dict[str, list[float]]:
 # After a result
 # ---------------------------------------------------------------------------------------------------------------
 def check_next_folder(folder: str | Path) -> Path:
-    """The folder, if it may be replaced (see `bayesid.files.writing.check_folder`).
-
-    Raises:
-        InputError: something else is there, or the place cannot be written.
-    """
+    """The folder, if a next motion may be written there, as `bayesid.files.writing.check_folder` has it."""
     place = check_folder(folder, NEXT_FILES, NEXT_MARKER)
     check_programs(place)
     return place
