@@ -29,8 +29,6 @@ from bayesid.simulation.trajectories import INDUSTRIAL_ARM, MotionLimits
 
 _KEYS = tuple(field.name for field in fields(MotionLimits))
 _REMEDY = f"give {', '.join(_KEYS)}: a number, or a list with one number a joint"
-_ENDLESS = 4.0 * np.pi
-"""rad; a joint with a wider range has none that a motion could use."""
 
 
 def read_limits(path: str | Path, robot: Robot | None = None) -> MotionLimits:
@@ -169,7 +167,7 @@ def _joint_limits(joint: ET.Element, where: str) -> tuple[float, float, float, f
         )
     except ValueError as error:
         raise InputError(f"its limits are no numbers ({error})", where, "correct the file") from None
-    endless = joint.get("type") == "continuous" or not 0.0 < upper - lower <= _ENDLESS
+    endless = joint.get("type") == "continuous" or not 0.0 < upper - lower <= 4.0 * np.pi
     if endless and joint.get("type") == "prismatic":
         raise InputError("slides, and has no limits", where, "give the limits in a TOML file")
     usual = np.asarray([INDUSTRIAL_ARM.lower, INDUSTRIAL_ARM.upper, INDUSTRIAL_ARM.velocity])

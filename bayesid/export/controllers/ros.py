@@ -9,7 +9,6 @@ from bayesid.export.tuning import TUNING
 
 _NUMBER, _AROUND = 11, 100
 """Bytes of a number and of what stands around those of a point, at most."""
-_NANO = 1_000_000_000
 
 
 def joint_trajectory(planned: PlannedMotion) -> str:
@@ -36,7 +35,7 @@ def joint_trajectory(planned: PlannedMotion) -> str:
         "points:",
     ]
     for t, *rows in zip(points.t, decimals(points.q), decimals(points.dq), decimals(points.ddq), strict=True):
-        seconds, nanoseconds = divmod(round((TUNING.ros_lead + t) * _NANO), _NANO)
+        seconds, nanoseconds = divmod(round((TUNING.ros_lead + t) * 1_000_000_000), 1_000_000_000)
         q, dq, ddq = (", ".join(row) for row in rows)
         lines.append(
             f"- {{positions: [{q}], velocities: [{dq}], accelerations: [{ddq}], "

@@ -9,8 +9,6 @@ from bayesid.errors import InputError
 from bayesid.export.controllers.planned import PlannedMotion, decimals
 from bayesid.export.tuning import TUNING
 
-_JOINTS = 6
-"""Of every robot of the maker's; positions are lists of six."""
 _CYCLE = 0.002
 """s, of the controller since version 5; four of them are one of version 3."""
 _LOOKAHEAD, _GAIN, _STOP = 0.1, 300, 2.0
@@ -25,7 +23,7 @@ def urscript(planned: PlannedMotion) -> str:
     Raises:
         InputError: the robot has not six joints that turn.
     """
-    if planned.n_joints != _JOINTS or any(planned.prismatic):
+    if planned.n_joints != 6 or any(planned.prismatic):
         said = f"{planned.n_joints} joints{', some prismatic,' if any(planned.prismatic) else ''} are none of a UR"
         raise InputError(said, planned.robot, "use joint_trajectory.yaml or motion.csv")
     cycle = _CYCLE * max(1, round(1.0 / (planned.rate * _CYCLE)))

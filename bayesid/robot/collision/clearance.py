@@ -21,11 +21,6 @@ than what is asked for counts as not clear; a tenth of the margin of a centimetr
 ACCURACY = 1e-5
 """m that a computed distance may be too long: ten times the tolerance of coal's iterations, and what the closed form
 loses between lines that are almost parallel."""
-_TRAVEL = 0.125
-"""m; travels of sliding joints are rounded up to it, so that few tables of rates are made. Any length serves."""
-
-_AT_ONCE = 256
-"""Intervals that are looked at together: many enough for numpy, and few for the memory of a robot of many shapes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +120,7 @@ class CollisionModel:
 
     def _table(self, travel: Array) -> Array:
         """(P, n) m that each joint can bring a pair nearer by, per unit of its motion."""
-        travel = np.where(self._slides, _TRAVEL * np.ceil(travel / _TRAVEL), 0.0)
+        travel = np.where(self._slides, 0.125 * np.ceil(travel / 0.125), 0.0)  # rounded up: few tables are made
         key = travel.tobytes()
         if key not in self._rates:
             self._rates[key] = self._reach.rates(self._shapes, travel)
@@ -133,8 +128,8 @@ class CollisionModel:
 
 
 def _split(middle: Array, half: Array, change: Array, unsure: Mask) -> list[tuple[Array, Array, Array, Mask]]:
-    """Intervals in parts that are looked at together, the first of them last."""
-    parts = [slice(k, k + _AT_ONCE) for k in range(0, len(middle), _AT_ONCE)]
+    """Intervals in parts that are looked at together, the first of them last; few enough for the memory."""
+    parts = [slice(k, k + 256) for k in range(0, len(middle), 256)]
     return [(middle[part], half[part], change[part], unsure[part]) for part in parts[::-1]]
 
 
