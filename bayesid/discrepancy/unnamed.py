@@ -202,10 +202,7 @@ def _best_of(
 ) -> tuple[EffectSet, Learned]:
     """The function that explains the log best once signs are settled under each: wrong signs hide what is there.
 
-    Args:
-        state: with the signs to begin with.
-        functions: the candidates.
-        effects: beside which; those of the state by default.
+    They stand beside `effects`; by default beside those of the state.
     """
     beside = state.effects if effects is None else effects
     tried = []

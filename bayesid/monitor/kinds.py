@@ -61,21 +61,13 @@ class Kind:
     explained: float
 
 
-@dataclass(frozen=True)
-class _Candidate:
-    name: str
-    joints: tuple[int, ...]
-    columns: Array  # (W, n', p), of its joints
-    main: int  # the column whose coefficient people read
-
-
 def kind_of(look: Look, changed: Mask) -> Kind:
     """What a change that some joints (n,) show looks like."""
     joints = np.flatnonzero(changed).tolist()
     every = tuple(range(look.effort.shape[1]))
     misfit = np.array([_left(look, (j,), look.effort[:, [j]]) for j in every])
-    body = _fitted(look, _Candidate(PAYLOAD, every, look.body, 3), misfit)
-    own = [max((_fitted(look, one, misfit) for one in _of_joint(look, j)), key=lambda fit: fit[0]) for j in joints]
+    body = _fitted(look, misfit, PAYLOAD, every, look.body, 3)
+    own = [max(_of_joint(look, misfit, j), key=lambda fit: fit[0]) for j in joints]
     together = sum(gain for gain, _ in own)
     if body[0] >= together and body[1].explained >= TUNING.explained:
         return body[1]
@@ -86,26 +78,36 @@ def kind_of(look: Look, changed: Mask) -> Kind:
     return Kind(strongest.name, alike, strongest.amount, strongest.explained)
 
 
-def _of_joint(look: Look, j: int) -> list[_Candidate]:
+def _of_joint(look: Look, misfit: Array, j: int) -> list[tuple[float, Kind]]:
     friction = np.stack([look.direction[:, [j]], look.speed[:, [j]]], axis=2)
-    return [_Candidate(FRICTION, (j,), friction, 0), _Candidate(GAIN, (j,), look.effort[:, [j], None], 0)]
+    of_gain = look.effort[:, [j], None]
+    return [_fitted(look, misfit, FRICTION, (j,), friction, 0), _fitted(look, misfit, GAIN, (j,), of_gain, 0)]
 
 
-def _fitted(look: Look, one: _Candidate, misfit: Array) -> tuple[float, Kind]:
-    """By how much a candidate makes the window likelier, less what its freedom costs, and what it says."""
-    joints, size = list(one.joints), one.columns.shape[2]
+def _fitted(look: Look, misfit: Array, name: str, of: tuple[int, ...], columns: Array, main: int) -> tuple[float, Kind]:
+    """By how much a candidate makes the window likelier, less what its freedom costs, and what it says.
+
+    Args:
+        look: the window.
+        misfit: (n,) of the model.
+        name: of the candidate.
+        of: its n' joints (0-based).
+        columns: (W, n', p) of these.
+        main: the column whose coefficient people read.
+    """
+    joints, size = list(of), columns.shape[2]
     effort, weight = look.effort[:, joints], look.weight[joints] / look.width[:, joints] ** 2
-    rows = (np.sqrt(weight)[:, :, None] * one.columns).reshape(-1, size)
+    rows = (np.sqrt(weight)[:, :, None] * columns).reshape(-1, size)
     normal = rows.T @ rows
     normal += np.diag(1e-6 * np.diag(normal) + 1e-300)  # what this motion does not show stays at zero
     predicted, change = effort, np.zeros((size,), dtype=float)
     for _ in range(TUNING.passes):
         aim = (np.sqrt(weight) * (_nearest(look, joints, predicted) - effort)).ravel()
         change[:] = np.linalg.solve(normal, rows.T @ aim)
-        predicted = effort + one.columns @ change
-    before, left = float(misfit[joints].sum()), _left(look, one.joints, predicted)
+        predicted = effort + columns @ change
+    before, left = float(misfit[joints].sum()), _left(look, of, predicted)
     count = max(float((look.weight[joints] * np.isfinite(look.width[:, joints])).sum()), 1.0)
-    kind = Kind(one.name, tuple(j + 1 for j in joints), float(change[one.main]), 1.0 - left / max(before, 1e-300))
+    kind = Kind(name, tuple(j + 1 for j in joints), float(change[main]), 1.0 - left / max(before, 1e-300))
     return 0.5 * (before - left - size * np.log(count)), kind
 
 

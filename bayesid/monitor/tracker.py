@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import replace
 from math import isfinite, isnan
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -426,23 +427,16 @@ class SignTracker:
 
     def _nothing(self, t: float) -> Tracked:
         """What is known without a motion, of the oldest sample that is waited for: its instant, s."""
-        unknown = np.full(self.n_joints, np.nan)
+        names = ("effort", "effort_sd", "predicted", "predicted_sd", "residual", "external", "q", "dq", "ddq")
+        unknown: dict[str, Any] = dict.fromkeys(names, np.full(self.n_joints, np.nan))
         return Tracked(
             t=t,
             probability=np.full(self.n_joints, 0.5),
-            effort=unknown,
-            effort_sd=unknown,
-            predicted=unknown,
-            predicted_sd=unknown,
-            residual=unknown,
-            external=unknown,
             threshold=np.full(self.n_joints, np.inf),
             state=(UNKNOWN,) * self.n_joints,
             contact=(),
             alarms=(),
-            q=unknown,
-            dq=unknown,
-            ddq=unknown,
+            **unknown,
         )
 
     def _misfit(self, values: int, readings: int) -> InputError:

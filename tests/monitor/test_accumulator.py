@@ -281,7 +281,7 @@ def test_readings_that_show_no_effort_do_not_count():
 def test_effects_with_a_memory_see_over_the_borders(monkeypatch):
     case = Stream(duration=8.0)
     case.model = case.model.extend(Delay(lag=(0.023,)))
-    monkeypatch.setattr(stream_moments, "TUNING", replace(TUNING, look_back=64))  # of a spline's end 0.27^64 is felt
+    monkeypatch.setattr(stream_moments, "EFFECTS", replace(TUNING, look_back=64))  # of a spline's end 0.27^64 is felt
     assert TUNING.look_back > 64
     moving = everywhere(case)
     whole = fed(case, bayesid.Accumulator(case.identified()), 1, moving=moving)
