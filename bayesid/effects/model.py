@@ -106,22 +106,12 @@ class Model:
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The P parameters of all terms.
-
-        Example:
-            >>> [one.name for one in model.parameters][-3:]
-            ['Fc1', 'Fc2', 'Fc3']
-        """
+        """The P parameters of all terms."""
         return tuple(parameter for term in self.terms for parameter in term.parameters(self.robot))
 
     @cached_property
     def cone(self) -> Cone:
-        """The product of the terms' cones.
-
-        Example:
-            >>> model.cone.contains(theta), model.cone.contains(-theta)
-            (True, False)
-        """
+        """The product of the terms' cones."""
         return reduce(lambda total, term: total + term.cone(self.robot), self.terms, Cone.free(0))
 
     def extend(self, effect: Effect) -> Model:
@@ -140,73 +130,35 @@ class Model:
 
     @property
     def effects(self) -> tuple[Effect, ...]:
-        """Terms and distortions.
-
-        Example:
-            >>> [effect.name for effect in model.effects]
-            ['rigid_body', 'viscous_friction', 'coulomb_friction']
-        """
+        """Terms and distortions."""
         return (*self.terms, *self.distortions)
 
     @property
     def payloads(self) -> tuple[str, ...]:
-        """Labels of the payloads that the model knows, of which a motion may say that it carries one.
-
-        Example:
-            >>> from bayesid.effects.payload import CarriedPayload
-            >>> model.extend(CarriedPayload(label=("tool1",))).payloads
-            ('tool1',)
-        """
+        """Labels of the payloads that the model knows, of which a motion may say that it carries one."""
         return tuple(dict.fromkeys(label for term in self.terms for label in term.payloads))
 
     @property
     def before_sensors(self) -> Model:
-        """The model of the efforts themselves, without what sensors make of them.
-
-        Example:
-            >>> len(model.before_sensors.parameters) == len(model.parameters)
-            True
-        """
+        """The model of the efforts themselves, without what sensors make of them."""
         return replace(self, distortions=tuple(d for d in self.distortions if not d.of_sensor))
 
     @property
     def undelayed(self) -> Model:
-        """The model of the efforts at the instants of the motion, not some time later, when they are logged.
-
-        Example:
-            >>> from bayesid.effects.delay import Delay
-            >>> model.extend(Delay(lag=(0.01,))).undelayed.lag
-            0.0
-        """
+        """The model of the efforts at the instants of the motion, not some time later, when they are logged."""
         return replace(self, distortions=tuple(d for d in self.distortions if not d.of_clock))
 
     @property
     def lag(self) -> float:
-        """By how much the efforts of all joints lag behind the motion, s.
-
-        Example:
-            >>> from bayesid.effects.delay import Delay
-            >>> model.extend(Delay(lag=(0.01,))).lag
-            0.01
-        """
+        """By how much the efforts of all joints lag behind the motion, s."""
         return sum(distortion.lag_of_all for distortion in self.distortions)
 
     def parts(self, theta: Array) -> list[tuple[Term, Array]]:
-        """The terms, each with its own part of theta (P,).
-
-        Example:
-            >>> [(term.name, len(values)) for term, values in model.parts(theta)]
-            [('rigid_body', 30), ('viscous_friction', 3), ('coulomb_friction', 3)]
-        """
+        """The terms, each with its own part of theta (P,)."""
         return [(term, theta[place]) for term, place in zip(self.terms, self.places, strict=True)]
 
     def links(self, theta: Array) -> Array:
-        """(n, 10) parameters of the links with what they carry, of the parameters theta (P,); zero where none are.
-
-        Example:
-            >>> model.links(theta)[2, 9] == theta[29]  # the mass of the last link, kg
-            np.True_
-        """
+        """(n, 10) parameters of the links with what they carry, of the parameters theta (P,); zero where none are."""
         parts = (term.link_parameters(self.robot, values) for term, values in self.parts(theta))
         return sum(parts, np.zeros((self.robot.n_joints, 10)))
 
@@ -218,11 +170,6 @@ class Model:
             theta: (P,) the parameters.
             effort: (N, n) the model's effort, N m.
             measured: (N, n) absolute values of the measured efforts, N m.
-
-        Example:
-            >>> effort = model.effort(motion, theta)
-            >>> model.scene(motion, theta, effort, np.abs(effort)).links.shape
-            (30,)
         """
 
         def effort_with(robot: Robot, motion: Motion) -> Array:
@@ -232,42 +179,22 @@ class Model:
         return Scene(self.robot, motion, actuators, effort, measured, links, effort_with)
 
     def columns(self, motion: Motion) -> Array:
-        """(N, n, P) columns of all terms, rows distorted, N m per unit of each parameter.
-
-        Example:
-            >>> columns = model.columns(motion)
-            >>> bool(np.allclose(columns @ theta, model.effort(motion, theta)))
-            True
-        """
+        """(N, n, P) columns of all terms, rows distorted, N m per unit of each parameter."""
         rows: Callable[[Robot, Motion], Array] = self._plain_columns
         for distortion in self.distortions:
             rows = partial(distortion.columns, rows)
         return rows(self.robot, motion)
 
     def chunks(self, motion: Motion) -> Iterator[tuple[slice, Array]]:
-        """Rows and their columns, some thousand samples at a time; effects with a memory see some samples around.
-
-        Example:
-            >>> sum(len(columns) for _, columns in model.chunks(motion)) == len(motion)
-            True
-        """
+        """Rows and their columns, some thousand samples at a time; effects with a memory see some samples around."""
         return ((rows, columns.dense) for rows, columns in self.felt_chunks(motion))
 
     def felt_chunks(self, motion: Motion) -> Iterator[tuple[slice, FeltColumns]]:
-        """The same, of each joint the columns alone that it feels; remembered, as far as memory goes.
-
-        Example:
-            >>> sum(len(columns) for _, columns in model.felt_chunks(motion)) == len(motion)
-            True
-        """
+        """The same, of each joint the columns alone that it feels; remembered, as far as memory goes."""
         return self._latest.chunks(motion, self._made)
 
     def forget(self) -> None:
-        """Frees the columns that are remembered.
-
-        Example:
-            >>> model.forget()
-        """
+        """Frees the columns that are remembered."""
         self._latest.forget()
 
     @cached_property
@@ -299,12 +226,7 @@ class Model:
         return self.read(effort) if theta.ndim == 1 else np.stack([*map(self.read, np.moveaxis(effort, 2, 0))], axis=2)
 
     def effort_at(self, motion: Motion, theta: Array) -> Array:
-        """(N, n) `effort` of a few instants, N m, term by term and without the columns: many times as fast.
-
-        Example:
-            >>> bool(np.allclose(model.effort_at(motion[:1], theta), model.effort(motion, theta)[:1]))
-            True
-        """
+        """(N, n) `effort` of a few instants, N m, term by term and without the columns: many times as fast."""
         parts = self.parts(theta)
 
         def efforts(robot: Robot, motion: Motion) -> Array:
@@ -318,13 +240,7 @@ class Model:
         return self.read(effort) if self.distortions else effort
 
     def read(self, effort: Array) -> Array:
-        """(N, n) what sensors read of efforts (N, n), N m.
-
-        Example:
-            >>> effort = model.effort(motion, theta)
-            >>> bool((model.read(effort) == effort).all())  # no sensor distorts here
-            True
-        """
+        """(N, n) what sensors read of efforts (N, n), N m."""
         return reduce(lambda read, distortion: distortion.measured(read), self.distortions, effort)
 
     def unread(self, magnitude: Array) -> tuple[Array, Mask]:
@@ -349,12 +265,7 @@ class Model:
 
     @cached_property
     def places(self) -> tuple[slice, ...]:
-        """Where the parameters of each term lie among all.
-
-        Example:
-            >>> model.places
-            (slice(0, 30, None), slice(30, 33, None), slice(33, 36, None))
-        """
+        """Where the parameters of each term lie among all."""
         ends = np.cumsum([0, *(len(term.parameters(self.robot)) for term in self.terms)]).tolist()
         return tuple(slice(start, end) for start, end in pairwise(ends))
 

@@ -85,12 +85,7 @@ class Sampling:
 
     @property
     def wanted_ess(self) -> float:
-        """Walkers that never move are as many independent draws; so every one must have made several.
-
-        Example:
-            >>> bayesid.Sampling(walkers=64).wanted_ess
-            1024.0
-        """
+        """Walkers that never move are as many independent draws; so every one must have made several."""
         return max(self.min_ess, self.per_walker * self.ensembles * self.walkers)
 
 

@@ -69,12 +69,7 @@ class Robot:
 
     @property
     def n_joints(self) -> int:
-        """Number of joints n.
-
-        Example:
-            >>> robot.n_joints
-            3
-        """
+        """Number of joints n."""
         return len(self.joints)
 
     @property
@@ -82,10 +77,6 @@ class Robot:
         """(n, n) C, with actuator positions u = C q and efforts e = C^-T tau.
 
         :eq:`actuator-position` and :eq:`actuator-effort`.
-
-        Example:
-            >>> bayesid.load_robot("tx40").coupling[5].tolist()  # motor 6 turns with joints 5 and 6
-            [0.0, 0.0, 0.0, 0.0, 1.0, 1.0]
         """
         if self.transmission is None:
             return np.eye(self.n_joints)
@@ -110,10 +101,6 @@ class Robot:
         """(n, 2, 3) where each link starts and ends, in its own frame, m: from its joint to the next.
 
         The last link ends at its own frame, which the standard convention puts at the flange.
-
-        Example:
-            >>> robot.link_ends.shape
-            (3, 2, 3)
         """
         ends = []
         for i, joint in enumerate(self.joints):
@@ -125,12 +112,7 @@ class Robot:
 
     @property
     def stretched(self) -> float:
-        """Length of the stretched arm from its first joint on, m: the sum of its links' lengths.
-
-        Example:
-            >>> round(robot.stretched, 2)
-            1.05
-        """
+        """Length of the stretched arm from its first joint on, m: the sum of its links' lengths."""
         return float(np.linalg.norm(self.link_ends[:, 1] - self.link_ends[:, 0], axis=1).sum())
 
     def regressor(self, motion: Motion) -> Array:
@@ -164,11 +146,6 @@ class Robot:
         Args:
             motion: the motion of the joints.
             parameters: (10 n,) link parameters, as in `regressor`; without mass, no first moment either.
-
-        Example:
-            >>> parameters = model.links(theta).ravel()
-            >>> bool(np.allclose(robot.inverse_dynamics(motion, parameters), robot.regressor(motion) @ parameters))
-            True
         """
         model, data = self._bodies.of(self, parameters)
         samples = zip(motion.q, motion.dq, motion.ddq, strict=True)
@@ -215,11 +192,6 @@ class Robot:
         Args:
             motion: the motion of the joints.
             in_base: whether they are given along the axes of the base, not of the link.
-
-        Example:
-            >>> jacobian = robot.tool_jacobian(motion, in_base=True)
-            >>> jacobian.shape
-            (201, 6, 3)
         """
         model, data, last = self._pinocchio, self._pinocchio.createData(), self.n_joints
         flange = pin.SE3(self.joints[-1].link_frame)
@@ -232,12 +204,7 @@ class Robot:
         return jacobian @ self._to_actuators
 
     def same_kinematics(self, other: Robot) -> bool:
-        """Whether the two robots move and are geared alike (to 1e-6): a model of one then serves the other.
-
-        Example:
-            >>> [robot.same_kinematics(bayesid.load_robot(other)) for other in ("robot.toml", "ur10e")]
-            [True, False]
-        """
+        """Whether the two robots move and are geared alike (to 1e-6): a model of one then serves the other."""
         if self.n_joints != other.n_joints or not np.allclose(self.coupling, other.coupling, atol=1e-6):
             return False
         pairs = zip(self.joints, other.joints, strict=True)

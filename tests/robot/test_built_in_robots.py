@@ -148,5 +148,5 @@ def test_reach_of_a_planar_arm():
 
 def test_positions_that_are_none_are_refused():
     for q in ([0.0] * 5, [0.0] * 5 + [np.nan], "here", [[0.0] * 6]):
-        with pytest.raises(InputError, match=r"q: .*give 6 finite numbers"):
+        with pytest.raises(InputError, match=r"q`: .*give 6 finite numbers"):
             pose(load_robot("kr6r900"), q)
