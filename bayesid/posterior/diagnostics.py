@@ -44,14 +44,12 @@ class Diagnostics:
 
 
 def diagnose(draws: Array) -> Diagnostics:
-    """Diagnostics of draws (D, E, W, K): D sweeps of E >= 2 ensembles of W walkers; D >= 4.
+    """Diagnostics of draws (D, E, W, K): D sweeps of E ensembles of W walkers; D >= 4.
 
     A constant counts as converged. Draws that are not finite give NaN, which passes no test. Of an odd number of sweeps
-    R-hat leaves out the middle one, which ArviZ would cut in two.
+    R-hat leaves out the middle one, which ArviZ would cut in two; of one ensemble it compares quarters, not halves.
     """
-    from arviz_stats.base import (
-        array_stats,  # here, for it takes a second that a result without posterior must not wait
-    )
+    from arviz_stats.base import array_stats  # takes a second, for a posterior alone
 
     sweeps, ensembles = draws.shape[:2]
     count = float(draws[..., 0].size)
@@ -62,7 +60,7 @@ def diagnose(draws: Array) -> Diagnostics:
     halves = np.r_[: sweeps // 2, sweeps - sweeps // 2 : sweeps]
     for k in np.flatnonzero(moving).tolist():
         by_walker = draws[..., k].transpose(1, 2, 0).reshape(-1, sweeps)
-        by_ensemble = draws[halves, ..., k].swapaxes(0, 1).reshape(ensembles, -1)
+        by_ensemble = draws[halves, ..., k].swapaxes(0, 1).reshape(max(ensembles, 2), -1)
         with np.errstate(divide="ignore", invalid="ignore"):  # infinite where no ensemble moves
             rhat[k] = array_stats.rhat(by_ensemble)
         bulk[k] = array_stats.ess(by_walker, method="bulk")

@@ -53,3 +53,10 @@ def test_what_is_not_finite_passes_no_test():
         draws[2, 17] = value
         assert np.isnan(alone(draws)).all()
         assert not diagnose(draws.T[:, :, None, None]).passes(1e9, 0.0)
+
+
+def test_one_ensemble_is_compared_with_itself(rng):
+    draws = rng.standard_normal((40, 1, 8, 1))
+    assert diagnose(draws).max_rhat < 1.05
+    draws[20:] += 2.0
+    assert diagnose(draws).max_rhat > 1.2
