@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayesid.arrays import Array
+from bayesid.parallel import one_at_a_time
 
 _TAILS = (0.05, 0.95)
 """Quantiles whose effective sample size is that of the tails (Vehtari et al. 2021)."""
@@ -43,6 +44,7 @@ class Diagnostics:
         return self.max_rhat <= max_rhat and self.min_ess >= min_ess
 
 
+@one_at_a_time  # ArviZ changes warnings as it goes
 def diagnose(draws: Array) -> Diagnostics:
     """Diagnostics of draws (D, E, W, K): D sweeps of E ensembles of W walkers; D >= 4.
 

@@ -282,7 +282,6 @@ def test_effects_with_a_memory_see_over_the_borders(monkeypatch):
     case = Stream(duration=8.0)
     case.model = case.model.extend(Delay(lag=(0.023,)))
     monkeypatch.setattr(stream_moments, "EFFECTS", replace(TUNING, look_back=64))  # of a spline's end 0.27^64 is felt
-    assert TUNING.look_back > 64
     moving = everywhere(case)
     whole = fed(case, bayesid.Accumulator(case.identified()), 1, moving=moving)
     parts = fed(case, bayesid.Accumulator(case.identified()), 23, moving=moving)
