@@ -13,7 +13,7 @@ from bayesid.signs.tuning import TUNING
 
 EXACT = 1e-8
 """Share of the energy below which two costs count as equal (docs/certified-search.md): that of the finest solutions'
-gaps (tests/fit/test_solver.py)."""
+gaps (tests/regression/test_solver.py)."""
 
 
 @dataclass(frozen=True)
