@@ -3,10 +3,7 @@
 Robots that the design has not seen; logs so short and so noisy that signs begin to go wrong. `python -m
 bayesid.studies.benchmarks.excitation [TRIALS] [ROBOT ..]` prints what each robot and kind of motion gave.
 
-An objective with a term for signs beside the condition number was compared by this benchmark, 291 logs of 3 s, noise as
-large as the efforts: the term gave 0.9 +- 2.9 points on the KR5 without friction (50 robots) and 1.3 +- 1.8 points on
-the UR10e with friction (47), so it was taken out. Designs by the condition number gave 4.8 +- 2.7 points more than
-random motions on the KR5, and 4.0 +- 2.0 points less on the UR10e: no design of motion is known to help signs.
+An objective with a term for signs beside the condition number gained nothing clear here, and was taken out.
 """
 
 from __future__ import annotations

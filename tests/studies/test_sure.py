@@ -8,7 +8,7 @@ pytest.importorskip("mujoco")
 
 
 def test_a_joint_is_not_sure_that_is_as_likely_turned_round_by_the_noise_that_it_leaves():
-    """By the noise of the wrong side, its autocorrelation time nearly half the log, the right one costs 200 more."""
+    """By the correlated noise of the wrong side the right one costs far more, and is on no list."""
     short, seed = next(
         (scenario, seed)
         for scenario, seed in sure.plan(10_000, 0)
