@@ -51,21 +51,19 @@ from .regression.knowledge import Links as Links
 from .regression.knowledge import read_nominal as read_nominal
 from .regression.selection.explanation import Thresholds as Thresholds
 from .report import plot as plot
+from .report.discrepancy_folder import save_comparison as save_comparison
+from .report.discrepancy_folder import save_discrepancy as save_discrepancy
 from .report.findings import Findings as Findings
 from .report.findings import find_findings as find_findings
 from .report.findings import read_findings as read_findings
+from .report.folders import make_report as make_report
+from .report.folders import save_identification as save_identification
+from .report.folders import save_payload as save_payload
+from .report.folders import save_validation as save_validation
+from .report.motions import save_design as save_design
+from .report.motions import save_next_motion as save_next_motion
 from .report.tables import inference_data as inference_data
 from .report.verdicts import check_findings as check_findings
-from .results.discrepancies import save_comparison as save_comparison
-from .results.discrepancies import save_discrepancy as save_discrepancy
-from .results.folders import make_report as make_report
-from .results.folders import save_identification as save_identification
-from .results.folders import save_payload as save_payload
-from .results.folders import save_validation as save_validation
-from .results.motions import save_design as save_design
-from .results.motions import save_next_motion as save_next_motion
-from .results.several_logs import Separate as Separate
-from .results.several_logs import identify_separately as identify_separately
 from .robot import Robot as Robot
 from .robot import load_robot as load_robot
 from .robot import robot_from_table as robot_from_table
@@ -80,5 +78,7 @@ from .simulation.logs import simulate_log as simulate_log
 from .simulation.parameters import random_parameters as random_parameters
 from .simulation.trajectories import exciting_trajectory as exciting_trajectory
 from .simulation.trajectories import random_trajectory as random_trajectory
+from .study.separate_logs import Separate as Separate
+from .study.separate_logs import identify_separately as identify_separately
 
 __version__: str

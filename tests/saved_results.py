@@ -15,7 +15,7 @@ from bayesid.effects.catalogue import make_terms
 from bayesid.effects.model import Model
 from bayesid.identification.pipeline import identify
 from bayesid.posterior.sampler import Sampling
-from bayesid.results.folders import save_identification
+from bayesid.report.folders import save_identification
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters
 from bayesid.simulation.trajectories import random_trajectory

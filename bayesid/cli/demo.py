@@ -27,7 +27,7 @@ from bayesid.posterior.sampler import Sampling
 from bayesid.progress import SILENT, Progress
 from bayesid.regression.knowledge import Beliefs
 from bayesid.regression.noise import relative_rms
-from bayesid.results.folders import check_result_folder, collect_incomplete, save_identification
+from bayesid.report.folders import check_result_folder, collect_incomplete, save_identification
 from bayesid.signs.search.certified import Certified
 from bayesid.signs.search.protocol import Search
 from bayesid.simulation.logs import parse_effect, simulate, simulate_log

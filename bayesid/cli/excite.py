@@ -29,7 +29,7 @@ from bayesid.motion import Motion
 from bayesid.progress import Progress
 from bayesid.report.findings import read_findings
 from bayesid.report.motion_text import design_text, judgement_text, next_motion_text
-from bayesid.results.motions import DESIGN_FILES, DESIGN_MARKER, check_next_folder, save_design, save_next_motion
+from bayesid.report.motions import DESIGN_FILES, DESIGN_MARKER, check_next_folder, save_design, save_next_motion
 from bayesid.robot import Robot
 from bayesid.robot.collision import Capsules, CollisionModel, NoShapes, collision_model
 from bayesid.simulation.trajectories import MotionLimits

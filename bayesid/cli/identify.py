@@ -22,11 +22,11 @@ from bayesid.log.log import Log, join_logs
 from bayesid.log.reading import find_logs
 from bayesid.motion import check_label
 from bayesid.progress import Progress
-from bayesid.results.folders import check_result_folder, collect_incomplete, save_identification, save_or_rescue
-from bayesid.results.several_logs import identify_separately
+from bayesid.report.folders import check_result_folder, collect_incomplete, save_identification, save_or_rescue
 from bayesid.signs.search.beam import Beam
 from bayesid.signs.search.certified import Certified
 from bayesid.signs.search.protocol import Search
+from bayesid.study.separate_logs import identify_separately
 
 _USUAL = "payload"
 """Label of a payload that has none."""

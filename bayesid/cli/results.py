@@ -17,7 +17,7 @@ from bayesid.identification.pipeline import QUICK
 from bayesid.identification.prediction import Validation
 from bayesid.posterior.sampler import Sampling
 from bayesid.progress import Progress
-from bayesid.results.folders import (
+from bayesid.report.folders import (
     PAYLOAD,
     PAYLOAD_FILES,
     VALIDATION_FILES,

@@ -17,12 +17,12 @@ from bayesid.arrays import Array
 from bayesid.cli.options import robot_of
 from bayesid.cli.terminal import show, table, warn
 from bayesid.errors import InputError
+from bayesid.export.robot_file import robot_file, robot_template
 from bayesid.files.bounded import MOST_BYTES
 from bayesid.files.writing import check_place, replace_file
 from bayesid.log.formats.text import look
 from bayesid.log.tuning import TUNING
 from bayesid.report.plot.robots import positions_text, skeleton_figure
-from bayesid.results.robot_file import robot_file, robot_template
 from bayesid.robot import Robot
 from bayesid.robot.kinematics import Pose, pose, reach
 from bayesid.robot.load import BUILT_IN, built_in_table

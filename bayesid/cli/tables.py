@@ -19,8 +19,8 @@ from bayesid.report.payload_text import HEADINGS, payload_checks, payload_rows
 from bayesid.report.tables import EFFECT_HEADINGS, GAIN_HEADINGS, effect_rows, gain_rows
 from bayesid.report.verdicts import Check, beyond_the_terms, gains, intervals, proof, sampling
 from bayesid.report.words import quantity
-from bayesid.results.agreement import text as agreement_text
-from bayesid.results.several_logs import Separate
+from bayesid.study.agreement import text as agreement_text
+from bayesid.study.separate_logs import Separate
 
 _COLOURS = {"good": "green", "look": "yellow", "bad": "bold red", "not done": "yellow"}
 

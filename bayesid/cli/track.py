@@ -35,6 +35,17 @@ from bayesid.monitor.tracker import SignTracker
 from bayesid.monitor.tuning import TUNING as MONITOR
 from bayesid.parallel import one_blas_thread
 from bayesid.progress import Progress
+from bayesid.report.stream import (
+    STREAM,
+    STREAM_FILES,
+    Named,
+    StreamResult,
+    open_stream,
+    save_replay,
+    stream_line,
+    stream_names,
+    write_summaries,
+)
 from bayesid.report.track_text import (
     HEADINGS,
     NOTE,
@@ -46,17 +57,6 @@ from bayesid.report.track_text import (
     track_rows,
 )
 from bayesid.report.words import label
-from bayesid.results.stream_folder import (
-    STREAM,
-    STREAM_FILES,
-    Named,
-    StreamResult,
-    open_stream,
-    save_replay,
-    stream_line,
-    stream_names,
-    write_summaries,
-)
 
 _SOURCE = "standard input"
 

@@ -12,8 +12,8 @@ import pytest
 from command_line import TWO_JOINTS
 
 from bayesid.cli import main
-from bayesid.results import several_logs
-from bayesid.results.several_logs import identify_separately
+from bayesid.study import separate_logs as several_logs
+from bayesid.study.separate_logs import identify_separately
 
 pytestmark = pytest.mark.usefixtures("any_motion")
 

@@ -9,7 +9,7 @@ import pytest
 from command_line import assert_refused, run
 
 from bayesid.errors import InputError
-from bayesid.results.robot_file import robot_file, robot_template
+from bayesid.export.robot_file import robot_file, robot_template
 from bayesid.robot import load_robot
 from bayesid.robot.kinematics import pose
 from bayesid.robot.load import BUILT_IN, built_in_table

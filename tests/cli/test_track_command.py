@@ -18,7 +18,7 @@ from payload_cases import PAYLOAD, PayloadCase
 
 import bayesid
 from bayesid.log.log import write_log
-from bayesid.results import stream_folder
+from bayesid.report import stream as stream_folder
 
 RATE = 50.0
 FILES = ["alarms.json", "signed_stream.csv", "stream.json"]

@@ -27,7 +27,7 @@ from bayesid.excitation.resolvability import (
 )
 from bayesid.log.segments import Segments
 from bayesid.regression.moments import moments
-from bayesid.results.motions import save_design
+from bayesid.report.motions import save_design
 from bayesid.robot import robot_from_table
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters

@@ -21,7 +21,7 @@ from bayesid.identification.model_file import load_model, model_table
 from bayesid.regression.noise import Noise
 from bayesid.report.findings import as_json, read_findings
 from bayesid.report.findings.store import write_findings
-from bayesid.results.folders import make_report
+from bayesid.report.folders import make_report
 
 N = 2
 

@@ -17,7 +17,7 @@ from bayesid.log.gains import Gains
 from bayesid.motion import Motion
 from bayesid.posterior.sampler import Sampling
 from bayesid.regression.knowledge import Beliefs
-from bayesid.results.folders import save_identification
+from bayesid.report.folders import save_identification
 from bayesid.signs.search.certified import Certified
 from bayesid.simulation.trajectories import random_trajectory
 

@@ -16,7 +16,7 @@ from bayesid.identification.options import hashes
 from bayesid.identification.pipeline import identify
 from bayesid.log.log import join_logs
 from bayesid.regression.noise import Noise
-from bayesid.results.folders import save_identification
+from bayesid.report.folders import save_identification
 from bayesid.simulation.logs import simulate
 
 Z = 1.959964

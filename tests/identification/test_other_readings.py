@@ -19,8 +19,8 @@ from bayesid.log.segments import find_segments
 from bayesid.log.signals import prepare
 from bayesid.regression.evidence import Evidence
 from bayesid.report.findings import find_findings
+from bayesid.report.folders import save_identification
 from bayesid.report.verdicts import check_findings, verdict
-from bayesid.results.folders import save_identification
 from bayesid.robot import load_robot, robot_from_table
 from bayesid.signs.search.certified import Certified
 from bayesid.simulation.logs import simulate

@@ -17,7 +17,7 @@ from bayesid.effects.payload import CarriedPayload
 from bayesid.errors import InputError
 from bayesid.identification.model_file import load_model
 from bayesid.log.log import join_logs
-from bayesid.results.folders import save_identification
+from bayesid.report.folders import save_identification
 from bayesid.robot.inertia import NAMES
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters

@@ -17,8 +17,8 @@ from bayesid.log.signals import signed_effort
 from bayesid.motion import Motion
 from bayesid.posterior.sampler import Sampling
 from bayesid.report.findings import find_findings
+from bayesid.report.folders import save_identification
 from bayesid.report.verdicts import check_findings
-from bayesid.results.folders import save_identification
 from bayesid.robot import load_robot
 from bayesid.signs.search.certified import Certified
 

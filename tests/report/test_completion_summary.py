@@ -8,7 +8,7 @@ from completion_problems import identified
 from bayesid.files.tables import read_json
 from bayesid.report.findings import Summary, as_json, find_findings
 from bayesid.report.findings.summary import EffectSummary
-from bayesid.results.folders import save_identification
+from bayesid.report.folders import save_identification
 
 HIDDEN = ("stribeck_friction", "delay")
 

@@ -14,9 +14,9 @@ from bayesid.log.log import join_logs
 from bayesid.posterior.sampler import Sampling
 from bayesid.regression.knowledge import Beliefs
 from bayesid.report.findings import FILE, as_json, collect, content, find_findings, read_findings, write_findings
+from bayesid.report.folders import save_identification
 from bayesid.report.tuning import TUNING
 from bayesid.report.verdicts import check_findings, verdict
-from bayesid.results.folders import save_identification
 from bayesid.robot import robot_from_table, robot_table
 from bayesid.signs.search.certified import Certified
 from bayesid.signs.search.result import Branch

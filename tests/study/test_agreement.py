@@ -6,7 +6,7 @@ import pytest
 from scipy import stats
 
 from bayesid.errors import InputError
-from bayesid.results.agreement import agreement, rows, text
+from bayesid.study.agreement import agreement, rows, text
 
 
 def run(mean, sd, names=None, expressions=None, unit="kg"):

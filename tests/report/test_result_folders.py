@@ -13,14 +13,14 @@ import bayesid
 from bayesid.cli import main
 from bayesid.errors import InputError
 from bayesid.report.findings import read_findings
-from bayesid.results import folders
-from bayesid.results.folders import (
+from bayesid.report.folders import (
     IncompleteWarning,
     check_result_folder,
     make_report,
     save_identification,
     save_validation,
 )
+from bayesid.results import folders
 
 PAGE = "bayesid.report.pages.identification_page.identification_page"
 ARM = """convention = "standard"

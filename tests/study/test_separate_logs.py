@@ -10,11 +10,11 @@ from bayesid.effects.catalogue import make_terms
 from bayesid.effects.model import Model
 from bayesid.log.log import write_log
 from bayesid.log.reading import read_log
-from bayesid.results.several_logs import identify_separately
 from bayesid.robot import robot_from_table
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters
 from bayesid.simulation.trajectories import random_trajectory
+from bayesid.study.separate_logs import identify_separately
 
 TERMS = ("rigid_body", "viscous_friction", "coulomb_friction")
 OPTIONS = {"terms": TERMS, "search": bayesid.Certified(), "posterior": False, "complete": "off"}

@@ -17,8 +17,8 @@ from bayesid.progress import SILENT, Progress
 from bayesid.regression.selection.added_effect import AddedEffect, Cost, EffortSize, Quantity
 from bayesid.regression.selection.explanation import LN10
 from bayesid.regression.selection.scores import Score
+from bayesid.report.folders import save_result
 from bayesid.report.timeline_text import Moved, columns, moved_parameters, timeline_rule
-from bayesid.results.folders import save_result
 
 
 def save_discrepancy(
