@@ -40,6 +40,7 @@ class Robot:
         lengths: symbol to value of the DH table's lengths (a1, d1, ...; m); empty for a URDF.
         notes: what a user should know of how it was read, a sentence each: joints that are held, a base that may move.
         origin: how `load_robot` came by it; None for a robot that was made or changed in Python.
+        pinocchio: its joints as Pinocchio's model, without bodies.
 
     Example:
         >>> arm = bayesid.load_robot("ur10e")
@@ -54,7 +55,7 @@ class Robot:
     lengths: Mapping[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     origin: Origin | None = field(init=False, default=None, repr=False, compare=False)
-    _pinocchio: Any = field(init=False, repr=False, compare=False)
+    pinocchio: Any = field(init=False, repr=False, compare=False)
     _link_to_joint: Array = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -63,7 +64,7 @@ class Robot:
         object.__setattr__(self, "gravity", frozen(self.gravity, (3,), "gravity"))
         if self.transmission is not None:
             object.__setattr__(self, "transmission", frozen(self.transmission, (n, n), "transmission"))
-        object.__setattr__(self, "_pinocchio", _pinocchio_model(self))
+        object.__setattr__(self, "pinocchio", _pinocchio_model(self))
         frames = [inertia.change_of_frame(joint.link_frame[:3, :3], joint.link_frame[:3, 3]) for joint in self.joints]
         object.__setattr__(self, "_link_to_joint", np.stack(frames)[:, _TO_PINOCCHIO, :])
 
@@ -115,6 +116,20 @@ class Robot:
         """Length of the stretched arm from its first joint on, m: the sum of its links' lengths."""
         return float(np.linalg.norm(self.link_ends[:, 1] - self.link_ends[:, 0], axis=1).sum())
 
+    def joint_frames(self, q: Array) -> Array:
+        """(n, 4, 4) frames of the joints in the base's, moved with them to positions q (n,), rad or m."""
+        data = self.pinocchio.createData()
+        pin.forwardKinematics(self.pinocchio, data, q)
+        return np.stack([place.homogeneous for place in list(data.oMi)[1:]])
+
+    def to_base(self, joint: int) -> list[int]:
+        """Indices of a joint and of those that carry it, up to the base, whose own is -1."""
+        path = []
+        while joint >= 0:
+            path.append(joint)
+            joint = self.joints[joint].parent
+        return path
+
     def regressor(self, motion: Motion) -> Array:
         """(N, n, 10 n) Y with actuator efforts e = Y pi, pi the link parameters stacked from base to tip.
 
@@ -124,7 +139,7 @@ class Robot:
             >>> robot.regressor(motion).shape
             (201, 3, 30)
         """
-        model, data, width = self._pinocchio, self._bodies.workspace(self), 10 * self.n_joints
+        model, data, width = self.pinocchio, self._bodies.workspace(self), 10 * self.n_joints
         regressor = np.empty((len(motion), self.n_joints, width))
         at_once = TUNING.samples_at_once  # small enough for a processor's cache
         raw = np.empty((min(at_once, len(motion)), self.n_joints, width))
@@ -193,7 +208,7 @@ class Robot:
             motion: the motion of the joints.
             in_base: whether they are given along the axes of the base, not of the link.
         """
-        model, data, last = self._pinocchio, self._pinocchio.createData(), self.n_joints
+        model, data, last = self.pinocchio, self.pinocchio.createData(), self.n_joints
         flange = pin.SE3(self.joints[-1].link_frame)
         jacobian = np.empty((len(motion), 6, self.n_joints))
         for row, q in zip(jacobian, motion.q, strict=True):
@@ -254,12 +269,12 @@ class _Bodies:
     def workspace(self, robot: Robot) -> Any:
         """Data for what depends on the robot's frames alone."""
         if self._workspace is None:
-            self._workspace = robot._pinocchio.createData()
+            self._workspace = robot.pinocchio.createData()
         return self._workspace
 
     @staticmethod
     def _of(robot: Robot, parameters: Array) -> tuple[Any, Any]:
-        model = robot._pinocchio.copy()
+        model = robot.pinocchio.copy()
         in_joint_frames = (robot._link_to_joint @ parameters.reshape(-1, 10, 1))[:, :, 0]
         mass = in_joint_frames[:, 0]
         mass[mass == 0.0] = np.finfo(float).tiny  # pinocchio divides by it

@@ -30,16 +30,7 @@ class Pose:
     @cached_property
     def joint_frames(self) -> Array:
         """(n, 4, 4) the frames of the joints, moved with them."""
-        frames = np.empty((self.robot.n_joints, 4, 4))
-        for i, (joint, value) in enumerate(zip(self.robot.joints, self.q, strict=True)):
-            moved = np.eye(4)
-            if joint.prismatic:
-                moved[:3, 3] = value * joint.axis
-            else:
-                moved[:3, :3] = scipy.spatial.transform.Rotation.from_rotvec(value * joint.axis).as_matrix()
-            parent = np.eye(4) if joint.parent < 0 else frames[joint.parent]
-            frames[i] = parent @ joint.placement @ moved
-        return frames
+        return self.robot.joint_frames(self.q)
 
     @cached_property
     def axes(self) -> Array:
@@ -132,7 +123,7 @@ def reach(robot: Robot, joint: int | None = None) -> float:
         point = here.flange[:3, 3] if joint is None else here.joint_frames[joint - 1, :3, 3]
         arm = point - here.joint_frames[0, :3, 3]
         away = arm - here.axes[0] * (here.axes[0] @ arm)
-        moved_by = _ancestors(robot, robot.n_joints if joint is None else joint)
+        moved_by = np.isin(np.arange(robot.n_joints), robot.to_base((joint or robot.n_joints) - 1))
         slopes = np.cross(here.axes, point - here.joint_frames[:, :3, 3]) @ away
         return -0.5 * float(away @ away), -(slopes * moved_by)[free]
 
@@ -142,11 +133,3 @@ def reach(robot: Robot, joint: int | None = None) -> float:
         else [shortfall(starts[0])[0]]
     )
     return float(np.sqrt(-2.0 * min(found)))
-
-
-def _ancestors(robot: Robot, joint: int) -> Array:
-    """(n,) 1 for the joints that move the frame of a joint, from 1, and 0 for the others."""
-    moving, i = np.zeros(robot.n_joints), joint - 1
-    while i >= 0:
-        moving[i], i = 1.0, robot.joints[i].parent
-    return moving

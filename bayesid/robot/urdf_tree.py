@@ -190,10 +190,6 @@ def _joint(element: ET.Element, links: list[str], where: str) -> UrdfJoint:
     if kind not in _KINDS:
         raise InputError(f"is of type {kind!r}", here, f"give one of {', '.join(_KINDS)}")
     parent, child = (_link(element, end, links, here) for end in ("parent", "child"))
-    position = _vector(element, "origin", "xyz", "0 0 0", here, TUNING.longest)
-    angles = _vector(element, "origin", "rpy", "0 0 0", here)
-    origin = np.eye(4)
-    origin[:3, :3], origin[:3, 3] = scipy.spatial.transform.Rotation.from_euler("xyz", angles).as_matrix(), position
     axis = _vector(element, "axis", "xyz", "1 0 0", here)
     if kind in MOVING and np.linalg.norm(axis) < 1e-6:
         raise InputError("key 'axis xyz' cannot be used", here, "give a direction that is not zero")
@@ -203,7 +199,22 @@ def _joint(element: ET.Element, links: list[str], where: str) -> UrdfJoint:
         numbers = {key: _number(mimic.get(key, value), f"mimic {key}", here) for key, value in numbers.items()}
     leader = None if mimic is None else mimic.get("joint", "")
     direction, rated = axis / (np.linalg.norm(axis) or 1.0), _rated_effort(element)
-    return UrdfJoint(name, kind, parent, child, origin, direction, leader, **numbers, rated_effort=rated)
+    return UrdfJoint(
+        name, kind, parent, child, origin_of(element, here), direction, leader, **numbers, rated_effort=rated
+    )
+
+
+def origin_of(element: ET.Element, where: str) -> Array:
+    """(4, 4) the frame of an <origin>.
+
+    Raises:
+        InputError: it holds no numbers of a frame.
+    """
+    frame = np.eye(4)
+    frame[:3, 3] = _vector(element, "origin", "xyz", "0 0 0", where, TUNING.longest)
+    angles = _vector(element, "origin", "rpy", "0 0 0", where)
+    frame[:3, :3] = scipy.spatial.transform.Rotation.from_euler("xyz", angles).as_matrix()
+    return frame
 
 
 def _rated_effort(element: ET.Element) -> float | None:

@@ -53,7 +53,7 @@ def study(robot_name: str, samples: int) -> dict[str, float]:
 
 def _over_pinocchio(robot: Robot) -> float:
     """Processor time of a regressor over that of Pinocchio's calls alone, the median of some runs in turn."""
-    model = robot._pinocchio
+    model = robot.pinocchio
     motion = random_trajectory(robot.n_joints, 20.0).motion(np.linspace(0.0, 20.0, _CALLS))
     ratios = []
     for _ in range(_RUNS):

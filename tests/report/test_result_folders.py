@@ -12,6 +12,7 @@ from saved_results import PROMISED, contents, identified, save, validated
 import bayesid
 from bayesid.cli import main
 from bayesid.errors import InputError
+from bayesid.report import folders
 from bayesid.report.findings import read_findings
 from bayesid.report.folders import (
     IncompleteWarning,
@@ -20,7 +21,6 @@ from bayesid.report.folders import (
     save_identification,
     save_validation,
 )
-from bayesid.results import folders
 
 PAGE = "bayesid.report.pages.identification_page.identification_page"
 ARM = """convention = "standard"

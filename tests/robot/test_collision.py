@@ -1,7 +1,5 @@
 """Collision models: against coal, closed forms, and paths looked at on fine grids."""
 
-from itertools import combinations
-
 import numpy as np
 import pytest
 from conftest import real_log
@@ -10,10 +8,8 @@ from oracles import built_in_table, dh_chain, random_table
 
 from bayesid.errors import InputError
 from bayesid.robot import load_robot, robot_from_table
-from bayesid.robot.collision import Capsules, collision_model
-from bayesid.robot.collision import clearance as clearances
-from bayesid.robot.collision.distances import PairDistances, line_distances
-from bayesid.robot.collision.shapes import capsules
+from bayesid.robot.collision import FINEST, Capsules, collision_model
+from bayesid.robot.shapes import capsule_shapes
 
 WIDTHS = (0.05, 0.04, 0.03, 0.06, 0.035, 0.045, 0.025)
 AT_REST = {
@@ -41,24 +37,16 @@ def by_search(a, b):
     return np.linalg.norm(matrix @ found.x - (b[0] - a[0]))
 
 
-LINES = [
-    *(np.random.default_rng(seed).uniform(-1, 1, (2, 2, 3)) for seed in range(300)),
-    *(np.random.default_rng(seed).uniform(-1, 1, (2, 2, 3)) * [[[1, 1, 0]], [[1, 1, 0]]] for seed in range(50)),
-    np.array([[[0, 0, 0], [1, 0, 0]], [[0.2, 0.3, 0], [0.9, 0.3, 0]]]),  # parallel, side by side
-    np.array([[[0, 0, 0], [1, 0, 0]], [[2.0, 0.3, 0], [3.0, 0.3, 0]]]),  # parallel, one after the other
-    np.array([[[0, 0, 0], [0, 0, 0]], [[2.0, 0.3, 0], [3.0, 0.3, 0]]]),  # a point and a line
-    np.array([[[0, 0, 0], [0, 0, 0]], [[2.0, 0.3, 0], [2.0, 0.3, 0]]]),  # two points
-    np.array([[[0, 0, 0], [1, 0, 0]], [[0.3, -1, 0], [0.3, 2, 0]]]),  # crossing
-    np.array([[[0, 0, 0], [1, 0, 0]], [[0.3, -1e-7, 0.2], [0.9, 1e-7, 0.2]]]),  # nearly parallel
-]
-
-
-def test_lines_are_as_far_apart_as_a_search_finds():
-    lines = np.array(LINES, dtype=float)
-    found = line_distances(lines[:, :, 0], lines[:, :, 1], np.array([0]), np.array([1]))[:, 0]
-    expected = [by_search(*pair) for pair in lines]
-    np.testing.assert_allclose(found, expected, atol=1e-7)  # the root of the rounding of squared lengths
-    assert (np.array(expected) < 1e-7).sum() > 3  # some do cross
+def lines_of(robot, shapes, q):
+    """Ends of the capsules' lines in the base's frame."""
+    frames, lines = [*robot.joint_frames(q), np.eye(4)], []
+    for shape in shapes:
+        half = getattr(shape.solid, "halfLength", 0.0) * shape.place[:3, 2]
+        ends = np.stack([shape.place[:3, 3] - half, shape.place[:3, 3] + half])
+        if shape.rod:
+            ends = np.stack([-q[shape.body] * robot.joints[shape.body].axis, np.zeros(3)])
+        lines.append(ends @ frames[shape.body][:3, :3].T + frames[shape.body][:3, 3])
+    return lines
 
 
 @pytest.mark.parametrize("convention", ["standard", "modified"])
@@ -66,9 +54,7 @@ def test_lines_are_as_far_apart_as_a_search_finds():
 def test_capsules_follow_the_table(convention, slides):
     """Corners at the table's own frames: offsets along z, lengths along x; what slides out may overlap."""
     robot, table = arm(6, 1, convention, slides)
-    shapes = capsules(robot, WIDTHS[:6])
-    pairs = list(combinations(shapes, 2))
-    distances, chain = PairDistances(robot, pairs, None), dh_chain(table)
+    shapes, chain = capsule_shapes(robot, WIDTHS[:6], np.zeros(3)), dh_chain(table)
     for q in poses(6, 8, 1, 0.8):
         frames, rows = [np.eye(4), *chain(q)[0]], table["joints"]
         lines = []
@@ -78,8 +64,7 @@ def test_capsules_follow_the_table(convention, slides):
             if convention == "standard":
                 corner = after[:3, 3] - after[:3, 0] * row["a"]
             lines += [(before[:3, 3], corner), (corner, after[:3, 3])]
-        starts, ends = distances.lines(distances.bounds(q[None])[1])
-        found = list(zip(starts[0], ends[0], strict=True))
+        found = lines_of(robot, shapes, q)
         for points, skeleton in ((lines, found),) if slides else ((lines, found), (found, lines)):
             on_line = [(1 - s) * a + s * b for a, b in points for s in (0.0, 0.3, 1.0)]
             assert max(min(by_search((p, p), line) for line in skeleton) for p in on_line) < 1e-9
@@ -120,6 +105,22 @@ def test_what_overlaps_where_the_robot_has_been_is_named():
     assert pair not in wide.pairs
     both = collision_model(robot, np.stack([folded * 0.5, folded]), Capsules(0.08), floor=None)
     assert both.left_out == wide.left_out
+
+
+def test_the_distance_is_that_of_the_lines_less_the_radii():
+    for seed, slides in ((0, False), (1, True), (2, True)):
+        robot, _ = arm(6, seed, slides=slides)
+        shapes = capsule_shapes(robot, 0.03, np.zeros(3))
+        model = collision_model(robot, np.zeros(6), Capsules(0.03), floor=None, margin=-1.0)
+        for q in poses(6, 20, seed, 0.8):
+            lines = lines_of(robot, shapes, q)
+            expected = min(
+                by_search(a, b)
+                for k, a in enumerate(lines)
+                for m, b in enumerate(lines)
+                if (shapes[k].name, shapes[m].name) in model.pairs
+            )
+            assert model.distance(q[None])[0] == pytest.approx(expected - 0.06, abs=1e-7)
 
 
 STANDING = np.array([0.3, -1.2, 1.5, -1.0, -1.5, 0.4])
@@ -169,12 +170,12 @@ def test_a_path_is_clear_where_a_fine_grid_is(slides, samples):
         model = collision_model(robot, begin, Capsules(WIDTHS), floor=None, margin=0.01)
         least = model.distance(path(FINE)).min()
         between = np.diff(FINE)[0] / 2.0 * speed.sum() * max(longest, 1.0)  # no link is farther from an axis
-        for margin in (0.01, least + between + 1e-4, least - between - clearances.FINEST - 2e-5):
+        for margin in (0.01, least + between + 1e-4, least - between - FINEST - 2e-5):
             object.__setattr__(model, "margin", margin)
             found = model.stays_clear(path, np.linspace(0.0, 1.5, samples), speed)
             if margin > least:
                 assert not found
-            elif margin < least - between - clearances.FINEST:
+            elif margin < least - between - FINEST:
                 assert found
                 clear += 1
     assert clear >= 8

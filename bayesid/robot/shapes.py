@@ -1,8 +1,4 @@
-"""Shapes of a robot's links: capsules about the lines of its kinematics, or what a URDF gives for collisions.
-
-Every shape has a capsule: the points within a radius of a line. Where a URDF gives a box, a cylinder or a mesh (of
-which the convex hull counts), the capsule encloses it, its distances are lower bounds, and coal has the true ones.
-"""
+"""Shapes of a robot's links: capsules about the lines of its kinematics, or what a URDF gives for collisions."""
 
 from __future__ import annotations
 
@@ -10,6 +6,8 @@ import os
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +23,7 @@ from bayesid.robot.arm import Origin
 from bayesid.robot.numbers import given_numbers
 from bayesid.robot.tuning import TUNING
 from bayesid.robot.urdf import hold_joints, place_links
-from bayesid.robot.urdf_tree import read_tree
+from bayesid.robot.urdf_tree import origin_of, read_tree
 
 BASE = -1
 """Index of the body that does not move, as a joint's parent."""
@@ -43,24 +41,33 @@ class Shape:
     Attributes:
         name: of the link.
         body: index of the joint that moves it; `BASE` for none.
-        ends: (2, 3) of the capsule's line, m.
-        radius: of the capsule, m.
-        solid: what coal has within the capsule; None where the capsule itself is the shape.
+        solid: what coal measures distances of.
         place: (4, 4) frame of the solid.
-        rod: whether its line begins at the joint's frame before the joint has moved: what slides out of a link.
+        rod: whether it is a capsule from the joint's frame before the joint has moved: what slides out of a link.
     """
 
     name: str
     body: int
-    ends: Array
-    radius: float
-    solid: Any = None
-    place: Any = None
+    solid: Any
+    place: Array
     rod: bool = False
 
+    @property
+    def round(self) -> bool:
+        """Whether it is a capsule or a ball that keeps its length."""
+        return isinstance(self.solid, coal.Capsule | coal.Sphere) and not self.rod
 
-def capsules(robot: Robot, radii: float | Sequence[float], tool: Sequence[float] = (0.0, 0.0, 0.0)) -> list[Shape]:
-    """One line a link, from its joint to the next, with a radius.
+    @cached_property
+    def corners(self) -> Array:
+        """(8, 3) of a box that holds it, m."""
+        self.solid.computeLocalAABB()
+        box = self.solid.aabb_local
+        corners = np.array(list(product(*zip(box.min_, box.max_, strict=True))))
+        return corners @ self.place[:3, :3].T + self.place[:3, 3]
+
+
+def capsule_shapes(robot: Robot, radii: float | Sequence[float], tool: Sequence[float]) -> list[Shape]:
+    """One capsule a link, about the line from its joint to the next.
 
     The line of a link with an offset along an axis and a length across it has a corner, as a Denavit-Hartenberg step
     has, and two capsules. The last link ends at its own frame, or at a point that is given in it.
@@ -75,20 +82,33 @@ def capsules(robot: Robot, radii: float | Sequence[float], tool: Sequence[float]
     """
     widths, end = _widths(robot, radii), np.asarray(tool, dtype=float)
     if end.shape != (3,) or not np.isfinite(end).all():
-        raise InputError(
-            f"{end.size} numbers", field="tool", remedy="give x,y,z of its end in the last link's frame, m"
-        )
+        remedy = "give x,y,z of its end in the last link's frame, m"
+        raise InputError(f"{end.size} numbers", field="tool", remedy=remedy)
     standard = any(not np.array_equal(joint.link_frame, np.eye(4)) for joint in robot.joints)
     found = []
     for body in range(BASE, robot.n_joints):
-        name = "base" if body == BASE else f"link {body + 1}"
+        name, radius = "base" if body == BASE else f"link {body + 1}", widths[max(body, 0)]
         if body != BASE and robot.joints[body].prismatic:
-            found.append(Shape(name, body, np.zeros((2, 3)), widths[body], rod=True))
+            found.append(Shape(name, body, coal.Capsule(radius, 0.0), np.eye(4), rod=True))
         lines = [line for corners in _lines(robot, body, end, standard) for line in _pieces(corners)]
+        found += [_capsule(name, body, line, radius) for line in lines]
         if not lines and body != BASE:
-            lines = [np.zeros((2, 3))]
-        found += [Shape(name, body, line, widths[max(body, 0)]) for line in lines]
+            found.append(Shape(name, body, coal.Sphere(radius), np.eye(4)))
     return found
+
+
+def _capsule(name: str, body: int, ends: Array, radius: float) -> Shape:
+    way, place = ends[1] - ends[0], np.eye(4)
+    place[:3, :3], place[:3, 3] = upright(way), ends.mean(axis=0)
+    return Shape(name, body, coal.Capsule(radius, float(np.linalg.norm(way))), place)
+
+
+def upright(way: Array) -> Array:
+    """(3, 3) a rotation that turns z, along which a capsule lies, into a direction (3,)."""
+    rotation: Array = scipy.spatial.transform.Rotation.align_vectors(way[None], np.array([[0.0, 0.0, 1.0]]))[
+        0
+    ].as_matrix()
+    return rotation
 
 
 def _widths(robot: Robot, radii: float | Sequence[float]) -> list[float]:
@@ -130,25 +150,6 @@ def _pieces(corners: Array) -> Iterator[Array]:
             kept.append(corner)
 
 
-def enclosing_capsule(points: Array) -> tuple[Array, float]:
-    """(2, 3) line and radius of a capsule around points, along their longest direction.
-
-    Its line goes through the middle of what is seen along it, and is no longer than the rounded ends need.
-    """
-    centre = points.mean(axis=0)
-    axis = np.linalg.eigh((points - centre).T @ (points - centre))[1].T[::-1]
-    seen = (points - centre) @ axis.T
-    middle = (seen.min(axis=0) + seen.max(axis=0)) / 2.0
-    along, across = seen[:, 0], np.linalg.norm(seen[:, 1:] - middle[1:], axis=1)
-    radius = float(across.max()) + _SHORTEST
-    reach = np.sqrt(radius**2 - across**2)
-    low, high = (along + reach).min(), (along - reach).max()
-    if low > high:  # one ball holds them all
-        low = high = (low + high) / 2.0
-    ends = np.array([[low, *middle[1:]], [high, *middle[1:]]])
-    return centre + ends @ axis, radius
-
-
 def urdf_shapes(origin: Origin, n_joints: int, folders: Sequence[str | Path] = ()) -> list[Shape]:
     """Shapes of <collision> elements, in the frames of the joints that move.
 
@@ -173,19 +174,9 @@ def urdf_shapes(origin: Origin, n_joints: int, folders: Sequence[str | Path] = (
         body, frame = places[name]
         for element in link.findall("collision"):
             here = f"{where}, link {printable(name)}"
-            place = frame @ _origin(element, here)
+            place = frame @ origin_of(element, here)
             shapes += list(_shapes(element, printable(name), body, place, _Meshes(origin.urdf, folders, here)))
     return shapes
-
-
-def _origin(element: ET.Element, where: str) -> Array:
-    found = element.find("origin")
-    given = {} if found is None else found.attrib
-    frame = np.eye(4)
-    frame[:3, 3] = given_numbers(given.get("xyz", "0 0 0").split(), (3,), "origin xyz", where, TUNING.longest)
-    angles = given_numbers(given.get("rpy", "0 0 0").split(), (3,), "origin rpy", where)
-    frame[:3, :3] = scipy.spatial.transform.Rotation.from_euler("xyz", angles).as_matrix()
-    return frame
 
 
 class _Meshes:
@@ -222,7 +213,7 @@ class _Meshes:
             yield folder / rest
 
     def hull(self, element: ET.Element) -> tuple[Any, Array]:
-        """Coal's convex hull of a <mesh>, None of one that is flat; and its points."""
+        """Coal's convex hull of a <mesh>, a box around one that is flat; and its (4, 4) frame in the mesh's."""
         path = self.find(element.get("filename", ""))
         scale = given_numbers(element.get("scale", "1 1 1").split(), (3,), "mesh scale", self.where)
         shown = printable(str(path))
@@ -237,19 +228,21 @@ class _Meshes:
         if not len(points) or not (np.abs(points) < TUNING.longest).all():
             remedy = "give an STL, OBJ or DAE file in m, or radii by `capsules`"
             raise InputError(f"mesh {shown} cannot be read", self.where, remedy)
-        return _hull(points), points
+        return _hull(points)
 
 
-def _hull(points: Array) -> Any:
-    """Coal's convex hull; None of points in one plane."""
+def _hull(points: Array) -> tuple[Any, Array]:
+    frame = np.eye(4)
     try:
         corners = points[scipy.spatial.ConvexHull(points).vertices]
         vectors = coal.StdVec_Vec3s()
         for corner in corners:
             vectors.append(corner)
-        return coal.Convex.convexHull(vectors, True, "Qt")
-    except (scipy.spatial.QhullError, ValueError, RuntimeError):
-        return None
+        return coal.Convex.convexHull(vectors, True, "Qt"), frame
+    except (scipy.spatial.QhullError, ValueError, RuntimeError):  # all in one plane
+        low, high = points.min(axis=0), points.max(axis=0)
+        frame[:3, 3] = (low + high) / 2.0
+        return coal.Box(*(high - low + 2.0 * _SHORTEST)), frame
 
 
 def _shapes(element: ET.Element, name: str, body: int, place: Array, meshes: _Meshes) -> Iterator[Shape]:
@@ -261,22 +254,19 @@ def _shapes(element: ET.Element, name: str, body: int, place: Array, meshes: _Me
             raise InputError(f"key '{found.tag} {key}' is not positive", meshes.where, "give a length in m")
         return value
 
-    def shape(ends: Array, radius: float, solid: Any = None) -> Shape:
-        return Shape(name, body, ends @ place[:3, :3].T + place[:3, 3], radius, solid, place)
-
     for found in element.findall("geometry/*"):
+        solid, frame = None, place
         if found.tag == "sphere":
-            yield shape(np.zeros((2, 3)), length(found, "radius"))
+            solid = coal.Sphere(length(found, "radius"))
         elif found.tag in ("cylinder", "capsule"):
-            radius, long = length(found, "radius"), length(found, "length")
-            ends = np.array([[0.0, 0.0, -long / 2.0], [0.0, 0.0, long / 2.0]])
-            yield shape(ends, radius, coal.Cylinder(radius, long) if found.tag == "cylinder" else None)
+            kind = coal.Cylinder if found.tag == "cylinder" else coal.Capsule
+            solid = kind(length(found, "radius"), length(found, "length"))
         elif found.tag == "box":
             sides = given_numbers(found.get("size", "").split(), (3,), "box size", meshes.where, TUNING.longest)
-            corners = np.array(np.meshgrid(*((-side / 2.0, side / 2.0) for side in sides))).reshape(3, -1).T
-            yield shape(*enclosing_capsule(corners), coal.Box(*np.abs(sides)))
+            solid = coal.Box(*np.abs(sides))
         elif found.tag == "mesh":
-            hull, points = meshes.hull(found)
-            yield shape(*enclosing_capsule(points), hull)
+            solid, inside = meshes.hull(found)
+            frame = place @ inside
         else:
             raise InputError(f"a shape <{printable(found.tag)}> is not known", meshes.where, "give radii by `capsules`")
+        yield Shape(name, body, solid, frame)

@@ -1,0 +1,405 @@
+"""A robot's distance from itself and from the floor, in poses and on whole paths; which pairs of shapes count.
+
+Pinocchio moves the shapes and coal measures the distances. How fast these can change has a bound: where one joint alone
+moves, one of two bodies turns about its axis as seen from the other. No point moves faster than its distance from the
+axis times the joint's speed, and neither does the distance between the bodies change; it makes no difference which of
+them is held to move, so that the nearer one's reach counts. A joint that slides has 1. The sum over the joints between
+the bodies bounds what all of them do together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from itertools import combinations
+from pathlib import Path
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from bayesid.arrays import Array, Mask
+from bayesid.errors import InputError
+from bayesid.robot import Robot
+from bayesid.robot.shapes import BASE, Shape, capsule_shapes, upright, urdf_shapes
+
+Pair = tuple[Shape, Shape | None]
+"""Two shapes, or a shape and the floor."""
+FINEST = 1e-3
+"""m; how far distances may change in the shortest part of a path that is looked at. A path that keeps so little more
+than what is asked for counts as not clear; a tenth of the margin of a centimetre that robots are given."""
+ACCURACY = 1e-5
+"""m that a computed distance may be too long: ten times the tolerance of coal's iterations."""
+
+
+@dataclass(frozen=True, eq=False)
+class CollisionModel:
+    """The shapes of a robot's links and of the floor.
+
+    Attributes:
+        source: what the shapes are, in a sentence.
+        margin: m that all distances shall keep.
+        pairs: links whose distances count, and links with the floor, which is called `floor`.
+        left_out: pairs nearer than the margin in a pose where the robot has been, so that their shapes are wider than
+            the links: the parts that are do not count.
+        inseparable: pairs of links which do not share a joint, but parts of whose capsules are nearer than the margin
+            in every pose; these parts do not count.
+
+    Example:
+        >>> shapes = bayesid.collision_model(robot, motion.q[::20], bayesid.Capsules(0.03), floor=None)
+        >>> shapes.source
+        'capsules of 0.03 m about the lines between the joints, no floor'
+    """
+
+    source: str
+    margin: float
+    pairs: tuple[tuple[str, str], ...]
+    left_out: tuple[tuple[str, str], ...]
+    inseparable: tuple[tuple[str, str], ...]
+    _distances: PairDistances = field(repr=False)
+    _reach: Reach = field(repr=False)
+    _rates: dict[bytes, Array] = field(init=False, repr=False, default_factory=dict)
+
+    @property
+    def not_watched(self) -> tuple[str, ...]:
+        """Pairs of which parts do not count, and why, in sentences."""
+        near = f"nearer than {self.margin:g} m"
+        reasons = (
+            (self.left_out, f"{near} where the robot has been: their shapes are wider than the links"),
+            (self.inseparable, f"{near} in every pose"),
+        )
+        named = [(", ".join(" and ".join(pair) for pair in pairs), reason) for pairs, reason in reasons if pairs]
+        return tuple(f"parts of {pairs} ({reason})" for pairs, reason in named)
+
+    def distance(self, q: Array) -> Array:
+        """(N,) the least distance of all pairs, m; below zero where they overlap.
+
+        Args:
+            q: (N, n) positions of the joints, rad or m.
+        """
+        return self._distances(q).min(axis=1)
+
+    def nearest(self, q: Array) -> tuple[float, tuple[str, str]]:
+        """The least distance of a pose, m, and its pair.
+
+        Args:
+            q: (n,) positions of the joints, rad or m.
+        """
+        (distances,) = self._distances(np.asarray(q)[None])
+        least = int(distances.argmin())
+        return float(distances[least]), names_of(self._distances.pairs[least])
+
+    def stays_clear(self, path: Callable[[Array], Array], t: Array, speed: Array) -> bool:
+        """Whether all distances are certainly no less than the margin, between the samples too.
+
+        In an interval no distance changes by more than the joints' speeds times what each can move the pair; where
+        the distance in its middle does not allow for that, its halves are looked at, until they move `FINEST`.
+
+        Args:
+            path: positions (M, n) of the joints at instants (M,).
+            t: (K + 1,) increasing instants that bound K intervals, s.
+            speed: (n,) or (K, n) bounds of the joints' speeds in the intervals, rad/s or m/s.
+
+        Returns:
+            False also where it is neither shown that they are nor that they are not.
+        """
+        t = np.asarray(t, dtype=float)
+        middle, half = (t[1:] + t[:-1]) / 2.0, (t[1:] - t[:-1]) / 2.0
+        most = half[:, None] * np.abs(speed)
+        change = most @ self._most_rates((np.abs(path(middle)) + most).max(axis=0, initial=0.0)).T
+        while len(middle):
+            distances = self._distances(path(middle))
+            unsure = distances < self.margin + ACCURACY + change
+            if (unsure & ((distances < self.margin + ACCURACY) | (change < FINEST))).any():
+                return False
+            left = unsure.any(axis=1)
+            half = np.repeat(half[left] / 2.0, 2)
+            middle = np.repeat(middle[left], 2) + half * np.tile([-1.0, 1.0], left.sum())
+            change = np.repeat(change[left] / 2.0, 2, axis=0)
+        return True
+
+    def _most_rates(self, travel: Array) -> Array:
+        """(P, n) m that each joint can bring a pair nearer by, per unit of its motion."""
+        travel = np.where(self._reach.slides, 0.125 * np.ceil(travel / 0.125), 0.0)  # rounded up: few are computed
+        key = travel.tobytes()
+        if key not in self._rates:
+            self._rates[key] = self._reach.rates(self._distances.pairs, travel)
+        return self._rates[key]
+
+
+def names_of(pair: Pair) -> tuple[str, str]:
+    """The links of a pair of shapes."""
+    one, other = pair
+    return one.name, "floor" if other is None else other.name
+
+
+@dataclass(frozen=True)
+class NoShapes:
+    """Why a robot has no collision model.
+
+    Attributes:
+        reason: in a few words.
+        too_near: whether there are links that could meet, but nearer to each other than the margin anyway.
+    """
+
+    reason: str
+    too_near: bool = False
+
+
+@dataclass(frozen=True)
+class Capsules:
+    """Capsules in place of a robot's own shapes.
+
+    Attributes:
+        radii: m, one for all links or one for each, from base to tip; the base has that of the first.
+        tool: (3,) the end of what is mounted on the flange, in the last link's frame, m.
+
+    Example:
+        >>> bayesid.Capsules(0.05).tool
+        (0.0, 0.0, 0.0)
+    """
+
+    radii: float | Sequence[float]
+    tool: Sequence[float] = (0.0, 0.0, 0.0)
+
+
+def collision_model(
+    robot: Robot,
+    rest: Array,
+    capsules: Capsules | None = None,
+    floor: float | None = 0.0,
+    margin: float = 0.01,
+    folders: Sequence[str | Path] = (),
+) -> CollisionModel | NoShapes:
+    """The collision model of a robot: of capsules if they are given, else of its URDF.
+
+    Args:
+        robot: as `load_robot` gives it.
+        rest: (n,) or (M, n) poses where the robot has been, rad or m: what is too near there does not count.
+        capsules: radii of the links; without them a robot needs a URDF that has shapes.
+        floor: height of the floor over the base's origin, against gravity, m; None for no floor.
+        margin: m that the motion shall keep from all that counts; links that never keep it, or did not where the robot
+            has been, do not count.
+        folders: where packages of meshes are looked for first; then in ROS_PACKAGE_PATH and above the URDF.
+
+    Returns:
+        The model, or why there is none: no shapes are known, or there is nothing that could meet.
+
+    Raises:
+        InputError: radii or meshes cannot be used; or a link was below the floor, or nearer to it than the margin,
+            where the robot has been; or all that could meet is nearer than the margin anyway, so that capsules tell
+            nothing.
+
+    Example:
+        >>> shapes = bayesid.collision_model(robot, motion.q[::20], bayesid.Capsules(0.03), floor=None)
+        >>> run = bayesid.RunSettings(clearance=shapes)
+    """
+    if capsules is not None:
+        shapes, source = capsule_shapes(robot, capsules.radii, capsules.tool), _of_capsules(capsules)
+    elif robot.origin is None or robot.origin.urdf is None:
+        return NoShapes(f"robot {robot.name} is no URDF: the shapes of its links are not known")
+    else:
+        shapes = urdf_shapes(robot.origin, robot.n_joints, folders)
+        source = f"collision shapes of {robot.origin.urdf.name} (of meshes the convex hulls){_bare(robot, shapes)}"
+    if not shapes:
+        return NoShapes(f"the URDF of robot {robot.name} has no collision shapes")
+    ground = None if floor is None else Floor(_up(robot), floor)
+    found = _of_pairs(robot, shapes, np.atleast_2d(rest), ground, margin, source + _of_floor(ground))
+    if isinstance(found, NoShapes) and found.too_near and capsules is not None:
+        remedy = "give narrower ones or a smaller `margin`, or leave it out"
+        raise InputError(found.reason, field="capsules", remedy=remedy)
+    return found
+
+
+def _of_pairs(
+    robot: Robot, shapes: Sequence[Shape], rest: Array, floor: Floor | None, margin: float, source: str
+) -> CollisionModel | NoShapes:
+    """With the pairs that count where a robot has been in poses `rest` (M, n)."""
+    pairs: list[Pair] = [pair for pair in combinations(shapes, 2) if not _adjacent(robot, *pair)]
+    pairs += [] if floor is None else [(shape, None) for shape in shapes if shape.body != BASE]
+    together = _never_apart(robot, pairs, floor, margin)
+    apart = [pair for pair in pairs if pair not in together]
+    nearest = PairDistances(robot, apart, floor)(rest).min(axis=0, initial=np.inf)
+    wide = [pair for pair, distance in zip(apart, nearest, strict=True) if distance < margin]
+    if floor is not None:
+        _check_floor(robot, floor, apart, nearest, margin)
+    reach = Reach(robot, _up(robot))
+    moves: Mask = np.any(reach.rates(apart, np.ones(robot.n_joints)), axis=1)
+    kept = [pair for pair, one_moves in zip(apart, moves, strict=True) if one_moves and pair not in wide]
+    if not kept and (wide or together):
+        near = f"all distances are less than {margin:g} m, in every pose or where the robot has been"
+        return NoShapes(near, too_near=True)
+    if not kept:
+        return NoShapes("the robot has no two links, nor one and the floor, whose distance could tell anything")
+    distances = PairDistances(robot, kept, floor)
+    return CollisionModel(source, margin, _named(kept), _named(wide), _named(together), distances, reach)
+
+
+def _never_apart(robot: Robot, pairs: Sequence[Pair], floor: Floor | None, margin: float) -> list[Pair]:
+    """Pairs of capsules that no pose takes as far apart as the margin, by many poses drawn at random."""
+    round_ones = [pair for pair in pairs if all(shape is None or shape.round for shape in pair)]
+    drawn = np.random.default_rng(0).uniform(-np.pi, np.pi, (1000, robot.n_joints))
+    farthest = PairDistances(robot, round_ones, floor)(drawn).max(axis=0, initial=-np.inf)
+    return [pair for pair, distance in zip(round_ones, farthest, strict=True) if distance <= margin + 1e-9]
+
+
+def _check_floor(robot: Robot, floor: Floor, pairs: Sequence[Pair], nearest: Array, margin: float) -> None:
+    """Refuses a floor that does not fit to where the robot has been: only what the base carries may stand on it.
+
+    Raises:
+        InputError: another link was below it, or nearer to it than the margin.
+    """
+    carried: Mask = np.array([other is None and robot.joints[one.body].parent != BASE for one, other in pairs], bool)
+    distance = float(nearest.min(where=carried, initial=np.inf))
+    if distance >= margin:
+        return
+    lowest = int(np.argmin(np.where(carried, nearest, np.inf)))
+    lower = np.floor(100.0 * (floor.height + distance - margin)) / 100.0
+    side = "below" if distance < 0.0 else "above"
+    said = f"{pairs[lowest][0].name} is {abs(distance):.3f} m {side} the floor where the robot has been"
+    remedy = f"give the floor's height over the base's origin, {lower:g} or less, or none, or narrower capsules"
+    raise InputError(said, f"{floor.height:g}", remedy, field="floor")
+
+
+def _adjacent(robot: Robot, one: Shape, other: Shape) -> bool:
+    """Whether two shapes are of one body, or of two that share a joint."""
+    a, b = one.body, other.body
+    return a == b or (a != BASE and robot.joints[a].parent == b) or (b != BASE and robot.joints[b].parent == a)
+
+
+def _named(pairs: Iterable[Pair]) -> tuple[tuple[str, str], ...]:
+    """The links of pairs of shapes, each pair once."""
+    return tuple(dict.fromkeys(names_of(pair) for pair in pairs))
+
+
+def _of_capsules(given: Capsules) -> str:
+    radii = np.unique(np.asarray(given.radii, dtype=float))
+    between = f"{radii[0]:g}" if len(radii) == 1 else f"{radii[0]:g} to {radii[-1]:g}"
+    return f"capsules of {between} m about the lines between the joints"
+
+
+def _bare(robot: Robot, shapes: Sequence[Shape]) -> str:
+    """Which joints carry no shape."""
+    bodies = {shape.body for shape in shapes}
+    bare = [joint.name for k, joint in enumerate(robot.joints) if k not in bodies]
+    more = f" and {len(bare) - 4} more" if len(bare) > 4 else ""
+    return f"; none on joint{'s' * (len(bare) > 1)} {', '.join(bare[:4])}{more}" if bare else ""
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# The floor
+# ---------------------------------------------------------------------------------------------------------------
+@dataclass(frozen=True, eq=False)
+class Floor:
+    """What lies below a level plane: its unit normal (3,) in the base's frame, and its height along it, m."""
+
+    up: Array
+    height: float
+
+
+def _up(robot: Robot) -> Array:
+    """(3,) unit vector against gravity in the base's frame; its z where there is no gravity."""
+    size = float(np.linalg.norm(robot.gravity))
+    return -robot.gravity / size if size > 0.0 else np.array([0.0, 0.0, 1.0])
+
+
+def _of_floor(floor: Floor | None) -> str:
+    if floor is None:
+        return ", no floor"
+    if np.allclose(floor.up, [0.0, 0.0, 1.0]):
+        return f", floor at z = {floor.height:g} m"
+    return f", floor {floor.height:g} m above the base's origin, against gravity"
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Distances and how fast they change
+# ---------------------------------------------------------------------------------------------------------------
+class PairDistances:
+    """Distances of P pairs of shapes, m; below zero where they overlap."""
+
+    def __init__(self, robot: Robot, pairs: Sequence[Pair], floor: Floor | None) -> None:
+        self.pairs, self._robot = tuple(pairs), robot
+        self._geometry, place = pin.GeometryModel(), dict[Shape | None, int]()
+        for shape in dict.fromkeys(shape for pair in pairs for shape in pair):
+            body, solid, frame = -1, None, pin.SE3.Identity()
+            if shape is not None:
+                body, solid, frame = shape.body, shape.solid, pin.SE3(shape.place)
+            elif floor is not None:
+                solid = coal.Halfspace(floor.up, floor.height)
+            place[shape] = self._geometry.addGeometryObject(pin.GeometryObject(str(len(place)), body + 1, frame, solid))
+        for one, other in pairs:
+            self._geometry.addCollisionPair(pin.CollisionPair(place[one], place[other]))
+        rods = [shape for shape in place if shape is not None and shape.rod]
+        self._rods = [(shape.body, self._geometry.geometryObjects[place[shape]]) for shape in rods]
+        self._data, self._measured = robot.pinocchio.createData(), pin.GeometryData(self._geometry)
+
+    def __call__(self, q: Array) -> Array:
+        """(N, P) in poses (N, n)."""
+        found = np.empty((len(q), len(self.pairs)))
+        for row, pose in zip(found, np.asarray(q, dtype=float), strict=True):
+            for body, rod in self._rods:  # from where the joint would be at zero to where it is
+                axis = self._robot.joints[body].axis
+                rod.geometry.halfLength = 0.5 * abs(pose[body])
+                rod.placement = pin.SE3(upright(axis), -0.5 * pose[body] * axis)
+            pin.computeDistances(self._robot.pinocchio, self._data, self._geometry, self._measured, pose)
+            row[:] = [one.min_distance for one in self._measured.distanceResults]
+        return found
+
+
+class Reach:
+    """Bounds of how fast distances change; `up` (3,) is the unit normal of the floor in the base's frame."""
+
+    def __init__(self, robot: Robot, up: Array) -> None:
+        frames = robot.joint_frames(np.zeros(robot.n_joints))
+        self.slides: Mask = np.array([joint.prismatic for joint in robot.joints])
+        self._robot, self._at_zero = robot, np.concatenate([frames, np.eye(4)[None]])
+        self._origins = frames[:, :3, 3]
+        self._axes = np.array([frame[:3, :3] @ joint.axis for frame, joint in zip(frames, robot.joints, strict=True)])
+        self._raised = self._raising(up)
+
+    def _raising(self, up: Array) -> Array:
+        """(n,) share of a joint's motion that is along the floor's normal at most.
+
+        It is less than 1 where no pose tilts the joint's axis: all joints before it slide, or turn about the normal.
+        """
+        turning = np.linalg.norm(np.cross(self._axes, up), axis=1)
+        tilts = ~self.slides & (turning > 1e-9)  # beyond rounding
+        share = np.where(self.slides, np.abs(self._axes @ up), turning)
+        tilted = np.array([any(tilts[j] for j in self._robot.to_base(joint.parent)) for joint in self._robot.joints])
+        return np.where(tilted, 1.0, np.where(share > 1e-9, share, 0.0))
+
+    def rates(self, pairs: Sequence[Pair], travel: Array) -> Array:
+        """(P, n) m by which the distances of pairs change at most, per unit of each joint's motion.
+
+        Args:
+            pairs: of shapes, or a shape and None for the floor.
+            travel: (n,) how far from zero each sliding joint goes, m; of others any number.
+        """
+        travel = np.where(self.slides, np.abs(travel), 0.0)
+        return np.array([self._rate(*pair, travel) for pair in pairs]).reshape(-1, len(travel))
+
+    def _rate(self, one: Shape, other: Shape | None, travel: Array) -> Array:
+        rate = np.zeros(len(travel))
+        up, down = (self._robot.to_base(BASE if shape is None else shape.body) for shape in (one, other))
+        path = [k for k in up if k not in down] + [k for k in down[::-1] if k not in up]
+        rate[path] = self._reaches(one, path, travel)
+        if other is None:
+            rate *= self._raised
+        else:
+            rate[path] = np.minimum(rate[path], self._reaches(other, path[::-1], travel)[::-1])
+        for shape in (one, other):
+            if shape is not None and shape.rod:
+                rate[shape.body] = 1.0
+        return rate
+
+    def _reaches(self, shape: Shape, path: Sequence[int], travel: Array) -> Array:
+        """How far a shape is from the axes of joints on the way from it at most, m; 1 of a joint that slides."""
+        frame, reaches, so_far = self._at_zero[shape.body], [], travel[shape.body] if shape.rod else 0.0
+        points = shape.corners @ frame[:3, :3].T + frame[:3, 3]
+        for k in path:
+            to = points - self._origins[k]
+            away = float(np.linalg.norm(np.cross(to, self._axes[k]), axis=1).max())
+            reaches.append(1.0 if self.slides[k] else so_far + away)
+            so_far += float(np.linalg.norm(to, axis=1).max()) + travel[k]
+            points = self._origins[k][None]
+        return np.array(reaches)
