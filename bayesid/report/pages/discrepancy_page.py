@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
+from markupsafe import Markup
 
 from bayesid.discrepancy.case import Excess
-from bayesid.discrepancy.comparison import ALL_ALONG, CHANGED, GONE, EffectHistory, LogComparison
+from bayesid.discrepancy.comparison import ALL_ALONG, CHANGED, GONE, LogComparison
 from bayesid.discrepancy.selection import GROWN, HELD_BACK, ON_LOG
 from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.effects.catalogue import forms
@@ -28,7 +28,25 @@ from bayesid.report.discrepancy_verdicts import (
     testable_groups,
     told,
 )
-from bayesid.report.pages.rendering import Picture, picture, render
+from bayesid.report.pages.rendering import (
+    NONE,
+    Picture,
+    Section,
+    columns,
+    data,
+    figures,
+    items,
+    lights,
+    number,
+    page,
+    paragraph,
+    percent,
+    picture,
+    probability,
+    section,
+    table,
+    typeset,
+)
 from bayesid.report.plot.discrepancy import (
     by_date,
     candidate_figure,
@@ -40,17 +58,15 @@ from bayesid.report.plot.discrepancy import (
 )
 from bayesid.report.timeline_text import (
     SECTIONS,
-    Moved,
     changes_lead,
-    columns,
     log_names,
     moved_parameters,
     says,
     timeline_rule,
     tracked_name,
 )
+from bayesid.report.timeline_text import columns as told_columns
 from bayesid.report.tuning import TUNING
-from bayesid.report.verdicts import State
 from bayesid.report.words import best_first, joints_in_words, label, quantity, rounded, score_label, unit_of
 
 _STATUS = {
@@ -60,27 +76,8 @@ _STATUS = {
 }
 _SAID = {ON_LOG: "on the log", HELD_BACK: "on what scores", GROWN: "the gap grew"}
 """Which data say that a joint is unexplained, in a cell."""
-_STATES: Mapping[State, Mapping[str, str]] = {
-    "good": {"colour": "good", "text": "found"},
-    "look": {"colour": "look", "text": "look at"},
-    "bad": {"colour": "bad", "text": "unexplained"},
-    "not done": {"colour": "open", "text": "not shown"},
-}
-"""Of each state the class on the page and the word."""
-_SECTIONS = {
-    "findings": "Verdicts",
-    "gap": "The gap",
-    "found": "What was found",
-    "where": "Where the model as it was fails",
-    "efforts": "Measured and modelled efforts",
-    "candidates": "Candidates",
-    "left-out": "Left out",
-    "not-testable": "What this log cannot tell",
-}
-"""Of the page, in their order: name and title."""
-_CHANGES = {"changes": "What changed, what was missing all along", "timeline": "Time line"}
-"""Of the page of several logs, before those of the last comparison."""
-_ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth", "ninth", "tenth")
+_WORDS = {"good": "found", "look": "look at", "bad": "unexplained", "not done": "not shown"}
+"""For the states of checks."""
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -89,138 +86,162 @@ _ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", 
 @one_at_a_time
 def discrepancy_page(discrepancy: Discrepancy) -> str:
     """The report of a comparison, in HTML: opens in a browser from anywhere, light or dark, and prints."""
-    return render(
-        "discrepancy.html.jinja", "What the model lacks", subject(discrepancy), **discrepancy_content(discrepancy)
+    robot, log = discrepancy.identification.model.robot.name, discrepancy.identification.log.source
+    return page(
+        "What the model lacks",
+        f"{robot}, {log}",
+        (discrepancy.status, _STATUS.get(discrepancy.status, nothing_missing(discrepancy))),
+        lead(discrepancy),
+        [("Robot", robot), ("Log", log), ("Scored on", discrepancy.holdout)],
+        discrepancy.warnings,
+        _sections(discrepancy),
     )
 
 
-def subject(discrepancy: Discrepancy) -> str:
-    """What the page is about."""
-    identification = discrepancy.identification
-    return f"{identification.model.robot.name}, {identification.log.source}"
+def _sections(discrepancy: Discrepancy) -> list[Section]:
+    parts = (_verdicts, _gaps, _found, _where, _efforts, _candidates, _left_out, _not_testable)
+    return [one for one in (part(discrepancy) for part in parts) if one is not None]
 
 
-def discrepancy_content(discrepancy: Discrepancy) -> dict[str, Any]:
-    """What its template needs."""
-    identification = discrepancy.identification
-    robot, log = identification.model.robot.name, identification.log.source
-    return {
-        "status": {"colour": discrepancy.status, "text": _STATUS.get(discrepancy.status, nothing_missing(discrepancy))},
-        "lead": lead(discrepancy),
-        "checks": [(check, _STATES[check.state]) for check in discrepancy_checks(discrepancy)],
-        "about": [("Robot", robot), ("Log", log), ("Scored on", discrepancy.holdout)],
-        "contents": _contents(discrepancy),
-        "warnings": discrepancy.warnings,
-        "holdout": discrepancy.holdout,
-        "gaps": [_gap(discrepancy, j) for j in range(len(discrepancy.before))],
-        "gap_pictures": [_gap_picture(discrepancy)],
-        "added": [_added(discrepancy, effect) for effect in discrepancy.added],
-        "known_worth": any(effect.size and effect.cost for effect in discrepancy.added),
-        "sets": [(set_in_words(one), one.probability) for one in listed_sets(discrepancy)],
-        "learned_pictures": [
-            _learned_picture(discrepancy, effect) for effect in discrepancy.added if effect.hypothesis.curves
-        ],
-        "where": [_where(discrepancy, excess) for excess in discrepancy.where],
-        "nowhere": _nowhere(discrepancy),
-        "residual_pictures": [_residual_picture(discrepancy, excess) for excess in discrepancy.where],
-        "unsigned": _unsigned(discrepancy),
-        "effort_pictures": [_effort_picture(discrepancy, j + 1) for j in range(len(discrepancy.before))],
-        **_candidates(discrepancy),
-        "left_out": [_left_out(effect) for effect in discrepancy.refused],
-        "not_testable": [
-            (label(effect), _joints(joints), forms()[effect].shown_by)
-            for effect, joints in testable_groups(discrepancy)
-        ],
-    }
+def _verdicts(discrepancy: Discrepancy) -> Section | None:
+    checks = discrepancy_checks(discrepancy)
+    return section("findings", "Verdicts", lights(checks, _WORDS, {})) if checks else None
 
 
-def _contents(discrepancy: Discrepancy) -> dict[str, str]:
-    """The sections that are there."""
-    absent = {
-        *([] if discrepancy_checks(discrepancy) else ["findings"]),
-        *([] if discrepancy.vetoed else ["left-out"]),
-        *([] if discrepancy.not_testable else ["not-testable"]),
-    }
-    return {name: title for name, title in _SECTIONS.items() if name not in absent}
+def _gaps(discrepancy: Discrepancy) -> Section:
+    floor, before, after = discrepancy.floor, discrepancy.before, discrepancy.after
+    ratios = dict(discrepancy.unexplained)
+    rows, bars = [], []
+    for j, joint in enumerate(range(1, len(before) + 1)):
+        unit, lasts = unit_of(discrepancy, joint), "; most of it lasts: that model's own error, or smoothed noise"
+        origin = floor.origin[j] + ("" if floor.sharp[j] else " (a lower bound)") + (lasts if floor.lasting[j] else "")
+        remark = NONE
+        if joint in ratios:
+            which = ", ".join(_SAID[one] for one in discrepancy.unexplained_on.get(joint, ()))
+            remark = Markup("unexplained: {} times the floor ({})").format(number(ratios[joint]), which)
+        efforts = [number(value[j], unit) for value in (before, after, floor.rms, floor.white)]
+        rows.append((str(joint), *efforts, number(after[j] / floor.rms[j]), origin, remark))
+        sizes = [rounded(float(value[j])) for value in (before, after, floor.rms)]
+        bars.append("joint {}: {} before, {} after, floor {}".format(joint, *sizes))
+    caption = (
+        f"Gap on {discrepancy.holdout}: root mean square of what the model leaves of the efforts, as it was and "
+        "extended, the noise floor, which no model can fall below for long, and the part of it that changes from "
+        "sample to sample."
+    )
+    headings = ["Joint", "As it was", "Extended", "Noise floor", "From sample to sample", "Extended / floor"]
+    alt = f"Bars of the gap of each joint in N m: {'; '.join(bars)}"
+    drawn = picture(gap_figure(discrepancy), "gap-figure", "The same in units of each joint's noise floor.", alt)
+    told_gaps = table(caption, [*headings, "Floor taken from", "Remark"], rows)
+    return section("gap", "The gap", told_gaps, figures([drawn]))
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Rows
-# ---------------------------------------------------------------------------------------------------------------
-def _gap(discrepancy: Discrepancy, j: int) -> dict[str, Any]:
-    floor = discrepancy.floor
-    return {
-        "unit": unit_of(discrepancy, j + 1),
-        "before": discrepancy.before[j],
-        "after": discrepancy.after[j],
-        "floor": floor.rms[j],
-        "white": floor.white[j],
-        "origin": floor.origin[j] + ("" if floor.sharp[j] else " (a lower bound)") + _whose_error(discrepancy, j),
-        "unexplained": dict(discrepancy.unexplained).get(j + 1),
-        "says": ", ".join(_SAID[which] for which in discrepancy.unexplained_on.get(j + 1, ())),
-    }
+def _found(discrepancy: Discrepancy) -> Section:
+    parts = []
+    if discrepancy.added:
+        caption = (
+            "Effects that were added, in this order. Bayes factor and probabilities are all given the others that were "
+            "added: of the effect against its absence; and of this effect, of nothing missing in its place, and of an "
+            "effect outside of the catalogue."
+        )
+        headings = ["Effect", "Joints", "Parameters", "log10 Bayes factor", "Probability", "Nothing missing"]
+        headings += ["Something else", "Could also be", "What would decide"]
+        parts.append(table(caption, headings, map(_added, discrepancy.added)))
+        learned = [effect for effect in discrepancy.added if effect.hypothesis.curves]
+        parts.append(figures([_learned_picture(discrepancy, effect) for effect in learned]))
+    else:
+        parts.append(paragraph("No effect was added."))
+    worth = [row for effect in discrepancy.added for row in _worth(discrepancy, effect)]
+    if worth:
+        caption = (
+            f"What each is worth, on {discrepancy.holdout}: its own effort in the joint where that is largest, and the "
+            "error of the efforts (root mean square) if it is ignored, all others kept and identified again without "
+            "it, and with it, in the joint where that matters most."
+        )
+        headings = ["Effect", "Joints", "Largest effort", "RMS effort", "Largest, in %", "Error if ignored"]
+        headings += ["In % of RMS effort", "Error with it", "In % of RMS effort"]
+        parts.append(table(caption, headings, worth))
+    sets = [(set_in_words(one), probability(one.probability)) for one in listed_sets(discrepancy)]
+    if len(sets) > 1:
+        caption = (
+            "Sets of effects that may be what is missing: those that predict the held-back data as well as any, within "
+            "the error, and no part of which does; and how probable each of them is by the log."
+        )
+        parts.append(table(caption, ["Set", "Probability"], sets))
+    return section("found", "What was found", *parts)
 
 
-def _whose_error(discrepancy: Discrepancy, j: int) -> str:
-    return "; most of it lasts: that model's own error, or smoothed noise" if discrepancy.floor.lasting[j] else ""
+def _added(effect: AddedEffect) -> tuple[str, ...]:
+    alike = ", ".join(equivalents(effect, label))
+    shares = effect.probability, effect.nothing_missing, effect.something_else
+    return (
+        _name(effect.hypothesis),
+        _joints(effect.joints),
+        _parameters(effect),
+        number(effect.log10_bayes_factor),
+        *map(probability, shares),
+        alike,
+        distinguishing_motions(effect) if alike else "",
+    )
 
 
-def _added(discrepancy: Discrepancy, effect: AddedEffect) -> dict[str, Any]:
-    return {
-        "size": effect.size,
-        "size_unit": effect.size and unit_of(discrepancy, effect.size.joint),
-        "cost": effect.cost,
-        "cost_unit": effect.cost and unit_of(discrepancy, effect.cost.joint),
-        "name": _name(effect.hypothesis),
-        "joints": _joints(effect.joints),
-        "parameters": _parameters(effect),
-        "formula": effect.formula,
-        "sentence": "" if effect.description is None else effect.description.sentence,
-        "gain": effect.log10_bayes_factor,
-        "probability": effect.probability,
-        "nothing_missing": effect.nothing_missing,
-        "something_else": effect.something_else,
-        "equivalent": ", ".join(equivalents(effect, label)),
-        "shown_by": distinguishing_motions(effect),
-    }
-
-
-def _parameters(effect: AddedEffect) -> list[tuple[str, float, str]]:
-    """Name, value and text: what people read in place of parameters, if there is such; of changes before and now.
-
-    None of what has a formula.
-    """
+def _parameters(effect: AddedEffect) -> str:
+    """What people read in place of parameters, if there is such; a formula; changes before and now."""
     if effect.description is not None:
+        return f"{effect.formula}: {effect.description.sentence}"
+    changes = bool(effect.hypothesis.changes)
+    if effect.readable and not changes:
+        named = [(name, value, quantity(value, sd, unit)) for name, (value, sd, unit) in effect.readable.items()]
+    else:
+        added = {f"{symbol}{j}" for symbol in effect.hypothesis.source.adds_to for j in effect.joints}
+        in_total = any(name.startswith("change of ") for name in effect.parameters) and not changes
+        named = [
+            (name, value, told(effect, name))
+            for name, (value, _, _) in effect.parameters.items()
+            if not name.startswith("change of ") and not (in_total and name in added)
+        ]
+    line = Markup('<li><span class="name">{}</span> {}</li>')
+    lines = [line.format(name, data(value, text)) for name, value, text in named]
+    return Markup('<ul class="numbers">{}</ul>').format(Markup("").join(lines)) if lines else ""
+
+
+def _worth(discrepancy: Discrepancy, effect: AddedEffect) -> list[tuple[str, ...]]:
+    size, cost = effect.size, effect.cost
+    if size is None or cost is None:
         return []
-    if effect.readable and not effect.hypothesis.changes:
-        numbers = effect.readable.items()
-        return [(name, value, quantity(value, sd, unit)) for name, (value, sd, unit) in numbers]
-    added = {f"{symbol}{j}" for symbol in effect.hypothesis.source.adds_to for j in effect.joints}
-    in_total = any(name.startswith("change of ") for name in effect.parameters) and not effect.hypothesis.changes
+    own, left = unit_of(discrepancy, size.joint), unit_of(discrepancy, cost.joint)
     return [
-        (name, value, told(effect, name))
-        for name, (value, _, _) in effect.parameters.items()
-        if not name.startswith("change of ") and not (in_total and name in added)
+        (
+            *(_name(effect.hypothesis), _joints(effect.joints)),
+            *(number(size.largest, own), number(size.rms, own)),
+            Markup("{} of joint {}'s {}").format(percent(size.share), size.joint, size.of),
+            number(cost.before, left),
+            Markup("{} in joint {}").format(percent(cost.share_before), cost.joint),
+            *(number(cost.after, left), percent(cost.share_after)),
+        )
     ]
 
 
-def _left_out(effect: AddedEffect) -> str:
-    """Its name and, of one without a name, what was learned."""
-    learned = "" if effect.description is None else f": {effect.formula}, {effect.description.sentence}"
-    return f"{label(effect.effect, effect.joints)}{learned}"
-
-
-def _where(discrepancy: Discrepancy, excess: Excess) -> dict[str, Any]:
-    low, high = excess.range
-    return {
-        "joint": excess.joint,
-        "excess": excess.excess,
-        "effort_unit": unit_of(discrepancy, excess.joint),
-        "variable": excess.variable,
-        "low": low,
-        "high": high,
-        "unit": unit_of(discrepancy, excess.joint, excess.variable),
-    }
+def _where(discrepancy: Discrepancy) -> Section:
+    name, title = "where", "Where the model as it was fails"
+    if not discrepancy.where:
+        return section(name, title, paragraph(_nowhere(discrepancy)))
+    rows = []
+    for excess in discrepancy.where:
+        (low, high), unit = excess.range, unit_of(discrepancy, excess.joint, excess.variable)
+        size = number(excess.excess, unit_of(discrepancy, excess.joint))
+        span = Markup("{} to {}").format(number(low), number(high, unit))
+        rows.append((str(excess.joint), size, excess.variable, span))
+    caption = (
+        "Joints in which the model as it was exceeds the noise floor on the log, by how much (root mean square), over "
+        "which variable it shows best, and where most of it lies."
+    )
+    note = (
+        "Points are samples of the log, thinned; the lines are means over equally many samples, with twice their "
+        "standard error (samples taken as independent); the grey band is the noise floor."
+    )
+    told_where = table(caption, ["Joint", "Excess", "Variable", "Range"], rows)
+    drawn = figures([_residual_picture(discrepancy, excess) for excess in discrepancy.where])
+    return section(name, title, told_where, drawn, paragraph(note, note=True))
 
 
 def _nowhere(discrepancy: Discrepancy) -> str:
@@ -238,42 +259,54 @@ def _nowhere(discrepancy: Discrepancy) -> str:
     return f"{plain}."
 
 
-def _unsigned(discrepancy: Discrepancy) -> str:
-    joints = np.flatnonzero(~np.asarray(discrepancy.trial.signals.signed)) + 1
-    return joints_in_words(joints.tolist()) if len(joints) else ""
+def _efforts(discrepancy: Discrepancy) -> Section:
+    unsigned = (np.flatnonzero(~np.asarray(discrepancy.trial.signals.signed)) + 1).tolist()
+    note = "On the log that was compared."
+    if unsigned:
+        note += (
+            f" The log has no signs in {joints_in_words(unsigned)}: there measured efforts have those of the extended "
+            "model."
+        )
+    pictures = []
+    for joint in range(1, len(discrepancy.before) + 1):
+        alt = f"Effort of joint {joint} over time: measured, by the model as it was, and by the extended model."
+        figure = effort_figure(discrepancy, joint)
+        pictures.append(picture(figure, f"effort{joint}", f"Joint {joint}.", alt, "effort"))
+    return section("efforts", "Measured and modelled efforts", paragraph(note, note=True), figures(pictures))
 
 
-def _candidates(discrepancy: Discrepancy) -> dict[str, Any]:
-    scores = discrepancy.scores
+def _candidates(discrepancy: Discrepancy) -> Section:
+    scores, needed = discrepancy.scores, discrepancy.thresholds.log10_bayes_factor
     if not scores:
-        return {"candidates": []}
-    places = {effect.hypothesis.key: place for place, effect in enumerate(discrepancy.added)}
-    ordered = best_first(scores)
-    shown = [(rank, s) for rank, s in enumerate(ordered, start=1) if rank <= TUNING.candidates or s.key in places]
-    rows = [_candidate(discrepancy, score, rank, places.get(score.key)) for rank, score in shown]
+        return section("candidates", "Candidates", paragraph("No candidates were scored."))
+    places = {effect.hypothesis.key: place for place, effect in enumerate(discrepancy.added, start=1)}
+    rows = [
+        (
+            *(str(rank), _name(score.hypothesis), _joints(score.hypothesis.joints), number(score.gain / LN10)),
+            _became(discrepancy, score, places.get(score.key)),
+        )
+        for rank, score in enumerate(best_first(scores), start=1)
+        if rank <= TUNING.candidates or score.key in places
+    ]
     caption = (
         f"The best {min(TUNING.candidates, len(scores))} of {len(scores)} candidates, and all that were added. The "
         "log10 Bayes factor is of each by itself, added to the model as it was; it says where to begin. To be added an "
-        f"effect needs {discrepancy.thresholds.log10_bayes_factor:g} given the others that were added: what these "
-        "explain it no longer does, however large its own number is here, and what they hide may show later."
+        f"effect needs {needed:g} given the others that were added: what these explain it no longer does, however "
+        "large its own number is here, and what they hide may show later."
     )
-    return {"candidates": rows, "candidates_caption": caption, "candidate_pictures": [_candidate_picture(discrepancy)]}
-
-
-def _candidate(discrepancy: Discrepancy, score: Score, rank: int, place: int | None) -> dict[str, Any]:
-    return {
-        "rank": rank,
-        "name": _name(score.hypothesis),
-        "joints": _joints(score.hypothesis.joints),
-        "gain": score.gain / LN10,
-        "became": _became(discrepancy, score, place),
-    }
+    headings = ["Rank", "Effect", "Joints", "log10 Bayes factor", "What became of it"]
+    best = best_first(scores)[: TUNING.bars]
+    bars = "; ".join(f"{score_label(score)}: {rounded(score.gain / LN10)}" for score in best)
+    below = f"The first {len(best)}, each by itself; blue: added. Dashed: what is needed to be added."
+    alt = f"Bars of log10 Bayes factors: {bars}"
+    drawn = picture(candidate_figure(discrepancy), "candidates-figure", below, alt)
+    return section("candidates", "Candidates", figures([drawn]), table(caption, headings, rows))
 
 
 def _became(discrepancy: Discrepancy, score: Score, place: int | None) -> str:
     """What became of a candidate."""
     if place is not None:
-        return f"added {_ORDINALS[place] if place < len(_ORDINALS) else f'as number {place + 1}'}"
+        return f"added as number {place}"
     if score.key in discrepancy.vetoed:
         return "left out: see below"
     if score.gain >= discrepancy.thresholds.log10_bayes_factor * LN10:
@@ -292,6 +325,31 @@ def _outdone(discrepancy: Discrepancy, score: Score) -> str:
     return f"{said}: in place of {place}, it has {rounded(gain / LN10)}, that {has}"
 
 
+def _left_out(discrepancy: Discrepancy) -> Section | None:
+    if not discrepancy.refused:
+        return None
+    why = "They explain the log, but no data that had no say in choosing them, or too little of what was missing."
+    names = [
+        label(effect.effect, effect.joints)
+        + ("" if effect.description is None else f": {effect.formula}, {effect.description.sentence}")
+        for effect in discrepancy.refused
+    ]
+    return section("left-out", "Left out", paragraph(why), items(names))
+
+
+def _not_testable(discrepancy: Discrepancy) -> Section | None:
+    rows = [
+        (label(effect), _joints(joints), forms()[effect].shown_by) for effect, joints in testable_groups(discrepancy)
+    ]
+    if not rows:
+        return None
+    caption = (
+        "Effects that this log could not show even if they were of a usual size, and motions that would show them."
+    )
+    headings = ["Effect", "Joints", "Motion that would show it"]
+    return section("not-testable", "What this log cannot tell", table(caption, headings, rows))
+
+
 def _joints(joints: Sequence[int]) -> str:
     return joints_in_words(joints).split(" ", 1)[1] if joints else "whole robot"
 
@@ -302,19 +360,6 @@ def _name(hypothesis: Hypothesis) -> str:
     remarks = [form.split(".", 1)[1].replace("_", " ")] if "." in form else []
     remarks += ["changed"] if hypothesis.changes else []
     return label(hypothesis.effect) + (f" ({', '.join(remarks)})" if remarks else "")
-
-
-# ---------------------------------------------------------------------------------------------------------------
-# Figures
-# ---------------------------------------------------------------------------------------------------------------
-def _gap_picture(discrepancy: Discrepancy) -> Picture:
-    gaps = zip(discrepancy.before, discrepancy.after, discrepancy.floor.rms, strict=True)
-    bars = "; ".join(
-        f"joint {joint}: {rounded(float(before))} before, {rounded(float(after))} after, floor {rounded(float(floor))}"
-        for joint, (before, after, floor) in enumerate(gaps, start=1)
-    )
-    caption = "The same in units of each joint's noise floor."
-    return picture(gap_figure(discrepancy), "gap-figure", caption, f"Bars of the gap of each joint in N m: {bars}")
 
 
 def _residual_picture(discrepancy: Discrepancy, excess: Excess) -> Picture:
@@ -328,27 +373,11 @@ def _residual_picture(discrepancy: Discrepancy, excess: Excess) -> Picture:
     return picture(residual_figure(discrepancy, joint), f"residual{joint}", caption, alt)
 
 
-def _effort_picture(discrepancy: Discrepancy, joint: int) -> Picture:
-    alt = f"Effort of joint {joint} over time: measured, by the model as it was, and by the extended model."
-    return picture(effort_figure(discrepancy, joint), f"effort{joint}", f"Joint {joint}.", alt, "effort")
-
-
 def _learned_picture(discrepancy: Discrepancy, effect: AddedEffect) -> Picture:
     joint, unit = effect.joints[0], unit_of(discrepancy, effect.joints[0])
     caption = f"Joint {joint}: what was learned over the range that the log has seen, with its 95 % band."
     alt = f"The effort learned in joint {joint}: {effect.formula}."
     return picture(learned_figure(effect, unit), f"learned{joint}", caption, alt)
-
-
-def _candidate_picture(discrepancy: Discrepancy) -> Picture:
-    scores = discrepancy.scores
-    caption = (
-        f"The first {min(TUNING.bars, len(scores))}, each by itself; blue: added. Dashed: what is needed to be added."
-    )
-    bars = "; ".join(
-        f"{score_label(score)}: {rounded(score.gain / LN10)}" for score in best_first(scores)[: TUNING.bars]
-    )
-    return picture(candidate_figure(discrepancy), "candidates-figure", caption, f"Bars of log10 Bayes factors: {bars}")
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -357,29 +386,19 @@ def _candidate_picture(discrepancy: Discrepancy) -> Picture:
 @one_at_a_time
 def comparison_page(comparison: LogComparison) -> str:
     """The report of several logs, in HTML: opens in a browser from anywhere, light or dark, and prints."""
-    last = discrepancy_content(comparison.found[-1])
-    said = columns(comparison)
-    logs = log_names(comparison)
-    both = CHANGED, ALL_ALONG
-    content = last | {
-        "lead": changes_lead(comparison),
-        "about": [("Robot", comparison.earlier.model.robot.name), ("Logs", "; ".join(logs)), *_order(comparison)],
-        "contents": _CHANGES | last["contents"],
-        "status": {"colour": "", "text": _status(comparison)},
-        "warnings": comparison.warnings,
-        "columns": [(SECTIONS[which], said[which]) for which in both],
-        "more": [(SECTIONS[which], lines) for which, lines in said.items() if lines and which not in both],
-        "first": logs[0],
-        "logs": logs,
-        "histories": [_history(one) for one in comparison.effects if one.by_log],
-        "rule": timeline_rule(comparison),
-        "moved": [_moved(row) for row in moved_parameters(comparison)],
-        "stayed": _stayed(comparison),
-        "timeline_pictures": [_timeline_picture(comparison)],
-        "last": logs[-1],
-        "last_lead": last["lead"],
-    }
-    return render("comparison.html.jinja", "What changed since the first log", subject(comparison.found[-1]), **content)
+    last, logs = comparison.found[-1], log_names(comparison)
+    robot = comparison.earlier.model.robot.name
+    basis = [("Order", comparison.dates.basis), ("Last one scored on", last.holdout)]
+    first = section("last", f"{logs[-1]} against the first log's model", paragraph(lead(last)))
+    return page(
+        "What changed since the first log",
+        f"{robot}, {last.identification.log.source}",
+        ("", _status(comparison)),
+        changes_lead(comparison),
+        [("Robot", robot), ("Logs", "; ".join(logs)), *basis],
+        comparison.warnings,
+        [_changes(comparison), _timeline(comparison), first, *_sections(last)],
+    )
 
 
 def _status(comparison: LogComparison) -> str:
@@ -389,40 +408,61 @@ def _status(comparison: LogComparison) -> str:
     return f"Something has changed, {along}" if moved else f"Nothing has surely changed, {along}"
 
 
-def _order(comparison: LogComparison) -> list[tuple[str, str]]:
-    return [("Order", comparison.dates.basis), ("Last one scored on", comparison.found[-1].holdout)]
+def _changes(comparison: LogComparison) -> Section:
+    lists = [
+        (SECTIONS[which], lines)
+        for which, lines in told_columns(comparison).items()
+        if lines or which in (CHANGED, ALL_ALONG)
+    ]
+    rows = [
+        (label(one.name), _joints(one.joints), *map(says, one.by_log), SECTIONS[one.became])
+        for one in comparison.effects
+        if one.by_log
+    ]
+    caption = (
+        "What each log says by itself of effects beyond the terms asked for: shown, if its evidence and held-back "
+        "blocks of it bear the effect out (log10 Bayes factor beside all others); not there, if it speaks decisively "
+        "against the size that another log shows."
+    )
+    headings = ["Effect", "Joints", *log_names(comparison), "So it was"]
+    more = [table(caption, headings, rows)] if rows else []
+    said = columns(lists, "Nothing that these logs show.")
+    return section("changes", "What changed, what was missing all along", said, *more)
 
 
-def _history(history: EffectHistory) -> dict[str, Any]:
-    return {
-        "name": label(history.name),
-        "joints": joints_in_words(history.joints).split(" ", 1)[1] if history.joints else "whole robot",
-        "became": SECTIONS[history.became],
-        "says": [says(what) for what in history.by_log],
-    }
-
-
-def _moved(row: Moved) -> dict[str, Any]:
-    return {
-        "name": row.name,
-        "values": [
-            (value, quantity(value, sd, row.unit)) if np.isfinite(sd) and np.isfinite(value) else None
-            for value, sd in zip(row.value, row.sd, strict=True)
-        ],
-        "change": row.change,
-        "z": [z for z in row.z if np.isfinite(z)][-1],
-    }
-
-
-def _stayed(comparison: LogComparison) -> dict[str, Any]:
-    """Names of what did not move, and of what too few logs show."""
+def _timeline(comparison: LogComparison) -> Section:
+    moved, rule = moved_parameters(comparison), timeline_rule(comparison)
+    rows = [
+        (
+            row.name,
+            *(
+                data(value, quantity(value, sd, row.unit)) if np.isfinite(sd) and np.isfinite(value) else NONE
+                for value, sd in zip(row.value, row.sd, strict=True)
+            ),
+            row.change,
+            number([z for z in row.z if np.isfinite(z)][-1]),
+        )
+        for row in moved
+    ]
+    caption = f"Parameters that moved, each log identified by itself under one model. {rule}"
+    headings = ["Parameter", *log_names(comparison), "Change", "Change / its sd"]
     line = comparison.timeline
-    tested, moved = np.isfinite(line.p).any(axis=0), line.moved.any(axis=0)
-    flat, unseen = np.flatnonzero(tested & ~moved).tolist(), np.flatnonzero(~tested).tolist()
-    return {
-        "flat": [tracked_name(line.tracked[c]) for c in flat],
-        "unseen": [tracked_name(line.tracked[c]) for c in unseen],
-    }
+    tested = np.isfinite(line.p).any(axis=0)
+    flat, unseen = (
+        "; ".join(tracked_name(line.tracked[c]) for c in np.flatnonzero(which))
+        for which in (tested & ~line.moved.any(axis=0), ~tested)
+    )
+    stayed = Markup(
+        '<details><summary>{} parameters that did not surely move</summary><p class="note">{}.</p></details>'
+    )
+    return section(
+        "timeline",
+        "Time line",
+        table(caption, headings, rows) if rows else paragraph(f"No parameter moved. {rule}"),
+        figures([_timeline_picture(comparison)]),
+        stayed.format(int((tested & ~line.moved.any(axis=0)).sum()), typeset(flat)),
+        *([paragraph(f"Too few logs show: {unseen}.", note=True)] if unseen else []),
+    )
 
 
 def _timeline_picture(comparison: LogComparison) -> Picture:

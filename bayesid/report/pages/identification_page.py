@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 from markupsafe import Markup
@@ -16,7 +15,25 @@ from bayesid.progress import SILENT, Progress
 from bayesid.report import commands
 from bayesid.report.findings import Findings, find_findings
 from bayesid.report.findings.summary import SearchSummary
-from bayesid.report.pages.rendering import Picture, data, fragment, number, picture, render
+from bayesid.report.pages.rendering import (
+    COLOURS,
+    NONE,
+    Picture,
+    Section,
+    data,
+    figures,
+    fragment,
+    lights,
+    number,
+    page,
+    paragraph,
+    percent,
+    picture,
+    probability,
+    section,
+    table,
+    typeset,
+)
 from bayesid.report.plot.drawing import draw, svg_of
 from bayesid.report.plot.figure import WIDE, Figure, Panel
 from bayesid.report.plot.identification import (
@@ -33,13 +50,6 @@ from bayesid.report.tuning import TUNING
 from bayesid.report.verdicts import State, at_standstill, check_findings, sure_share, worst
 from bayesid.report.words import listed, quantity, upper
 
-_STATES: Mapping[State, Mapping[str, str]] = {
-    "good": {"colour": "good", "text": "good"},
-    "look": {"colour": "look", "text": "look at"},
-    "bad": {"colour": "bad", "text": "bad"},
-    "not done": {"colour": "open", "text": "not done"},
-}
-"""Of each state the class on the page and the word."""
 _NOTEBOOK: Mapping[State, str] = {"good": "#1f7a3d", "look": "#8a5a00", "bad": "#b3261e", "not done": "#59636e"}
 """Colours as in style.css; a notebook has no style of ours."""
 _VERDICT: Mapping[State, str] = {
@@ -47,21 +57,7 @@ _VERDICT: Mapping[State, str] = {
     "look": "Usable; look at what is marked",
     "bad": "Do not rely on this result yet",
 }
-_SECTIONS = {
-    "checks": "Checks",
-    "torques": "Efforts and signs",
-    "doubts": "Ambiguous segments",
-    "effects": "Beyond the terms asked for",
-    "gains": "Gains",
-    "coefficients": "Coefficients",
-    "posterior": "Posterior",
-    "residuals": "Residuals",
-    "proof": "The proof",
-    "validation": "Validation on another log",
-    "run": "What was run",
-}
-"""Of the page, in their order: name and title."""
-_SECTION_OF = {
+_PLACES = {
     "Robot file": "run",
     "Excitation": "coefficients",
     "Signs of the segments": "doubts",
@@ -90,33 +86,22 @@ def identification_page(findings: Findings, progress: Progress = SILENT) -> str:
         progress: called as progress("report", done, total).
     """
     checks, summary = check_findings(findings), findings.summary
-    state, effects = worst(checks), effect_rows(summary)
-    absent = {
-        *([] if effects else ["effects"]),
-        *([] if summary.gains else ["gains"]),
-        *([] if summary.hidden_joints else ["proof"]),
-        *([] if summary.warnings else ["warnings"]),
-    }
-    content: dict[str, Any] = {
-        "status": {"colour": _STATES[state]["colour"], "text": _VERDICT[state]},
-        "lead": _lead(findings),
-        "about": _about(findings),
-        "contents": {name: title for name, title in _SECTIONS.items() if name not in absent},
-        "warnings": summary.warnings,
-        "checks": [(check, _STATES[check.state]) for check in checks],
-        "sections": {check: name for check, name in _SECTION_OF.items() if name not in absent},
-        "hidden": summary.hidden_joints > 0,
-        "effects": effects,
-        "effect_headings": list(map(upper, EFFECT_HEADINGS)),
-        "gains": gain_rows(summary),
-        "gain_headings": list(map(upper, GAIN_HEADINGS)),
-    }
-    parts = (_torques, _doubts, _coefficients, _posterior, _residuals, _proof, _validation, _run)
-    for done, part in enumerate(parts, start=1):
-        content |= part(findings)
-        progress("report", done, len(parts))
-    subject = f"{summary.robot}, {summary.log}"
-    return render("identification.html.jinja", "Identification", subject, **content)
+    sections: list[Section] = []
+    for done, part in enumerate(_PARTS, start=1):
+        sections += [one for one in [part(findings)] if one is not None]
+        progress("report", done, len(_PARTS))
+    there = {*(one.name for one in sections), *(["warnings"] if summary.warnings else [])}
+    places = {check: place for check, place in _PLACES.items() if place in there}
+    state = worst(checks)
+    return page(
+        "Identification",
+        f"{summary.robot}, {summary.log}",
+        (COLOURS[state], _VERDICT[state]),
+        _lead(findings),
+        _about(findings),
+        summary.warnings,
+        [section("checks", "Checks", lights(checks, {"look": "look at"}, places)), *sections],
+    )
 
 
 def _lead(findings: Findings) -> str:
@@ -148,51 +133,54 @@ def _about(findings: Findings) -> list[tuple[str, str]]:
 
 
 # ---------------------------------------------------------------------------------------------------------------
-# Sections
+# Sections; None where there is nothing to show
 # ---------------------------------------------------------------------------------------------------------------
-def _torques(findings: Findings) -> dict[str, Any]:
+def _torques(findings: Findings) -> Section:
     every = findings.samples.every
-    return {
-        "thinned": "" if every == 1 else f" One of {every} samples is shown.",
-        "torques": [
-            _over_time(
-                torque_panel(findings, joint, TUNING.page_curve),
-                "torque",
-                joint,
-                f"Effort of joint {joint} over time: recorded, signed, and by the model. {_signs(findings, joint - 1)}",
-            )
-            for joint in range(1, findings.n_joints + 1)
-        ],
-    }
+    bands = (
+        "A blue band is a segment whose sign is plus, an orange one minus; the paler, the less sure. Hatched bands and "
+        "question marks are ambiguous. Drag over a figure to zoom into a range, double-click to see all."
+    )
+    signs = f", with the signs that were found, and by the model. {bands}"
+    said = signs if findings.summary.hidden_joints else ", and by the model. A blue band is plus, an orange one minus."
+    thinned = "" if every == 1 else f" One of {every} samples is shown."
+    shows = "recorded, signed, and by the model"
+    drawn = [
+        _over_time(findings, torque_panel, "torque", joint, f"{shows}. {_signs(findings, joint - 1)}")
+        for joint in range(1, findings.n_joints + 1)
+    ]
+    note = paragraph(f"The efforts as they were recorded{said}{thinned}", note=True)
+    return section("torques", "Efforts and signs", note, figures(drawn, linked=True))
 
 
-def _over_time(panel: Panel, group: str, joint: int, alt: str) -> Picture:
+def _over_time(
+    findings: Findings, panel: Callable[[Findings, int, int], Panel], group: str, joint: int, shows: str
+) -> Picture:
     """One joint's panel of a group; the legend above the first one is that of all."""
-    figure = Figure([[panel]], 2.6, WIDE, key=joint == 1)
-    return picture(figure, f"{group}{joint}", f"Joint {joint}.", alt, group)
+    figure = Figure([[panel(findings, joint, TUNING.page_curve)]], 2.6, WIDE, key=joint == 1)
+    return picture(figure, f"{group}{joint}", f"Joint {joint}.", f"Effort of joint {joint} over time: {shows}", group)
 
 
 def _signs(findings: Findings, j: int) -> str:
     """A joint's segments in words."""
-    table = findings.segments
-    here = table.joint == j
-    plus = int((table.sign[here] > 0).sum())
-    return f"{plus} segments are plus, {int(here.sum()) - plus} minus, {int(table.ambiguous[here].sum())} ambiguous."
+    segments = findings.segments
+    here = segments.joint == j
+    plus = int((segments.sign[here] > 0).sum())
+    return f"{plus} segments are plus, {int(here.sum()) - plus} minus, {int(segments.ambiguous[here].sum())} ambiguous."
 
 
-def _doubts(findings: Findings) -> dict[str, Any]:
-    table, size = findings.segments, findings.segment_size
-    doubtful = np.flatnonzero(table.ambiguous & table.moving)
+def _doubts(findings: Findings) -> Section:
+    segments, size = findings.segments, findings.segment_size
+    doubtful = np.flatnonzero(segments.ambiguous & segments.moving)
     largest = doubtful[np.argsort(-size[doubtful], kind="stable")][: TUNING.doubts]
     rows = [
-        {
-            "joint": int(table.joint[k]),
-            "start": table.start[k],
-            "end": table.end[k],
-            "sign": table.sign[k],
-            "confidence": table.confidence[k],
-            "size": size[k],
-        }
+        (
+            str(segments.joint[k] + 1),
+            _stretch(findings, k),
+            "+" if segments.sign[k] > 0 else Markup("&minus;"),
+            data(segments.confidence[k], f"{segments.confidence[k]:.2f}"),
+            percent(size[k]),
+        )
         for k in largest
     ]
     which = "Segments" if len(rows) == len(doubtful) else f"The {len(rows)} largest of {len(doubtful)} segments"
@@ -200,30 +188,78 @@ def _doubts(findings: Findings) -> dict[str, Any]:
         f"{which} in motion whose sign is not sure, by their largest |effort|. The sign of a small effort matters "
         "little to the coefficients: its likelihood is averaged over both."
     )
-    return {"doubts": rows, "doubts_caption": caption, "still": upper(at_standstill(findings))}
+    headings = "Joint", "Time", "Likelier sign", "Confidence", "Largest |effort|, of the joint's"
+    told = table(caption, headings, rows) if rows else paragraph("No segment in motion is ambiguous.")
+    still = at_standstill(findings)
+    notes = [paragraph(f"{upper(still)}; they do not enter the fit.", note=True)] if still else []
+    return section("doubts", "Ambiguous segments", told, *notes)
 
 
-def _coefficients(findings: Findings) -> dict[str, Any]:
-    table, bar = findings.coefficients, findings.coefficients.bar
-    rows = [
-        {
-            "name": table.name[k],
-            "mean": mean,
-            "quantity": quantity(float(mean), float(table.sd[k]), table.unit[k]),
-            "relative_sd": table.relative_sd[k],
-            "relative_text": _percent(table.relative_sd[k]),
-            "bounded": np.isfinite([table.low[k], table.high[k]]).all(),  # else the log does not show a coefficient
-            "low": table.low[k],
-            "high": table.high[k],
-            "nominal": _nominal(table.nominal[k], mean),
-            "by_data": table.by_data[k],
-            "bar": _bar(bar.mean[k], bar.low[k], bar.high[k], bar.nominal[k]),
-            "expression": table.expression[k],
-        }
-        for k, mean in enumerate(table.mean)
-    ]
-    nominal = bool(np.isfinite(table.nominal).any())
-    return {"coefficients": rows, "nominal": nominal, "prior_parameters": findings.prior_parameters}
+def _stretch(findings: Findings, k: int) -> Markup:
+    segments = findings.segments
+    start, end = segments.start[k], segments.end[k]
+    return _link(int(segments.joint[k]), start, end, f"{start:.2f} to {end:.2f} s")
+
+
+def _link(joint: int, start: float, end: float, text: str) -> Markup:
+    """A stretch of time that leads to its figure; the joint counts from 0."""
+    link = Markup('<a href="#torque{}" data-from="{:.4f}" data-to="{:.4f}">{}</a>')
+    return link.format(joint + 1, float(start), float(end), text)
+
+
+def _effects(findings: Findings) -> Section | None:
+    rows = effect_rows(findings.summary)
+    if not rows:
+        return None
+    caption = "Effects that evidence and held-back blocks of the log bear out, given all the others."
+    return section("effects", "Beyond the terms asked for", table(caption, list(map(upper, EFFECT_HEADINGS)), rows))
+
+
+def _gains(findings: Findings) -> Section | None:
+    rows = gain_rows(findings.summary)
+    if not rows:
+        return None
+    caption = (
+        "Gains as the log leaves them. A ratio is that to all other gains together: data decide it where they leave at "
+        "most a tenth of what was stated (its variance), else what was stated still does. The factor common to all is "
+        "a matter of its own (see the checks)."
+    )
+    return section("gains", "Gains", table(caption, list(map(upper, GAIN_HEADINGS)), rows))
+
+
+def _coefficients(findings: Findings) -> Section:
+    found, bar = findings.coefficients, findings.coefficients.bar
+    nominal = bool(np.isfinite(found.nominal).any())
+    rows = []
+    for k, mean in enumerate(found.mean):
+        low, high = found.low[k], found.high[k]
+        known = np.isfinite([low, high]).all()  # else the log does not show a coefficient
+        interval = Markup('<span class="interval">{} to {}</span>').format(number(low), number(high))
+        rows.append(
+            (
+                found.name[k],
+                data(mean, quantity(float(mean), float(found.sd[k]), found.unit[k])),
+                data(found.relative_sd[k], _percent(found.relative_sd[k])),
+                interval if known else NONE,
+                *([_nominal(found.nominal[k], mean)] if nominal else []),
+                "data" if found.by_data[k] else Markup("<strong>prior</strong>"),
+                _bar(bar.mean[k], bar.low[k], bar.high[k], bar.nominal[k]),
+                Markup('<span class="expression">{}</span>').format(typeset(found.expression[k])),
+            )
+        )
+    caption = (
+        "Base coefficients: the combinations of link parameters that efforts can show. The bar is the mean, the line "
+        "the 95 % interval, and the tick the nominal value, each over the coefficient's own size."
+    )
+    headings = ["Built on", "Mean and sd", "Relative sd", "95 % interval", *(["Nominal"] if nominal else [])]
+    headings += ["Decided by", "From -1 to 1", "Expression"]
+    names = ", ".join(findings.prior_parameters)
+    by_prior = (
+        f"Single parameters that the prior decides, not the data: {names}. They are physically feasible, but only "
+        "their combinations above are measured."
+    )
+    notes = [paragraph(by_prior, note=True)] if names else []
+    return section("coefficients", "Coefficients", table(caption, headings, rows), *notes)
 
 
 def _nominal(value: float, mean: float) -> Markup:
@@ -250,10 +286,10 @@ def _bar(mean: float, low: float, high: float, nominal: float) -> Markup:
     )
 
 
-def _posterior(findings: Findings) -> dict[str, Any]:
-    posterior = findings.summary.posterior
+def _posterior(findings: Findings) -> Section:
+    posterior, title = findings.summary.posterior, "Posterior"
     if findings.draws is None or posterior is None:
-        return {"posterior": None}
+        return section("posterior", title, paragraph("No posterior was sampled."))
     few = len(findings.coefficients.mean) < 2
     drawn = [
         (forest_figure, "forest", 12, "Intervals of 95 % of the worst-decided coefficients, one an ensemble."),
@@ -266,41 +302,43 @@ def _posterior(findings: Findings) -> dict[str, Any]:
         for figure, name, count, caption in drawn
         if not (few and name == "pair")
     ]
-    return {
-        "posterior": posterior,
-        "convergence": convergence(posterior.max_rhat, posterior.min_ess),
-        "draws": pictures,
-    }
+    note = (
+        f"{posterior.draws} draws of {posterior.ensembles} ensembles of {posterior.walkers} walkers; "
+        f"{convergence(posterior.max_rhat, posterior.min_ess)}, at worst. Shown are the coefficients that the log "
+        "decides worst, less their mean, over the prior's standard deviation."
+    )
+    return section("posterior", title, paragraph(note, note=True), figures(pictures))
 
 
-def _residuals(findings: Findings) -> dict[str, Any]:
-    return {"residuals": [_residual(findings, joint) for joint in range(1, findings.n_joints + 1)]}
+def _residuals(findings: Findings) -> Section:
+    note = (
+        "What the model leaves of the efforts in motion, signs as found. Blue points are samples, thinned; orange "
+        "lines are means over equally many samples with twice their standard errors: where they leave zero, the model "
+        "lacks something. The autocorrelation of white noise would lie in the grey band."
+    )
+    pictures = []
+    for joint in range(1, findings.n_joints + 1):
+        panels = [residual_panel(findings, joint, variable, TUNING.page_scatter) for variable in VARIABLES]
+        figure = Figure([panels[:2], [panels[2], autocorrelation_panel(findings, joint)]], 4.4)
+        caption = f"Joint {joint}: residual over time, velocity and position, and its autocorrelation."
+        pictures.append(picture(figure, f"residual{joint}", caption))
+    return section("residuals", "Residuals", paragraph(note, note=True), figures(pictures))
 
 
-def _residual(findings: Findings, joint: int) -> Picture:
-    panels = [residual_panel(findings, joint, variable, TUNING.page_scatter) for variable in VARIABLES]
-    figure = Figure([panels[:2], [panels[2], autocorrelation_panel(findings, joint)]], 4.4)
-    caption = f"Joint {joint}: residual over time, velocity and position, and its autocorrelation."
-    return picture(figure, f"residual{joint}", caption)
-
-
-def _proof(findings: Findings) -> dict[str, Any]:
+def _proof(findings: Findings) -> Section | None:
     search, count = findings.summary.search, len(findings.alternatives.cost)
     if not findings.summary.hidden_joints:
-        return {}
-    proven = search.lower_bound is not None
-    others = list(_others(findings)) if search.certified else []  # else the list says nothing about the others
-    caption = "Costs of the assignments that remain."
-    pictures = [picture(alternatives_figure(findings), "alternatives", caption)] if proven else []
-    return {
-        "search_text": _search_text(search),
-        "proven": proven,
-        "alternatives": pictures,
-        "others": others,
-        "others_caption": f"The cheapest of {count - 1} other assignments that remain; where they differ from the "
-        "best.",
-        "alone": search.certified and count == 1,
-    }
+        return None
+    parts = [paragraph(_search_text(search))]
+    if search.lower_bound is not None:
+        caption = "Costs of the assignments that remain."
+        parts.append(figures([picture(alternatives_figure(findings), "alternatives", caption)]))
+    if search.certified and count > 1:  # else the list says nothing about the others
+        caption = f"The cheapest of {count - 1} other assignments that remain; where they differ from the best."
+        parts.append(table(caption, ["Number", "Cost above", "Probability", "Other signs", "At"], _others(findings)))
+    elif search.certified:
+        parts.append(paragraph("No other assignment of the strong segments remains."))
+    return section("proof", "The proof", *parts)
 
 
 def _search_text(search: SearchSummary) -> str:
@@ -342,57 +380,70 @@ def _search_text(search: SearchSummary) -> str:
     return text
 
 
-def _others(findings: Findings) -> Iterator[dict[str, Any]]:
+def _others(findings: Findings) -> Iterator[tuple[str, ...]]:
     """The cheapest other assignments."""
-    table = findings.alternatives
-    for b in range(1, min(len(table.cost), TUNING.assignments + 1)):
-        here = np.flatnonzero(table.branch == b)
-        joints = sorted({int(j) + 1 for j in table.joint[here]})
-        yield {
-            "above": table.cost[b] - table.cost[0],
-            "mass": table.mass[b],
-            "difference": f"{len(here)} in joint{'s' * (len(joints) > 1)} {listed([str(j) for j in joints])}",
-            "spans": [
-                {"joint": int(table.joint[k]), "start": table.start[k], "end": table.end[k]}
-                for k in here[: TUNING.spans]
-            ],
-            "more": len(here) > TUNING.spans,
-        }
-
-
-def _validation(findings: Findings) -> dict[str, Any]:
-    prediction = findings.prediction
-    if prediction is None:
-        return {"prediction": None, "validate": commands.validate(findings)}
-    pictures = [
-        _over_time(
-            validation_panel(findings, joint, TUNING.page_curve),
-            "validation",
-            joint,
-            f"Effort of joint {joint} over time on another log: measured, predicted, and the band of 95 %.",
+    found = findings.alternatives
+    for b in range(1, min(len(found.cost), TUNING.assignments + 1)):
+        here = np.flatnonzero(found.branch == b)
+        joints = sorted({int(j) + 1 for j in found.joint[here]})
+        links = [
+            _link(int(found.joint[k]), found.start[k], found.end[k], f"{found.start[k]:.2f} s")
+            for k in here[: TUNING.spans]
+        ]
+        yield (
+            str(b),
+            number(found.cost[b] - found.cost[0]),
+            NONE if np.isnan(found.mass[b]) else probability(found.mass[b]),
+            f"{len(here)} in joint{'s' * (len(joints) > 1)} {listed([str(j) for j in joints])}",
+            Markup(", ").join([*links, *(["..."] if len(here) > TUNING.spans else [])]),
         )
-        for joint in range(1, findings.n_joints + 1)
-    ]
-    return {"prediction": prediction, "effort_unit": findings.effort_unit, "validations": pictures}
 
 
-def _run(findings: Findings) -> dict[str, Any]:
-    run = findings.summary.provenance
+def _validation(findings: Findings) -> Section:
+    name, title, prediction = "validation", "Validation on another log", findings.prediction
+    if prediction is None:
+        untried = f"This model has not been tried on a log that it has not seen: {commands.validate(findings)}"
+        return section(name, title, paragraph(untried))
+    seen = Markup("<p><strong>This is no validation: the model was identified from this log.</strong></p>")
+    caption = (
+        f"{prediction.source}. The band accounts for {prediction.band}; it should hold 95 % of the efforts. Errors are "
+        "against the measured efforts, noise and all."
+    )
+    values = zip(prediction.rms_error, prediction.relative_residual, prediction.coverage, strict=True)
     rows = [
+        (str(joint), number(error, findings.effort_unit[joint - 1]), percent(share), percent(covered))
+        for joint, (error, share, covered) in enumerate(values, start=1)
+    ]
+    shows = "on another log: measured, predicted, and the band of 95 %."
+    pictures = [_over_time(findings, validation_panel, name, joint, shows) for joint in range(1, findings.n_joints + 1)]
+    told = table(caption, ["Joint", "RMS error", "Over the RMS effort", "In the 95 % band"], rows)
+    return section(name, title, *([seen] if prediction.seen else []), told, figures(pictures, linked=True))
+
+
+def _run(findings: Findings) -> Section:
+    run = findings.summary.provenance
+    options = {name: value if isinstance(value, str) else json.dumps(value) for name, value in run.options.items()}
+    named = [
         *([("Command", run.command)] if run.command else []),
         *([("In Python", run.call)] if run.call else []),
-        *((f"Option {name}", _option(value)) for name, value in run.options.items()),
+        *(
+            (f"Option {name}", value if isinstance(value, str) else json.dumps(value))
+            for name, value in run.options.items()
+        ),
         *((f"SHA-256 of {name}", digest) for name, digest in run.files.items()),
         ("SHA-256 of the samples", run.data),
         *((f"Version of {name}", number) for name, number in run.versions.items()),
         ("Machine", run.machine),
         *((f"Seconds: {name}", f"{seconds:.1f}") for name, seconds in findings.summary.timings.items()),
     ]
-    return {"run": rows}
+    caption = "Same options, data and versions, same result; but budgets in seconds depend on the machine."
+    rows = [(name, Markup("<code>{}</code>").format(value)) for name, value in named]
+    return section("run", "What was run", table(caption, ["What", "Value"], rows))
 
 
-def _option(value: object) -> str:
-    return value if isinstance(value, str) else json.dumps(value)
+_PARTS: tuple[Callable[[Findings], Section | None], ...] = (
+    *(_torques, _doubts, _effects, _gains, _coefficients, _posterior, _residuals, _proof, _validation, _run),
+)
 
 
 # ---------------------------------------------------------------------------------------------------------------

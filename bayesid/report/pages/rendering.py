@@ -1,10 +1,10 @@
-"""What pages are made of: jinja2's templates, figures for the script, and numbers as people read them."""
+"""What pages are made of: sections of text, tables and figures, in jinja2's templates; numbers as people read them."""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cache
 from importlib import resources
@@ -20,6 +20,7 @@ from bayesid.arrays import Array
 from bayesid.report.plot.figure import Band, Boxes, Figure, Line, Mark, Panel, Strokes, Ticks, corners
 from bayesid.report.thinning import evenly
 from bayesid.report.tuning import TUNING
+from bayesid.report.verdicts import Check
 from bayesid.report.words import rounded
 
 _ROOM = "bayesid.report.pages"
@@ -52,23 +53,97 @@ def picture(figure: Figure, name: str, caption: str, alt: str = "", group: str =
     return Picture(name, data, caption, alt or caption, group)
 
 
-def render(template: str, title: str, subject: str, **content: Any) -> str:
-    """A whole page that opens from anywhere, light or dark, and prints; nothing is fetched.
+# ---------------------------------------------------------------------------------------------------------------
+# Sections
+# ---------------------------------------------------------------------------------------------------------------
+COLOURS = {"good": "good", "look": "look", "bad": "bad", "not done": "open"}
+"""Of each state of a check the class on the page."""
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of a page: the identifier that links lead to, its heading, and what stands below."""
+
+    name: str
+    title: str
+    content: Markup
+
+
+def section(name: str, title: str, *parts: Markup) -> Section:
+    """A section of texts, tables and figures."""
+    return Section(name, title, Markup("\n").join(parts))
+
+
+def paragraph(text: str, note: bool = False) -> Markup:
+    """A paragraph; a note is smaller. Commands stand between backquotes."""
+    return Markup("<p{}>{}</p>").format(Markup(' class="note"') if note else "", code(text))
+
+
+def lights(checks: Iterable[Check], words: Mapping[str, str], places: Mapping[str, str]) -> Markup:
+    """Checks as traffic lights.
 
     Args:
-        template: its file.
+        checks: in their order.
+        words: for each state.
+        places: sections that show more, by the check's name.
+    """
+    return _parts().lights([(one, COLOURS[one.state], words.get(one.state, one.state)) for one in checks], places)
+
+
+def table(caption: str, headings: Sequence[str], rows: Iterable[Sequence[str]]) -> Markup:
+    """A table; cells are text, or what `number` and the like make of a number."""
+    return _parts().table(caption, headings, list(rows))
+
+
+def items(texts: Sequence[str]) -> Markup:
+    """A list."""
+    return _parts().items(texts)
+
+
+def columns(lists: Sequence[tuple[str, Sequence[str]]], nothing: str) -> Markup:
+    """Lists side by side, each with its heading; `nothing` stands where one is empty."""
+    return _parts().columns(lists, nothing)
+
+
+def figures(pictures: Sequence[Picture], linked: bool = False) -> Markup:
+    """Figures, or those over time that share their range."""
+    return _parts().linked(pictures) if linked else _parts().figures(pictures)
+
+
+def page(
+    title: str,
+    subject: str,
+    status: tuple[str, str],
+    lead: str,
+    about: Sequence[tuple[str, str]],
+    warnings: Sequence[str],
+    sections: Sequence[Section],
+) -> str:
+    """A whole page that opens from anywhere, light or dark, and prints; nothing is fetched, text is escaped.
+
+    Args:
         title: its heading.
         subject: what it is about, robot and log, for the window's title.
-        content: what the template needs; text is escaped.
+        status: the class and the words of what there is to say in a few words.
+        lead: the same in a sentence or two.
+        about: names and values below it.
+        warnings: what the user should know.
+        sections: in their order.
     """
-    page = {"title": title, "subject": subject, "version": version("bayesid")}
-    page |= {"style": _read("uPlot.min.css") + _read("style.css"), "script": _script()}
-    return _environment().get_template(template).render(**page, **content)
+    content = {"title": title, "subject": subject, "status": status, "lead": lead, "about": about}
+    content |= {"warnings": warnings, "sections": sections, "version": version("bayesid")}
+    content |= {"style": _read("uPlot.min.css") + _read("style.css"), "script": _script()}
+    return fragment("page.html.jinja", **content)
 
 
 def fragment(template: str, **content: Any) -> str:
-    """A part of somebody else's page, of a template and what it needs; text is escaped."""
+    """What a template makes of its content; text is escaped."""
     return _environment().get_template(template).render(**content)
+
+
+@cache
+def _parts() -> Any:
+    return _environment().get_template("parts.html.jinja").module
 
 
 def _read(file: str) -> Markup:
@@ -95,7 +170,7 @@ def _environment() -> Environment:
         keep_trailing_newline=True,
         undefined=StrictUndefined,
     )
-    filters = (typeset, code, data, number, probability, percent)
+    filters = (typeset, code, cell)
     environment.filters |= {function.__name__: function for function in filters}
     environment.policies["json.dumps_kwargs"] = {"separators": (",", ":")}
     environment.globals["NONE"] = NONE
@@ -181,6 +256,11 @@ def code(text: str) -> Markup:
     """Typeset, with commands between backquotes as code."""
     parts = enumerate(text.split("`"))
     return Markup("").join(Markup("<code>{}</code>").format(part) if k % 2 else typeset(part) for k, part in parts)
+
+
+def cell(text: str) -> Markup:
+    """Typeset, unless it is already; a dash for nothing."""
+    return text if isinstance(text, Markup) else typeset(text) if text else NONE
 
 
 def data(value: float, text: str) -> Markup:
