@@ -426,10 +426,7 @@ def _run(findings: Findings) -> Section:
     named = [
         *([("Command", run.command)] if run.command else []),
         *([("In Python", run.call)] if run.call else []),
-        *(
-            (f"Option {name}", value if isinstance(value, str) else json.dumps(value))
-            for name, value in run.options.items()
-        ),
+        *((f"Option {name}", value) for name, value in options.items()),
         *((f"SHA-256 of {name}", digest) for name, digest in run.files.items()),
         ("SHA-256 of the samples", run.data),
         *((f"Version of {name}", number) for name, number in run.versions.items()),
