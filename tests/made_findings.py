@@ -13,15 +13,15 @@ from bayesid.report.findings import (
     Prediction,
     Samples,
     SegmentTable,
-    Summary,
 )
-from bayesid.report.findings.summary import (
+from bayesid.report.summary import (
     AmbiguousSegment,
     FitSummary,
     NoiseSummary,
     PosteriorSummary,
     SearchSummary,
     SignsSummary,
+    Summary,
 )
 from bayesid.report.tuning import TUNING
 

@@ -6,7 +6,8 @@ import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from bayesid.report.findings import Findings, Summary
+from bayesid.report.findings import Findings
+from bayesid.report.summary import Summary
 
 _READING = {"--degrees": 0, "--no-degrees": 0} | dict.fromkeys(
     ("--columns", "--gains", "--joints", "--topic", "--unsigned"), 1

@@ -35,7 +35,8 @@ from bayesid.log.signals import Signals
 from bayesid.parallel import one_blas_thread
 from bayesid.progress import SILENT, Progress
 from bayesid.report.findings import FILE as FINDINGS
-from bayesid.report.findings import Findings, as_json, find_findings, read_findings, write_findings
+from bayesid.report.findings import Findings, find_findings, read_findings, write_findings
+from bayesid.report.summary import as_json
 from bayesid.report.tables import coefficient_rows, kept_draws, parameter_rows, segment_rows, validation_summary
 from bayesid.report.verdicts import check_findings, verdict
 

@@ -12,7 +12,7 @@ import numpy as np
 from bayesid.identification.gains import GIVEN
 from bayesid.identification.identification import Identification
 from bayesid.identification.prediction import Validation
-from bayesid.report.findings import Summary, as_json, log_parts, summarise
+from bayesid.report.summary import Summary, as_json, log_parts, summarise
 from bayesid.report.words import in_percent, label, quantity, rounded
 
 if TYPE_CHECKING:

@@ -34,8 +34,8 @@ from bayesid.identification.warnings import (
 )
 from bayesid.regression.tuning import TUNING as REGRESSION
 from bayesid.report import commands
-from bayesid.report.findings import Findings, Summary
-from bayesid.report.findings.summary import EffectSummary, Numbers
+from bayesid.report.findings import Findings
+from bayesid.report.summary import EffectSummary, Numbers, Summary
 from bayesid.report.tuning import TUNING
 from bayesid.report.words import in_percent, joints_in_words, label, listed, quantity, rounded
 

@@ -29,7 +29,7 @@ from bayesid.cli import demo, main
 from bayesid.effects.catalogue import make_terms
 from bayesid.effects.model import Model
 from bayesid.log.log import Log, write_log
-from bayesid.report.findings import as_json, summarise
+from bayesid.report.summary import as_json, summarise
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters
 from bayesid.simulation.trajectories import random_trajectory

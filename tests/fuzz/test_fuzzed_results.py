@@ -19,9 +19,9 @@ from bayesid.errors import InputError
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.model_file import load_model, model_table
 from bayesid.regression.noise import Noise
-from bayesid.report.findings import as_json, read_findings
-from bayesid.report.findings.store import write_findings
+from bayesid.report.findings import read_findings, write_findings
 from bayesid.report.folders import make_report
+from bayesid.report.summary import as_json
 
 N = 2
 

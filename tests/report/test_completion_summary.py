@@ -6,9 +6,9 @@ import pytest
 from completion_problems import identified
 
 from bayesid.files.tables import read_json
-from bayesid.report.findings import Summary, as_json, find_findings
-from bayesid.report.findings.summary import EffectSummary
+from bayesid.report.findings import find_findings
 from bayesid.report.folders import save_identification
+from bayesid.report.summary import EffectSummary, Summary, as_json
 
 HIDDEN = ("stribeck_friction", "delay")
 

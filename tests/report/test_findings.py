@@ -13,8 +13,10 @@ from bayesid.identification.pipeline import identify
 from bayesid.log.log import join_logs
 from bayesid.posterior.sampler import Sampling
 from bayesid.regression.knowledge import Beliefs
-from bayesid.report.findings import FILE, as_json, collect, content, find_findings, read_findings, write_findings
+from bayesid.report import findings as findings_module
+from bayesid.report.findings import FILE, find_findings, read_findings, write_findings
 from bayesid.report.folders import save_identification
+from bayesid.report.summary import as_json
 from bayesid.report.tuning import TUNING
 from bayesid.report.verdicts import check_findings, verdict
 from bayesid.robot import robot_from_table, robot_table
@@ -213,8 +215,7 @@ def test_what_differs_in_other_assignments(half_signed):
 
 def test_long_logs_are_thinned(half_signed, monkeypatch, tmp_path):
     whole, validation = find_findings(half_signed), half_signed.validate(half_signed.log)
-    for module in (collect, content):
-        monkeypatch.setattr(module, "TUNING", replace(TUNING, samples=100))
+    monkeypatch.setattr(findings_module, "TUNING", replace(TUNING, samples=100))
     thin = find_findings(half_signed).with_validation(validation)
     count = len(whole.samples.t)
     assert thin.samples.every == round(count / 100) == 5
@@ -270,11 +271,8 @@ def test_bars_are_in_units_of_a_coefficients_own_size():
         high=np.array([3.0, 2.5, np.inf]),
         nominal=np.array([2.2, np.nan, -5.0]),
     )
-    bar = table.bar
-    np.testing.assert_allclose(bar.mean, [1.0, 0.25, -1.0])
-    np.testing.assert_allclose(bar.low, [0.5, -0.75, -np.inf])
-    np.testing.assert_allclose(bar.high, [1.5, 1.25, np.inf])
-    np.testing.assert_allclose(bar.nominal, [1.1, np.nan, -1.25])
+    ends = [0.5, -0.75, -np.inf], [1.5, 1.25, np.inf]
+    np.testing.assert_allclose(table.bar, [[1.0, 0.25, -1.0], *ends, [1.1, np.nan, -1.25]])
     np.testing.assert_allclose(table.relative_sd, [0.25, 2.0, np.inf])
 
 

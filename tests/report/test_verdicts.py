@@ -9,7 +9,7 @@ from made_findings import make_findings, make_samples, with_summary
 
 from bayesid.identification.other_readings import BetterReading
 from bayesid.regression.selection.unseen import TooNarrow
-from bayesid.report.findings.summary import CompletionSummary, ErrorsSummary, GainsSummary, LowPassSummary, ModeSummary
+from bayesid.report.summary import CompletionSummary, ErrorsSummary, GainsSummary, LowPassSummary, ModeSummary
 from bayesid.report.verdicts import Check, check_findings, sure_share, verdict, worst
 
 

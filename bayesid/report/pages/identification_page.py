@@ -14,7 +14,6 @@ from bayesid.parallel import one_at_a_time
 from bayesid.progress import SILENT, Progress
 from bayesid.report import commands
 from bayesid.report.findings import Findings, find_findings
-from bayesid.report.findings.summary import SearchSummary
 from bayesid.report.pages.rendering import (
     COLOURS,
     NONE,
@@ -45,6 +44,7 @@ from bayesid.report.plot.identification import (
     validation_panel,
 )
 from bayesid.report.plot.posterior import forest_figure, pair_figure, rank_figure, trace_figure
+from bayesid.report.summary import SearchSummary
 from bayesid.report.tables import EFFECT_HEADINGS, GAIN_HEADINGS, effect_rows, gain_rows
 from bayesid.report.tuning import TUNING
 from bayesid.report.verdicts import State, at_standstill, check_findings, sure_share, worst
@@ -228,7 +228,7 @@ def _gains(findings: Findings) -> Section | None:
 
 
 def _coefficients(findings: Findings) -> Section:
-    found, bar = findings.coefficients, findings.coefficients.bar
+    found = findings.coefficients
     nominal = bool(np.isfinite(found.nominal).any())
     rows = []
     for k, mean in enumerate(found.mean):
@@ -243,7 +243,7 @@ def _coefficients(findings: Findings) -> Section:
                 interval if known else NONE,
                 *([_nominal(found.nominal[k], mean)] if nominal else []),
                 "data" if found.by_data[k] else Markup("<strong>prior</strong>"),
-                _bar(bar.mean[k], bar.low[k], bar.high[k], bar.nominal[k]),
+                _bar(*(float(values[k]) for values in found.bar)),
                 Markup('<span class="expression">{}</span>').format(typeset(found.expression[k])),
             )
         )

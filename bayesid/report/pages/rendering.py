@@ -130,7 +130,7 @@ def page(
         warnings: what the user should know.
         sections: in their order.
     """
-    content = {"title": title, "subject": subject, "status": status, "lead": lead, "about": about}
+    content: dict[str, Any] = {"title": title, "subject": subject, "status": status, "lead": lead, "about": about}
     content |= {"warnings": warnings, "sections": sections, "version": version("bayesid")}
     content |= {"style": _read("uPlot.min.css") + _read("style.css"), "script": _script()}
     return fragment("page.html.jinja", **content)

@@ -276,19 +276,19 @@ def coefficients(result: Source, ax: Axes | None = None) -> Axes:
     """
     findings = findings_of(result)
     table = findings.coefficients
-    place, bar = np.arange(len(table.mean)), table.bar
+    place, (means_, lows, highs, nominals) = np.arange(len(table.mean)), table.bar
     beyond = 2.5  # sizes: what is known so badly needs no more room
     marks: list[Mark] = []
     for chosen, colour, name in ((table.by_data, BLUE, "decided by data"), (~table.by_data, ORANGE, "by the prior")):
         if chosen.any():
-            row, mean = place[chosen], bar.mean[chosen]
-            low, high = bar.low[chosen].clip(-beyond, beyond), bar.high[chosen].clip(-beyond, beyond)
+            row, mean = place[chosen], means_[chosen]
+            low, high = lows[chosen].clip(-beyond, beyond), highs[chosen].clip(-beyond, beyond)
             ends = np.minimum(mean, 0.0), np.maximum(mean, 0.0)
             marks += [Boxes(ends, (row - 0.3, row + 0.3), colour, name, 0.35)]
             marks += [Strokes((low, high), (row, row), colour, width=2.0)]
-    known = np.isfinite(bar.nominal)
+    known = np.isfinite(nominals)
     if known.any():
-        nominal, row = bar.nominal[known].clip(-beyond, beyond), place[known]
+        nominal, row = nominals[known].clip(-beyond, beyond), place[known]
         marks.append(Strokes((nominal, nominal), (row - 0.4, row + 0.4), INK, "nominal", 1.6))
     panel = Panel(
         [*marks, upright(0.0)],

@@ -1,0 +1,489 @@
+"""What the figures and the report of an identification show: computed once, kept in the result folder, drawn anywhere.
+
+Plotting code computes nothing: all that it draws stands here, from an identification (`find_findings`) or from a result
+folder (`read_findings`: findings.npz beside summary.json and posterior.nc), which gives the same.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import MISSING, dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bayesid.arrays import TINY, Array, Integers, Mask
+from bayesid.errors import InputError, printable
+from bayesid.files.tables import read_json
+from bayesid.identification.identification import Identification
+from bayesid.identification.prediction import NORMAL_95, Validation
+from bayesid.log.signals import signed_effort
+from bayesid.regression.noise import autocovariance
+from bayesid.report.summary import Summary, filled, summarise
+from bayesid.report.thinning import binned, evenly
+from bayesid.report.tuning import TUNING
+
+
+@dataclass(frozen=True)
+class Samples:
+    """The log and the model's efforts at N instants, in actuator coordinates.
+
+    Attributes:
+        t: (N,) s since the recording began; logs that were joined come one after the other.
+        position: (N, n) rad, or m.
+        velocity: (N, n) rad/s, or m/s.
+        recorded: (N, n) efforts as they were recorded, absolute values where the sign is hidden, N m.
+        signed: (N, n) the same with their likelier signs, lightly filtered, N m.
+        predicted: (N, n) the model's efforts, N m.
+        residual: (N, n) recorded efforts with their likelier signs less predicted ones, N m.
+        probability: (N, n) P(sign = +).
+        used: (N, n) samples in motion, which are fitted.
+        every: of how many samples of the log one stands here.
+    """
+
+    t: Array
+    position: Array
+    velocity: Array
+    recorded: Array
+    signed: Array
+    predicted: Array
+    residual: Array
+    probability: Array
+    used: Mask
+    every: int
+
+
+@dataclass(frozen=True)
+class SegmentTable:
+    """S segments.
+
+    Attributes:
+        joint: (S,) from 0.
+        start: (S,) s, on the samples' clock.
+        end: (S,) s.
+        sign: (S,) +1 or -1.
+        confidence: (S,) expected share of the segment's energy whose sign is right.
+        moving: (S,) whether the actuator moves.
+        ambiguous: (S,) confidence below `TUNING.ambiguous`.
+    """
+
+    joint: Integers
+    start: Array
+    end: Array
+    sign: Integers
+    confidence: Array
+    moving: Mask
+    ambiguous: Mask
+
+
+@dataclass(frozen=True)
+class Correlation:
+    """Autocorrelation of the residual in motion.
+
+    Attributes:
+        lag: (L,) s.
+        value: (n, L).
+        bound: (n,) within which 95 % of the values of white noise lie.
+    """
+
+    lag: Array
+    value: Array
+    bound: Array
+
+
+@dataclass(frozen=True)
+class CoefficientTable:
+    """r base coefficients; NaN where something is not known.
+
+    Attributes:
+        name: (r,) parameter that each is built on.
+        expression: (r,) in the standard parameters.
+        unit: (r,).
+        mean: (r,).
+        sd: (r,) inf where the log does not excite a coefficient.
+        low: (r,) lower end of the 95 % interval.
+        high: (r,) its upper end.
+        prior_sd: (r,) what the prior alone knew.
+        nominal: (r,) by the parameters known beforehand.
+        by_data: (r,) whether the data decide it, not the prior.
+    """
+
+    name: tuple[str, ...]
+    expression: tuple[str, ...]
+    unit: tuple[str, ...]
+    mean: Array
+    sd: Array
+    low: Array
+    high: Array
+    prior_sd: Array
+    nominal: Array
+    by_data: Mask
+
+    @property
+    def bar(self) -> tuple[Array, Array, Array, Array]:
+        """(r,) mean, ends of its interval and nominal value, each over its size: the mean's, or half the interval's."""
+        finite = np.where(np.isfinite(self.sd), np.abs(self.high - self.low), 0.0)
+        size = np.maximum(np.maximum(np.abs(self.mean), 0.5 * finite), TINY)
+        low, high = np.where(np.isfinite(self.sd), [self.low, self.high], [[-np.inf], [np.inf]])
+        return self.mean / size, low / size, high / size, self.nominal / size
+
+    @property
+    def relative_sd(self) -> Array:
+        """(r,) standard deviation over the size of the value."""
+        return np.abs(self.sd / np.where(self.mean == 0.0, TINY, self.mean))
+
+
+@dataclass(frozen=True)
+class Alternatives:
+    """B assignments of signs that the proof could not rule out, the best one first, and where they differ from it.
+
+    Attributes:
+        cost: (B,) of each.
+        mass: (B,) posterior probability, NaN where no posterior was sampled.
+        branch: (D,) index of the assignment of each difference.
+        joint: (D,) from 0.
+        start: (D,) s.
+        end: (D,) s.
+    """
+
+    cost: Array
+    mass: Array
+    branch: Integers
+    joint: Integers
+    start: Array
+    end: Array
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """The model on a log that it has not seen, at M instants.
+
+    Attributes:
+        source: the log.
+        t: (M,) s.
+        measured: (M, n) efforts with their likelier signs, lightly filtered, N m.
+        predicted: (M, n) N m.
+        lower: (M, n) lower end of the 95 % band of an unfiltered effort, N m.
+        upper: (M, n) its upper end, N m.
+        rms_error: (n,) in motion, N m.
+        relative_residual: (n,) the same over the RMS of the effort.
+        coverage: (n,) share of the unfiltered efforts in motion that lie in the band.
+        band: what the band accounts for.
+        seen: whether the model was identified from this log: then it is no validation.
+    """
+
+    source: str
+    t: Array
+    measured: Array
+    predicted: Array
+    lower: Array
+    upper: Array
+    rms_error: Array
+    relative_residual: Array
+    coverage: Array
+    band: str
+    seen: bool = False
+
+
+@dataclass(frozen=True)
+class Findings:
+    """All that is shown of an identification.
+
+    Attributes:
+        summary: its numbers.
+        effort_unit: (n,) "N m", or "N".
+        position_unit: (n,) "rad", or "m".
+        samples: the log, signed, and the model.
+        segments: their signs.
+        correlation: of the residual.
+        coefficients: with their uncertainty.
+        prior_parameters: names of the parameters that the prior decides.
+        alternatives: to the signs that were found.
+        draws: (E, D, r) of the coefficients, sweep after sweep of each of E ensembles; None if none were sampled.
+        prediction: of another log, or None.
+        folder: that holds the result; empty where it is in none.
+
+    Example:
+        >>> findings = bayesid.find_findings(result)
+        >>> findings.samples.predicted.shape, len(findings.coefficients.name)
+        ((301, 3), 21)
+    """
+
+    summary: Summary
+    effort_unit: tuple[str, ...]
+    position_unit: tuple[str, ...]
+    samples: Samples
+    segments: SegmentTable
+    correlation: Correlation
+    coefficients: CoefficientTable
+    prior_parameters: tuple[str, ...]
+    alternatives: Alternatives
+    draws: Array | None = None
+    prediction: Prediction | None = None
+    folder: str = field(default="", compare=False)
+
+    def __repr__(self) -> str:
+        drawn = "no draws" if self.draws is None else f"draws of {self.n_ensembles} ensembles"
+        other = "no validation" if self.prediction is None else f"validated on {self.prediction.source}"
+        size = f"{len(self.samples.t)} samples, {len(self.segments.joint)} segments, {len(self.coefficients.name)}"
+        return f"Findings of {self.summary.robot}: {size} coefficients, {drawn}, {other}; bayesid.check_findings judges"
+
+    @property
+    def n_joints(self) -> int:
+        """Number of joints n."""
+        return len(self.effort_unit)
+
+    @property
+    def segment_size(self) -> Array:
+        """(S,) largest |effort| of each segment, as a share of its joint's."""
+        t, effort, table = self.samples.t, np.abs(self.samples.recorded), self.segments
+        ranges = zip(table.joint, np.searchsorted(t, table.start), np.searchsorted(t, table.end, "right"), strict=True)
+        largest = np.array([effort[a:b, j].max(initial=0.0) for j, a, b in ranges])
+        return largest / np.maximum(effort.max(axis=0), TINY)[table.joint]
+
+    @property
+    def n_ensembles(self) -> int:
+        """E, that were sampled; 0 without draws."""
+        return 0 if self.draws is None else len(self.draws)
+
+    def trend(self, joint: int, variable: str) -> tuple[Array, Array, Array]:
+        """(b,) a variable, the mean residual and its standard error, over equally many samples in motion each.
+
+        Args:
+            joint: from 0.
+            variable: "t", "velocity" or "position".
+        """
+        value, residual = self.scatter(joint, variable, len(self.samples.t))
+        return binned(value, residual)
+
+    def scatter(self, joint: int, variable: str, most: int) -> tuple[Array, Array]:
+        """At most so many values of a variable and of the residual, of a joint (from 0) in motion, evenly spread."""
+        used = np.flatnonzero(self.samples.used[:, joint])
+        rows = used[evenly(len(used), most)] if len(used) else used
+        value = getattr(self.samples, variable)[rows]
+        return (value if value.ndim == 1 else value[:, joint]), self.samples.residual[rows, joint]
+
+    def worst(self, count: int) -> Integers:
+        """Indices of at most so many coefficients: those that the log decides worst, by sd over the prior's sd."""
+        table = self.coefficients
+        undecided = np.where(np.isfinite(table.prior_sd), table.sd / table.prior_sd, table.relative_sd)
+        return np.argsort(-undecided, kind="stable")[:count]
+
+    def standardised(self, chosen: Integers) -> Array:
+        """(E, D, K) draws of K coefficients about their mean, in units of the prior's sd; none without draws."""
+        assert self.draws is not None
+        table = self.coefficients
+        scaled: Array = (self.draws[:, :, chosen] - table.mean[chosen]) / table.prior_sd[chosen]
+        return scaled
+
+    def with_validation(self, validation: Validation) -> Findings:
+        """The same, with a validation."""
+        rows = evenly(len(validation.measured), TUNING.samples)
+        motion = validation.signals.motion
+        curves = {name: getattr(validation, name)[rows] for name in ("measured", "predicted", "lower", "upper")}
+        t = motion.t[rows] - motion.origin
+        return replace(self, prediction=filled(Prediction, validation, source=validation.log.source, t=t, **curves))
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# From an identification
+# ---------------------------------------------------------------------------------------------------------------
+def find_findings(identification: Identification) -> Findings:
+    """What there is to show of an identification.
+
+    Example:
+        >>> findings = bayesid.find_findings(result)
+        >>> int(findings.segments.ambiguous.sum()), len(findings.segments.sign)
+        (0, 70)
+    """
+    sliding = [joint.prismatic for joint in identification.model.robot.joints]
+    _, by_data = identification.parameter_sd
+    samples = _samples(identification)
+    shown, posterior = evenly(len(samples.t), TUNING.samples), identification.posterior
+    return Findings(
+        summary=summarise(identification),
+        effort_unit=tuple("N" if slides else "N m" for slides in sliding),
+        position_unit=tuple("m" if slides else "rad" for slides in sliding),
+        samples=_rows(samples, shown),
+        segments=_segments(identification),
+        correlation=_correlation(samples, identification.signals.rate),
+        coefficients=_coefficients(identification),
+        prior_parameters=tuple(
+            parameter.name for parameter, data in zip(identification.model.parameters, by_data, strict=True) if not data
+        ),
+        alternatives=_alternatives(identification),
+        draws=None if posterior is None else posterior.uncertain.kept_coefficients(),
+    )
+
+
+def _samples(identification: Identification) -> Samples:
+    signals, motion = identification.signals, identification.signals.motion
+    actuators = identification.model.robot.actuators(motion)
+    predicted = identification.model.effort(motion, identification.theta)
+    signs = identification.sample_signs
+    moving = identification.segments.per_sample(identification.segments.moving, *predicted.shape) > 0
+    recorded = identification.log.clock(motion.t)[0] >= 0  # the pause between joined logs is not
+    return Samples(
+        t=motion.t - motion.origin,
+        position=actuators.q,
+        velocity=actuators.dq,
+        recorded=signals.raw_effort,
+        signed=signed_effort(signals, signs),
+        predicted=predicted,
+        residual=signed_effort(signals, signs, filtered=False) - predicted,
+        probability=identification.probability,
+        used=moving & recorded[:, None],
+        every=1,
+    )
+
+
+def _rows(samples: Samples, rows: Integers) -> Samples:
+    count = len(samples.t)
+    arrays = {entry.name: getattr(samples, entry.name)[rows] for entry in fields(samples) if entry.name != "every"}
+    return replace(samples, **arrays, every=round(count / len(rows)))
+
+
+def _segments(identification: Identification) -> SegmentTable:
+    segments, signs, confidence = identification.recorded_segments
+    t = identification.signals.motion.t - identification.signals.motion.origin
+    last = len(t) - 1
+    return SegmentTable(
+        joint=segments.joint,
+        start=t[segments.start],
+        end=t[np.minimum(segments.end, last)],
+        sign=signs,
+        confidence=confidence,
+        moving=segments.moving,
+        ambiguous=confidence < TUNING.ambiguous,
+    )
+
+
+def _correlation(samples: Samples, rate: float) -> Correlation:
+    lags = max(2, int(TUNING.lags * rate))
+    n = samples.residual.shape[1]
+    of_joints = [autocovariance(samples.residual[:, j], samples.used[:, j], lags) for j in range(n)]
+    values = np.array([covariance / max(covariance[0], TINY) for covariance in of_joints])
+    count = np.maximum(samples.used.sum(axis=0), 1)
+    return Correlation(np.arange(values.shape[1]) / rate, values, NORMAL_95 / np.sqrt(count))
+
+
+def _coefficients(identification: Identification) -> CoefficientTable:
+    coefficients = identification.coefficients
+    low, high = identification.interval_95
+    prior_sd, by_data = identification.prior_sd
+    return CoefficientTable(
+        name=tuple(coefficients.names),
+        expression=tuple(coefficients.expressions),
+        unit=tuple(coefficients.units),
+        mean=identification.beta,
+        sd=identification.sd,
+        low=low,
+        high=high,
+        prior_sd=np.where(np.isfinite(prior_sd), prior_sd, np.nan),
+        nominal=identification.nominal_beta,
+        by_data=by_data,
+    )
+
+
+def _alternatives(identification: Identification) -> Alternatives:
+    search, segments = identification.search, identification.searched
+    t = identification.signals.motion.t - identification.signals.motion.origin
+    branches = search.branches
+    decided = np.ones((len(branches), len(search.signs)), dtype=bool) if search.decided is None else search.decided
+    pairs = [
+        (b, k) for b, branch in enumerate(branches) for k in np.flatnonzero((branch.signs != search.signs) & decided[b])
+    ]
+    number, segment = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
+    mass = None if identification.posterior is None else identification.posterior.branch_mass
+    return Alternatives(
+        cost=np.array([branch.cost for branch in branches]),
+        mass=np.full(len(branches), np.nan) if mass is None or len(mass) != len(branches) else mass,
+        branch=number,
+        joint=segments.joint[segment],
+        start=t[segments.start[segment]],
+        end=t[segments.end[segment] - 1],
+    )
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# In a result folder
+# ---------------------------------------------------------------------------------------------------------------
+FILE = "findings.npz"
+_REMEDY = "give a folder that `bayesid identify` wrote, or identify again to write it anew"
+_PARTS: Mapping[str, type] = {
+    "samples": Samples,
+    "segments": SegmentTable,
+    "correlation": Correlation,
+    "coefficients": CoefficientTable,
+    "alternatives": Alternatives,
+    "prediction": Prediction,
+}
+_BULKY = ("samples", "prediction")
+"""Whose arrays of samples and joints are kept in single precision: nobody sees the rest of a curve's digits."""
+_WORDS = ("effort_unit", "position_unit", "prior_parameters")
+
+
+def write_findings(findings: Findings, path: Path) -> None:
+    """Writes the arrays as `findings.npz`, keys as in `samples.t`; efforts and motion in single precision."""
+    arrays: dict[str, Any] = {name: np.array(getattr(findings, name), dtype=str) for name in _WORDS}
+    for part in _PARTS:
+        content = getattr(findings, part)
+        for entry in fields(_PARTS[part]) if content is not None else ():
+            value = np.asarray(getattr(content, entry.name))
+            single = part in _BULKY and value.ndim == 2 and value.dtype == np.float64
+            arrays[f"{part}.{entry.name}"] = value.astype(np.float32) if single else value
+    with path.open("wb") as file:
+        np.savez_compressed(file, **arrays)
+
+
+def read_findings(folder: str | Path) -> Findings:
+    """What a result folder holds to show.
+
+    Raises:
+        InputError: the folder is no result, or one of a version that kept less.
+
+    Example:
+        >>> findings = bayesid.read_findings("result")
+        >>> findings.summary.robot, findings.n_joints
+        ('arm', 3)
+    """
+    place = Path(folder)
+    for name in ("summary.json", FILE):
+        if not os.path.exists(place / name):
+            raise InputError(f"holds no {name}", printable(str(folder)), _REMEDY)
+    summary = read_json(place / "summary.json", Summary, _REMEDY)
+    try:
+        with (place / FILE).open("rb") as file, np.load(file, allow_pickle=False) as arrays:
+            parts: dict[str, Any] = {
+                name: _part(name, arrays) for name in _PARTS if name != "prediction" or "prediction.t" in arrays
+            }
+            parts |= {name: tuple(arrays[name].tolist()) for name in _WORDS}
+        return Findings(summary=summary, **parts, draws=_draws(place / "posterior.nc"), folder=str(folder))
+    except Exception as error:  # a damaged archive raises whatever its parser stumbles over
+        said = " ".join(printable(str(error)).split()) or type(error).__name__
+        raise InputError(f"cannot be read ({said})", str(folder), _REMEDY) from None
+
+
+def _part(name: str, arrays: Mapping[str, Any]) -> Any:
+    values: dict[str, Any] = {}
+    for entry in fields(_PARTS[name]):
+        if f"{name}.{entry.name}" not in arrays and entry.default is not MISSING:
+            continue  # of an earlier version
+        value = arrays[f"{name}.{entry.name}"]
+        if value.ndim == 0:
+            values[entry.name] = value.item()
+        elif value.dtype.kind == "U":
+            values[entry.name] = tuple(value.tolist())
+        else:
+            values[entry.name] = value.astype(np.float64) if value.dtype == np.float32 else value
+    return _PARTS[name](**values)
+
+
+def _draws(path: Path) -> Array | None:
+    if not path.exists():
+        return None
+    from bayesid.posterior.netcdf import read_coefficients
+
+    return read_coefficients(path)

@@ -1,0 +1,517 @@
+"""The numbers of an identification, typed: what summary.json holds, and all that pages, notebooks and terminals say.
+
+A quantity is a field here. It is taken from the result by its name, or given where `summarise` makes the part.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, is_dataclass
+from typing import Any, TypeVar
+
+import numpy as np
+
+from bayesid.arrays import TINY, Array
+from bayesid.files.tables import plain, typed
+from bayesid.identification.identification import Identification
+from bayesid.identification.options import Provenance
+from bayesid.identification.other_readings import BetterReading
+from bayesid.identification.payload import Estimate, PayloadBody
+from bayesid.log.log import Log
+from bayesid.posterior.inference import Posterior
+from bayesid.regression.selection.unseen import TooNarrow
+from bayesid.regression.selection.wanted import EnteredEffect
+from bayesid.report.tuning import TUNING
+
+Kind = TypeVar("Kind")
+Number = float | None
+"""None where it is not finite: JSON has no infinity."""
+Numbers = tuple[Number, ...]
+"""One a joint."""
+
+
+@dataclass(frozen=True)
+class LogPart:
+    """One of the logs that a log was joined from, and the label of what the flange carried, if anything."""
+
+    source: str
+    n_samples: int
+    payload: str = ""
+
+
+@dataclass(frozen=True)
+class AmbiguousSegment:
+    """A segment whose sign the proof does not settle."""
+
+    joint: int  # from 1
+    start: float  # s, on the clock of its log
+    end: float  # s, its last sample
+    n_samples: int  # in it
+    log: str = ""  # that it is of, where several were joined
+
+
+@dataclass(frozen=True)
+class SearchSummary:
+    """How the signs were searched, and what is proven about them; None where nothing is."""
+
+    method: str  # of the search
+    beam_width: int | None  # w of T-PBPR
+    cost: Number  # of the best assignment
+    # of it: what the data ask, the pull to typical links, and a prior (none; the posterior has one); None where
+    # nodes were priced otherwise
+    cost_parts: Mapping[str, Number] | None
+    # (n,) sd by which the rows of each joint were scaled, N m, as if only effective samples counted
+    noise_weights: Numbers
+    proofs: int  # how often the last word was said: again where the final noise weights change the signs
+    withheld: str  # why nothing counts as proven although the search has ended: "pull" or "noise"; empty otherwise
+    # grown, pruned by the bound or by the cone, survived a step, leaves, and segments undecided when time was up;
+    # None without a beam
+    beam_nodes: Mapping[str, int] | None
+    certified: bool  # whether no assignment costs less
+    lower_bound: Number  # that no assignment's cost falls below
+    gap: Number  # cost less lower bound
+    within: Number  # of the best cost, all assignments are listed
+    assignments: int | None  # number of these, the best among them
+    missed_mass: Number  # posterior mass that the list leaves out, at most, relative to the best one's
+    settled_share: Number  # share of the samples whose sign is the same in all of them
+    ambiguous: tuple[AmbiguousSegment, ...] | None  # the segments of the other samples
+    seconds: float  # taken
+    sdp_solves: int  # least-squares problems over the feasible parameters that were solved
+    nodes: int  # partial assignments that were bounded
+    rounds: int  # searches until no segment's predicted effort crossed zero
+    timed_out: bool = False  # whether the time limit on the clock ended a search: a faster machine may give other signs
+    # of the last search: what each way of searching has found, its nominal seconds, and its starts
+    ways: tuple[Mapping[str, Any], ...] = ()
+    # probability that an assignment which no search has met is the right one; 0 where a proof excludes it
+    unseen: Number = None
+
+
+@dataclass(frozen=True)
+class SignsSummary:
+    """The model under which signs were settled."""
+
+    model: tuple[str, ...]  # its terms
+    weight: Number  # of it, against the model asked for
+    doubt: Numbers  # (n,) probability that signs are guesses because the model is not the robot's
+
+
+@dataclass(frozen=True)
+class EffectSummary:
+    """An effect that entered the model."""
+
+    effect: str  # name in the catalogue
+    form: str  # of it; the effect's own name where it is the main one
+    joints: tuple[int, ...]  # from 1; none named: the whole robot
+    log10_bayes_factor: Number  # for it, given all others that entered
+    equivalent: tuple[str, ...]  # effects that the log cannot tell from it
+    parameters: Mapping[str, Mapping[str, Any]]  # name to value, sd (None where none is known) and unit
+
+
+@dataclass(frozen=True)
+class ErrorsSummary:
+    """(n,) RMS errors on held-back blocks without and with the effects, and RMS effort, N m."""
+
+    before: Numbers
+    after: Numbers
+    effort: Numbers
+
+
+@dataclass(frozen=True)
+class CompletionSummary:
+    """What the catalogue had to say beyond the terms asked for."""
+
+    effects: tuple[EffectSummary, ...]  # that entered the model
+    held_back_error: ErrorsSummary  # on blocks of the log that had no say
+    uncertain: tuple[str, ...]  # effects that did not enter, but widen the uncertainty
+    may_enter: bool = True  # whether effects might enter
+    too_narrow: tuple[TooNarrow, ...] = ()  # coefficients whose intervals do not allow for what may be there besides
+
+
+@dataclass(frozen=True)
+class ModeSummary:
+    """A mode of the posterior."""
+
+    weight: Number  # its share of the mass
+    log_evidence_se: Number  # standard error of its log evidence; None where there is but one
+    # from 1, of whose |effort| more than half has another sign than in the heaviest mode
+    turned_joints: tuple[int, ...]
+    # whose mean differs most from the heaviest mode's, in standard deviations within it, with it
+    coefficients: Mapping[str, Number] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class PosteriorSummary:
+    """How the posterior was sampled."""
+
+    converged: bool  # whether R-hat and the effective sample size are as they should be
+    max_rhat: Number  # of the coefficients, at worst
+    min_ess: Number  # effective sample size, at worst
+    max_rhat_of_parameters: Number  # of the standard parameters, at worst
+    draws: int  # number of them
+    ensembles: int  # that were run
+    walkers: int  # of each
+    seed: int  # of all random numbers
+    seconds: float  # taken
+    prior: str  # in words
+    prior_sd: Mapping[str, Number]  # parameter to its standard deviation
+    noise_scale: Numbers  # (n,) posterior mean of noise over reference noise
+    assignments: Numbers  # posterior probability of each assignment that the search lists
+    assignments_elsewhere: Number  # and of all others
+    mode: int = 1  # whose mean the model holds, from 1
+    # share of a joint's squared effort, of the worst one, to which it gives signs that the search excludes
+    excluded: Number = None
+    # of the prior, that hold draws back, to the share of draws near their edges
+    pressed_windows: Mapping[str, Number] = field(default_factory=dict)
+    timed_out: bool = False  # whether the time limit on the clock ended the sampling before it converged
+
+
+@dataclass(frozen=True)
+class NoiseSummary:
+    """The noise of the efforts, (n,) each, N m."""
+
+    assumed: str  # in words
+    sd: Numbers  # of all of it
+    white_sd: Numbers  # of the sensor's
+    coloured_sd: Numbers  # of what lasts longer
+    correlation_time_s: Numbers  # of that, s
+    samples_that_count_as_one: Numbers  # integrated autocorrelation time, samples
+    effective_samples: Numbers  # samples in motion over it
+    residual_sd: Numbers  # of what the fit leaves
+
+
+@dataclass(frozen=True)
+class FitSummary:
+    """The least-squares fit."""
+
+    relative_residual: Numbers  # (n,) RMS of what it leaves over that of the effort
+    # of the regressor, rows over their noise and columns of equal length; None if it is singular
+    condition_number: Number
+    relative_gap: Number  # that the solver reached
+    parameters_moved_inside: bool  # whether the solution was moved into the cone
+    smallest_eigenvalues: Numbers  # of each link's pseudo-inertia
+    links_on_edge: tuple[int, ...]  # links, from 1, on the edge of what is physically feasible
+    standard_deviations: str  # what those of the coefficients are, in words
+
+
+@dataclass(frozen=True)
+class GainsSummary:
+    """The gains by which readings were made efforts, where they were unknowns."""
+
+    mean: Numbers  # (n,) the likeliest, in `unit`; those by which the result's efforts were made
+    sd: Numbers  # (n,) their standard deviations
+    lower: Numbers  # (n,) lower ends of their 95 % intervals
+    upper: Numbers  # (n,) upper ends
+    decided_by: tuple[str, ...]  # (n,) what decides the ratio of each to the others: "data", "prior", or it is "given"
+    ratio_sd: Numbers  # (n,) relative sd of that ratio
+    factor: Number  # common to all, over that of the gains stated; None where none was stated
+    factor_sd: Number  # its relative sd
+    factor_decided_by: str  # "data", with what is stated of masses or gains, or "prior"
+    unit: str  # of them
+    stated: str  # as on the command line
+    settled: bool  # whether signs and gains had come to agree
+    like_friction: tuple[int, ...] = ()  # joints, from 1, whose gain the log does not tell from load-dependent friction
+
+
+@dataclass(frozen=True)
+class LowPassSummary:
+    """A low-pass that |effort| has passed after the rectifier."""
+
+    cutoff_hz: float  # of a Butterworth low-pass
+    order: int  # of it
+    zero_phase: bool  # whether it was run forwards and backwards
+    noise_before_sd: Numbers  # (n,) sd of the noise that it took away, N m
+    words: str  # all that, as people say it
+
+
+@dataclass(frozen=True)
+class Summary:
+    """The numbers of an identification."""
+
+    robot: str  # its name
+    log: str  # its source
+    logs: tuple[LogPart, ...] = field(default=(), kw_only=True)  # that it was joined from; empty where it is one
+    terms: tuple[str, ...]  # of the model
+    distortions: tuple[str, ...]  # of the model
+    n_samples: int  # rows of the log
+    n_segments: int  # of what was recorded
+    n_segments_searched: int  # of these, whose signs were searched
+    n_coefficients: int  # r
+    signed_joints: tuple[int, ...]  # from 1, whose signs were known
+    processing: Mapping[str, Any]  # of the signals
+    search: SearchSummary  # of the signs
+    signs: SignsSummary  # the model under which they were settled
+    posterior: PosteriorSummary | None  # None if it was not sampled
+    noise: NoiseSummary  # of the efforts
+    fit: FitSummary  # by least squares
+    timings: Mapping[str, float]  # stage to seconds
+    warnings: tuple[str, ...]  # what the user should know
+    provenance: Provenance  # what was run on which data
+    complete: CompletionSummary | None = None  # what the catalogue had to say; None where it was not asked
+    modes: tuple[ModeSummary, ...] = ()  # of the posterior, the heaviest first; empty where it was not sampled
+    better_reading: BetterReading | None = None  # of the log, than the one given; None where there is none
+    low_pass_after_rectifier: LowPassSummary | None = None  # that |effort| has passed; None where none was found
+    gains: GainsSummary | None = None  # that were unknowns; None where all were exact
+    # label of each payload that logs carry to its `mass`, kg, `com`, centre of mass in the last link's frame, m,
+    # and `inertia` about it, xx, yy, zz, xy, xz, yz, kg m^2, each with `value`, `sd`, `interval`; None where none
+    # is carried
+    payloads: Mapping[str, Mapping[str, Any]] | None = None
+
+    @property
+    def hidden_joints(self) -> int:
+        """Number of joints whose signs were hidden."""
+        return len(self.noise.sd) - len(self.signed_joints)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# As JSON has it
+# ---------------------------------------------------------------------------------------------------------------
+def as_json(value: Any) -> Any:
+    """A structure as JSON has it; a dataclass' field that may be empty is left out where it is."""
+    if is_dataclass(value):
+        values = {one.name: getattr(value, one.name) for one in fields(value)}
+        optional = {one.name for one in fields(value) if one.default in ("", ())}
+        return {name: as_json(item) for name, item in values.items() if name not in optional or len(item)}
+    if isinstance(value, Mapping):
+        return {name: as_json(item) for name, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    return [as_json(item) for item in value] if isinstance(value, list | tuple) else plain(value)
+
+
+def taken(source: object, /, *names: str, **more: Any) -> dict[str, Any]:
+    """Attributes by their names, and more."""
+    return {name: getattr(source, name) for name in names} | more
+
+
+def filled(kind: type[Kind], source: object, /, **given: Any) -> Kind:
+    """A dataclass: each field that is not given is taken from a source by its name."""
+    names: Any = kind
+    return kind(**(taken(source, *(one.name for one in fields(names) if one.name not in given)) | given))
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Of an identification
+# ---------------------------------------------------------------------------------------------------------------
+def summarise(identification: Identification) -> Summary:
+    """The numbers of an identification, as its summary.json holds them."""
+    model, log, segments = identification.model, identification.log, identification.searched
+    noise, fit = identification.fit.noise, identification.fit
+    count = np.bincount(segments.joint, weights=segments.end - segments.start, minlength=len(noise.autocorrelation))
+    summary = filled(
+        Summary,
+        identification,
+        robot=model.robot.name,
+        log=log.source,
+        logs=log_parts(log),
+        terms=list(dict.fromkeys(term.name for term in model.terms)),
+        distortions=[distortion.name for distortion in model.distortions],
+        n_samples=len(log),
+        n_segments=len(identification.recorded_segments[0]),
+        n_segments_searched=len(identification.search.signs),
+        n_coefficients=len(identification.coefficients),
+        signed_joints=np.flatnonzero(log.signed) + 1,
+        processing=identification.signals.processing,
+        search=_search(identification),
+        signs=SignsSummary(identification.sign_terms, identification.sign_weight, _tuple(identification.sign_doubt)),
+        posterior=_posterior(identification),
+        noise=NoiseSummary(
+            assumed="white sensor noise plus exponentially correlated model error, per joint, before the fit took its "
+            "share; samples count by the integrated autocorrelation time",
+            sd=_tuple(noise.sigma),
+            white_sd=_tuple(noise.white),
+            coloured_sd=_tuple(noise.coloured),
+            correlation_time_s=_tuple(noise.correlation),
+            samples_that_count_as_one=_tuple(noise.autocorrelation),
+            effective_samples=_tuple(count / noise.autocorrelation),
+            residual_sd=_tuple(fit.residual.sigma),
+        ),
+        fit=filled(
+            FitSummary,
+            fit,
+            condition_number=fit.condition,
+            relative_gap=fit.tolerance,
+            parameters_moved_inside=fit.moved_inside,
+            links_on_edge=np.flatnonzero(fit.on_edge[: model.robot.n_joints]) + 1,
+            standard_deviations="information matrix with effective sample counts; the cone is not accounted for"
+            if identification.posterior is None
+            else "of the posterior",
+        ),
+        complete=_complete(identification),
+        modes=_modes(identification),
+        low_pass_after_rectifier=_low_pass(identification),
+        gains=_gains(identification),
+        payloads=_payloads(identification),
+    )
+    return typed(as_json(summary), Summary)  # so that it is what a file gives: None for what is not finite
+
+
+def _tuple(values: Array) -> Numbers:
+    return tuple(values.tolist())
+
+
+def log_parts(log: Log) -> tuple[LogPart, ...]:
+    """The logs that a log was joined from; none where it is one."""
+    parts = log.pieces if log.pooled else ()
+    return tuple(LogPart(part.source, part.stop_row - part.start_row, part.payload) for part in parts)
+
+
+def _payloads(identification: Identification) -> dict[str, dict[str, Any]] | None:
+    """Bodies by the posterior's draws; without a posterior those of the model's parameters, of unknown sd.
+
+    The draws are those that were sampled, which are bodies: moved by what the model may lack they need not be. A factor
+    common to all gains scales them, unless their mass is stated.
+    """
+    model, posterior, theta = identification.model, identification.posterior, identification.theta
+    every = theta[None] if posterior is None else posterior.draws.theta.reshape(-1, len(theta))
+    factor_sd = 0.0 if posterior is None or identification.gains is None else identification.gains.factor_sd
+    carried: dict[str, dict[str, Any]] = {}
+    first = 0
+    for term in model.terms:
+        stop = first + len(term.parameters(model.robot))
+        if term.payloads:
+            stated = model.parameters[stop - 1].name in identification.beliefs.nominal  # its mass, the last of ten
+            body = PayloadBody.of_draws(every[:, first:stop], common_sd=0.0 if stated else factor_sd)
+            carried |= dict.fromkeys(term.payloads, _body(body))
+        first = stop
+    return carried or None
+
+
+def _body(body: PayloadBody) -> dict[str, Any]:
+    of_axes = {"com": body.centre or (), "inertia": body.inertia or ()}
+    return {"mass": _estimate(body.mass), **{name: [_estimate(one) for one in ones] for name, ones in of_axes.items()}}
+
+
+def _estimate(one: Estimate) -> dict[str, Any]:
+    known = one.sd > 0.0
+    return {"value": one.value, "sd": one.sd if known else None, "interval": list(one.interval) if known else None}
+
+
+def _low_pass(identification: Identification) -> LowPassSummary | None:
+    after = identification.signals.after_rectifier
+    if after is None:
+        return None
+    found, taken_away = after.low_pass, _tuple(after.noise)
+    return filled(LowPassSummary, found, cutoff_hz=found.cutoff, noise_before_sd=taken_away, words=str(found))
+
+
+def _gains(identification: Identification) -> GainsSummary | None:
+    gains = identification.gains
+    if gains is None:
+        return None
+    lower, upper = gains.interval()
+    factor = None if gains.stated.unknown.any() else gains.factor
+    told = {"mean": gains.value, "lower": lower, "upper": upper, "factor": factor, "stated": gains.stated.text}
+    return filled(GainsSummary, gains, **told)
+
+
+def _search(identification: Identification) -> SearchSummary:
+    search = identification.search
+    return filled(
+        SearchSummary,
+        search,
+        beam_width=search.width,
+        cost_parts=None
+        if search.pull is None
+        else {"data": search.cost - search.pull, "pull": search.pull, "prior": 0.0},
+        noise_weights=identification.noise_weights,
+        proofs=identification.proofs,
+        beam_nodes=search.pruning,
+        gap=None if search.lower_bound is None else search.cost - search.lower_bound,
+        within=None if search.settled is None else search.within,
+        assignments=len(search.branches) or None,
+        missed_mass=search.missed,
+        settled_share=identification.settled_share,
+        ambiguous=_ambiguous(identification),
+        seconds=identification.timings["search"],
+        sdp_solves=search.solves,
+        rounds=identification.rounds,
+    )
+
+
+def _ambiguous(identification: Identification) -> tuple[AmbiguousSegment, ...] | None:
+    settled, segments, log = identification.search.settled, identification.searched, identification.log
+    if settled is None:
+        return None
+    place, t = log.clock(identification.signals.motion.t)
+    return tuple(
+        AmbiguousSegment(
+            joint=int(segments.joint[k]) + 1,
+            start=float(t[segments.start[k]]),
+            end=float(t[segments.end[k] - 1]),
+            n_samples=int(segments.end[k] - segments.start[k]),
+            log=log.pieces[place[segments.start[k]]].source if log.pooled else "",
+        )
+        for k in np.flatnonzero(~settled)
+    )
+
+
+def _posterior(identification: Identification) -> PosteriorSummary | None:
+    posterior = identification.posterior
+    if posterior is None:
+        return None
+    draws, sampling = posterior.draws, posterior.sampling
+    names = [parameter.name for parameter in identification.model.parameters]
+    return filled(
+        PosteriorSummary,
+        posterior,
+        max_rhat_of_parameters=max(mode.draws.parameters.max_rhat for mode in posterior.modes),
+        draws=int(np.prod(draws.theta.shape[:3])),
+        **taken(sampling, "ensembles", "walkers", "seed"),
+        prior="normal about a typical link inside the feasible set and its windows; see docs/posterior.md",
+        prior_sd=dict(zip(names, posterior.target.prior.sd.tolist(), strict=True)),
+        noise_scale=np.exp(draws.log_scale).mean(axis=(0, 1, 2)),
+        assignments=posterior.branch_mass,
+        assignments_elsewhere=posterior.elsewhere,
+        mode=posterior.chosen + 1,
+        pressed_windows=dict(posterior.pressed),
+    )
+
+
+def _modes(identification: Identification) -> tuple[ModeSummary, ...]:
+    posterior, names = identification.posterior, identification.coefficients.names
+    return () if posterior is None else tuple(_mode(names, posterior, k) for k in range(len(posterior.modes)))
+
+
+def _mode(names: Sequence[str], posterior: Posterior, number: int) -> ModeSummary:
+    first, own = (posterior.modes[k].draws.beta.reshape(-1, len(names)) for k in (0, number))
+    off = np.abs(own.mean(axis=0) - first.mean(axis=0)) / np.maximum(first.std(axis=0), TINY)
+    most = np.argsort(-off)[: TUNING.most_different if number else 0].tolist()
+    mode = posterior.modes[number]
+    return ModeSummary(
+        weight=mode.weight,
+        log_evidence_se=getattr(mode.marginal_likelihood, "standard_error", None),
+        turned_joints=posterior.turned_joints(number),
+        coefficients={names[k]: float(own[:, k].mean()) for k in most},
+    )
+
+
+def _complete(identification: Identification) -> CompletionSummary | None:
+    completion = identification.completion
+    if completion is None:
+        return None
+    spread, _ = identification.parameter_sd
+    return filled(
+        CompletionSummary,
+        completion,
+        effects=tuple(_effect(identification, entered, spread) for entered in completion.effects),
+        held_back_error=filled(ErrorsSummary, completion),
+        uncertain=tuple(completion.uncertain),
+    )
+
+
+def _effect(identification: Identification, entered: EnteredEffect, spread: Array) -> EffectSummary:
+    robot, source = identification.model.robot, entered.source
+    names = [parameter.name for parameter in identification.model.parameters]
+    numbers = {
+        parameter.name: {
+            "value": float(identification.theta[names.index(parameter.name)]),
+            "sd": float(spread[names.index(parameter.name)]),
+            "unit": parameter.unit,
+        }
+        for parameter in source.parameters(robot)
+    }
+    shape = source.numbers(robot)
+    known = (*entered.number_sd, *(np.nan for _ in shape))
+    for (name, (value, unit)), sd in zip(shape.items(), known, strict=False):
+        numbers[name] = {"value": value, "sd": sd, "unit": unit}
+    return filled(EffectSummary, entered, form=source.name, parameters=numbers)
