@@ -48,10 +48,10 @@ def test_parquet_is_known_by_what_it_holds(tmp_path, recorded):
 def test_parquet_that_cannot_be_used(tmp_path, recorded):
     path = tmp_path / "log.parquet"
     for name, values, said in (
-        ("q2", [*[0.5] * 9, None, *[0.7] * (ROWS - 10)], ", row 10: column q2 holds no value; "),
+        ("q2", [*[0.5] * 9, None, *[0.7] * (ROWS - 10)], ", row 10: column q2 holds nan; "),
         ("dq3", [*[0.5] * 4, np.inf, *[0.7] * (ROWS - 5)], ", row 5: column dq3 holds inf; "),
-        ("q1", ["far"] * ROWS, ", column q1: holds string, not numbers; "),
-        ("q1", pa.array(range(ROWS), pa.timestamp("us")), ", column q1: holds timestamp[us], not numbers; "),
+        ("q1", ["far"] * ROWS, ", row 1: column q1 holds 'far', not a number; "),
+        ("q1", pa.array(range(ROWS), pa.timestamp("us")), ": column q1 holds datetime64[us], not numbers; "),
         ("t", np.zeros(ROWS), ", column t: time never advances; "),
     ):
         assert f"log.parquet{said}" in refusal(save_parquet(path, flat(recorded) | {name: values}))
@@ -238,14 +238,18 @@ def test_what_kuka_prefers(tmp_path, recorded):
 
 def test_kuka_that_cannot_be_used(tmp_path, recorded):
     for change, said in (
-        ({f"AIPos.A{j}": None for j in (1, 2, 3)}, "there are no axis positions among RIst.X, IPOC, "),
-        ({f"MACur.A{j}": None for j in (1, 2, 3)}, "there are neither motor currents nor torques of the axes among "),
-        ({"MACur.A2": None}, "column MACur.A1 has none beside it for axis 2; add it: there are positions of 3"),
-        ({"IPOC": None}, "there is no time among RIst.X, AIPos.A1, AIPos.A2, "),
-        ({"aipos_a2": 1.0}, "row 1: columns AIPos.A2 and aipos_a2 hold the same"),
-        ({f"R2.AIPos.A{j}": 1.0 for j in (1, 2, 3)}, "AIPos.A1 and R2.AIPos.A1 hold the same"),
-        ({"Torque.A1": 1.0, "GearTorque.A1": 1.0}, "row 1: Torque.A1 and GearTorque.A1 are torques; leave all but one"),
-        ({"AxisVel.A1": None, "AxisVel.A1[%]": 1.0}, "column AxisVel.A1[%] is in a unit that is not known; give it in"),
+        ({f"AIPos.A{j}": None for j in (1, 2, 3)}, "column q1 is missing among RIst.X (not used), IPOC (t), "),
+        ({f"MACur.A{j}": None for j in (1, 2, 3)}, "column tau1 (or i1 with gains) is missing among RIst.X "),
+        ({"MACur.A2": None}, "column MACur.A2 is missing; add it; AIPos.A1..AIPos.A3 are there"),
+        ({"IPOC": None}, "column t is missing among RIst.X (not used), AIPos.A{} (q), "),
+        ({"aipos_a2": 1.0}, "row 1: columns AIPos.A2 and aipos_a2 may both be q"),
+        ({f"R2.AIPos.A{j}": 1.0 for j in (1, 2, 3)}, "AIPos.A1 and R2.AIPos.A1 may both be q"),
+        (
+            {f"{name}.A{j}": 1.0 for name in ("Torque", "GearTorque") for j in (1, 2, 3)}
+            | {f"MACur.A{j}": None for j in (1, 2, 3)},
+            "row 1: columns Torque.A1 and GearTorque.A1 may both be tau",
+        ),
+        ({"AxisVel.A1": None, "AxisVel.A1[%]": 1.0}, "column AxisVel.A1 is missing; add it"),
         ({"IPOC": None, "Time": 4.0}, "column Time spans 252 s with steps of 4 s: milliseconds?; name the column Time"),
         ({"MACur.A2": None, "MACur.A2[%]": np.nan}, "row 2: column MACur.A2[%] holds nan"),
     ):

@@ -22,7 +22,7 @@ from typing import BinaryIO
 
 from bayesid.errors import InputError
 from bayesid.files.bounded import check_name
-from bayesid.log.formats.base import Format, Options
+from bayesid.log.formats.base import Format, Options, refuse_foreign
 from bayesid.log.formats.parts import JOINT, join_parts
 from bayesid.log.formats.table import Column, Table, check, rows_of
 from bayesid.log.tuning import TUNING
@@ -67,6 +67,8 @@ def _read_file(path: Path, options: Options) -> Table:
     if not path.is_dir():
         with path.open("rb") as file:
             head = file.read(65536)
+        if path.suffix.lower() != ".mat":
+            refuse_foreign(path, head)
     reader = next(known for known in known_formats() if known.recognises(path, head))
     reader.check_options(options, str(path))
     return check(reader.read(path, options), options.columns)

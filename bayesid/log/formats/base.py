@@ -1,16 +1,13 @@
-"""What a format of recordings is. A new one is a file in this folder with a subclass of `Format`.
-
-Files that are no log are a format too: `ForeignFile` says what they are, and how to come to a log.
-"""
+"""What a format of recordings is, and what is none. A new one is a file in this folder with a subclass of `Format`."""
 
 from __future__ import annotations
 
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar, NoReturn
+from typing import ClassVar
 
 from bayesid.errors import InputError
 from bayesid.log.formats.table import Table
@@ -78,8 +75,7 @@ class Format(ABC):
         name: for messages, as in "is a MATLAB file".
         magic: bytes with which its files begin.
         extensions: of its files, as in ".mat", where the first bytes do not decide.
-        options: names of the fields of `Options` that mean something to it; `currents` may be ignored, `motion` means
-            something to all.
+        options: which of `topic`, `joints` and `columns` mean something to it.
         order: formats are asked in ascending order whether they recognise a file; 0 for those that look into it, 1 for
             those that go by its name, 2 for the one that takes any.
     """
@@ -96,10 +92,9 @@ class Format(ABC):
 
     def check_options(self, options: Options, where: str) -> None:
         """Raises InputError where something is said of a file that has none of it; `where` is for messages."""
-        for field in fields(options):
-            known = field.name in {*self.options, "currents", "motion", "part"}
-            if not known and getattr(options, field.name) not in (None, False):
-                raise InputError(f"is {self.name}, which has no {field.name}", where, f"leave `{field.name}` out")
+        for name in {"topic", "joints", "columns"} - self.options:
+            if getattr(options, name) is not None:
+                raise InputError(f"is {self.name}, which has no {name}", where, f"leave `{name}` out")
 
     def is_folder(self, path: Path) -> bool:
         """Whether a folder is one recording, so that the files in it are none."""
@@ -115,32 +110,9 @@ class Format(ABC):
         """
 
 
-class ForeignFile(Format):
-    """What is known to hold no log that could be read here."""
-
-    name = "another format"
-    options = frozenset({"topic", "joints", "columns"})
-
-    def recognises(self, path: Path, head: bytes) -> bool:
-        """Whether it begins as one of them."""
-        return not path.is_dir() and path.suffix.lower() != ".mat" and _foreign(head) is not None
-
-    def read(self, path: Path, options: Options) -> NoReturn:
-        """Says what it is.
-
-        Raises:
-            InputError: always.
-        """
-        with path.open("rb") as file:
-            kind = _foreign(file.read(65536))
-        assert kind is not None, "it was recognised"
-        name, remedy = kind
-        raise InputError(f"is {name}", str(path), remedy)
-
-
-def _foreign(head: bytes) -> tuple[str, str] | None:
-    """What a file is by its first bytes, and what to do; a mark of UTF-8 before them does not matter."""
-    begin = head.removeprefix(b"\xef\xbb\xbf")
-    said = (one for begins, *one in _FOREIGN if re.match(begins, begin, re.DOTALL | re.IGNORECASE))
-    name, remedy = next(said, ("", ""))
-    return (name, remedy) if name else None
+def refuse_foreign(path: Path, head: bytes) -> None:
+    """Raises InputError for a file that holds no log which could be read here: what it is, and how to come to a log."""
+    begin = head.removeprefix(b"\xef\xbb\xbf")  # a mark of UTF-8
+    for begins, name, remedy in _FOREIGN:
+        if re.match(begins, begin, re.DOTALL | re.IGNORECASE):
+            raise InputError(f"is {name}", str(path), remedy)

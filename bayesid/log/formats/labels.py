@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from math import pi
 from typing import NamedTuple
 
@@ -48,45 +47,48 @@ _NUMBER = re.compile(r"[0-9]+|\{[^}]*\}")
 _COUNT = re.compile(rf"(?P<count>[0-9]{{1,{MOST_DIGITS}}}(?:\.[0-9]+)?)\s*(?P<unit>[^0-9]+)")
 
 
-_POSITIONS = "q", "actual q", "joint", "axis", "position", "pos", "angle", "joint position", "joint pos", "joint angle"
-_VELOCITIES = "dq", "qd", "actual qd", "velocity", "vel", "speed", "joint velocity", "joint vel", "joint speed"
-_TORQUES = "tau", "tau j", "torque", "effort", "moment", "joint torque", "joint effort", "actual torque", "drehmoment"
-_CURRENTS = "i", "current", "actual current", "joint current", "motor current", "strom", "motorstrom"
-_SIMULATED = {
-    "t": ("sim time",),
-    "q": ("joint positions", "dof pos", "dof position", "qpos"),
-    "dq": ("joint velocities", "dof vel", "dof velocity", "qvel"),
-    "tau": ("applied torque", "joint torques", "joint efforts", "measured joint efforts", "dof torque", "dof force"),
+WORDS = {
+    "t": ("t", "time", "timestamp", "stamp", "sim time", "zeit", "zeitstempel", "ipoc"),
+    "q": (
+        *("q", "actual q", "joint", "axis", "position", "pos", "angle", "joint position", "joint pos", "joint angle"),
+        *("actual position", "joint positions", "dof pos", "dof position", "qpos", "achse", "achswinkel", "gelenk"),
+        *("gelenkwinkel", "winkel", "istposition", "ist position", "aipos", "aspos"),
+    ),
+    "dq": (
+        *("dq", "qd", "actual qd", "velocity", "vel", "speed", "joint velocity", "joint vel", "joint speed", "axisvel"),
+        *("actual velocity", "joint velocities", "dof vel", "dof velocity", "qvel", "geschwindigkeit"),
+        "istgeschwindigkeit",
+    ),
+    "tau": (
+        *("tau", "tau j", "torque", "effort", "moment", "joint torque", "joint effort", "actual torque", "drehmoment"),
+        *("actual current as torque", "applied torque", "joint torques", "joint efforts", "measured joint efforts"),
+        *("dof torque", "dof force", "istmoment", "gear torque", "axis torque"),
+    ),
+    "i": (
+        *("i", "current", "actual current", "joint current", "motor current", "strom", "motorstrom", "iststrom"),
+        *("torque ref", "macur"),
+    ),
 }
-"""What simulators write: Isaac Lab (`joint_pos`, `applied_torque`, which is behind its actuator model's limits), Isaac
-Sim, Isaac Gym, MuJoCo."""
-_GERMAN = {
-    "t": ("zeit", "zeitstempel"),
-    "q": ("achse", "achswinkel", "gelenk", "gelenkwinkel", "winkel", "istposition", "ist position"),
-    "dq": ("geschwindigkeit", "istgeschwindigkeit"),
-    "tau": ("drehmoment", "istmoment"),
-    "i": ("strom", "motorstrom", "iststrom"),
-}
-"""Those of KUKA's trace are among them (`Istposition`, `Istmoment`, `Iststrom`)."""
-_USUAL = {
-    "t": ("t", "time", "timestamp", "stamp"),
-    "q": (*_POSITIONS, "actual position"),
-    "dq": (*_VELOCITIES, "actual velocity"),
-    "tau": (*_TORQUES, "actual current as torque"),
-    "i": (*_CURRENTS, "torque ref"),
-}
-"""`torque ref` is ABB's TestSignal: the motor's torque, which a gear ratio for gain turns into the joint's."""
-WORDS = {kind: (*words, *_SIMULATED.get(kind, ()), *_GERMAN[kind]) for kind, words in _USUAL.items()}
-"""What columns of a kind are called in logs of UR (RTDE's `actual_q_0`), Franka (libfranka's `tau_J`), ROS, MATLAB,
-simulators, and in German, beside a joint's number; of currents and torques only what is measured. Spaces stand for any
-separator. What whole recorders write, units and all, is in `bayesid.log.formats.conventions`."""
+"""What columns of a kind are called, beside a joint's number, in logs of UR (RTDE's `actual_q_0`), Franka (libfranka's
+`tau_J`), ROS, MATLAB, simulators (Isaac Lab's `applied_torque` is behind its actuator model's limits), ABB's TestSignal
+(`torque_ref`, the motor's, which a gear ratio for gain turns into the joint's), KUKA's trace (`Istposition`) and RSI
+(`AIPos.A1`, `IPOC`), and in German; of currents and torques only what is measured. Spaces stand for any separator. What
+whole recorders write, units and all, is in `bayesid.log.formats.stated`."""
 _KIND_OF = {word.replace(" ", ""): kind for kind, words in WORDS.items() for word in words}
+_OWN_UNITS = {"ipoc": 1e-3, "aipos": DEGREE, "aspos": DEGREE, "a": DEGREE, "axisvel": DEGREE}
+"""SI units in one of the unit in which RSI writes what is called so, where the label states none."""
 _OWN = re.compile(r"t|(?:q|dq|tau|i)[1-9][0-9]*")
 _JOINT_ZERO = re.compile(r"(?:q|dq|tau|i)0")
 OTHER = 3
-"""Rank of what is not called as in a CSV log."""
-_AXIS_LETTER = re.compile(r"(?<=[\W_])[AJaj](?=[0-9]+\W*$)")
-"""A letter before a joint's number that says no more, as in `Torque_A1` or `pos.j1`."""
+"""Least rank of what is not called as in a CSV log."""
+_USUAL, _RANKS = 4, {"ipoc": OTHER, "aipos": OTHER, "a": 5, "aspos": 6}
+"""Ranks of other words: RSI's count before the usual ones, plain axes and commanded positions where nothing else is."""
+_AXIS = re.compile("A[1-9]", re.IGNORECASE)
+"""A position of RSI that says no more."""
+_AXIS_LETTER = re.compile(r"(?<=[\W_])[AJaj](?=[0-9]+\W*$)|(?i:((?<=pos)|(?<=vel)|(?<=torque)|(?<=macur))A(?=[0-9]+$))")
+"""A letter before a joint's number that says no more, as in `Torque_A1`, `pos.j1` or `AIPosA1`."""
+_PREFIX = re.compile("[/.]|[_ ](?=(?:AIPos|ASPos|AxisVel|GearTorque|AxisTorque|MACur|IPOC))", re.IGNORECASE)
+"""Behind what stands before a name."""
 _LAST_NUMBER = re.compile(rf"[0-9]{{1,{MOST_DIGITS}}}(?=[^0-9]*$)")
 
 
@@ -121,8 +123,7 @@ def split_brackets(label: str) -> Label:
     return Label(match["name"], unit.strip())
 
 
-@dataclass(frozen=True)
-class Reading:
+class Reading(NamedTuple):
     """What a column's label says.
 
     Attributes:
@@ -130,8 +131,10 @@ class Reading:
         label: of the column.
         kind: "t", "q", "dq", "tau" or "i".
         word: by which the kind is known, in small letters and without separators.
+        prefix: what stands before the word, such as a topic.
         number: of the joint, as the label has it; -1 of a time.
-        rank: 0 for a name of a CSV log, 1 for one with a unit, 2 for a joint 0, `OTHER` for all others.
+        rank: 0 for a name of a CSV log, 1 for one with a unit, 2 for a joint 0, `OTHER` and more for all others; where
+            several could be meant, the least counts.
         factor: SI units in one of the unit, if one is stated.
     """
 
@@ -139,6 +142,7 @@ class Reading:
     label: str
     kind: str
     word: str
+    prefix: str
     number: int
     rank: int
     factor: float | None
@@ -148,16 +152,6 @@ def read_labels(header: Sequence[str]) -> list[Reading]:
     """What the labels say that are of a log."""
     readings = (_reading(place, label) for place, label in enumerate(header) if len(label) <= TUNING.longest_label)
     return [reading for reading in readings if reading is not None]
-
-
-def has_positions(header: Sequence[str]) -> bool:
-    """Whether a file holds joint positions by the names of a CSV log."""
-    return any(reading.kind == "q" and reading.rank <= 1 for reading in read_labels(header))
-
-
-def has_any_positions(labels: Sequence[str]) -> bool:
-    """Whether labels, or names of variables that hold all joints, are those of joint positions by any usual name."""
-    return any(reading.kind == "q" for reading in read_labels(labels)) or "q" in map(kind_of, labels)
 
 
 def time_among(labels: Sequence[str]) -> str | None:
@@ -182,25 +176,17 @@ def last_word(label: str) -> str:
     return re.split(r"[/._ ]", split_brackets(label).name)[-1]
 
 
-def unknown_unit(label: str) -> tuple[str, str] | None:
-    """The kind of a column and its unit, where only the unit is not known; None of all others."""
+def unknown_unit(label: str, kind: str) -> str | None:
+    """The unit of a column of a kind where only the unit is not known; None of all others."""
     name, unit = split_brackets(label)
     reading = None if unit is None else _with_unit(0, label, name, None)
-    return (
-        None if unit is None or reading is None or factor_of(reading.kind, unit) is not None else (reading.kind, unit)
-    )
+    return None if reading is None or reading.kind != kind or factor_of(kind, unit or "") is not None else unit
 
 
 def pattern_of(label: str) -> str:
     """A label with {} in place of its last number, as for `--columns`."""
     number = _LAST_NUMBER.search(split_brackets(label).name)
     return label if number is None else f"{label[: number.start()]}{{}}{label[number.end() :]}"
-
-
-def raised(label: str, number: int) -> str:
-    """A label with its last number raised by another one; the same where it has none."""
-    found = _LAST_NUMBER.search(split_brackets(label).name)
-    return label if found is None else f"{label[: found.start()]}{int(found[0]) + number}{label[found.end() :]}"
 
 
 def kind_part(name: str) -> str:
@@ -211,33 +197,36 @@ def kind_part(name: str) -> str:
 def _reading(place: int, label: str) -> Reading | None:
     """What a label says, its unit in brackets, or behind a "_"; None if it is none of a log's, or its unit unknown."""
     name, unit = split_brackets(label)
-    paths = [name[match.end() :] for match in re.finditer("[/.]", name)]  # of topics: the shortest end that says it
-    if unit is not None:
-        stated = (_with_unit(place, label, one, unit, any_current=True) for one in (name, *reversed(paths)))
-        return next((reading for reading in stated if reading is not None), None)
-    ends = [match.start() for match in re.finditer("_", label)]
-    tailed = (_with_unit(place, label, label[:end], label[end + 1 :]) for end in ends)
-    whole = (_with_unit(place, label, name, None) for name in (label, *reversed(paths)))
-    return next((reading for reading in (*whole, *tailed) if reading is not None), None)
+    paths = [name[match.end() :] for match in _PREFIX.finditer(name)]  # of topics: the shortest end that says it
+    names = [(one, unit) for one in (name, *reversed(paths))]
+    if unit is None:
+        names += [(label[: match.start()], label[match.end() :]) for match in re.finditer("_", label)]
+    readings = (_with_unit(place, label, *one, any_current=unit is not None) for one in names)
+    return next((reading for reading in readings if reading is not None), None)
 
 
 def _with_unit(place: int, label: str, name: str, unit: str | None, any_current: bool = False) -> Reading | None:
     numbers = [whole_number(digits) for digits in re.findall("[0-9]+", name)]
     word = _plain(re.sub("[0-9]+", "", _AXIS_LETTER.sub("", name)))
-    kind = _KIND_OF.get(word)
+    whole = label.startswith(name)  # the end of a topic is no name of a CSV log
+    kind = "q" if whole and _AXIS.fullmatch(name) else _KIND_OF.get(word)
     if kind is None or len(numbers) != (kind != "t") or name == "T":  # which is a temperature
         return None
     number = numbers[0] if numbers else -1
     if number is None or number > TUNING.most_joints:
         return None
-    factor = None if unit is None else factor_of(kind, unit)
+    factor = _OWN_UNITS.get(word) if unit is None else factor_of(kind, unit)
     if unit is not None and factor is None:
         if kind != "i" or not any_current:
             return None
         factor = 1.0  # gains turn any unit of currents into N m
-    rank = (1 if unit is not None else 0) if _OWN.fullmatch(name) else 2 if _JOINT_ZERO.fullmatch(name) else OTHER
-    rank = rank if label.startswith(name) else OTHER  # the end of a topic is no name of a CSV log
-    return Reading(place, label, kind, word, number, rank, factor)
+    rank = _RANKS.get(word, _USUAL)
+    if whole and _OWN.fullmatch(name):
+        rank = 0 if unit is None else 1
+    elif whole and _JOINT_ZERO.fullmatch(name):
+        rank = 2
+    prefix = label[: label.rindex(name)]
+    return Reading(place, label, kind, word, prefix, number, rank, factor)
 
 
 def _plain(name: str) -> str:

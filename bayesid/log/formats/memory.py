@@ -116,15 +116,13 @@ def _column(one: SourceColumn, values: _Vector, where: str) -> Column:
 
 
 def _numbers(values: _Vector, label: str, where: str) -> Array:
-    if values.dtype.kind in "iuf":
-        return values.astype(float)
-    for row, value in enumerate(values):
+    for row, value in enumerate(values if values.dtype.kind in "OUS" else ()):
         if isinstance(value, str) or not np.isscalar(value):
             plain = value.item() if isinstance(value, np.generic) else value
             said = f"column {label} holds {plain!r:.40}, not a number"
             raise InputError(said, rows_of(where)(row), "give it as floats, or give the path of the file itself")
     try:
-        return values.astype(float)
+        return values.astype(float, casting="unsafe" if values.dtype.kind in "Obiuf" else "safe")
     except (TypeError, ValueError):
         raise InputError(f"column {label} holds {values.dtype}, not numbers", where, "give it as floats") from None
 

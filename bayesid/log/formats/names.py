@@ -1,17 +1,17 @@
-"""The names of a log's columns: `t,q1..qn[,dq1..dqn],tau1..taun`, or `i1..in`, each perhaps with its unit.
+"""Which columns make a log: `t,q1..qn[,dq1..dqn],tau1..taun`, or `i1..in`, each perhaps with its unit.
 
-`q1[deg]`, `q1 (deg)` and `q1_deg` are q1 in degrees, where no column is called q1 and nothing more. Where these names
-make no whole log, the usual other ones count too (`WORDS`), and joints may be numbered from 0.
+What a user or a recorder's convention says comes first, then these names, then the usual other ones (`WORDS`), with
+joints from 0 or from 1. Where bayesid's own names make a whole log, no others are looked at.
 """
 
 from __future__ import annotations
 
+import re
+from collections import Counter
 from collections.abc import Mapping, Sequence, Set
-from dataclasses import replace
 
 from bayesid.errors import InputError
 from bayesid.log.formats.base import Options
-from bayesid.log.formats.conventions import convention_of, note_of
 from bayesid.log.formats.labels import (
     OTHER,
     UNITS,
@@ -21,15 +21,30 @@ from bayesid.log.formats.labels import (
     kind_of,
     kind_part,
     pattern_of,
-    raised,
     read_labels,
     split_brackets,
     unknown_unit,
 )
-from bayesid.log.formats.stated import OPTION, UNNAMED, described, fits, stated_columns, suggestion
+from bayesid.log.formats.stated import (
+    EFFORTS,
+    OPTION,
+    UNNAMED,
+    Convention,
+    convention_of,
+    described,
+    fits,
+    stated_columns,
+    suggestion,
+)
 from bayesid.log.formats.table import Chosen, SourceColumn
 
 _EFFORT = "column tau1 (or i1 with gains)"
+_QUANTITY = re.compile(
+    r"(?<![a-z])(q|qd|dq|pos|position|angle|vel|velocity|speed|tau|torque|moment|effort|current|state|action)s?(?![a-z])",
+    re.IGNORECASE,
+)
+_COMMANDED = "aspos"
+"""The word of RSI's commanded positions."""
 _Family = Mapping[int, Reading]
 """Columns of one kind that are called alike, by the numbers in their labels."""
 
@@ -51,93 +66,93 @@ def choose(header: Sequence[str], where: str, options: Options) -> Chosen:
         columns = {key: pattern for key, pattern in columns.items() if fits(kind_part(key), pattern, header)}
     convention = None if _is_whole(header) else convention_of(header)
     if convention is not None:
-        columns = convention.stated(header, columns, currents=options.currents)
-        left_out = ("tau", "i") if options.motion else ()
-        columns = {key: pattern for key, pattern in columns.items() if kind_part(key) not in left_out}
-    stated = stated_columns(header, columns, where, described(header)) if columns else []
-    kinds, named = _settled(columns, stated, motion=options.motion)
-    taken, names = {source.place for source in stated}, {source.name for source in stated}
-    readings = [reading for reading in read_labels(header) if reading.place not in taken and reading.kind not in kinds]
-    families = _families(readings, kinds, named, where, currents=options.currents)
+        columns = convention.stated(header, columns, currents=options.currents, motion=options.motion)
+    found = {one.name: one for one in stated_columns(header, columns, where, described(header))} if columns else {}
+    families = _families(header, columns, found, where, options)
     _check_start(families, where)
-    sources = (_source(one, family) for family in families for one in family.values())
-    found = [*stated, *(source for source in sources if source.name not in names)]
+    for source in (_source(one, family) for family in families for one in family.values()):
+        found.setdefault(source.name, source)
     if options.part:
         return _part(found, header, where)
-    lacking = "" if convention is None else convention.lacking
-    asked = replace(options, columns=columns)
-    chosen = _complete({source.name: source for source in found}, header, where, asked, lacking)
+    chosen = _complete(found, header, where, options, columns, "" if convention is None else convention.lacking)
     if convention is not None and convention.part is not None and convention.part in header:
         chosen += (SourceColumn("part", header.index(convention.part), convention.part, 1.0),)
-    foreign = convention is not None or any(one.rank == OTHER for family in families for one in family.values())
-    note = note_of(header, chosen, convention) if foreign else None
-    return Chosen(chosen, () if note is None else (f"{where}: {note}",))
+    words = {one.word for family in families for one in family.values() if one.rank >= OTHER}
+    note = _note(header, chosen, convention) if words or convention is not None else ""
+    if _COMMANDED in words:
+        note += f"{'; ' if note else ''}positions are commanded ones (ASPos); the axes lag behind them"
+    return Chosen(chosen, (f"{where}: {note}",) if note else ())
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Which columns
-# ---------------------------------------------------------------------------------------------------------------
 def _is_whole(header: Sequence[str]) -> bool:
-    """Whether the names of a CSV log make a whole one: then no others are looked at."""
+    """Whether the names of a CSV log make a whole one."""
     kinds = {reading.kind for reading in read_labels(header) if reading.rank < OTHER}
-    return {"t", "q"} <= kinds and bool(kinds & {"tau", "i"})
+    return {"t", "q"} <= kinds and bool(kinds & set(EFFORTS))
 
 
-def _part(found: Sequence[SourceColumn], header: Sequence[str], where: str) -> Chosen:
+def _part(found: Mapping[str, SourceColumn], header: Sequence[str], where: str) -> Chosen:
     """What a header holds of a log: the time, and whatever else; columns without a number are those of one joint."""
-    if not any(source.name == "t" for source in found):
+    if "t" not in found:
         raise InputError(f"column t is missing{described(header)}", where, f'say which it is with {OPTION} t="NAME"')
-    known = {kind_part(source.name) for source in found}
-    alone = {kind: [label for label in header if kind_of(label) == kind] for kind in WORDS.keys() - known}
-    single = [
-        SourceColumn(kind, header.index(labels[0]), labels[0], _unit_of(kind, labels[0]))
-        for kind, labels in alone.items()
-        if len(labels) == 1
-    ]
-    chosen = [*found, *single]
-    kinds = {kind_part(source.name) for source in chosen}
-    return Chosen(tuple(one for one in chosen if not (one.name.startswith("i") and "tau" in kinds)))
+    chosen = list(found.values())
+    for kind in WORDS.keys() - set(map(kind_part, found)):
+        labels = [label for label in header if kind_of(label) == kind]
+        if len(labels) == 1:
+            unit = split_brackets(labels[0]).unit
+            factor = None if unit is None else factor_of(kind, unit)
+            chosen.append(SourceColumn(kind, header.index(labels[0]), labels[0], factor))
+    torques = any(kind_part(one.name) == "tau" for one in chosen)
+    return Chosen(tuple(one for one in chosen if not (torques and kind_part(one.name) == "i")))
 
 
-def _unit_of(kind: str, label: str) -> float | None:
-    unit = split_brackets(label).unit
-    return None if unit is None else factor_of(kind, unit)
+def _note(header: Sequence[str], chosen: Sequence[SourceColumn], convention: Convention | None) -> str:
+    """What was taken for what; nothing where nothing else could have been meant, and the names say it themselves."""
+    taken = {source.label for source in chosen}
+    others = (label for label in header if label not in taken and _QUANTITY.search(label.replace("_", " ")))
+    left = [pattern for pattern, count in Counter(map(pattern_of, others)).items() if count >= 2]
+    if convention is None and not left:
+        return ""
+    used = dict.fromkeys((kind_part(one.name), pattern_of(one.label)) for one in chosen if one.name != "part")
+    said = ", ".join(f"{kind} is {label}" for kind, label in used)
+    beside = f", not {', '.join(left[:6])}{' and others' if len(left) > 6 else ''}" if left else ""
+    by = "" if convention is None else f"as {convention.name} has it, "
+    says = f"; {convention.says}" if convention is not None and convention.says else ""
+    return f"{by}{said}{beside}{says}"
 
 
-def _settled(
-    columns: Mapping[str, str], stated: Sequence[SourceColumn], *, motion: bool
-) -> tuple[set[str], dict[str, set[int]]]:
-    """Kinds of which no more columns are looked for, and of others the joints whose columns a user has named."""
-    kinds = {kind_part(source.name) for source in stated}
-    named: dict[str, set[int]] = {kind: set() for kind in kinds - columns.keys()}
-    for source in stated:
-        if source.name != "t" and kind_part(source.name) in named:
-            named[kind_part(source.name)].add(_joint(source.name))
-    efforts = {"tau", "i"} if motion or kinds & {"tau", "i"} else set()
-    return (kinds | efforts) - named.keys(), named
-
-
+# ---------------------------------------------------------------------------------------------------------------
+# By their names
+# ---------------------------------------------------------------------------------------------------------------
 def _families(
-    readings: Sequence[Reading], stated: Set[str], named: Mapping[str, Set[int]], where: str, *, currents: bool
+    header: Sequence[str], columns: Mapping[str, str], stated: Mapping[str, SourceColumn], where: str, options: Options
 ) -> list[_Family]:
-    """Of each kind that a log needs, and that nobody has stated, the columns to be used.
+    """Of each kind that a log needs, and that nobody has stated as a whole, the columns to be used.
 
     Those with a log's own names come first; where these and the stated ones make a whole log, no others are looked at
     but for kinds of which some joints' columns are named.
     """
+    kinds = set(map(kind_part, stated))
+    named = {kind: {_joint(name) for name in stated if kind_part(name) == kind} for kind in kinds - columns.keys()}
+    closed = (kinds | (set(EFFORTS) if options.motion or kinds & set(EFFORTS) else set())) - named.keys()
+    taken = {source.place for source in stated.values()}
+    readings = [one for one in read_labels(header) if one.place not in taken and one.kind not in closed]
     own = {kind: _own_family(readings, kind, where) for kind in WORDS}
     own |= {kind: own[kind] or _others_beside(readings, kind, joints) for kind, joints in named.items()}
-    first, second = ("i", "tau") if currents else ("tau", "i")
+    first, second = ("i", "tau") if options.currents else ("tau", "i")
     effort = next((kind for kind in (first, second) if own[kind] or kind in named), None)
-    known = {*stated, *named, *(kind for kind in WORDS if own[kind])}
-    if {"t", "q"} <= known and known & {"tau", "i"}:
+    known = {*closed, *named, *(kind for kind in WORDS if own[kind])}
+    if {"t", "q"} <= known and known & set(EFFORTS):
         return [own[kind] for kind in ("t", "q", effort, "dq") if kind is not None and own[kind]]
-    needed = [kind for kind in ("t", "q", "dq") if kind not in stated and (own[kind] or kind not in named)]
-    found = [own[kind] or _other_family(readings, kind, where) for kind in needed]
+    found: list[_Family] = []
+    for kind in ("q", "t", "dq"):
+        if kind not in closed and (own[kind] or kind not in named):
+            prefix = next((one.prefix for family in found for one in family.values()), None)
+            found.append(own[kind] or _other_family(readings, kind, where, prefix))
     if effort is not None:
         found.append(own[effort])
-    elif "tau" not in stated:
-        found.append(_other_family(readings, first, where) or _other_family(readings, second, where))
+    elif "tau" not in closed:
+        prefix = next((one.prefix for family in found for one in family.values()), None)
+        found.append(_other_family(readings, first, where, prefix) or _other_family(readings, second, where, prefix))
     return [family for family in found if family]
 
 
@@ -156,19 +171,19 @@ def _own_family(readings: Sequence[Reading], kind: str, where: str) -> _Family:
     return family
 
 
-def _other_family(readings: Sequence[Reading], kind: str, where: str) -> _Family:
-    """The columns of a kind that go by one other word; empty if there are none."""
-    families: dict[str, dict[int, Reading]] = {}
-    for one in readings:
-        if one.kind == kind and one.rank == OTHER:
-            family = families.setdefault(one.word, {})
-            if one.number in family:
-                raise _either(family[one.number], one, where)
-            family[one.number] = one
-    if len(families) > 1:
-        first, second, *_ = families.values()
-        raise _either(next(iter(first.values())), next(iter(second.values())), where)
-    return next(iter(families.values()), {})
+def _other_family(readings: Sequence[Reading], kind: str, where: str, prefix: str | None) -> _Family:
+    """The columns of a kind that go by one other word, of several that of the least rank, and behind a prefix."""
+    others = [one for one in readings if one.kind == kind and one.rank >= OTHER]
+    others = [one for one in others if one.rank == min(other.rank for other in others)]
+    if prefix and len({one.word for one in others}) == 1 and len({one.number for one in others}) < len(others):
+        others = [one for one in others if one.prefix == prefix] or others
+    family: dict[int, Reading] = {}
+    for one in others:
+        beside = family.get(one.number) or next((other for other in others if other.word != one.word), None)
+        if beside is not None:
+            raise _either(min(one, beside), max(one, beside), where)
+        family[one.number] = one
+    return family
 
 
 def _others_beside(readings: Sequence[Reading], kind: str, joints: Set[int]) -> _Family:
@@ -179,7 +194,7 @@ def _others_beside(readings: Sequence[Reading], kind: str, joints: Set[int]) -> 
     """
     if len(joints) > 1 and max(joints) == len(joints):
         return {}
-    those = [one for one in readings if one.kind == kind and one.rank == OTHER]
+    those = [one for one in readings if one.kind == kind and one.rank >= OTHER]
     family = {one.number: one for one in those}
     if len({one.word for one in those}) != 1 or len(family) < len(those) or (1 in joints and 0 not in family):
         return {}
@@ -194,26 +209,15 @@ def _either(first: Reading, second: Reading, where: str) -> InputError:
 def _check_start(families: Sequence[_Family], where: str) -> None:
     """Joints are numbered from 0 or from 1, alike in positions, velocities and efforts."""
     numbered = [family for family in families if -1 not in family]
-    from_zero = [family for family in numbered if 0 in family]
-    if not from_zero or len(from_zero) == len(numbered):
+    from_zero, from_one = ([family for family in numbered if (0 in family) == zero] for zero in (True, False))
+    if not from_zero or not from_one:
         return
-    from_one = [family for family in numbered if 0 not in family]
     n = min(max(family) for family in from_one)
-    ranges = ",".join(f'{_kind_of(family)}="{_ranged(family, n)}"' for family in numbered)
-    said = f"{_span(from_zero[0])} count from 0, {_span(from_one[0])} from 1"
+    patterns = {family[max(family)].kind: pattern_of(family[max(family)].label) for family in numbered}
+    ranges = ",".join(f'{kind}="{pattern}"'.replace("{}", f"{{1-{n}}}") for kind, pattern in patterns.items())
+    spans = [f"{one[min(one)].label}..{one[max(one)].label}" for one in (from_zero[0], from_one[0])]
+    said = f"{spans[0]} count from 0, {spans[1]} from 1"
     raise InputError(said, where, f"say which belong together with {OPTION}, as in {ranges}")
-
-
-def _kind_of(family: _Family) -> str:
-    return next(iter(family.values())).kind
-
-
-def _span(family: _Family) -> str:
-    return f"{family[min(family)].label}..{family[max(family)].label}"
-
-
-def _ranged(family: _Family, last: int) -> str:
-    return pattern_of(family[max(family)].label).replace("{}", f"{{1-{last}}}")
 
 
 def _source(one: Reading, family: _Family) -> SourceColumn:
@@ -225,29 +229,33 @@ def _source(one: Reading, family: _Family) -> SourceColumn:
 # What is missing
 # ---------------------------------------------------------------------------------------------------------------
 def _complete(
-    found: Mapping[str, SourceColumn], header: Sequence[str], where: str, options: Options, lacking: str
+    found: Mapping[str, SourceColumn],
+    header: Sequence[str],
+    where: str,
+    options: Options,
+    given: Mapping[str, str],
+    lacking: str,
 ) -> tuple[SourceColumn, ...]:
     """The columns of a log, or of its motion alone, in order, if none is missing."""
     n, effort = _highest("q", found), "tau" if _highest("tau", found) else "i"
-    absent = {"column t": "t" not in found, "column q1": n == 0}
-    absent[_EFFORT] = not options.motion and not _highest(effort, found)
-    for said in (said for said, is_absent in absent.items() if is_absent):
-        _check_units(header, where, {"column t": ("t",), "column q1": ("q",)}.get(said, ("tau",)))
-        remedy = lacking if said == _EFFORT else ""
-        said = f"{said} is missing{described(header, found)}"
-        raise InputError(said, where, remedy or _missing_remedy(header, found, options.columns or {}))
+    needed = {"column t": ("t", "t" in found), "column q1": ("q", n > 0)}
+    needed[_EFFORT] = "tau", options.motion or _highest(effort, found) > 0
+    for said, (kind, is_there) in needed.items():
+        if not is_there:
+            _check_units(header, where, kind)
+            suggested = suggestion(header, found, given)
+            elsewhere = "; if another file of the run holds them, give both as FILE+OTHER"
+            remedy = f"say which columns are meant with {suggested}{elsewhere if UNNAMED in suggested else ''}"
+            remedy = lacking if lacking and said == _EFFORT else remedy
+            raise InputError(f"{said} is missing{described(header, found)}", where, remedy)
     chosen = [found["t"]]
     for kind in ["q", *([] if options.motion else [effort]), *(["dq"] if _highest("dq", found) else [])]:
         for j in range(1, n + 1):
             if f"{kind}{j}" not in found:
-                there = f"{_label(found, 'q', 1)}..{_label(found, 'q', n)}"
-                label = _label(found, kind, j)
+                label, there = _label(found, kind, j), f"{_label(found, 'q', 1)}..{_label(found, 'q', n)}"
                 label = f"tau{j} (or {label} with gains)" if label == f"i{j}" else label
-                raise InputError(
-                    f"column {label} is missing",
-                    where,
-                    f"add it; {there} are there (or say which are meant with {OPTION})",
-                )
+                remedy = f"add it; {there} are there (or say which are meant with {OPTION})"
+                raise InputError(f"column {label} is missing", where, remedy)
             chosen.append(found[f"{kind}{j}"])
         if _highest(kind, found) > n:
             extra = next(source for name, source in found.items() if kind_part(name) == kind and _joint(name) > n)
@@ -256,18 +264,10 @@ def _complete(
     return tuple(chosen)
 
 
-def _missing_remedy(header: Sequence[str], found: Mapping[str, SourceColumn], given: Mapping[str, str]) -> str:
-    """The option that names what is there or, where nothing there may be meant, the way to name another file."""
-    suggested = suggestion(header, found, given)
-    elsewhere = "; if another file of the run holds them, give both as FILE+OTHER" if UNNAMED in suggested else ""
-    return f"say which columns are meant with {suggested}{elsewhere}"
-
-
-def _check_units(header: Sequence[str], where: str, kinds: Sequence[str]) -> None:
+def _check_units(header: Sequence[str], where: str, kind: str) -> None:
     for label in header:
-        found = unknown_unit(label)
-        if found is not None and found[0] in kinds:
-            kind, unit = found
+        unit = unknown_unit(label, kind)
+        if unit is not None:
             remedy = f"give it in {', '.join(list(UNITS[kind])[:7])}"
             if kind == "tau":
                 remedy += f', or give gains that turn it into N m: `gains` with {OPTION} i="{pattern_of(label)}"'
@@ -287,5 +287,10 @@ def _label(found: Mapping[str, SourceColumn], kind: str, joint: int) -> str:
     if f"{kind}{joint}" in found:
         return found[f"{kind}{joint}"].label
     beside = next(name for name in found if kind_part(name) == kind)
-    label = raised(found[beside].label, joint - _joint(beside))
-    return f"{kind}{joint}" if label == found[beside].label else label
+    label = found[beside].label
+    pattern = pattern_of(label)
+    if pattern == label:
+        return f"{kind}{joint}"
+    first = pattern.index("{}")
+    number = int(label[first : len(label) - len(pattern) + first + 2])
+    return pattern.replace("{}", str(number + joint - _joint(beside)))

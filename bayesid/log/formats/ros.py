@@ -7,17 +7,20 @@ drivers put currents, A, there). A topic may carry messages of several publisher
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+import sqlite3
+import struct
+from collections.abc import Iterator, Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Any, NamedTuple
+from urllib.parse import quote
 
 import numpy as np
 
 from bayesid.arrays import Array
 from bayesid.errors import InputError
-from bayesid.files.bounded import MOST_DIGITS
+from bayesid.files.bounded import MOST_DIGITS, fits_memory
 from bayesid.log.formats.base import Format, Options
-from bayesid.log.formats.declared import check_bag
 from bayesid.log.formats.table import Column, Table, seconds
 
 _TYPE = "sensor_msgs/msg/JointState"
@@ -112,7 +115,7 @@ def _topics(path: Path) -> dict[str, list[_Message]]:
     decode = get_typestore(Stores.LATEST).deserialize_cdr  # Humble's bags hold no definitions; this one never changed
     topics: dict[str, list[_Message]] = {}
     try:
-        check_bag(path)
+        _check_bag(path)
         with Reader(path) as bag:
             connections = [known for known in bag.connections if known.msgtype == _TYPE]
             for connection, received, data in bag.messages(connections) if connections else ():
@@ -178,3 +181,59 @@ def _block(messages: Sequence[_Message], field: str, names: Sequence[str]) -> li
         complete = len(values) == len(message.names)
         rows.append(values[[message.names.index(name) for name in names]] if complete else None)
     return rows
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# What bags say of their own sizes, checked before a library takes memory by it
+# ---------------------------------------------------------------------------------------------------------------
+_MCAP, _ZSTD, _SQLITE = b"\x89MCAP0\r\n", b"\x28\xb5\x2f\xfd", b"SQLite format 3\0"
+"""First bytes of such files and frames."""
+_RECORD, _CHUNK, _CHUNK_HEAD = struct.Struct("<BQ"), 6, struct.Struct("<QQQII")
+"""Of an MCAP file: kind and size of a record, the kind of chunks, and what these begin with, to the codec's letters."""
+
+
+def _check_bag(path: Path) -> None:
+    """Refuses, by ValueError, a bag (folder or file) of which a packed file, chunk or message unpacks to too much."""
+    for file in sorted(path.iterdir()) if path.is_dir() else [path]:
+        with file.open("rb") as content:
+            head = content.read(len(_SQLITE))
+        if head.startswith(_MCAP):
+            for packed, codec in _chunks(file):
+                _check_unpacked(packed, codec)
+        elif head.startswith(_ZSTD):
+            _check_unpacked(file, "zstd")
+        elif head == _SQLITE:
+            with closing(sqlite3.connect(f"file:{quote(str(file))}?mode=ro", uri=True)) as bag:
+                for (message,) in bag.execute("SELECT data FROM messages"):
+                    if isinstance(message, bytes) and message.startswith(_ZSTD):
+                        _check_unpacked(message, "zstd")
+
+
+def _chunks(path: Path) -> Iterator[tuple[bytes, str]]:
+    """The packed chunks of an MCAP file (mcap.dev/spec, 'Chunk'), each with its codec."""
+    with path.open("rb") as file:
+        file.seek(len(_MCAP))
+        while len(head := file.read(_RECORD.size)) == _RECORD.size:
+            kind, size = _RECORD.unpack(head)
+            end = file.tell() + size
+            if kind == _CHUNK:
+                fixed = file.read(_CHUNK_HEAD.size)
+                if len(fixed) < _CHUNK_HEAD.size:
+                    return
+                codec = file.read(min(_CHUNK_HEAD.unpack(fixed)[-1], size)).decode(errors="replace")
+                file.read(8)  # the size of what follows
+                if codec in ("zstd", "lz4") and (left := end - file.tell()) > 0:
+                    yield file.read(left), codec
+            file.seek(min(end, (1 << 63) - 1))
+
+
+def _check_unpacked(packed: bytes | Path, codec: str) -> None:
+    import pyarrow as pa
+
+    source = str(packed) if isinstance(packed, Path) else pa.BufferReader(packed)
+    with pa.CompressedInputStream(source, codec) as unpacking:
+        size = 0
+        while part := unpacking.read(1 << 20):
+            size += len(part)
+            if not fits_memory(size, 1):
+                raise ValueError("unpacks to too much")

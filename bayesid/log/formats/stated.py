@@ -1,8 +1,9 @@
-"""Which columns make a log by the word of a user: `t="Zeit [ms]"`, `q="Achse{} [Grad]"`, or of one joint, `q2=elbow`.
+"""Which columns make a log by the word of a user, `t="Zeit [ms]"`, `q="Achse{} [Grad]"`, `q2=elbow`, or of a recorder.
 
 `{}` stands for the numbers of the joints, from 0 or from 1 as the file has them, `{2-7}` for those from 2 to 7. A unit
 in brackets is looked for in the header, and counts by itself where the header has none. Without brackets a unit of two
-letters or more at the name's end counts, as in `lage1_deg`.
+letters or more at the name's end counts, as in `lage1_deg`. What well-known recorders call their columns says as much
+as a user could, and is known by labels that nobody else's header holds.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,22 +22,18 @@ from bayesid.log.formats.table import SourceColumn
 
 OPTION = "`columns`"
 EXAMPLE = 't="Zeit [ms]",q="Achse{} [Grad]",i="Strom{} [A]"'
+UNNAMED = "NAME{}"
+"""What stands for columns of which there are none."""
+EFFORTS = "tau", "i"
 _KEY = re.compile(r"(?P<kind>t|q|dq|tau|i)(?P<joint>(?<!t)[1-9][0-9]{0,2})?")
 _PLACEHOLDER = re.compile(r"\{(?:(?P<first>[0-9]{1,3})-(?P<last>[0-9]{1,3}))?\}")
 _SEPARATOR = re.compile(r"[\s_.-]+")
 _NEXT = re.compile(r",\s*(?=(?:t|(?:q|dq|tau|i)[0-9]*)\s*=)")
-
-
-UNNAMED = "NAME{}"
-"""What stands for columns of which there are none."""
 _EFFORT = re.compile(r"tau|torque|moment|eff|force|curr|amp|strom|kraft|last|load|\bN ?m\b", re.IGNORECASE)
-"""What names of efforts hold in many languages."""
+"""What names of efforts hold in many languages; velocities, which are no efforts, times and currents beneath."""
 _VELOCITY = re.compile(r"vel|speed|geschw|drehzahl|vitesse|rpm|(rad|deg|°)/s", re.IGNORECASE)
-"""What names of velocities hold, which are no efforts."""
 _TIME = re.compile("time|zeit|temps|tiempo|stamp|clock", re.IGNORECASE)
-"""What names of times hold."""
 _CURRENT = re.compile("curr|strom|amp", re.IGNORECASE)
-"""What names of currents hold."""
 
 
 class _Match(NamedTuple):
@@ -252,3 +250,109 @@ def _likely(kinds: Sequence[str], patterns: Sequence[str]) -> list[tuple[str, st
     elif "t" in kinds:
         open_ones.sort(key=lambda one: _TIME.search(one) is None)
     return stated + [(_kind_of(kinds, one), one) for one in open_ones]
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Recorders
+# ---------------------------------------------------------------------------------------------------------------
+@dataclass(frozen=True)
+class Convention:
+    """How one recorder writes a log.
+
+    Attributes:
+        name: of the recorder, for messages.
+        marks: labels by which its headers are known: they hold all of them.
+        columns: patterns as a user gives them, without s, rad and rad/s: somebody may have put degrees there.
+        part: the label of the number of the recording that a row is of, where files hold several.
+        lacking: what to do where there are no efforts.
+        says: what the recorder leaves open, for the note.
+    """
+
+    name: str
+    marks: tuple[str, ...]
+    columns: Mapping[str, str] = field(default_factory=dict)
+    part: str | None = None
+    lacking: str = ""
+    says: str = ""
+
+    def stated(
+        self, header: Sequence[str], given: Mapping[str, str], *, currents: bool, motion: bool
+    ) -> dict[str, str]:
+        """Its patterns that are in a header, and what a user has given, which counts; no efforts beside a motion."""
+        there = {kind: pattern for kind, pattern in self.columns.items() if fits(kind, pattern, header)}
+        leave = {kind_part(key) for key in given}
+        if leave & set(EFFORTS):
+            leave |= set(EFFORTS)
+        if there.keys() >= set(EFFORTS):
+            leave.add("tau" if currents else "i")
+        columns = {**{kind: pattern for kind, pattern in there.items() if kind not in leave}, **given}
+        return {key: pattern for key, pattern in columns.items() if not motion or kind_part(key) not in EFFORTS}
+
+
+CONVENTIONS = (
+    Convention(  # src/log.cpp of libfranka writes Duration::toMSec
+        "libfranka's log",
+        marks=("success_rate", "state.q[0]"),
+        columns={"t": "time [ms]", "q": "state.q[{}]", "dq": "state.dq[{}]", "tau": "state.tau_J[{}] [Nm]"},
+        lacking="log state.tau_J, the measured torques, too",
+    ),
+    Convention(  # Real-Time Data Exchange guide of Universal Robots; joints from 0, s, rad, A, N m
+        "UR's RTDE",
+        marks=("timestamp", "actual_q_0"),
+        columns={
+            "t": "timestamp",
+            "q": "actual_q_{}",
+            "dq": "actual_qd_{}",
+            "tau": "actual_current_as_torque_{} [Nm]",
+            "i": "actual_current_{} [A]",
+        },
+        lacking="record actual_current too; target_moment and target_current are the controller's model, not measured",
+    ),
+    Convention(  # rostopic echo -p of ROS 1: stamps in ns, units of sensor_msgs/JointState
+        "rostopic's table of joint states",
+        marks=("field.header.stamp", "field.position0"),
+        columns={
+            "t": "field.header.stamp [ns]",
+            "q": "field.position{}",
+            "dq": "field.velocity{}",
+            "tau": "field.effort{} [Nm]",
+        },
+        lacking="record a topic with efforts",
+        says="joints in the order of field.name0.., often alphabetical: if it is not from base to tip, say q1.. and "
+        "tau1.. with `columns`",
+    ),
+    Convention(  # the same of franka_msgs/FrankaState
+        "rostopic's table of Franka's states",
+        marks=("field.header.stamp", "field.tau_J0"),
+        columns={"t": "field.header.stamp [ns]", "q": "field.q{}", "dq": "field.dq{}", "tau": "field.tau_J{} [Nm]"},
+    ),
+    Convention(  # system variables of KRL: degrees, N m, percent of the amplifiers' maximum
+        "KUKA's system variables",
+        marks=("$AXIS_ACT_MEAS.A1",),
+        columns={
+            "q": "$AXIS_ACT_MEAS.A{} [deg]",
+            "tau": "$TORQUE_AXIS_ACT[{}] [Nm]",
+            "i": "$CURR_ACT[{}] [% of the amplifier's maximum]",
+        },
+        lacking="record $CURR_ACT[1].. or $TORQUE_AXIS_ACT[1].. too",
+    ),
+    Convention(
+        "LeRobot",
+        marks=("episode_index", "frame_index", "observation.state1"),
+        columns={
+            "t": "timestamp",
+            "q": "observation.state{}",
+            "dq": "observation.velocity{}",
+            "tau": "observation.effort{}",
+        },
+        part="episode_index",
+        lacking="record observation.effort too; action holds commands, no efforts",
+        says="it states no units, so rad, rad/s and N m are taken; `columns` says others, or leaves a gripper out",
+    ),
+)
+
+
+def convention_of(header: Sequence[str]) -> Convention | None:
+    """The convention that a header follows; None where it is none that is known."""
+    labels = set(header)
+    return next((convention for convention in CONVENTIONS if labels.issuperset(convention.marks)), None)
