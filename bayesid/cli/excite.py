@@ -189,13 +189,10 @@ def _hypotheses(folder: Path) -> Hypotheses:
     return Hypotheses(classes, changed)
 
 
-def _equivalents(found: Mapping[str, Any]) -> list[str]:
+def _equivalents(found: Mapping[str, Any]) -> dict[str, tuple[int, ...] | None]:
     """Effects that are equivalent to one, with the joints in which they are where the file says so."""
-    places = {one["effect"]: one["joints"] for one in reversed(found["alternatives"])}
-    return [
-        f"{name}:{':'.join(map(str, places[name]))}" if name in places else str(name)  # no joint: the whole robot
-        for name in found["equivalent"]
-    ]
+    places = {one["effect"]: tuple(one["joints"]) for one in reversed(found["alternatives"])}
+    return {name: places.get(name) for name in found["equivalent"]}
 
 
 def _robot_with_shapes(options: argparse.Namespace, identified: IdentifiedModel) -> Robot:

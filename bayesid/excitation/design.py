@@ -41,7 +41,7 @@ from bayesid.excitation.resolvability import (
     turn_segments,
     undecided,
 )
-from bayesid.excitation.search import Design, MotionSearch, best_motion
+from bayesid.excitation.search import MotionSearch, best_motion
 from bayesid.excitation.splines import Feasibility, SplineBasis, SplineTrajectory
 from bayesid.excitation.tuning import TUNING
 from bayesid.motion import Motion
@@ -115,26 +115,15 @@ class Objective:
 
 @dataclass(frozen=True)
 class Quality:
-    """What a motion is worth, at one noise.
+    """What a motion is worth, at one noise."""
 
-    Attributes:
-        condition: condition number of the base regressor.
-        tolerance: noise, relative to the RMS efforts, that the signs bear, for the hardest of the expected robots.
-        joints: groups of joints that may be turned, for the robot for which the easiest one is easiest to mistake.
-        segments: those of that robot, and what turning them weighs.
-        effort: (N, n) that robot's efforts, N m.
-        uncertainty: (r,) standard deviation of each coefficient after a log of this motion, signs given, over its usual
-            size.
-        noise: relative to the RMS efforts, at which all this is meant.
-    """
-
-    condition: float
-    tolerance: float
-    joints: JointFlips
-    segments: SegmentFlips
-    effort: Array
-    uncertainty: Array
-    noise: float
+    condition: float  # condition number of the base regressor
+    tolerance: float  # noise, relative to the RMS efforts, that the signs bear, for the hardest of the expected robots
+    joints: JointFlips  # of groups of joints, for the robot for which the easiest one is easiest to mistake
+    segments: SegmentFlips  # those of that robot, and what turning them weighs
+    effort: Array  # (N, n) that robot's efforts, N m
+    uncertainty: Array  # (r,) sd of each coefficient after a log of this motion, signs given, over its usual size
+    noise: float  # relative to the RMS efforts, at which all this is meant
 
     @property
     def magnitude(self) -> Array:
@@ -278,11 +267,10 @@ def _search(
         return 2.0 * log_condition_of(information) - float(np.linalg.slogdet(precision)[1]) / len(size)
 
     memory = any(effect.memory for effect in expectation.model.effects)
-    design = Design(expectation.columns, weights, worth, whole=memory)
     period = shape.duration / shape.periods
     basis = SplineBasis(period, period / (TUNING.per_swing * shape.harmonics))
     middle = 0.5 * (np.array(limits.lower) + np.array(limits.upper))
-    return MotionSearch(design, Feasibility.of(None, limits, None), basis, middle)
+    return MotionSearch(expectation.columns, weights, worth, memory, Feasibility.of(None, limits, None), basis, middle)
 
 
 def _played(trajectory: SplineTrajectory, shape: TrajectoryShape) -> Motion:

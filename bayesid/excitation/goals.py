@@ -9,7 +9,6 @@ from functools import partial
 import numpy as np
 
 from bayesid.arrays import Array
-from bayesid.effects.parameters import Parameter
 from bayesid.errors import InputError, near_names
 from bayesid.excitation.known import Known
 from bayesid.excitation.tuning import TUNING
@@ -26,19 +25,12 @@ _NONE = 1e-9
 
 @dataclass(frozen=True)
 class Goal:
-    """m sums of quantities that are to become known.
+    """m sums of quantities that are to become known."""
 
-    Attributes:
-        names: (m,).
-        forms: (m, R) sums of the quantities.
-        wanted: (m,) standard deviations that are enough.
-        never: sentences on what no motion can tell.
-    """
-
-    names: tuple[str, ...]
-    forms: Array
-    wanted: Array
-    never: tuple[str, ...] = ()
+    names: tuple[str, ...]  # (m,)
+    forms: Array  # (m, R) sums of the quantities
+    wanted: Array  # (m,) standard deviations that are enough
+    never: tuple[str, ...] = ()  # sentences on what no motion can tell
 
     def left(self, covariance: Array) -> Array:
         """(m, m) covariance of the sums over what is wanted of them, of the quantities' (R, R)."""
@@ -91,23 +83,20 @@ def goal_of(known: Known, about: Sequence[str] = (), payload: str = "") -> Goal:
     if not about:
         places = open_coefficients(known) or list(range(len(known.coefficients)))
         parts = [_of_places(known, places), *([_gains(known)] if len(known.gains) > 1 else [])]
-        return _joined(known, parts)
-    return _joined(known, [_named(known, name, payload) for name in about])
+        return _joined(parts)
+    return _joined([_named(known, name, payload) for name in about])
 
 
-def _joined(known: Known, parts: Sequence[Goal]) -> Goal:
-    names, forms, wanted, seen = [], [], [], set()
+def _joined(parts: Sequence[Goal]) -> Goal:
+    sums: dict[str, tuple[Array, float]] = {}
     for part in parts:
-        for name, form, size in zip(part.names, part.forms, part.wanted, strict=True):
-            if name not in seen:
-                seen.add(name)
-                names.append(name)
-                forms.append(form)
-                wanted.append(size)
+        for name, form, size in zip(part.names, part.forms, part.wanted.tolist(), strict=True):
+            sums.setdefault(name, (form, size))
     never = tuple(dict.fromkeys(sentence for part in parts for sentence in part.never))
-    if not names:
+    if not sums:
         raise InputError("; ".join(never), field="about", remedy="name something that a motion can tell")
-    return Goal(tuple(names), np.array(forms).reshape(-1, len(known)), np.array(wanted), never)
+    forms, wanted = zip(*sums.values(), strict=True)
+    return Goal(tuple(sums), np.array(forms), np.array(wanted), never)
 
 
 def _of_places(known: Known, places: Iterable[int], never: tuple[str, ...] = ()) -> Goal:
@@ -122,36 +111,26 @@ def _named(known: Known, name: str, payload: str) -> Goal:
     special = {GAINS: _gains, PAYLOAD: partial(_payload, payload=payload), SIGNS: _signs}
     if name in special:
         return special[name](known)
-    if name in known.coefficients.names:
-        return _of_places(known, [known.coefficients.names.index(name)], _sum_behind(known, name))
-    parameters = [parameter.name for parameter in known.model.parameters]
+    coefficients, parameters = known.coefficients, [parameter.name for parameter in known.model.parameters]
+    if name in coefficients.names:
+        place = coefficients.names.index(name)
+        behind = coefficients.expressions[place]
+        said = f"no motion can tell {name} by itself: efforts show {behind}, which is aimed at"
+        return _of_places(known, [place], () if behind == name else (said,))
     if name in parameters:
-        return _sums_with(known, name, parameters.index(name))
-    for term, place in zip(known.model.terms, known.model.places, strict=True):
+        holding = _holding(known, [parameters.index(name)])
+        if not holding:
+            return _of_places(known, [], (f"no motion can tell {name}: efforts do not depend on it",))
+        names = ", ".join(known.names[k] for k in holding)
+        said = f"no motion can tell {name} by itself: efforts show it in {names}, which are aimed at"
+        return _of_places(known, holding, (said,))
+    for term, places in zip(known.model.terms, known.model.places, strict=True):
         if name in (term.name, term.effect):
-            return _of_places(known, _holding(known, place))
-    near = near_names(name, [*known.coefficients.names, *parameters, *(t.effect for t in known.model.terms), *special])
-    alike = [one for one in known.coefficients.names if one[:2] == name[:2]][:6] or known.coefficients.names[:6]
+            return _of_places(known, _holding(known, places))
+    near = near_names(name, [*coefficients.names, *parameters, *(t.effect for t in known.model.terms), *special])
+    alike = [one for one in coefficients.names if one[:2] == name[:2]][:6] or coefficients.names[:6]
     remedy = f"name coefficients ({', '.join(alike)}, ..), effects, {GAINS}, {PAYLOAD} or {SIGNS}"
     raise InputError(f"{name!r} is nothing of the model", field="about", remedy=f"{near} {remedy}".strip())
-
-
-def _sum_behind(known: Known, name: str) -> tuple[str, ...]:
-    """What to say of a coefficient that is a sum, by the name of one parameter."""
-    expression = known.coefficients.expressions[known.coefficients.names.index(name)]
-    if expression == name:
-        return ()
-    return (f"no motion can tell {name} by itself: efforts show {expression}, which is aimed at",)
-
-
-def _sums_with(known: Known, name: str, place: int) -> Goal:
-    """Coefficients that hold a parameter which is none by itself."""
-    holding = _holding(known, [place])
-    names = [known.coefficients.names[k] for k in holding]
-    if not holding:
-        return _of_places(known, [], (f"no motion can tell {name}: efforts do not depend on it",))
-    said = f"no motion can tell {name} by itself: efforts show it in {', '.join(names)}, which are aimed at"
-    return _of_places(known, holding, (said,))
 
 
 def _holding(known: Known, places: slice | list[int]) -> list[int]:
@@ -195,13 +174,10 @@ def _payload(known: Known, payload: str) -> Goal:
             "no motion can tell a payload from the last link: record once without it and once with it (--log "
             "FILE:payload=LABEL, or `bayesid payload`)",
         )
-        last = [k for k, parameter in enumerate(known.model.parameters) if _of_last_link(parameter, known)]
+        n, parameters = known.model.robot.n_joints, known.model.parameters
+        last = [k for k, parameter in enumerate(parameters) if parameter.joint == n and parameter.name[:1] in "mJ"]
         return _of_places(known, _holding(known, last), never)
     return _of_places(known, _holding(known, places))
-
-
-def _of_last_link(parameter: Parameter, known: Known) -> bool:
-    return parameter.joint == known.model.robot.n_joints and parameter.name[:1] in "mJ"
 
 
 def _signs(known: Known) -> Goal:

@@ -21,7 +21,8 @@ import numpy as np
 from bayesid.arrays import TINY, Array, Integers, Mask
 from bayesid.effects.coefficients import BaseCoefficients, base_coefficients
 from bayesid.effects.model import Model
-from bayesid.excitation.resolvability import expect, mistaken, resolvability
+from bayesid.excitation.gaussian import at_least, information_of, inverse, root_of, scaled_spectrum
+from bayesid.excitation.resolvability import expect, expected_segments, mistaken, resolvability
 from bayesid.excitation.tuning import TUNING
 from bayesid.identification.identification import SURE
 from bayesid.identification.identified_model import IdentifiedModel
@@ -35,34 +36,19 @@ GAIN = "log_gain"
 
 @dataclass(frozen=True)
 class Known:
-    """R quantities of a result, and what a motion shows of them.
+    """R quantities of a result, and what a motion shows of them."""
 
-    Attributes:
-        model: robot and terms, without what sensors make of the efforts.
-        coefficients: its r base coefficients, the first of the quantities.
-        theta: (P,) its parameters.
-        names: (R,) of the quantities; those of gains are log_gain1..n.
-        units: (R,).
-        mean: (R,) values.
-        precision: (R, R) L.
-        lacking: (R, R) M.
-        gains: (g,) 0-based joints whose gains are among the quantities.
-        density: (n,) information of a second of efforts, 1/(N m)^2: independent samples over variance.
-        supposed: whether the result knows nothing of some coefficients, not even a prior, so that how plausible robots
-            differ stands for one.
-    """
-
-    model: Model
-    coefficients: BaseCoefficients
-    theta: Array
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    mean: Array
-    precision: Array
-    lacking: Array
-    gains: Integers
-    density: Array
-    supposed: bool = False
+    model: Model  # robot and terms, without what sensors make of the efforts
+    coefficients: BaseCoefficients  # its r base coefficients, the first of the quantities
+    theta: Array  # (P,) its parameters
+    names: tuple[str, ...]  # (R,) of the quantities; those of gains are log_gain1..n
+    units: tuple[str, ...]  # (R,)
+    mean: Array  # (R,) values
+    precision: Array  # (R, R) L
+    lacking: Array  # (R, R) M
+    gains: Integers  # (g,) 0-based joints whose gains are among the quantities
+    density: Array  # (n,) information of a second of efforts, 1/(N m)^2: independent samples over variance
+    supposed: bool = False  # nothing is known of some coefficients, and how plausible robots differ stands for a prior
 
     def __len__(self) -> int:
         return len(self.names)
@@ -76,8 +62,7 @@ class Known:
     def undelayed(self) -> Known:
         """The same of efforts at the instants of the motion, not some time later, when they are logged.
 
-        That matters neither to what a motion from rest to rest tells nor to its limits, and with a delay every instant
-        depends on all others.
+        That matters neither to what a motion from rest to rest tells nor to its limits, and a delay has a memory.
         """
         return replace(self, model=self.model.undelayed)
 
@@ -92,17 +77,10 @@ class Known:
         of_gains[:, self.gains, np.arange(len(self.gains))] = -effort[:, self.gains]
         return np.concatenate([columns, of_gains], axis=2)
 
-    def weights(self, motion: Motion, period: float, standstill: Array | None = None) -> Array:
-        """(N, n) what each sample of a motion counts for: nothing where its actuator stands still.
-
-        Args:
-            motion: N samples, one a period.
-            period: s.
-            standstill: (n,) rad/s; of this motion by default.
-        """
+    def weights(self, motion: Motion, period: float) -> Array:
+        """(N, n) what each sample of a motion, one a period (s), counts for: nothing where its actuator stands still."""
         actuators = self.model.robot.actuators(motion)
-        slowest = actuators.standstill_speed if standstill is None else standstill
-        moving: Mask = np.abs(actuators.dq) > slowest
+        moving: Mask = np.abs(actuators.dq) > actuators.standstill_speed
         return moving * (self.density * period)
 
     def information(self, motion: Motion, period: float) -> Array:
@@ -120,22 +98,8 @@ class Known:
 
     @cached_property
     def root(self) -> Array:
-        """(R, k) of that covariance: it is root root'."""
-        values, vectors = np.linalg.eigh(self.now)
-        root: Array = vectors * np.sqrt(np.maximum(values, 0.0))
-        return root
-
-
-def information_of(columns: Array, weights: Array) -> Array:
-    """(R, R) of rows (N, n, R) that count for (N, n)."""
-    rows = (columns * np.sqrt(weights)[:, :, None]).reshape(-1, columns.shape[2])
-    return rows.T @ rows
-
-
-def inverse(matrix: Array) -> Array:
-    """Of a positive matrix in mixed units."""
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))
-    return np.asarray(np.linalg.inv(matrix * np.outer(scale, scale)) * np.outer(scale, scale))
+        """(R, R) of that covariance: it is root root'."""
+        return root_of(self.now)
 
 
 def known_of(identified: IdentifiedModel, rate: float) -> Known:
@@ -169,27 +133,20 @@ def _distribution(identified: IdentifiedModel, base: BaseCoefficients) -> tuple[
     if draws.log_gain is not None and (gains := np.flatnonzero(np.ptp(draws.log_gain, axis=0) > 0.0)).size:
         both = np.cov(np.hstack([drawn, draws.log_gain[:, gains]]), rowvar=False)
         mean = np.concatenate([beta, draws.log_gain[:, gains].mean(axis=0)])
-        return mean, inverse(_floored(both)), np.zeros_like(both), gains
+        return mean, inverse(at_least(both, _ROUNDING)), np.zeros_like(both), gains
     covariance = np.atleast_2d(np.cov(drawn, rowvar=False))
     if not identified.precision.any():
-        return beta, inverse(_floored(covariance)), np.zeros_like(covariance), none
+        return beta, inverse(at_least(covariance, _ROUNDING)), np.zeros_like(covariance), none
     lacking = identified.lacking
     if lacking is None:
         lacking = _beyond_sampling(covariance, identified.precision, len(drawn))
-    return beta, identified.precision, _positive(lacking), none
+    return beta, identified.precision, at_least(lacking, 0.0), none
 
 
 def _blind(precision: Array) -> bool:
     """Whether nothing is known of some sum of coefficients."""
     values, *_ = scaled_spectrum(precision)
     return bool(values[0] <= _ROUNDING * values[-1])
-
-
-def scaled_spectrum(matrix: Array) -> tuple[Array, Array, Array]:
-    """Eigenvalues and eigenvectors of a symmetric matrix in mixed units, scaled to a diagonal of ones; its scale."""
-    scale = np.sqrt(np.maximum(np.abs(np.diag(matrix)), np.finfo(float).tiny))
-    values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
-    return values, vectors, scale
 
 
 def _beyond_sampling(covariance: Array, precision: Array, draws: int) -> Array:
@@ -210,20 +167,6 @@ def _beyond_sampling(covariance: Array, precision: Array, draws: int) -> Array:
     return (across * (true - 1.0)) @ across.T
 
 
-def _positive(matrix: Array) -> Array:
-    """What is positive of a symmetric matrix."""
-    values, vectors, scale = scaled_spectrum(matrix)
-    part: Array = (vectors * np.maximum(values, 0.0)) @ vectors.T * np.outer(scale, scale)
-    return part
-
-
-def _floored(covariance: Array) -> Array:
-    """A covariance of draws whose inverse exists."""
-    values, vectors, scale = scaled_spectrum(covariance)
-    floored: Array = (vectors * np.maximum(values, _ROUNDING * values[-1])) @ vectors.T * np.outer(scale, scale)
-    return floored
-
-
 def certain_share(known: Known, motion: Motion, period: float) -> float:
     """Share of the |effort| in motion, each joint alike, in segments whose sign will be sure to 99 %.
 
@@ -235,19 +178,13 @@ def certain_share(known: Known, motion: Motion, period: float) -> float:
         motion: N samples of the recording, one a period.
         period: s.
     """
-    columns, weights = known.columns(motion), known.weights(motion, period)
-    effort = columns[:, :, : len(known.coefficients)] @ known.mean[: len(known.coefficients)]
-    speed = known.model.robot.actuators(motion).dq
-    n_samples, n = effort.shape
-    state = 2 * (effort > 0.0) + (speed > 0.0) + 4 * (weights > 0.0)
-    first = np.flatnonzero(np.vstack([np.ones((1, n), dtype=bool), state[1:] != state[:-1]]).T)
-    rows = (columns * (weights * effort)[:, :, None]).swapaxes(0, 1).reshape(n * n_samples, -1)
-    gradient = np.add.reduceat(rows, first)
-    energy = np.add.reduceat((weights * effort**2).T.ravel(), first)
-    left = inverse(known.precision + known.information(motion, period))
+    columns, weights, r = known.columns(motion), known.weights(motion, period), len(known.coefficients)
+    effort, speed = columns[:, :, :r] @ known.mean[:r], known.model.robot.actuators(motion).dq
+    joint, start, _, gradient, energy = expected_segments(columns, effort, speed, weights)
+    left = known.covariance(information_of(columns, weights))
     certain = mistaken(resolvability(left, gradient, energy)) <= 1.0 - SURE
-    size = np.add.reduceat((np.abs(effort) * (weights > 0.0)).T.ravel(), first)
-    joint = first // n_samples
-    whole = np.bincount(joint, size, n)
-    shares = np.bincount(joint, size * certain, n)[whole > 0.0] / np.maximum(whole[whole > 0.0], TINY)
-    return float(shares.mean()) if len(shares) else 0.0
+    n_samples, n = effort.shape
+    size = np.add.reduceat((np.abs(effort) * (weights > 0.0)).T.ravel(), joint * n_samples + start)
+    whole, sure = np.bincount(joint, size, n), np.bincount(joint, size * certain, n)
+    moving = whole > 0.0
+    return float((sure[moving] / np.maximum(whole[moving], TINY)).mean()) if moving.any() else 0.0

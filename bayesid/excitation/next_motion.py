@@ -9,9 +9,10 @@ between hypotheses (`bayesid.excitation.rivals`). What will be known afterwards 
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import pairwise
 
 import numpy as np
 
@@ -20,7 +21,8 @@ from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.effects.coefficients import base_coefficients
 from bayesid.errors import InputError
 from bayesid.excitation.goals import CRITERIA, Goal, goal_of, information_gain, usual_motion
-from bayesid.excitation.known import GAIN, Known, certain_share, information_of, inverse, known_of
+from bayesid.excitation.gaussian import information_of, inverse
+from bayesid.excitation.known import GAIN, Known, certain_share, known_of
 from bayesid.excitation.limits import check_limits
 from bayesid.excitation.rivals import (
     Hypotheses,
@@ -30,7 +32,7 @@ from bayesid.excitation.rivals import (
     inseparable,
     make_rivals,
 )
-from bayesid.excitation.search import Design, MotionSearch, best_motion
+from bayesid.excitation.search import MotionSearch, best_motion
 from bayesid.excitation.splines import Feasibility, SplineBasis, SplineTrajectory, at_rest, fine_steps, largest_efforts
 from bayesid.excitation.tuning import TUNING
 from bayesid.identification.identification import KNOWN, Identification, identified_of
@@ -96,29 +98,17 @@ class RunSettings:
 
 @dataclass(frozen=True)
 class PredictedKnowledge:
-    """What will be known after a recording.
+    """What will be known after a recording."""
 
-    Attributes:
-        names: (m,) of the coefficients, and of gains where they are unknown.
-        units: (m,).
-        mean: (m,) values now.
-        sd_now: (m,) standard deviations now.
-        sd: (m,) after the recording, if the model is right.
-        sd_lacking: (m,) after it, if all that the model may lack is as it was.
-        gain: of information about the goal, nats; 0 where hypotheses are to be told apart.
-        log10_bayes_factors: expected ones, of each hypothesis where it is true, against each other.
-        certain_signs: share of the |effort| in motion whose sign will be sure to 99 %.
-    """
-
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    mean: Array
-    sd_now: Array
-    sd: Array
-    sd_lacking: Array
-    gain: float
-    log10_bayes_factors: dict[tuple[str, str], float]
-    certain_signs: float
+    names: tuple[str, ...]  # (m,) of the coefficients, and of gains where they are unknown
+    units: tuple[str, ...]  # (m,)
+    mean: Array  # (m,) values now
+    sd_now: Array  # (m,) standard deviations now
+    sd: Array  # (m,) after the recording, if the model is right
+    sd_lacking: Array  # (m,) after it, if all that the model may lack is as it was
+    gain: float  # of information about the goal, nats; 0 where hypotheses are to be told apart
+    log10_bayes_factors: dict[tuple[str, str], float]  # expected, of each hypothesis where it is true, against each
+    certain_signs: float  # share of the |effort| in motion whose sign will be sure to 99 %
 
     @property
     def open_now(self) -> int:
@@ -264,33 +254,32 @@ def design_next(
     delayed = known_of(identified, run.rate)  # a delay may be among the hypotheses
     known = delayed.undelayed
     _check(known, run.payload, criterion, changes)
-    assumed, run = run.limits is None, _settled(run, known, recorded)
-    assert run.limits is not None
-    feasibility = Feasibility.of(known, run.limits, run.clearance)
-    basis, pose = SplineBasis(run.duration), np.array(run.start)
-    _check_start(feasibility, at_rest(basis, pose, run.payload))
-    reference = _usual(known, run)
+    assumed, (limits, run) = run.limits is None, _settled(run, known, recorded)
+    feasibility = Feasibility.of(known, limits, run.clearance)
+    still = at_rest(SplineBasis(run.duration), np.array(run.start), run.payload)
+    _check_start(feasibility, still)
+    labelled = partial(replace, payload=np.array(run.payload))
+    reference = labelled(usual_motion(known.model.robot, limits))
     rivals = tuple(make_rivals(delayed, keys, recorded, reference, hypotheses.changed) for keys in hypotheses.classes)
     goal = None if rivals else goal_of(known, about, run.payload)
-    design = _of_rivals(rivals) if goal is None else _of_goal(known, goal, run, criterion)
-    search = MotionSearch(design, feasibility, basis, pose, run.payload)
-    if changes is None:
-        usual = TUNING.telling_changes if goal is None else TUNING.changes
-        changes = usual // TUNING.whole if design.whole else usual
-    _, trajectory = best_motion(search, changes, progress)
-    motion = trajectory.motion(_instants(run))
-    told = partial(_prediction, known, goal, rivals)
+    search = _search_of(known, CRITERIA[criterion], goal, rivals, feasibility, still)
+    usual = TUNING.telling_changes if goal is None else TUNING.changes
+    _, trajectory = best_motion(search, changes or (usual // TUNING.whole if search.whole else usual), progress)
     never = ((_SUPPOSED,) if known.supposed else ()) + (() if goal is None else goal.never)
-    never += tuple(_cannot_tell(a, b) for one in rivals for a, b in inseparable(one, reference))
-    random = _usual(known, run, run.duration)
+    never += tuple(
+        f"no motion can tell {one} from {other}: efforts are the same under both"
+        for made in rivals
+        for one, other in inseparable(made, reference)
+    )
+    random = labelled(usual_motion(known.model.robot, limits, run.duration))
     return NextMotion(
         known=known,
         trajectory=trajectory,
         run=run,
         goal=goal,
         rivals=rivals,
-        predicted=told(motion),
-        of_random=told(random),
+        predicted=_prediction(known, goal, rivals, trajectory.motion(_instants(run))),
+        of_random=_prediction(known, goal, rivals, random),
         feasibility=feasibility,
         never=never,
         unchecked=_unchecked(run, assumed=assumed),
@@ -303,14 +292,11 @@ def _check(known: Known, payload: str, criterion: str, changes: int | None) -> N
     if criterion not in CRITERIA:
         raise InputError(f"{criterion!r} cannot be used", field="criterion", remedy=f"give {' or '.join(CRITERIA)}")
     if changes is not None and changes < 1:
-        raise InputError(
-            f"{changes} changes cannot be tried", field="changes", remedy=f"give 1 or more, as {TUNING.changes}"
-        )
+        remedy = f"give 1 or more, as {TUNING.changes}"
+        raise InputError(f"{changes} changes cannot be tried", field="changes", remedy=remedy)
     if payload and payload not in known.model.payloads:
-        labels = ", ".join(known.model.payloads) or "none"
-        raise InputError(
-            f"the result knows no {payload!r:.60}", field="payload", remedy=f"give one that it knows: {labels}"
-        )
+        remedy = f"give one that it knows: {', '.join(known.model.payloads) or 'none'}"
+        raise InputError(f"the result knows no {payload!r:.60}", field="payload", remedy=remedy)
 
 
 def _taken(
@@ -328,10 +314,9 @@ def _taken(
     if isinstance(result, Identification):
         recorded = result.signals.motion if recorded is None else recorded
         result = _with_lacking(result)
-    result = identified_of(result, "result")
-    if recorded is not None and len(recorded) > TUNING.most_recorded:
+    if recorded is not None:
         recorded = recorded[:: -(-len(recorded) // TUNING.most_recorded)]
-    return result, recorded, named
+    return identified_of(result, "result"), recorded, named
 
 
 def _with_lacking(result: Identification) -> IdentifiedModel:
@@ -349,7 +334,7 @@ def _with_lacking(result: Identification) -> IdentifiedModel:
     return replace(result.identified, lacking=lacking)
 
 
-def _settled(run: RunSettings, known: Known, recorded: Motion | None) -> RunSettings:
+def _settled(run: RunSettings, known: Known, recorded: Motion | None) -> tuple[MotionLimits, RunSettings]:
     """With limits and a start of one number for each joint."""
     robot = known.model.robot
     limits = check_limits(run.limits, robot)
@@ -361,20 +346,15 @@ def _settled(run: RunSettings, known: Known, recorded: Motion | None) -> RunSett
         efforts = np.asarray(run.effort_limits, dtype=float)
         if efforts.shape not in ((1,), (robot.n_joints,)) or not (efforts > 0.0).all():
             said = f"{', '.join(f'{value:g}' for value in efforts.ravel()[:8])} for {robot.n_joints} joints"
-            raise InputError(
-                said, field="effort_limits", remedy="give a positive number for each joint, or one for all, N m"
-            )
+            remedy = "give a positive number for each joint, or one for all, N m"
+            raise InputError(said, field="effort_limits", remedy=remedy)
         limits = check_limits(replace(limits, effort=run.effort_limits), robot)
-    if run.start is not None:
-        start = np.array(run.start, dtype=float)
-    elif recorded is not None:
-        start = np.array(recorded.q[0], dtype=float)
-    else:
-        start = 0.5 * (np.asarray(limits.lower) + np.asarray(limits.upper))
+    middle = 0.5 * (np.asarray(limits.lower) + np.asarray(limits.upper))
+    start = np.array(run.start if run.start is not None else middle if recorded is None else recorded.q[0], dtype=float)
     if start.shape != (robot.n_joints,) or not np.isfinite(start).all():
         said = f"{start.size} numbers, robot {robot.name} has {robot.n_joints} joints"
         raise InputError(said, field="start", remedy="give one position for each joint, in rad (m)")
-    return replace(run, limits=limits, start=tuple(start.tolist()))
+    return limits, replace(run, limits=limits, start=tuple(start.tolist()))
 
 
 def _check_start(feasibility: Feasibility, still: SplineTrajectory) -> None:
@@ -403,28 +383,32 @@ def _instants(run: RunSettings) -> Array:
     return np.linspace(0.0, run.duration, round(run.duration * run.rate) + 1)
 
 
-def _of_goal(known: Known, goal: Goal, run: RunSettings, criterion: str) -> Design:
-    assert run.limits is not None
-    judge = CRITERIA[criterion]
+def _search_of(
+    known: Known,
+    criterion: Callable[[Goal, Array], float],
+    goal: Goal | None,
+    rivals: tuple[RivalEffects, ...],
+    feasibility: Feasibility,
+    still: SplineTrajectory,
+) -> MotionSearch:
+    """For a goal, or for hypotheses: all classes count, each pair of each up to where it is told clearly."""
+    to_keep = feasibility, still.basis, still.control[0], still.payload
+    if goal is not None:
 
-    def worth(information: Array) -> float:
-        return judge(goal, known.covariance(information))
+        def left_of(information: Array) -> float:
+            return criterion(goal, known.covariance(information))
 
-    return Design(known.columns, known.weights, worth, whole=known.memory)
-
-
-def _of_rivals(rivals: tuple[RivalEffects, ...]) -> Design:
-    """All classes count, each pair of each up to where it is told clearly."""
+        return MotionSearch(known.columns, known.weights, left_of, known.memory, *to_keep)
+    ends = np.cumsum([0, *(len(one.recorded) for one in rivals)]).tolist()
+    own = [slice(*pair) for pair in pairwise(ends)]
 
     def columns(motion: Motion) -> Array:
         return np.concatenate([one.columns(motion) for one in rivals], axis=2)
 
-    def worth(information: Array) -> float:
-        ends = np.cumsum([0, *(len(one.recorded) for one in rivals)]).tolist()
-        parts = zip(rivals, ends[:-1], ends[1:], strict=True)
-        return sum(one.worth(information[start:end, start:end]) for one, start, end in parts)
+    def untold_of(information: Array) -> float:
+        return sum(one.worth(information[place, place]) for one, place in zip(rivals, own, strict=True))
 
-    return Design(columns, rivals[0].known.weights, worth, whole=any(one.memory for one in rivals))
+    return MotionSearch(columns, rivals[0].known.weights, untold_of, any(one.memory for one in rivals), *to_keep)
 
 
 def _prediction(
@@ -447,15 +431,6 @@ def _prediction(
         log10_bayes_factors=factors,
         certain_signs=certain_share(known, motion, period),
     )
-
-
-def _usual(known: Known, run: RunSettings, *duration: float) -> Motion:
-    assert run.limits is not None
-    return replace(usual_motion(known.model.robot, run.limits, *duration), payload=np.array(run.payload))
-
-
-def _cannot_tell(one: str, other: str) -> str:
-    return f"no motion can tell {one} from {other}: efforts are the same under both"
 
 
 def _unchecked(run: RunSettings, *, assumed: bool) -> tuple[str, ...]:

@@ -49,6 +49,7 @@ from bayesid.arrays import TINY, Array, Integers
 from bayesid.effects.coefficients import BaseCoefficients, base_coefficients
 from bayesid.effects.model import Model
 from bayesid.errors import InputError
+from bayesid.excitation.gaussian import information_of
 from bayesid.excitation.tuning import TUNING
 from bayesid.motion import Motion
 from bayesid.regression.knowledge import Beliefs
@@ -61,17 +62,11 @@ WRONG = 0.1
 
 @dataclass(frozen=True)
 class JointFlips:
-    """Groups of joints of which all signs can be turned at once.
+    """Groups of joints of which all signs can be turned at once."""
 
-    Attributes:
-        groups: (G,) their 0-based actuators; single joints come first, in their order.
-        share: (G,) of the energy that they hold, or all others if that is less.
-        resolvability: (G,) R of equation (1).
-    """
-
-    groups: tuple[tuple[int, ...], ...]
-    share: Array
-    resolvability: Array
+    groups: tuple[tuple[int, ...], ...]  # (G,) their 0-based actuators; single joints come first, in their order
+    share: Array  # (G,) of the energy that they hold, or all others if that is less
+    resolvability: Array  # (G,) R of equation (1)
 
     @property
     def weakest(self) -> int:
@@ -81,21 +76,13 @@ class JointFlips:
 
 @dataclass(frozen=True)
 class SegmentFlips:
-    """S segments whose signs can be turned one by one.
+    """S segments whose signs can be turned one by one."""
 
-    Attributes:
-        joint: (S,) 0-based actuator.
-        start: (S,) first sample.
-        end: (S,) sample after the last.
-        share: (S,) of the energy.
-        resolvability: (S,) R of equation (1).
-    """
-
-    joint: Integers
-    start: Integers
-    end: Integers
-    share: Array
-    resolvability: Array
+    joint: Integers  # (S,) 0-based actuator
+    start: Integers  # (S,) first sample
+    end: Integers  # (S,) sample after the last
+    share: Array  # (S,) of the energy
+    resolvability: Array  # (S,) R of equation (1)
 
     @property
     def doubtful(self) -> float:
@@ -167,11 +154,32 @@ def groups_of(joints: list[int], all_unsigned: bool = True) -> tuple[tuple[int, 
 # ---------------------------------------------------------------------------------------------------------------
 # Segments
 # ---------------------------------------------------------------------------------------------------------------
-def turn_segments(columns: Array, effort: Array, speed: Array, sigma: Array, weight: float) -> SegmentFlips:
-    """The segments of a motion whose efforts are known, and what turning each one weighs.
+def expected_segments(
+    columns: Array, effort: Array, speed: Array, weights: Array
+) -> tuple[Integers, Integers, Integers, Array, Array]:
+    """(S,) joint, first sample and sample after the last of each segment of known efforts, g (S, r) and c (S,) of (2).
 
     They end where the effort changes its sign and where the speed does: dry friction may hide a sign change there, so
     an identification has to cut there as well (`bayesid.log.segments`).
+
+    Args:
+        columns: (N, n, r).
+        effort: (N, n) noise-free efforts, N m.
+        speed: (N, n) of the actuators, rad/s.
+        weights: (N, n) what each sample counts for, 1/(N m)^2; segments end where it becomes zero, or no longer is.
+    """
+    n_samples, n = effort.shape
+    state = 4 * (weights > 0.0) + 2 * (effort > 0.0) + (speed > 0.0)
+    first = np.flatnonzero(np.vstack([np.ones((1, n), dtype=bool), state[1:] != state[:-1]]).T)  # joint after joint
+    end, joint = np.append(first[1:], n * n_samples), first // n_samples
+    rows = (columns * (weights * effort)[:, :, None]).swapaxes(0, 1).reshape(n * n_samples, -1)
+    gradient = np.add.reduceat(rows, first)
+    energy = np.add.reduceat((weights * effort**2).T.ravel(), first)
+    return joint, first - joint * n_samples, end - joint * n_samples, gradient, energy
+
+
+def turn_segments(columns: Array, effort: Array, speed: Array, sigma: Array, weight: float) -> SegmentFlips:
+    """What turning each segment of a motion whose efforts are known weighs.
 
     Args:
         columns: (N, n, r) base regressor.
@@ -180,18 +188,10 @@ def turn_segments(columns: Array, effort: Array, speed: Array, sigma: Array, wei
         sigma: (n,) noise of the efforts, N m.
         weight: independent samples that each of these stands for.
     """
-    n_samples, n = effort.shape
-    state = 2 * (effort > 0.0) + (speed > 0.0)
-    first = np.flatnonzero(np.vstack([np.ones((1, n), dtype=bool), state[1:] != state[:-1]]).T)  # joint after joint
-    end, joint = np.append(first[1:], n * n_samples), first // n_samples
-    scale = weight / sigma[joint] ** 2
-    rows = (columns * effort[:, :, None]).swapaxes(0, 1).reshape(n * n_samples, -1)
-    gradient = scale[:, None] * np.add.reduceat(rows, first)
-    energy = scale * np.add.reduceat((effort**2).T.ravel(), first)
-    hessian = np.einsum("j,jrs->rs", weight / sigma**2, joint_grams(columns))
-    cost = resolvability(inverse_gram(hessian), gradient, energy)
-    before = joint * n_samples
-    return SegmentFlips(joint, first - before, end - before, energy / max(float(energy.sum()), TINY), cost)
+    weights = np.broadcast_to(weight / sigma**2, effort.shape)
+    joint, start, end, gradient, energy = expected_segments(columns, effort, speed, weights)
+    cost = resolvability(inverse_gram(information_of(columns, weights)), gradient, energy)
+    return SegmentFlips(joint, start, end, energy / max(float(energy.sum()), TINY), cost)
 
 
 def turn_measured(moments: Moments, start: Integers, end: Integers, weight: float) -> SegmentFlips:
@@ -233,19 +233,12 @@ def inverse_gram(hessian: Array) -> Array:
 # ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Expectation:
-    """K plausible robots with the same kinematics.
+    """K plausible robots with the same kinematics."""
 
-    Attributes:
-        model: robot and terms.
-        coefficients: its r base coefficients.
-        thetas: (K, P) their parameters.
-        size: (r,) RMS of each coefficient over many such robots: how uncertain it is beforehand.
-    """
-
-    model: Model
-    coefficients: BaseCoefficients
-    thetas: Array
-    size: Array
+    model: Model  # robot and terms
+    coefficients: BaseCoefficients  # its r base coefficients
+    thetas: Array  # (K, P) their parameters
+    size: Array  # (r,) RMS of each coefficient over many such robots: how uncertain it is beforehand
 
     @property
     def betas(self) -> Array:
@@ -316,6 +309,5 @@ def check_noise(noise: float) -> None:
         InputError: it cannot.
     """
     if not 0.0 < noise <= 10.0:  # beyond, nothing is shown at all
-        raise InputError(
-            f"a noise of {noise:g} cannot be used", field="noise", remedy="give a share of the RMS effort, as 0.05"
-        )
+        remedy = "give a share of the RMS effort, as 0.05"
+        raise InputError(f"a noise of {noise:g} cannot be used", field="noise", remedy=remedy)

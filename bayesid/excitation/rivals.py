@@ -1,8 +1,8 @@
-"""Hypotheses that a log cannot tell apart, and how clearly a motion would tell.
+"""Hypotheses that a log cannot tell apart, and how clearly a motion would tell: expected Bayes factors.
 
-Each hypothesis is the model without the effects in question, with columns of one of them. What is linear in an effect's
-numbers is summed out (`bayesid.excitation.bayes_factors`); of its forms with other numbers the one counts that imitates
-best. So what is expected is that of the least clear case.
+Each hypothesis is the model without the effects in question, with columns of one of them; what is linear in an effect's
+numbers is summed out (`bayesid.excitation.gaussian`). Of its forms with other numbers the one counts that imitates
+best: what is expected is that of the least clear case.
 """
 
 from __future__ import annotations
@@ -13,16 +13,16 @@ from functools import cached_property
 
 import numpy as np
 
-from bayesid.arrays import Array, Integers
+from bayesid.arrays import TINY, Array, Integers
 from bayesid.discrepancy.workflow import CHANGE_OF
-from bayesid.effects import Distortion, Term, catalogue
+from bayesid.effects import catalogue
 from bayesid.effects.catalogue import main_forms
 from bayesid.effects.coefficients import base_coefficients
 from bayesid.effects.effect import Effect
 from bayesid.effects.model import Model
 from bayesid.errors import InputError
-from bayesid.excitation.bayes_factors import BayesFactors, FormKnowledge
-from bayesid.excitation.known import Known, information_of, inverse, scaled_spectrum
+from bayesid.excitation.gaussian import Belief, expected_factors, information_of, inverse, scaled_spectrum
+from bayesid.excitation.known import Known
 from bayesid.excitation.tuning import TUNING
 from bayesid.motion import Motion
 from bayesid.regression.selection.added_effect import AddedEffect
@@ -31,21 +31,21 @@ from bayesid.regression.selection.hypotheses import EffectKey, forms_of, maker
 
 _RANK = 1e-6
 """Share of a column's length that others must leave for a motion to tell it from them."""
+_REMEDY = "give effects with their joints, as in stribeck_friction:3,thermal_drift:3 (docs/discrepancy.md has all)"
 Changes = Mapping[EffectKey, Mapping[str, float]]
 """Hypotheses that a term of the model has changed, and by how much which parameters, where the result has found it."""
-NO_CHANGES: Changes = {}
+Classes = tuple[tuple[EffectKey, ...], ...]
+"""Of hypotheses each of which is to be told from the others of its class; the one that was named first comes first."""
 
 
+# ---------------------------------------------------------------------------------------------------------------
+# Which hypotheses
+# ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Hypotheses:
-    """Classes of effects of which each class is to be told apart.
+    """Classes of effects of which each class is to be told apart, and those of them that are changes of a term."""
 
-    Attributes:
-        classes: effect and joints (from 1) of each hypothesis, the one that was named first.
-        changed: those that are a change of a term which the model had before, and by how much which parameters.
-    """
-
-    classes: tuple[tuple[EffectKey, ...], ...] = ()
+    classes: Classes = ()
     changed: Changes = field(default_factory=dict)
 
 
@@ -54,9 +54,7 @@ def hypotheses_of(names: Sequence[str]) -> Hypotheses:
     return Hypotheses((tuple(map(parse_key, names)),) if names else ())
 
 
-def hypotheses_after(
-    found: Sequence[AddedEffect], classes: tuple[tuple[EffectKey, ...], ...], *, asked: bool
-) -> Hypotheses:
+def hypotheses_after(found: Sequence[AddedEffect], classes: Classes, *, asked: bool) -> Hypotheses:
     """Hypotheses of a discrepancy that has found some effects.
 
     Args:
@@ -68,61 +66,66 @@ def hypotheses_after(
     for added in found:
         changed |= {score.key: {} for score in added.rivals if score.hypothesis.changes}
     for added in found:
-        steps = {name: added.parameters[f"{CHANGE_OF}{name}"][0] for name in added.hypothesis.changes}
-        if steps:
+        if added.hypothesis.changes:
+            steps = {name: added.parameters[f"{CHANGE_OF}{name}"][0] for name in added.hypothesis.changes}
             changed[added.hypothesis.key] = steps
     if asked and not classes:
         classes = equivalent_classes([(one.effect, one.joints, _equivalents(one)) for one in found])
     return Hypotheses(classes, changed)
 
 
-def _equivalents(added: AddedEffect) -> list[str]:
-    """Names of the effects that are equivalent to one, with the joints in which they are, as `--between` takes them."""
-    keys = {score.hypothesis.effect: score.key for score in reversed(added.rivals)}  # the best of each name
-    found = (keys.get(name) for name in added.equivalent)
-    return [
-        name if key is None else f"{name}:{':'.join(map(str, key[1]))}"  # with no joint behind it, the whole robot
-        for name, key in zip(added.equivalent, found, strict=True)
-    ]
+def _equivalents(added: AddedEffect) -> dict[str, tuple[int, ...] | None]:
+    joints = {score.hypothesis.effect: score.key[1] for score in reversed(added.rivals)}  # the best of each name
+    return {name: joints.get(name) for name in added.equivalent}
 
 
 def equivalent_classes(
-    found: Sequence[tuple[str, tuple[int, ...], Sequence[str]]],
-) -> tuple[tuple[EffectKey, ...], ...]:
-    """Classes of hypotheses that a log could not tell apart: effect and joints of each, the one that was named first.
+    found: Sequence[tuple[str, tuple[int, ...], Mapping[str, tuple[int, ...] | None]]],
+) -> Classes:
+    """Classes of hypotheses that a log could not tell apart.
 
     Args:
-        found: effect, joints and names of the effects that are equivalent, of each effect that was found. These act in
-            the same joints, or in the whole robot where they can in no joint alone, unless their names say more
-            ("thermal_drift:3", and "delay:" in the whole robot).
+        found: of each effect that was found its name, its joints, and the effects that are equivalent with theirs. An
+            effect whose joints are not known acts in the same, or in the whole robot where it can in no joint alone.
     """
-    told = [one for one in found if one[2]]
     return tuple(
-        ((effect, joints), *(parse_key(other) if ":" in other else _placed(other, joints) for other in equivalent))
-        for effect, joints, equivalent in told
+        ((effect, joints), *((one, _placed(one, joints) if where is None else where) for one, where in others.items()))
+        for effect, joints, others in found
+        if others
     )
 
 
-def _placed(effect: str, joints: tuple[int, ...]) -> EffectKey:
+def _placed(effect: str, joints: tuple[int, ...]) -> tuple[int, ...]:
     kind = main_forms().get(effect)
-    return effect, joints if kind is None or kind.by_joint else ()
+    return joints if kind is None or kind.by_joint else ()
 
 
+def parse_key(text: str) -> EffectKey:
+    """An effect and its joints, as in `stribeck_friction:3`.
+
+    Raises:
+        InputError: it is none of the catalogue.
+    """
+    effect, *joints = text.strip().split(":")
+    if effect not in {kind.name.split(".")[0] for kind in catalogue.forms().values()}:
+        raise InputError(f"{effect!r} is no effect of the catalogue", field="between", remedy=_REMEDY)
+    try:
+        return effect, tuple(int(joint) for joint in joints if joint)
+    except ValueError:
+        raise InputError(f"{text!r}: joints are whole numbers", field="between", remedy=_REMEDY) from None
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# What each of them holds for true
+# ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class RivalForm:
-    """One form of a hypothesis.
+    """One form of a hypothesis."""
 
-    Attributes:
-        source: term or distortion.
-        place: of its columns among all, its amplitudes first.
-        sd: (p,) of its amplitudes beforehand; `TUNING.shift` of a change without amplitude.
-        mean: (p,) of them beforehand.
-    """
-
-    source: Effect
-    place: slice
-    sd: Array
-    mean: Array
+    source: Effect  # term or distortion
+    place: slice  # of its columns among all, its amplitudes first
+    sd: Array  # (p,) of its amplitudes beforehand; `TUNING.shift` of a change without amplitude
+    mean: Array  # (p,) of them beforehand
 
     @property
     def columns(self) -> Integers:
@@ -132,17 +135,11 @@ class RivalForm:
 
 @dataclass(frozen=True)
 class Rival:
-    """A hypothesis.
-
-    Attributes:
-        key: effect and joints.
-        forms: with different numbers.
-        own: (p,) amplitudes of its first form that the result has found; None where the result has not got it.
-    """
+    """A hypothesis."""
 
     key: EffectKey
-    forms: tuple[RivalForm, ...]
-    own: Array | None
+    forms: tuple[RivalForm, ...]  # with different numbers
+    own: Array | None  # (p,) amplitudes of its first form that the result has found; None where it has not got it
 
     @property
     def name(self) -> str:
@@ -153,19 +150,12 @@ class Rival:
 
 @dataclass(frozen=True)
 class RivalEffects:
-    """Hypotheses, and what is known beside them.
+    """A class of hypotheses, and what is known beside them."""
 
-    Attributes:
-        known: the result without the effects in question.
-        rivals: at least two.
-        recorded: (R, R) information of the earlier recording on all columns; zero where its motion is not at hand.
-        prior: (r, r) inverse covariance of the coefficients before it, or of now where its motion is not at hand.
-    """
-
-    known: Known
-    rivals: tuple[Rival, ...]
-    recorded: Array
-    prior: Array
+    known: Known  # the result without the effects in question
+    rivals: tuple[Rival, ...]  # at least two
+    recorded: Array  # (R, R) information of the earlier recording on all columns; zero where it is not at hand
+    prior: Array  # (r, r) inverse covariance of the coefficients before it, or of now where it is not at hand
 
     @property
     def pairs(self) -> list[tuple[Rival, Rival]]:
@@ -175,14 +165,13 @@ class RivalEffects:
     def columns(self, motion: Motion) -> Array:
         """(N, n, R) those of the coefficients, then those of all forms."""
         base = self.known.columns(motion)
-        parts = [base]
-        scene = self.known.model.scene(motion, self.known.theta, base @ self.known.mean, np.abs(base @ self.known.mean))
-        for rival in self.rivals:
-            for form in rival.forms:
-                shift, rows = form.source.change(scene)
-                parts.append(rows)
-                if form.place.stop - form.place.start > rows.shape[2]:
-                    parts.append(shift[:, :, None])
+        effort = base @ self.known.mean
+        scene, parts = self.known.model.scene(motion, self.known.theta, effort, np.abs(effort)), [base]
+        for form in (form for rival in self.rivals for form in rival.forms):
+            shift, rows = form.source.change(scene)
+            parts.append(rows)
+            if form.place.stop - form.place.start > rows.shape[2]:
+                parts.append(shift[:, :, None])
         return np.concatenate(parts, axis=2)
 
     @property
@@ -195,77 +184,65 @@ class RivalEffects:
 
         A hypothesis that is a special case of another is never told clearly from it, and must not hold up the others.
         """
-        return -float(np.minimum(self._factors.expected(information), 2.0 * TUNING.telling * LN10).sum())
+        factors = expected_factors(self._beliefs, information)
+        return -float(np.minimum(factors, 2.0 * TUNING.telling * LN10).sum())
 
     def expected(self, information: Array) -> dict[tuple[str, str], float]:
         """Expected log Bayes factor, nats, of each hypothesis if it is true, against each other."""
-        factors = self._factors.expected(information).tolist()
+        factors = expected_factors(self._beliefs, information).tolist()
         return {(a.name, b.name): value for (a, b), value in zip(self.pairs, factors, strict=True)}
 
     @cached_property
-    def _factors(self) -> BayesFactors:
-        under = self._under
-        return BayesFactors(
-            len(self.known),
-            [
-                (self._truth[true.name][0], [under[form.place.start, true.name] for form in other.forms])
-                for true, other in self.pairs
-            ],
-        )
+    def _beliefs(self) -> list[tuple[Belief, list[Belief]]]:
+        """Of each pair, what is true, and what the forms of the other one hold after the earlier recording."""
+        truths = self._truths
+        return [(truths[a.name], [self._after(form, truths[a.name]) for form in b.forms]) for a, b in self.pairs]
 
     @cached_property
-    def _truth(self) -> dict[str, tuple[FormKnowledge, RivalForm]]:
-        """What is true where each of the hypotheses is, and in which form."""
+    def _truths(self) -> dict[str, Belief]:
+        """What is true where each of the hypotheses is.
+
+        Where the result has found one of them, another one has looked to the earlier recording as that one did.
+        """
         found = next((rival for rival in self.rivals if rival.own is not None), None)
-        cases = {}
+        truths = {}
         for rival in self.rivals:
-            form = rival.forms[len(rival.forms) // 2]
-            if rival.own is not None:
-                form = rival.forms[0]
-                own = replace(form, mean=rival.own)
-                cases[rival.name] = self._after(own, np.concatenate([self.known.mean, rival.own]), form), form
-            elif found is None:
-                cases[rival.name] = self._after(form, np.concatenate([self.known.mean, form.mean]), form), form
+            if rival.own is None and found is not None and found.own is not None:
+                seen = self._of(found.forms[0], found.own)
+                truths[rival.name] = max((self._after(form, seen) for form in rival.forms), key=lambda one: one.fit)
             else:
-                mimics = [(self._mimic(one, found), one) for one in rival.forms]
-                cases[rival.name] = max(mimics, key=lambda mimic: mimic[0].fit)
-        return cases
-
-    def _mimic(self, form: RivalForm, found: Rival) -> FormKnowledge:
-        return self._after(form, np.concatenate([self.known.mean, np.asarray(found.own)]), found.forms[0])
-
-    @cached_property
-    def _under(self) -> dict[tuple[int, str], FormKnowledge]:
-        """What each form of a hypothesis holds for true after the earlier recording, where another one is true."""
-        cases = {}
-        for true, other in self.pairs:
-            case, of = self._truth[true.name]
-            for form in other.forms:
-                cases[form.place.start, true.name] = self._after(form, case.mean, of)
-        return cases
+                form = rival.forms[len(rival.forms) // 2]
+                form = form if rival.own is None else replace(rival.forms[0], mean=rival.own)
+                truths[rival.name] = self._after(form, self._of(form, form.mean))
+        return truths
 
     def best_fit(self, form: RivalForm, rival: Rival) -> float:
         """How well a form of a hypothesis fits the earlier recording where one of the others is true."""
-        truths = [self._truth[one.name] for one in self.rivals if one is not rival]
-        return max(self._after(form, case.mean, of).fit for case, of in truths)
+        return max(self._after(form, self._truths[one.name]).fit for one in self.rivals if one is not rival)
 
-    def _after(self, form: RivalForm, truth: Array, of: RivalForm) -> FormKnowledge:
-        """A form after the earlier recording, in which another form was true with quantities (R,)."""
+    def _of(self, form: RivalForm, amplitudes: Array) -> Belief:
+        """A form before the earlier recording, about some amplitudes (p,)."""
         r = len(self.known)
-        own, true = (np.concatenate([np.arange(r), one.columns]) for one in (form, of))
-        before = np.diag(1.0 / np.concatenate([np.ones(r), form.sd]) ** 2)
-        before[:r, :r] = self.prior
-        mean = np.concatenate([self.known.mean, form.mean])
-        seen = self.recorded[np.ix_(own, own)]
-        pull = before @ mean + self.recorded[np.ix_(own, true)] @ truth
-        precision = before + seen
-        estimate = inverse(precision) @ pull
-        fit = float(pull @ estimate - mean @ before @ mean)
-        return FormKnowledge(own, estimate, precision, fit)
+        precision = np.diag(1.0 / np.concatenate([np.ones(r), form.sd]) ** 2)
+        precision[:r, :r] = self.prior
+        columns = np.concatenate([np.arange(r), form.columns])
+        return Belief(columns, np.concatenate([self.known.mean, amplitudes]), precision)
+
+    def _after(self, form: RivalForm, true: Belief) -> Belief:
+        """A form after the earlier recording, in which the means of another belief were true."""
+        before = self._of(form, form.mean)
+        pull = before.precision @ before.mean
+        seen = pull + self.recorded[np.ix_(before.columns, true.columns)] @ true.mean
+        precision = before.precision + self.recorded[np.ix_(before.columns, before.columns)]
+        mean = inverse(precision) @ seen
+        return Belief(before.columns, mean, precision, float(seen @ mean - before.mean @ pull))
 
 
+# ---------------------------------------------------------------------------------------------------------------
+# How they come from a result
+# ---------------------------------------------------------------------------------------------------------------
 def make_rivals(
-    known: Known, keys: Sequence[EffectKey], earlier: Motion | None, reference: Motion, changed: Changes = NO_CHANGES
+    known: Known, keys: Sequence[EffectKey], earlier: Motion | None, reference: Motion, changed: Changes | None = None
 ) -> RivalEffects:
     """Hypotheses of a result.
 
@@ -280,44 +257,55 @@ def make_rivals(
         InputError: an effect is not in the catalogue, or has no form in these joints.
     """
     if len(set(keys)) < 2:
-        raise InputError(
-            "takes two different hypotheses", field="between", remedy="as in stribeck_friction:3,thermal_drift:3"
-        )
+        remedy = "as in stribeck_friction:3,thermal_drift:3"
+        raise InputError("takes two different hypotheses", field="between", remedy=remedy)
+    changed = {key: step for key, step in (changed or {}).items() if key in keys}
     bare, found = _without(known, [key for key in keys if key not in changed])
-    prior = None if earlier is None else _before(known, bare, earlier)
-    bare, steps = _as_before(bare.undelayed, {key: changed[key] for key in keys if key in changed})
-    scene_motion = reference if earlier is None else earlier
-    effort = np.einsum("njr,r->nj", bare.columns(scene_motion), bare.mean)
-    scene = bare.model.scene(scene_motion, bare.theta, effort, np.abs(effort))
-    actuators = bare.model.robot.actuators(scene_motion)
-    used = np.abs(actuators.dq) > actuators.standstill_speed
-    make = maker(bare.model, scene, used)
+    prior = bare.precision if earlier is None else _before(known, bare, earlier)
+    bare, steps = _as_before(bare.undelayed, changed)
+    rivals = _rivals(bare, keys, found, steps, reference if earlier is None else earlier)
+    size = rivals[-1].forms[-1].place.stop
+    made = RivalEffects(bare, rivals, np.zeros((size, size)), prior)
+    if earlier is not None:
+        for rival in rivals:
+            if rival.key in steps:
+                prior = _unstepped(prior, bare, list(changed[rival.key]), rival.forms[0].sd)
+        recorded = information_of(made.columns(earlier), bare.weights(earlier, _period(earlier)))
+        made = replace(made, recorded=recorded, prior=prior)
+    return _likeliest(made)
+
+
+def _rivals(
+    bare: Known,
+    keys: Sequence[EffectKey],
+    found: Mapping[EffectKey, tuple[Effect, Array]],
+    steps: Mapping[EffectKey, Array],
+    motion: Motion,
+) -> tuple[Rival, ...]:
+    """Every form of each hypothesis on a motion; that which the result has found comes first."""
+    effort = np.einsum("njr,r->nj", bare.columns(motion), bare.mean)
+    scene = bare.model.scene(motion, bare.theta, effort, np.abs(effort))
+    actuators = bare.model.robot.actuators(motion)
+    make = maker(bare.model, scene, np.abs(actuators.dq) > actuators.standstill_speed)
     rivals, place = [], len(bare)
     for key in keys:
-        own = found.get(key)
-        hypotheses = [one for group in forms_of(*key, make, scene) for one in group]
-        if own is not None:
-            hypotheses = [make(own[0]), *hypotheses]
+        own, amplitudes = found.get(key), steps.get(key)
+        hypotheses = [] if own is None else [make(own[0])]
+        hypotheses += [one for group in forms_of(*key, make, scene) for one in group]
         if not hypotheses:
-            raise InputError(f"{key[0]!r} has no form in {_joints(key)}", field="between", remedy=_remedy())
+            where = f"joint {', '.join(map(str, key[1]))}" if key[1] else "the whole robot"
+            raise InputError(f"{key[0]!r} has no form in {where}", field="between", remedy=_REMEDY)
         forms = []
         for one in hypotheses:
-            shift = any(np.any(values) for values in one.columns.shift.values())
-            sd = np.concatenate([one.columns.sd, np.full(int(shift), TUNING.shift)])
-            mean = np.concatenate([np.zeros(len(one.columns.sd)), np.ones(int(shift))])
+            shift = int(any(np.any(values) for values in one.columns.shift.values()))
+            sd = np.concatenate([one.columns.sd, np.full(shift, TUNING.shift)])
+            mean = np.concatenate([np.zeros(len(one.columns.sd)), np.ones(shift)])
             forms.append(RivalForm(one.source, slice(place, place + len(sd)), sd, mean))
             place += len(sd)
-        amplitudes = steps.get(key) if own is None else _amplitudes(forms[0], own[1])
+        if own is not None:  # a term's parameters, or nothing beside the change that a distortion is
+            amplitudes = np.concatenate([own[1], forms[0].mean[len(own[1]) :]])
         rivals.append(Rival(key, tuple(forms), amplitudes))
-    made = RivalEffects(bare, tuple(rivals), np.zeros((place, place)), bare.precision)
-    if earlier is None:
-        return _likeliest(made)
-    recorded = information_of(made.columns(earlier), made.known.weights(earlier, _period(earlier)))
-    assert prior is not None
-    for rival in rivals:
-        if rival.key in steps:
-            prior = _unstepped(prior, bare, list(changed[rival.key]), rival.forms[0].sd)
-    return _likeliest(replace(made, recorded=recorded, prior=prior))
+    return tuple(rivals)
 
 
 def _period(motion: Motion) -> float:
@@ -328,12 +316,11 @@ def _as_before(known: Known, changed: Changes) -> tuple[Known, dict[EffectKey, A
     """The result with terms as they were before they changed, and by how much they did, where that was found."""
     names = [parameter.name for parameter in known.model.parameters]
     steps = {key: np.array(list(step.values())) for key, step in changed.items() if step}
-    theta = known.theta.copy()
-    for key, step in steps.items():
-        theta[[names.index(name) for name in changed[key]]] -= step
     if not steps:
         return known, steps
-    mean = known.mean.copy()
+    theta, mean = known.theta.copy(), known.mean.copy()
+    for key, step in steps.items():
+        theta[[names.index(name) for name in changed[key]]] -= step
     mean[: len(known.coefficients)] = known.coefficients.project(theta)
     return replace(known, theta=theta, mean=mean), steps
 
@@ -360,11 +347,10 @@ def _before(known: Known, bare: Known, earlier: Motion) -> Array:
     What the recording tells is taken from what is known now; where it tells all of it, next to nothing was known.
     """
     values, vectors, scale = scaled_spectrum(known.precision)
-    root = scale[:, None] * vectors * np.sqrt(np.maximum(values, np.finfo(float).tiny))  # L = root root'
+    root = scale[:, None] * vectors * np.sqrt(np.maximum(values, TINY))  # L = root root'
     whiten = np.linalg.pinv(root)
     told, turn = np.linalg.eigh(whiten @ known.information(earlier, _period(earlier)) @ whiten.T)
-    left = np.clip(1.0 - told, 1.0 / TUNING.wider**2, 1.0)
-    spread = whiten.T @ turn / np.sqrt(left)
+    spread = whiten.T @ turn / np.sqrt(np.clip(1.0 - told, 1.0 / TUNING.wider**2, 1.0))
     if bare is not known:
         spread = _turn(known, bare.model) @ spread[: len(known.coefficients)]
     return inverse(spread @ spread.T)
@@ -378,88 +364,27 @@ def _turn(known: Known, model: Model) -> Array:
     return turn
 
 
-def _likeliest(rivals: RivalEffects) -> RivalEffects:
-    """The forms of each hypothesis that imitate the others best on the earlier recording; evenly many without one."""
-    chosen = [_chosen(rivals, rival) for rival in rivals.rivals]
-    r = len(rivals.known)
-    kept = np.concatenate([np.arange(r), *(form.columns for forms in chosen for form in forms)])
-    place, left = r, []
-    for rival, forms in zip(rivals.rivals, chosen, strict=True):
-        moved = []
-        for form in forms:
-            moved.append(replace(form, place=slice(place, place + len(form.sd))))
-            place += len(form.sd)
-        left.append(replace(rival, forms=tuple(moved)))
-    return replace(rivals, rivals=tuple(left), recorded=rivals.recorded[np.ix_(kept, kept)])
-
-
-def _chosen(rivals: RivalEffects, rival: Rival) -> list[RivalForm]:
-    """As many forms as are looked at; the one that the result has found is the first of them."""
-    forms, first = list(rival.forms), int(rival.own is not None)
-    if len(forms) <= TUNING.most_forms:
-        return forms
-    if not rivals.recorded.any():
-        return [forms[k] for k in np.unique(np.linspace(0, len(forms) - 1, TUNING.most_forms).astype(int))]
-    fits = [rivals.best_fit(form, rival) for form in forms[first:]]
-    best = np.sort(np.argsort(fits)[::-1][: TUNING.most_forms - first]) + first
-    return [*forms[:first], *(forms[k] for k in best)]
-
-
-def _amplitudes(form: RivalForm, theta: Array) -> Array:
-    """(p,) of a form that the result has: a term's parameters, or nothing beside the change that a distortion is."""
-    return np.concatenate([theta, form.mean[len(theta) :]])
-
-
-def parse_key(text: str) -> EffectKey:
-    """An effect and its joints, as in `stribeck_friction:3`.
-
-    Raises:
-        InputError: it is none of the catalogue.
-    """
-    effect, *joints = text.strip().split(":")
-    known = {kind.name.split(".")[0] for kind in catalogue.forms().values()}
-    if effect not in known:
-        raise InputError(f"{effect!r} is no effect of the catalogue", field="between", remedy=_remedy())
-    try:
-        return effect, tuple(int(joint) for joint in joints if joint)
-    except ValueError:
-        raise InputError(f"{text!r}: joints are whole numbers", field="between", remedy=_remedy()) from None
-
-
-def _remedy() -> str:
-    return "give effects with their joints, as in stribeck_friction:3,thermal_drift:3 (docs/discrepancy.md has all)"
-
-
-def _joints(key: EffectKey) -> str:
-    return f"joint {', '.join(map(str, key[1]))}" if key[1] else "the whole robot"
-
-
 def _without(known: Known, keys: Sequence[EffectKey]) -> tuple[Known, dict[EffectKey, tuple[Effect, Array]]]:
     """The result without some effects, and those that it has: the effect and its amplitudes."""
-    found: dict[EffectKey, tuple[Effect, Array]] = {}
-    terms: list[Term] = []
-    kept: list[int] = []
-    for term, place in zip(known.model.terms, known.model.places, strict=True):
-        key = term.effect, term.joints
-        if key in keys:
-            found[key] = (term, known.theta[place])
-            continue
-        terms.append(term)
-        kept += range(place.start, place.stop)
-    distortions: list[Distortion] = []
-    for one in known.model.distortions:
-        key = one.effect, one.joints
-        if key in keys:
-            found[key] = (one, np.zeros(0))
-        else:
-            distortions.append(one)
+    terms = list(zip(known.model.terms, known.model.places, strict=True))
+    found: dict[EffectKey, tuple[Effect, Array]] = {
+        (term.effect, term.joints): (term, known.theta[place])
+        for term, place in terms
+        if (term.effect, term.joints) in keys
+    }
+    found |= {
+        (one.effect, one.joints): (one, np.zeros(0))
+        for one in known.model.distortions
+        if (one.effect, one.joints) in keys
+    }
     if not found:
         return known, found
-    model, theta = Model(known.model.robot, tuple(terms), tuple(distortions)), known.theta[kept]
-    base, turn = base_coefficients(model), _turn(known, model)
-    covariance = known.now[: len(known.coefficients), : len(known.coefficients)]
-    left = turn @ covariance @ turn.T
-    precision = inverse(left)
+    kept = [(term, place) for term, place in terms if (term.effect, term.joints) not in found]
+    distortions = tuple(one for one in known.model.distortions if (one.effect, one.joints) not in found)
+    model = Model(known.model.robot, tuple(term for term, _ in kept), distortions)
+    theta = np.concatenate([known.theta[place] for _, place in kept])
+    base, turn, r = base_coefficients(model), _turn(known, model), len(known.coefficients)
+    precision = inverse(turn @ known.now[:r, :r] @ turn.T)
     bare = replace(
         known,
         model=model,
@@ -475,22 +400,48 @@ def _without(known: Known, keys: Sequence[EffectKey]) -> tuple[Known, dict[Effec
     return bare, found
 
 
-def inseparable(rivals: RivalEffects, motion: Motion) -> list[tuple[str, str]]:
+def _likeliest(made: RivalEffects) -> RivalEffects:
+    """The forms of each hypothesis that imitate the others best on the earlier recording; evenly many without one."""
+    r = len(made.known)
+    chosen = [_chosen(made, rival) for rival in made.rivals]
+    kept = np.concatenate([np.arange(r), *(form.columns for forms in chosen for form in forms)])
+    rivals, place = [], r
+    for rival, forms in zip(made.rivals, chosen, strict=True):
+        ends = place + np.cumsum([0, *(len(form.sd) for form in forms)])
+        moved = [replace(form, place=slice(*ends[k : k + 2].tolist())) for k, form in enumerate(forms)]
+        rivals.append(replace(rival, forms=tuple(moved)))
+        place = int(ends[-1])
+    return replace(made, rivals=tuple(rivals), recorded=made.recorded[np.ix_(kept, kept)])
+
+
+def _chosen(made: RivalEffects, rival: Rival) -> list[RivalForm]:
+    """As many forms as are looked at; the one that the result has found is the first of them."""
+    forms, first = list(rival.forms), int(rival.own is not None)
+    if len(forms) <= TUNING.most_forms:
+        return forms
+    if not made.recorded.any():
+        return [forms[k] for k in np.unique(np.linspace(0, len(forms) - 1, TUNING.most_forms).astype(int))]
+    fits = [made.best_fit(form, rival) for form in forms[first:]]
+    best = np.sort(np.argsort(fits)[::-1][: TUNING.most_forms - first]) + first
+    return [*forms[:first], *(forms[k] for k in best)]
+
+
+def inseparable(made: RivalEffects, motion: Motion) -> list[tuple[str, str]]:
     """Pairs that no motion tells apart: a rich one shows each in columns that the other has too."""
-    columns = rivals.columns(motion)
+    columns = made.columns(motion)
     rows = columns.reshape(-1, columns.shape[2])
-    rows = rows / np.maximum(np.linalg.norm(rows, axis=0), np.finfo(float).tiny)
-    r, pairs = len(rivals.known), []
+    rows = rows / np.maximum(np.linalg.norm(rows, axis=0), TINY)
+    r, pairs = len(made.known), []
     base, own = rows[:, :r], rows[:, r:]
     beside = own - base @ np.linalg.lstsq(base, own, rcond=None)[0]  # what the coefficients leave of each column
-    for k, a in enumerate(rivals.rivals):
-        for b in rivals.rivals[k + 1 :]:
-            if any(
-                _among(beside[:, one.columns - r], beside[:, other.columns - r])
-                and _among(beside[:, other.columns - r], beside[:, one.columns - r])
-                for one in a.forms
-                for other in b.forms
-            ):
+
+    def alike(one: RivalForm, other: RivalForm) -> bool:
+        first, second = (beside[:, form.columns - r] for form in (one, other))
+        return _among(first, second) and _among(second, first)
+
+    for k, a in enumerate(made.rivals):
+        for b in made.rivals[k + 1 :]:
+            if any(alike(one, other) for one in a.forms for other in b.forms):
                 pairs.append((a.name, b.name))
     return pairs
 

@@ -17,7 +17,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from bayesid.arrays import Array
-from bayesid.excitation.known import information_of
+from bayesid.excitation.gaussian import information_of
 from bayesid.excitation.splines import DEGREE, ENDS, Feasibility, SplineBasis, SplineTrajectory, at_rest
 from bayesid.excitation.tuning import TUNING
 from bayesid.motion import Motion
@@ -27,54 +27,35 @@ from bayesid.simulation.trajectories import MotionLimits, random_trajectory
 
 
 @dataclass(frozen=True)
-class Design:
-    """What a motion is worth.
+class _Tried:
+    """A motion, and what is known of it."""
+
+    trajectory: SplineTrajectory
+    columns: Array  # (N, n, R) at the instants of the search
+    weights: Array  # (N, n)
+    information: Array  # (R, R)
+    cost: float  # its worth
+
+
+@dataclass(frozen=True)
+class MotionSearch:
+    """A search: what to look for, what to keep, and where.
 
     Attributes:
         columns: of a motion (N, n) those of all that is to be told, (N, n, R).
         weights: of a motion and the seconds between its samples, what each sample counts for, (N, n).
         worth: of information (R, R); the less, the better.
         whole: whether columns depend on the whole motion.
-    """
-
-    columns: Callable[[Motion], Array]
-    weights: Callable[[Motion, float], Array]
-    worth: Callable[[Array], float]
-    whole: bool
-
-
-@dataclass(frozen=True)
-class _Tried:
-    """A motion, and what is known of it.
-
-    Attributes:
-        trajectory: the motion.
-        columns: (N, n, R) at the instants of the search.
-        weights: (N, n).
-        information: (R, R).
-        cost: its worth.
-    """
-
-    trajectory: SplineTrajectory
-    columns: Array
-    weights: Array
-    information: Array
-    cost: float
-
-
-@dataclass(frozen=True)
-class MotionSearch:
-    """A search.
-
-    Attributes:
-        design: what to look for.
         feasibility: what to keep.
         basis: of the motion.
         pose: (n,) at both ends, rad.
         payload: label of what the flange carries.
     """
 
-    design: Design
+    columns: Callable[[Motion], Array]
+    weights: Callable[[Motion, float], Array]
+    worth: Callable[[Array], float]
+    whole: bool
     feasibility: Feasibility
     basis: SplineBasis
     pose: Array
@@ -134,10 +115,7 @@ class MotionSearch:
     def _random(self, rng: np.random.Generator) -> Array:
         """(K, n) control points of a random motion that begins and ends in the pose, by its values at their places."""
         can, places, n = self.feasibility, self.basis.places, len(self.pose)
-        lower, upper, velocity, acceleration = (
-            tuple(each.tolist()) for each in (can.lower, can.upper, can.rates[0], can.rates[1])
-        )
-        limits = MotionLimits(lower, upper, velocity, acceleration)
+        limits = MotionLimits(*(tuple(each.tolist()) for each in (can.lower, can.upper, can.rates[0], can.rates[1])))
         wave = random_trajectory(n, self.basis.duration, seed=int(rng.integers(2**31)), limits=limits)
         away = np.minimum(places, self.basis.duration - places) / min(TUNING.rise, 0.5 * self.basis.duration)
         share = np.sin(0.5 * np.pi * np.clip(away, 0.0, 1.0)) ** 2
@@ -146,43 +124,32 @@ class MotionSearch:
 
     def _judged(self, trajectory: SplineTrajectory) -> _Tried:
         motion = self._motion(trajectory)
-        columns, weights = self.design.columns(motion), self.design.weights(motion, 1.0 / self.rate)
+        columns, weights = self.columns(motion), self.weights(motion, 1.0 / self.rate)
         information = information_of(columns, weights)
-        return _Tried(trajectory, columns, weights, information, self.design.worth(information))
+        return _Tried(trajectory, columns, weights, information, self.worth(information))
 
     def _changed(self, best: _Tried, step: Array) -> _Tried:
         """The motion with a change (K, n) of its control points, if that is better and possible."""
-        share = self.feasibility.shortened(best.trajectory, step)
-        if not share > 0.0:
+        share, rows = self.feasibility.shortened(best.trajectory, step), np.flatnonzero(step.any(axis=1))
+        if not (share > 0.0 and len(rows)):
             return best
         moved = replace(best.trajectory, control=best.trajectory.control + share * step)
-        rows = np.flatnonzero(step.any(axis=1))
-        if not len(rows):
-            return best
         start, end = float(self.basis.knots[rows[0]]), float(self.basis.knots[rows[-1] + DEGREE + 1])
-        tried = self._judged(moved) if self.design.whole else self._judged_between(best, moved, start, end)
-        if tried.cost >= best.cost or not self.feasibility.possible(moved, start, end):
-            return best
-        return tried
+        tried = self._judged(moved) if self.whole else self._judged_between(best, moved, start, end)
+        better = tried.cost < best.cost and self.feasibility.possible(moved, start, end)
+        return tried if better else best
 
     def _judged_between(self, best: _Tried, moved: SplineTrajectory, start: float, end: float) -> _Tried:
         """A motion that differs from another between two instants alone."""
+        motion = self._motion(moved)
         window = slice(*np.searchsorted(self.instants, [start - 1e-9, end + 1e-9]).tolist())
-        whole = self._motion(moved)
-        new, weights = self.design.columns(whole[window]), self.design.weights(whole, 1.0 / self.rate)
-        counts = np.any(weights != best.weights, axis=1)  # all over the motion, where its top speed is another
-        counts[window] = False
-        information = best.information - information_of(best.columns[window], best.weights[window])
-        information = information + information_of(new, weights[window])
-        if counts.any():
-            information = information + information_of(best.columns[counts], weights[counts])
-            information = information - information_of(best.columns[counts], best.weights[counts])
-        cost = self.design.worth(information)
-        if cost >= best.cost:
-            return replace(best, cost=np.inf)
-        columns = best.columns.copy()
-        columns[window] = new
-        return _Tried(moved, columns, weights, information, cost)
+        columns, weights = best.columns.copy(), self.weights(motion, 1.0 / self.rate)
+        columns[window] = self.columns(motion[window])
+        other = np.any(weights != best.weights, axis=1)  # all over the motion, where its top speed is another
+        other[window] = True
+        information = best.information - information_of(best.columns[other], best.weights[other])
+        information = information + information_of(columns[other], weights[other])
+        return _Tried(moved, columns, weights, information, self.worth(information))
 
     # -----------------------------------------------------------------------------------------------------------
     # Changes
@@ -196,49 +163,37 @@ class MotionSearch:
         kind = kinds[rng.choice(len(kinds), p=TUNING.kinds)]
         span = self._span(rng)
         for joint in rng.choice(n, count, replace=False).tolist():
-            step[:, joint] = kind(trajectory, joint, span, rng)
+            step[span, joint] = kind(trajectory.control[:, joint], joint, span, rng)
         return step
 
-    def _span(self, rng: np.random.Generator) -> tuple[int, int]:
-        """First control point of a change, and the one after its last: none of the ends."""
+    def _span(self, rng: np.random.Generator) -> slice:
+        """Control points of a change: none of the ends."""
         free = len(self.basis) - 2 * ENDS
         width = int(np.clip(np.exp(rng.uniform(0.0, np.log(max(TUNING.widest * free, 2.0)))), 1, free))
         first = ENDS + int(rng.integers(0, free - width + 1))
-        return first, first + width
+        return slice(first, first + width)
 
-    def _bump(self, trajectory: SplineTrajectory, joint: int, span: tuple[int, int], rng: np.random.Generator) -> Array:
+    def _bump(self, control: Array, joint: int, span: slice, rng: np.random.Generator) -> Array:
         """A smooth bump, either way."""
-        first, last = span
-        size = (self.feasibility.upper[joint] - self.feasibility.lower[joint]) * np.exp(
-            rng.uniform(np.log(TUNING.smallest), 0.0)
-        )
-        step = np.zeros(len(self.basis))
-        phase = (np.arange(last - first) + 1.0) / (last - first + 1.0)
-        step[first:last] = rng.choice([-1.0, 1.0]) * size * np.sin(np.pi * phase) ** 2
-        return step
+        full, width = self.feasibility.upper[joint] - self.feasibility.lower[joint], span.stop - span.start
+        size = full * np.exp(rng.uniform(np.log(TUNING.smallest), 0.0))
+        phase = (np.arange(width) + 1.0) / (width + 1.0)
+        bump: Array = rng.choice([-1.0, 1.0]) * size * np.sin(np.pi * phase) ** 2
+        return bump
 
-    def _constant_speed(
-        self, trajectory: SplineTrajectory, joint: int, span: tuple[int, int], rng: np.random.Generator
-    ) -> Array:
+    def _constant_speed(self, control: Array, joint: int, span: slice, rng: np.random.Generator) -> Array:
         """A stretch of constant speed from where the joint is."""
-        first, last = span
         speed = self.feasibility.rates[0, joint] * np.exp(rng.uniform(np.log(TUNING.slowest), 0.0))
-        steps = np.arange(last - first) * self.basis.duration / (len(self.basis) - DEGREE)
-        line = trajectory.control[first - 1, joint] + rng.choice([-1.0, 1.0]) * speed * steps
-        step = np.zeros(len(self.basis))
-        step[first:last] = line - trajectory.control[first:last, joint]
-        return step
+        steps = np.arange(span.stop - span.start) * self.basis.duration / (len(self.basis) - DEGREE)
+        line: Array = control[span.start - 1] + rng.choice([-1.0, 1.0]) * speed * steps
+        return line - control[span]
 
-    def _again(
-        self, trajectory: SplineTrajectory, joint: int, span: tuple[int, int], rng: np.random.Generator
-    ) -> Array:
+    def _again(self, control: Array, joint: int, span: slice, rng: np.random.Generator) -> Array:
         """What the joint does at another time."""
-        first, last = span
-        other = int(rng.integers(0, len(self.basis) - (last - first) + 1))
-        step = np.zeros(len(self.basis))
-        control = trajectory.control[:, joint]
-        step[first:last] = control[other : other + last - first] - control[first:last]
-        return step
+        width = span.stop - span.start
+        other = int(rng.integers(0, len(self.basis) - width + 1))
+        again: Array = control[other : other + width] - control[span]
+        return again
 
 
 def best_motion(

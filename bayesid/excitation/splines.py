@@ -17,7 +17,7 @@ samples by an eighth of that (Davis, Interpolation and Approximation, 1975, theo
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 import scipy
@@ -41,15 +41,10 @@ _BESIDE = 3
 
 @dataclass(frozen=True)
 class SplineBasis:
-    """The basis of K control points over a duration.
+    """The basis of K control points over a duration."""
 
-    Attributes:
-        duration: s.
-        spacing: of the knots, s, about.
-    """
-
-    duration: float
-    spacing: float = TUNING.spacing
+    duration: float  # s
+    spacing: float = TUNING.spacing  # of the knots, s, about
 
     @cached_property
     def knots(self) -> Array:
@@ -65,16 +60,6 @@ class SplineBasis:
     def places(self) -> Array:
         """(K,) s, where the curve is about at its control points, the means of inner knots (de Boor, chapter XI)."""
         return np.array([self.knots[k + 1 : k + DEGREE + 1].mean() for k in range(len(self))])
-
-    @cached_property
-    def _differences(self) -> tuple[Array, ...]:
-        """(K - d, K) what takes control points to those of the d-th derivative, d = 0 to 3 (de Boor, chapter X)."""
-        maps = [np.eye(len(self))]
-        for order in range(1, 4):
-            degree, knots = DEGREE - order + 1, self.knots[order - 1 : len(self.knots) - order + 1]
-            span = knots[degree + 1 : -1] - knots[1 : -degree - 1]
-            maps.append(degree / span[:, None] * np.diff(maps[-1], axis=0))
-        return tuple(maps)
 
     @cached_property
     def edges(self) -> Array:
@@ -98,28 +83,24 @@ class SplineBasis:
         matrix[np.abs(matrix) < 1e-12 * np.abs(matrix).max()] = 0.0  # rounding, which would touch limits
         return matrix
 
+    def at(self, t: Array, control: Array, order: int = 0) -> Array:
+        """(N, n) the d-th derivative, d = 0 to 3, of the spline of control points (K, n), at instants t (N,)."""
+        spline = scipy.interpolate.BSpline(self.knots, control, DEGREE)
+        spline = spline.derivative(order) if order else spline
+        return np.asarray(spline(np.clip(t, 0.0, self.duration)))
+
     def values(self, t: Array, order: int = 0) -> Array:
         """(N, K) what takes control points to the d-th derivative, d = 0 to 3, at instants t (N,)."""
-        knots = self.knots[order : len(self.knots) - order]
-        inside = np.clip(t, 0.0, self.duration)
-        own = scipy.interpolate.BSpline.design_matrix(inside, knots, DEGREE - order)
-        values: Array = own @ self._differences[order]
-        return values
+        return self.at(t, np.eye(len(self)), order)
 
 
 @dataclass(frozen=True)
 class SplineTrajectory:
-    """A motion.
-
-    Attributes:
-        basis: of its control points.
-        control: (K, n) rad (m for a joint that slides).
-        payload: label of what the flange carries; empty where it carries nothing.
-    """
+    """A motion."""
 
     basis: SplineBasis
-    control: Array
-    payload: str = ""
+    control: Array  # (K, n) rad (m for a joint that slides)
+    payload: str = ""  # label of what the flange carries; empty where it carries nothing
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "control", frozen(self.control, (len(self.basis), None), "control"))
@@ -137,7 +118,7 @@ class SplineTrajectory:
             >>> bool((motion.dq[0] == 0.0).all())  # from rest
             True
         """
-        q, dq, ddq = (self.basis.values(t, order) @ self.control for order in range(3))
+        q, dq, ddq = (self.basis.at(t, self.control, order) for order in range(3))
         return Motion(t, q, dq, ddq, 0.0, np.array(self.payload))
 
     def bounds(self, order: int) -> tuple[Array, Array]:
@@ -159,23 +140,14 @@ def at_rest(basis: SplineBasis, pose: Array, payload: str = "") -> SplineTraject
 
 @dataclass(frozen=True)
 class Feasibility:
-    """What a motion must keep.
+    """What a motion must keep; inf where there is no limit."""
 
-    Attributes:
-        known: the result that predicts efforts; None where nothing does, and efforts have no limit.
-        lower: (n,) rad.
-        upper: (n,) rad.
-        rates: (3, n) largest velocity, acceleration and jerk; inf where there is no limit.
-        effort: (n,) N m of the actuators; inf where there is no limit.
-        clearance: tells whether the robot touches itself or its surroundings; None where nothing does.
-    """
-
-    known: Known | None
-    lower: Array
-    upper: Array
-    rates: Array
-    effort: Array
-    clearance: CollisionModel | None
+    known: Known | None  # the result that predicts efforts; None where nothing does, and efforts have no limit
+    lower: Array  # (n,) rad
+    upper: Array  # (n,) rad
+    rates: Array  # (3, n) largest velocity, acceleration and jerk
+    effort: Array  # (n,) N m of the actuators
+    clearance: CollisionModel | None  # tells whether the robot touches anything; None where nothing does
 
     @classmethod
     def of(cls, known: Known | None, limits: MotionLimits, clearance: CollisionModel | None) -> Feasibility:
@@ -201,9 +173,7 @@ class Feasibility:
         return share
 
     def _between(self, order: int) -> tuple[Array, Array]:
-        if order == 0:
-            return self.lower, self.upper
-        return -self.rates[order - 1], self.rates[order - 1]
+        return (-self.rates[order - 1], self.rates[order - 1]) if order else (self.lower, self.upper)
 
     def within_limits(self, trajectory: SplineTrajectory) -> bool:
         """Whether position, velocity, acceleration and jerk hold at every instant."""
@@ -256,19 +226,14 @@ class Feasibility:
             return True
         edges = trajectory.basis.edges
         first, last = np.searchsorted(edges, [start + _INSTANT, end - _INSTANT]).tolist()
-        first = max(first - 1, 0)
-
-        def path(t: Array) -> Array:
-            return trajectory.basis.values(t) @ trajectory.control
-
+        first, path = max(first - 1, 0), partial(trajectory.basis.at, control=trajectory.control)
         return self.clearance.stays_clear(path, edges[first : last + 1], trajectory.speeds()[first:last])
 
     def possible(self, trajectory: SplineTrajectory, start: float = 0.0, end: float | None = None) -> bool:
         """Whether a robot can run the motion, from one instant to another where all else is known to be possible."""
         end = trajectory.duration if end is None else end
-        return (
-            self.within_limits(trajectory) and self.bears(trajectory, start, end) and self.clear(trajectory, start, end)
-        )
+        within = self.within_limits(trajectory) and self.bears(trajectory, start, end)
+        return within and self.clear(trajectory, start, end)
 
 
 def fine_steps(duration: float) -> int:

@@ -57,5 +57,5 @@ def test_equivalent_effects_are_told_apart_each_in_its_own_place(found):
     assert len(design.predicted.log10_bayes_factors) == 6
     assert "stribeck_friction" not in {term.name for term in rivals.known.model.terms}
     assert design_next(with_equivalents(found, "thermal_drift"), ["Fs3"], run=RUN, changes=5).rivals == ()
-    of_no_score = [("stribeck_friction", (3,), ("thermal_drift", "payload"))]
+    of_no_score = [("stribeck_friction", (3,), {"thermal_drift": None, "payload": None})]
     assert equivalent_classes(of_no_score) == (tuple(rival.key for rival in rivals.rivals),)

@@ -7,7 +7,8 @@ import pytest
 from conftest import smooth_motion
 from open_results import NOISE, gains_result, open_result
 
-from bayesid.excitation.known import inverse, known_of
+from bayesid.excitation.gaussian import inverse
+from bayesid.excitation.known import known_of
 from bayesid.excitation.resolvability import expect
 from bayesid.identification.identified_model import ParameterDraws
 

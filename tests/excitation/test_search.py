@@ -7,7 +7,7 @@ from open_results import LIMITS, open_known
 from bayesid.effects.hysteresis import Hysteresis
 from bayesid.excitation.goals import goal_of, log_spread
 from bayesid.excitation.limits import check_limits
-from bayesid.excitation.search import Design, MotionSearch
+from bayesid.excitation.search import MotionSearch
 from bayesid.excitation.splines import Feasibility, SplineBasis, at_rest
 from bayesid.simulation.trajectories import MotionLimits
 
@@ -44,10 +44,11 @@ def search_of(known, whole=None, limits=LIMITS, clearance=None):
         asked.append(information)
         return log_spread(goal, known.covariance(information))
 
-    design = Design(known.columns, known.weights, worth, whole=known.memory if whole is None else whole)
+    whole = known.memory if whole is None else whole
     feasibility = Feasibility.of(known, check_limits(limits, known.model.robot), clearance)
     pose = POSE[: known.model.robot.n_joints]
-    return MotionSearch(design, Watched(**vars(feasibility)), SplineBasis(DURATION), pose), asked
+    watched = Watched(**vars(feasibility))
+    return MotionSearch(known.columns, known.weights, worth, whole, watched, SplineBasis(DURATION), pose), asked
 
 
 @pytest.fixture(scope="module")

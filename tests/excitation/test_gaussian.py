@@ -1,10 +1,10 @@
-"""Expected Bayes factors by block elimination: the formula of the manual as it stands, with dense matrices."""
+"""Expected Bayes factors: the formula of the manual as it stands, with dense inverses."""
 
 from itertools import pairwise
 
 import numpy as np
 
-from bayesid.excitation.bayes_factors import BayesFactors, FormKnowledge
+from bayesid.excitation.gaussian import Belief, expected_factors
 
 R, EXTRA = 5, (2, 1, 3, 2)
 """Coefficients, and own columns of four cases."""
@@ -25,7 +25,7 @@ def cases(rng):
     for start, end in pairwise(ends.tolist()):
         columns = np.concatenate([np.arange(R), np.arange(start, end)])
         own = every[np.ix_(columns, columns)]
-        made.append(FormKnowledge(columns, rng.standard_normal(len(columns)) / np.sqrt(np.diag(own)), own))
+        made.append(Belief(columns, rng.standard_normal(len(columns)) / np.sqrt(np.diag(own)), own))
     return made
 
 
@@ -46,7 +46,7 @@ def test_the_formula_with_dense_matrices():
     a, b, c, d = cases(rng)
     information = 3.0 * positive(rng, R + sum(EXTRA))
     pairs = [(a, [b]), (b, [a, d]), (c, [d, a, b]), (a, [c])]
-    factors = BayesFactors(R, pairs).expected(information)
+    factors = expected_factors(pairs, information)
     direct = [
         plain(true, true, information) - max(plain(o, true, information) for o in others) for true, others in pairs
     ]
@@ -58,4 +58,4 @@ def test_the_formula_with_dense_matrices():
 def test_nothing_is_expected_of_no_recording():
     """But what the means and spreads before it differ by is no evidence."""
     a, b, *_ = cases(np.random.default_rng(1))
-    np.testing.assert_allclose(BayesFactors(R, [(a, [b])]).expected(np.zeros((13, 13))), 0.0, atol=1e-9)
+    np.testing.assert_allclose(expected_factors([(a, [b])], np.zeros((13, 13))), 0.0, atol=1e-9)

@@ -1,0 +1,105 @@
+"""Normal distributions of quantities that efforts show linearly: what a recording leaves of them, and tells of others.
+
+A belief M holds efforts for X_M z_M, with z_M normal about m_M with inverse covariance L_M. A recording of information
+H leaves the covariance (L + H)^-1. Where A is true, the logarithm of its Bayes factor against B by the recording has
+the expectation (:eq:`next-bayes-factor`)
+
+    E log p(y | A) - E log p(y | B),
+    E log p(y | M) = c + (log det L_M - log det P_M - m_M' L_M m_M + h_M' P_M^-1 h_M + tr P_M^-1 S_M) / 2,
+    P_M = L_M + H_MM,  h_M = L_M m_M + H_MA m_A,  S_M = H_MA L_A^-1 H_AM + H_MM,
+
+the usual one of normal distributions (Lindley, On a measure of the information provided by an experiment, 1956).
+Matrices are in mixed units: they are scaled to a diagonal of ones before anything is made of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import cholesky, solve_triangular
+
+from bayesid.arrays import TINY, Array, Integers
+
+
+def information_of(columns: Array, weights: Array) -> Array:
+    """(R, R) of rows (N, n, R) that count for (N, n)."""
+    rows = (columns * np.sqrt(weights)[:, :, None]).reshape(-1, columns.shape[2])
+    return rows.T @ rows
+
+
+def inverse(matrix: Array) -> Array:
+    """Of a positive matrix."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), TINY))
+    return np.asarray(np.linalg.inv(matrix * np.outer(scale, scale)) * np.outer(scale, scale))
+
+
+def scaled_spectrum(matrix: Array) -> tuple[Array, Array, Array]:
+    """Eigenvalues and eigenvectors of a symmetric matrix, scaled to a diagonal of ones; its scale."""
+    scale = np.sqrt(np.maximum(np.abs(np.diag(matrix)), TINY))
+    values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
+    return values, vectors, scale
+
+
+def at_least(matrix: Array, least: float) -> Array:
+    """A symmetric matrix whose scaled eigenvalues are no less than a share of the largest."""
+    values, vectors, scale = scaled_spectrum(matrix)
+    raised: Array = (vectors * np.maximum(values, least * values[-1])) @ vectors.T * np.outer(scale, scale)
+    return raised
+
+
+def root_of(covariance: Array) -> Array:
+    """(R, R) whose product with its transpose is a covariance."""
+    values, vectors = np.linalg.eigh(covariance)
+    root: Array = vectors * np.sqrt(np.maximum(values, 0.0))
+    return root
+
+
+@dataclass(frozen=True)
+class Belief:
+    """A normal distribution of quantities that some columns show."""
+
+    columns: Integers  # (q,) their places among all R
+    mean: Array  # (q,)
+    precision: Array  # (q, q) inverse covariance
+    fit: float = 0.0  # how well it has fitted an earlier recording; the more, the better
+
+    @cached_property
+    def root(self) -> Array:
+        """(q, q) of the covariance: it is root root'."""
+        return root_of(inverse(self.precision))
+
+    @cached_property
+    def log_det(self) -> float:
+        """Of the inverse covariance."""
+        scale = np.sqrt(np.maximum(np.diag(self.precision), TINY))
+        return float(np.linalg.slogdet(self.precision / np.outer(scale, scale))[1] + 2.0 * np.log(scale).sum())
+
+
+def expected_log_evidence(held: Belief, true: Belief, information: Array) -> float:
+    """E log p(y | held) where another belief is true, nats, but for a constant that hangs on neither.
+
+    Args:
+        held: what is held for true.
+        true: what is.
+        information: (R, R) of the recording to come, on all columns.
+    """
+    own, across = (information[np.ix_(held.columns, columns)] for columns in (held.columns, true.columns))
+    before, after = held.precision @ held.mean, held.precision + own
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(after), TINY))
+    root = cholesky(after * np.outer(scale, scale), lower=True, check_finite=False)
+    pulls = np.column_stack([before + across @ true.mean, across @ true.root, np.diag(np.ones(len(own)))])
+    solved = solve_triangular(root, scale[:, None] * pulls, lower=True, check_finite=False)
+    half = solved[:, -len(own) :]  # P^-1 = half' half
+    log_det = 2.0 * float(np.log(np.diag(root)).sum() - np.log(scale).sum())
+    size = float((solved[:, : -len(own)] ** 2).sum() + ((half @ own) * half).sum())
+    return 0.5 * (held.log_det - log_det - float(held.mean @ before) + size)
+
+
+def expected_factors(pairs: Sequence[tuple[Belief, Sequence[Belief]]], information: Array) -> Array:
+    """(pairs,) expected log Bayes factors, nats, of what is true against the best form of what is held against it."""
+    own = {id(true): expected_log_evidence(true, true, information) for true, _ in pairs}
+    others = [max(expected_log_evidence(held, true, information) for held in forms) for true, forms in pairs]
+    return np.array([own[id(true)] for true, _ in pairs]) - others
