@@ -20,8 +20,8 @@ from bayesid.arrays import Array
 from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.effects.coefficients import base_coefficients
 from bayesid.errors import InputError
-from bayesid.excitation.goals import CRITERIA, Goal, goal_of, information_gain, usual_motion
 from bayesid.excitation.gaussian import information_of, inverse
+from bayesid.excitation.goals import CRITERIA, Goal, goal_of, information_gain, usual_motion
 from bayesid.excitation.known import GAIN, Known, certain_share, known_of
 from bayesid.excitation.limits import check_limits
 from bayesid.excitation.rivals import (

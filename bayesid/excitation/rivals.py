@@ -79,9 +79,7 @@ def _equivalents(added: AddedEffect) -> dict[str, tuple[int, ...] | None]:
     return {name: joints.get(name) for name in added.equivalent}
 
 
-def equivalent_classes(
-    found: Sequence[tuple[str, tuple[int, ...], Mapping[str, tuple[int, ...] | None]]],
-) -> Classes:
+def equivalent_classes(found: Sequence[tuple[str, tuple[int, ...], Mapping[str, tuple[int, ...] | None]]]) -> Classes:
     """Classes of hypotheses that a log could not tell apart.
 
     Args:

@@ -141,14 +141,16 @@ class MotionSearch:
 
     def _judged_between(self, best: _Tried, moved: SplineTrajectory, start: float, end: float) -> _Tried:
         """A motion that differs from another between two instants alone."""
-        motion = self._motion(moved)
+        motion, columns = self._motion(moved), best.columns.copy()
         window = slice(*np.searchsorted(self.instants, [start - 1e-9, end + 1e-9]).tolist())
-        columns, weights = best.columns.copy(), self.weights(motion, 1.0 / self.rate)
-        columns[window] = self.columns(motion[window])
-        other = np.any(weights != best.weights, axis=1)  # all over the motion, where its top speed is another
-        other[window] = True
-        information = best.information - information_of(best.columns[other], best.weights[other])
-        information = information + information_of(columns[other], weights[other])
+        columns[window], weights = self.columns(motion[window]), self.weights(motion, 1.0 / self.rate)
+        elsewhere = np.any(weights != best.weights, axis=1)  # all over the motion, where its top speed is another
+        elsewhere[window] = False
+        information = best.information - information_of(best.columns[window], best.weights[window])
+        information = information + information_of(columns[window], weights[window])
+        if elsewhere.any():
+            information = information + information_of(columns[elsewhere], weights[elsewhere])
+            information = information - information_of(columns[elsewhere], best.weights[elsewhere])
         return _Tried(moved, columns, weights, information, self.worth(information))
 
     # -----------------------------------------------------------------------------------------------------------

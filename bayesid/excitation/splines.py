@@ -17,7 +17,7 @@ samples by an eighth of that (Davis, Interpolation and Approximation, 1975, theo
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 import scipy
@@ -62,6 +62,16 @@ class SplineBasis:
         return np.array([self.knots[k + 1 : k + DEGREE + 1].mean() for k in range(len(self))])
 
     @cached_property
+    def _differences(self) -> tuple[Array, ...]:
+        """(K - d, K) what takes control points to those of the d-th derivative, d = 0 to 3 (de Boor, chapter X)."""
+        maps = [np.eye(len(self))]
+        for order in range(1, 4):
+            degree, knots = DEGREE - order + 1, self.knots[order - 1 : len(self.knots) - order + 1]
+            span = knots[degree + 1 : -1] - knots[1 : -degree - 1]
+            maps.append(degree / span[:, None] * np.diff(maps[-1], axis=0))
+        return tuple(maps)
+
+    @cached_property
     def edges(self) -> Array:
         """(M + 1,) s, between which Bernstein coefficients are."""
         knots = np.unique(self.knots)
@@ -83,15 +93,12 @@ class SplineBasis:
         matrix[np.abs(matrix) < 1e-12 * np.abs(matrix).max()] = 0.0  # rounding, which would touch limits
         return matrix
 
-    def at(self, t: Array, control: Array, order: int = 0) -> Array:
-        """(N, n) the d-th derivative, d = 0 to 3, of the spline of control points (K, n), at instants t (N,)."""
-        spline = scipy.interpolate.BSpline(self.knots, control, DEGREE)
-        spline = spline.derivative(order) if order else spline
-        return np.asarray(spline(np.clip(t, 0.0, self.duration)))
-
     def values(self, t: Array, order: int = 0) -> Array:
         """(N, K) what takes control points to the d-th derivative, d = 0 to 3, at instants t (N,)."""
-        return self.at(t, np.eye(len(self)), order)
+        knots, inside = self.knots[order : len(self.knots) - order], np.clip(t, 0.0, self.duration)
+        own = scipy.interpolate.BSpline.design_matrix(inside, knots, DEGREE - order)
+        values: Array = own @ self._differences[order]
+        return values
 
 
 @dataclass(frozen=True)
@@ -118,7 +125,7 @@ class SplineTrajectory:
             >>> bool((motion.dq[0] == 0.0).all())  # from rest
             True
         """
-        q, dq, ddq = (self.basis.at(t, self.control, order) for order in range(3))
+        q, dq, ddq = (self.basis.values(t, order) @ self.control for order in range(3))
         return Motion(t, q, dq, ddq, 0.0, np.array(self.payload))
 
     def bounds(self, order: int) -> tuple[Array, Array]:
@@ -226,7 +233,11 @@ class Feasibility:
             return True
         edges = trajectory.basis.edges
         first, last = np.searchsorted(edges, [start + _INSTANT, end - _INSTANT]).tolist()
-        first, path = max(first - 1, 0), partial(trajectory.basis.at, control=trajectory.control)
+        first = max(first - 1, 0)
+
+        def path(t: Array) -> Array:
+            return trajectory.basis.values(t) @ trajectory.control
+
         return self.clearance.stays_clear(path, edges[first : last + 1], trajectory.speeds()[first:last])
 
     def possible(self, trajectory: SplineTrajectory, start: float = 0.0, end: float | None = None) -> bool:

@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 
-from bayesid.arrays import Array, Integers, Mask
+from bayesid.arrays import Array, Mask
 from bayesid.effects.coefficients import base_coefficients
 from bayesid.errors import InputError
 from bayesid.identification.identification import Identification, identified_of
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.prediction import NORMAL_95, check_payloads
 from bayesid.identification.records import Coefficient, Records, named
-from bayesid.monitor.sign_check import SignCheck, check_signs
-from bayesid.monitor.stream_moments import Setting, StreamMoments, StreamSamples, Totals, advanced, condensed
+from bayesid.monitor.stream_moments import SignCheck, StreamMoments, StreamSamples, check_signs
 from bayesid.monitor.tracked import MOVING, Tracked, looked_at
 from bayesid.motion import SLOWEST, STANDSTILL, Motion
 from bayesid.posterior.tuning import TUNING as POSTERIOR_TUNING
+from bayesid.regression.knowledge import Information
 from bayesid.regression.least_squares import covariance_of
 from bayesid.regression.noise import Noise
 from bayesid.regression.solver import solve_precisely
@@ -79,7 +79,7 @@ class Accumulator:
         if signs.shape != (n,):
             raise InputError(f"values of shape {signs.shape}", "signed", f"give one for each of the {n} joints")
         self._identified, self._earlier = identified, earlier
-        self._setting = Setting(
+        self._running = StreamMoments(
             model=identified.model,
             coefficients=base_coefficients(identified.model),
             sigma=identified.noise.sigma,
@@ -87,11 +87,10 @@ class Accumulator:
             signed=signs,
             most_individual=most_individual,
         )
-        self._running = StreamMoments.begin(self._setting)
 
     def __repr__(self) -> str:
         robot, running = self._identified.model.robot, self._running
-        came = f"{running.edge.t - running.began:.6g} s" if np.isfinite(running.edge.t) else "nothing yet"
+        came = f"{running.time - running.began:.6g} s" if np.isfinite(running.time) else "nothing yet"
         count = ", ".join(f"{count:.0f}" for count in self.effective_samples)
         return f"Accumulator of {robot.name}: {came}; effective samples of each joint {count}"
 
@@ -123,7 +122,7 @@ class Accumulator:
             ...     print(error.what)
             begins at 0 s, not after the chunk before, which ends at 6 s
         """
-        setting = self._setting
+        running = self._running
         self._check_motion(motion)
         values = _checked(effort, motion.q.shape, "effort")
         of_plus = _checked(probability, motion.q.shape, "probability")
@@ -131,15 +130,14 @@ class Accumulator:
             raise InputError("holds values outside of 0 to 1", "probability", "give P(sign = +)")
         if len(motion) == 0:
             return
-        speed = setting.model.robot.actuators(motion).dq
-        top = np.maximum.accumulate(np.vstack([self._running.top_speed, np.abs(speed)]))[1:]
-        used = (
-            np.abs(speed) > STANDSTILL * np.maximum(top, SLOWEST) if moving is None else _mask(moving, motion.q.shape)
-        )
-        magnitude, readable = setting.model.unread(np.abs(values))
-        sign = np.where(setting.signed, np.where(values >= 0.0, 1.0, -1.0), 2.0 * of_plus - 1.0)
-        samples = StreamSamples(motion, speed, magnitude, sign, used & readable)
-        self._running = advanced(setting, self._running, samples, top[-1])
+        speed = running.model.robot.actuators(motion).dq
+        top = np.maximum.accumulate(np.vstack([running.top_speed, np.abs(speed)]))[1:]
+        fast = np.abs(speed) > STANDSTILL * np.maximum(top, SLOWEST)
+        used = fast if moving is None else np.asarray(moving, dtype=bool)
+        _check_shape(used.shape, motion.q.shape, "moving")
+        magnitude, readable = running.model.unread(np.abs(values))
+        sign = np.where(running.signed, np.where(values >= 0.0, 1.0, -1.0), 2.0 * of_plus - 1.0)
+        running.add(StreamSamples(motion, speed, magnitude, sign, used & readable), top[-1])
 
     def add_tracked(self, records: Iterable[Tracked], payload: str = "") -> None:
         """Takes what a tracker has said, record by record: its motion and signs, where its joints are "moving".
@@ -184,16 +182,10 @@ class Accumulator:
             >>> [one.name for one in running.coefficients() if one.unit == "N m"]
             ['Fc1', 'Fc2', 'Fc3']
         """
-        known, normal = self._setting.coefficients, self._normal()
-        beta = least_squares(normal.hessian, normal.gradient, known.project(self._identified.theta))
-        now, before, more = (
-            np.diag(part)
-            for part in (
-                covariance_of(normal.hessian - normal.lost)[0],
-                covariance_of(self._shown_before())[0],
-                self._lacking,
-            )
-        )
+        known, (normal, lost) = self._running.coefficients, self._normal()
+        beta = _least_squares(normal, known.project(self._identified.theta))
+        now, before = (np.diag(covariance_of(one)[0]) for one in (normal.hessian - lost, self._shown_before()))
+        more = np.diag(self._lacking)
         decided = np.where(
             now <= POSTERIOR_TUNING.of_prior * before, _BY_DATA, np.where(np.isfinite(before), _BY_EARLIER, _BY_PRIOR)
         )
@@ -224,13 +216,13 @@ class Accumulator:
     @property
     def covariance(self) -> Array:
         """(r, r) of the coefficients; inf on the diagonal where nothing shows one."""
-        normal = self._normal()
-        return covariance_of(normal.hessian - normal.lost)[0] + self._lacking
+        normal, lost = self._normal()
+        return covariance_of(normal.hessian - lost)[0] + self._lacking
 
     @property
     def effective_samples(self) -> Array:
         """(n,) samples in motion of each joint that count: less those forgotten, over their autocorrelation time."""
-        return self._running.totals.weight / self._noise.autocorrelation
+        return self._running.weight / self._noise.autocorrelation
 
     def model(self) -> IdentifiedModel:
         """The model with the best parameters in the cone for all that came: to predict, to validate, or to track on.
@@ -248,19 +240,11 @@ class Accumulator:
             (201, 3)
         """
         self._check_begun()
-        before, normal = self._identified, self._normal()
-        cone, coefficients = before.model.cone, self._setting.coefficients
-        solution = solve_precisely(cone, coefficients, normal.hessian, normal.gradient, normal.energy)
-        return IdentifiedModel(
-            model=before.model,
-            theta=solution.theta,
-            noise=self._noise,
-            precision=normal.hessian - normal.lost,
-            lacking=before.lacking,
-            by_gains=before.by_gains,
-            logs=before.logs,
-            gains=before.gains,
-        )
+        before, (normal, lost) = self._identified, self._normal()
+        cone, coefficients = before.model.cone, self._running.coefficients
+        theta = solve_precisely(cone, coefficients, normal.hessian, normal.gradient, normal.energy).theta
+        known = normal.hessian - lost
+        return replace(before, theta=theta, noise=self._noise, precision=known, draws=None)
 
     def check_signs(self, search: Search = Certified()) -> SignCheck:
         """Searches the signs of all that came, and says where they differ from those that were taken.
@@ -283,9 +267,9 @@ class Accumulator:
             (True, True, {2})
         """
         self._check_begun()
-        stretches = condensed(self._setting, self._running.pieces, self._running.edge)
+        stretches, running = self._running.stretches(), self._running
         moments = stretches.moments.scaled(self._weights)
-        problem = SignProblem(moments, self._setting.model.cone, self._setting.coefficients)
+        problem = SignProblem(moments, running.model.cone, running.coefficients)
         return check_signs(problem, stretches, search)
 
     # -----------------------------------------------------------------------------------------------------------
@@ -310,30 +294,36 @@ class Accumulator:
         weights: Array = noise.sigma * np.sqrt(noise.autocorrelation)
         return weights
 
-    def _normal(self) -> Normal:
-        """The normal equations of all that came, and of what was known before."""
-        before = self._shown_before()
-        centre = self._setting.coefficients.project(self._identified.theta)
-        return Normal.of(self._running.totals, self._weights) + Normal.around(centre, before)
+    def _normal(self) -> tuple[Information, Array]:
+        """The normal equations of all that came and of what was known before, rows in units of their noise.
+
+        And (r, r) what their Hessian says too much as long as signs are not certain: |effort| tells at least E[(E s)^2]
+        of what the effort would, whatever that is in units of its noise (tests/monitor).
+        """
+        before, weights = self._shown_before(), self._weights
+        centre = self._running.coefficients.project(self._identified.theta)
+        sums = self._running.stretches().moments.scaled(weights)
+        hessian, gradient = sums.hessian.total() + before, sums.gradient.sum(axis=0) + before @ centre
+        normal = Information(hessian, gradient, float(sums.energy.sum() + centre @ before @ centre))
+        return normal, np.tensordot(weights**-2.0, self._running.lost, 1)
 
     def _shown_before(self) -> Array:
         """(r, r) what the model's own log has shown, if that is to count, as far as it is not forgotten."""
         precision, running = self._identified.precision, self._running
         if not self._earlier:
             return np.zeros_like(precision)
-        passed = running.edge.t - running.began if np.isfinite(running.edge.t) else 0.0
-        return self._setting.fade(passed) * precision
+        return running.fade(running.time - running.began if np.isfinite(running.time) else 0.0) * precision
 
     # -----------------------------------------------------------------------------------------------------------
     # Checks
     # -----------------------------------------------------------------------------------------------------------
     def _check_begun(self) -> None:
-        if not self._running.totals.weight.any():
+        if not self._running.weight.any():
             raise InputError("no sample in motion has come yet", "Accumulator", "add chunks of the stream first")
 
     def _check_motion(self, motion: Motion) -> None:
         """A chunk's motion is of this robot and goes on where the one before has ended."""
-        robot, last = self._setting.model.robot, self._running.last
+        robot, last = self._running.model.robot, self._running.last
         if motion.n_joints != robot.n_joints:
             counts = f"{motion.n_joints} joints, but the model's robot {robot.name} has {robot.n_joints}"
             raise InputError(counts, "motion", "give the motion of the same robot")
@@ -344,7 +334,7 @@ class Accumulator:
         if back.size:
             said = f"time goes from {motion.t[back[0]]:.6g} to {motion.t[back[0] + 1]:.6g} s"
             raise InputError(said, f"motion, sample {back[0] + 1}", "give samples in the order of time, each once")
-        check_payloads(self._setting.model, motion)
+        check_payloads(self._running.model, motion)
 
 
 def _checked(values: Array, shape: tuple[int, ...], name: str) -> Array:
@@ -352,81 +342,30 @@ def _checked(values: Array, shape: tuple[int, ...], name: str) -> Array:
         array = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError):
         raise InputError("holds something else than numbers", name, _remedy(shape)) from None
-    if array.shape != shape:
-        raise InputError(f"values of shape {array.shape}", name, _remedy(shape))
+    _check_shape(array.shape, shape, name)
     bad = np.argwhere(~np.isfinite(array))
     if bad.size:
-        raise InputError("holds values that are not finite", f"{name}, {_place(bad[0])}", "leave these samples out")
+        where = f"{name}, sample {bad[0, 0]}, joint {bad[0, 1] + 1}"
+        raise InputError("holds values that are not finite", where, "leave these samples out")
     return array
 
 
-def _mask(values: Mask, shape: tuple[int, ...]) -> Mask:
-    array = np.asarray(values, dtype=bool)
-    if array.shape != shape:
-        raise InputError(f"values of shape {array.shape}", "moving", _remedy(shape))
-    return array
+def _check_shape(found: tuple[int, ...], shape: tuple[int, ...], name: str) -> None:
+    if found != shape:
+        raise InputError(f"values of shape {found}", name, _remedy(shape))
 
 
 def _remedy(shape: tuple[int, ...]) -> str:
     return f"give {shape[0]} samples of {shape[1]} joints, as the motion has"
 
 
-def _place(where: Integers) -> str:
-    return f"sample {where[0]}, joint {where[1] + 1}"
-
-
-# ---------------------------------------------------------------------------------------------------------------
-# Normal equations
-# ---------------------------------------------------------------------------------------------------------------
-@dataclass(frozen=True)
-class Normal:
-    """beta' H beta - 2 g' beta + c, rows in units of their noise.
-
-    Attributes:
-        hessian: (r, r) H.
-        lost: (r, r) what H says too much, as long as signs are not certain: |effort| tells at least E[(E s)^2] of what
-            the effort would, whatever that is in units of its noise (tests/monitor).
-        gradient: (r,) g.
-        energy: c.
-    """
-
-    hessian: Array
-    lost: Array
-    gradient: Array
-    energy: float
-
-    @classmethod
-    def of(cls, totals: Totals, weights: Array) -> Normal:
-        """Of the sums of each joint, and (n,) the noise of its efforts, N m."""
-        share = 1.0 / weights**2
-        hessian, lost = (np.tensordot(share, values, 1) for values in (totals.hessian, totals.lost))
-        return cls(hessian, lost, share @ totals.gradient, float(share @ totals.energy))
-
-    @classmethod
-    def around(cls, centre: Array, precision: Array) -> Normal:
-        """Of a normal distribution: its centre (r,) and its inverse covariance (r, r)."""
-        gradient = precision @ centre
-        return cls(precision, np.zeros_like(precision), gradient, float(centre @ gradient))
-
-    def __add__(self, other: Normal) -> Normal:
-        return Normal(
-            self.hessian + other.hessian,
-            self.lost + other.lost,
-            self.gradient + other.gradient,
-            self.energy + other.energy,
-        )
-
-
-def least_squares(hessian: Array, gradient: Array, start: Array) -> Array:
+def _least_squares(normal: Information, start: Array) -> Array:
     """(r,) the coefficients that solve H beta = g and are nearest to a start (r,), in columns of unit length.
 
     Where H shows nothing they stay as they were.
     """
-    lengths = np.sqrt(np.diag(hessian))
-    seen = lengths > 0.0
-    scale = np.where(seen, 1.0 / np.where(seen, lengths, 1.0), 0.0)
-    values, vectors = np.linalg.eigh(scale[:, None] * hessian * scale)
-    clear = values > 1e-12 * max(values[-1], np.finfo(float).tiny)
-    rest = vectors[:, clear].T @ (scale * (gradient - hessian @ start))
-    step: Array = scale * (vectors[:, clear] @ (rest / values[clear]))
+    lengths = np.sqrt(np.diag(normal.hessian))
+    scale = np.divide(1.0, lengths, out=np.zeros_like(lengths), where=lengths > 0.0)
+    inverse = np.linalg.pinv(scale[:, None] * normal.hessian * scale, rcond=1e-12, hermitian=True)
+    step: Array = scale * (inverse @ (scale * (normal.gradient - normal.hessian @ start)))
     return start + step
