@@ -78,7 +78,7 @@ class Known:
         return np.concatenate([columns, of_gains], axis=2)
 
     def weights(self, motion: Motion, period: float) -> Array:
-        """(N, n) what each sample of a motion, one a period (s), counts for: nothing where its actuator stands still."""
+        """(N, n) what each sample of a motion, one a period (s), counts for: nothing where its actuator rests."""
         actuators = self.model.robot.actuators(motion)
         moving: Mask = np.abs(actuators.dq) > actuators.standstill_speed
         return moving * (self.density * period)
