@@ -111,7 +111,7 @@ class Stretches:
         start, end = np.full(size, np.inf), np.full(size, -np.inf)
         np.minimum.at(start, into, self.start)
         np.maximum.at(end, into, self.end)
-        doubt = np.bincount(into, self.doubt, size)
+        doubt = np.bincount(into, self.doubt, size).astype(np.float64)
         return Stretches(self.moments.merged(into), keys[1], start, end, doubt, self.time)
 
 
