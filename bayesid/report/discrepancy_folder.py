@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from itertools import groupby
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +13,12 @@ from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.effects.catalogue import forms
 from bayesid.files.tables import write_json, write_table
 from bayesid.progress import SILENT, Progress
-from bayesid.regression.selection.added_effect import AddedEffect, Cost, EffortSize, Quantity
+from bayesid.regression.selection.added_effect import AddedEffect
 from bayesid.regression.selection.explanation import LN10
 from bayesid.regression.selection.scores import Score
+from bayesid.report.discrepancy_verdicts import testable_groups
 from bayesid.report.folders import save_result
+from bayesid.report.summary import as_json, taken
 from bayesid.report.timeline_text import Moved, columns, moved_parameters, timeline_rule
 
 
@@ -84,99 +85,72 @@ def save_comparison(
 
 def discrepancy_summary(discrepancy: Discrepancy) -> dict[str, Any]:
     """discrepancy.json of a result: SI units, joints from 1, gaps as RMS in N m."""
-    return {
-        "status": discrepancy.status,
-        "where": [
-            {"joint": at.joint, "excess": at.excess, "variable": at.variable, "range": list(at.range)}
-            for at in discrepancy.where
-        ],
-        "found": [_added(effect) for effect in discrepancy.added],
-        "sets": [
-            {
-                "effects": [{"effect": name, "joints": list(joints)} for name, joints in one.effects],
-                "probability": one.probability,
-            }
-            for one in discrepancy.sets
-        ],
-        "gap": {
-            "before": discrepancy.before.tolist(),
-            "after": discrepancy.after.tolist(),
-            "noise_floor": discrepancy.floor.rms.tolist(),
-            "noise_floor_from": list(discrepancy.floor.origin),
-            "noise_floor_white": discrepancy.floor.white.tolist(),
-            "noise_floor_lasting": (np.flatnonzero(discrepancy.floor.lasting) + 1).tolist(),
-            "holdout": discrepancy.holdout,
-        },
-        "unexplained": [
-            {"joint": joint, "ratio_to_floor": ratio, "seen_on": list(discrepancy.unexplained_on[joint])}
-            for joint, ratio in discrepancy.unexplained
-        ],
-        "candidates": [_candidate(score) for score in discrepancy.scores],
-        "not_borne_out": [
-            {
-                "effect": effect.effect,
-                "joints": list(effect.joints),
-                "log10_bayes_factor": effect.log10_bayes_factor,
-                "equivalent": list(effect.equivalent),
-                **_learned(effect),
-            }
-            for effect in discrepancy.refused
-        ],
-        "not_testable": [
-            {"effect": effect, "joints": sorted(j for _, joints in group for j in joints)}
-            for effect, group in groupby(discrepancy.not_testable, key=lambda pair: pair[0])
-        ],
-        "all_along": [{"effect": effect, "joints": list(joints)} for effect, joints in discrepancy.all_along],
-        "log": discrepancy.identification.log.source,
-        "seconds": discrepancy.seconds,
-        "warnings": list(discrepancy.warnings),
-    }
+    floor = discrepancy.floor
+    refused = [
+        taken(effect, "effect", "joints", "log10_bayes_factor", "equivalent") | _learned(effect)
+        for effect in discrepancy.refused
+    ]
+    said: dict[str, Any] = as_json(
+        {
+            **taken(discrepancy, "status", "where"),
+            "found": [_added(effect) for effect in discrepancy.added],
+            "sets": [{"effects": _named(one.effects), "probability": one.probability} for one in discrepancy.sets],
+            "gap": {
+                **taken(discrepancy, "before", "after"),
+                "noise_floor": floor.rms,
+                "noise_floor_from": floor.origin,
+                "noise_floor_white": floor.white,
+                "noise_floor_lasting": np.flatnonzero(floor.lasting) + 1,
+                "holdout": discrepancy.holdout,
+            },
+            "unexplained": [
+                {"joint": joint, "ratio_to_floor": ratio, "seen_on": discrepancy.unexplained_on[joint]}
+                for joint, ratio in discrepancy.unexplained
+            ],
+            "candidates": [_candidate(score) for score in discrepancy.scores],
+            "not_borne_out": refused,
+            "not_testable": _named(testable_groups(discrepancy)),
+            "all_along": _named(discrepancy.all_along),
+            "log": discrepancy.identification.log.source,
+            **taken(discrepancy, "seconds", "warnings"),
+        }
+    )
+    return said
 
 
 def comparison_summary(comparison: LogComparison) -> dict[str, Any]:
     """discrepancy.json of several logs: that of the last one, what became of each effect, and the time line."""
-    said = columns(comparison)
-    logs = zip(comparison.logs, comparison.dates.texts, strict=True)
-    return {
-        **discrepancy_summary(comparison.found[-1]),
-        "logs": [{"log": log.source, "date": text if comparison.dates.known else None} for log, text in logs],
-        "dates_from": comparison.dates.basis,
-        "in_words": said,
-        **{which: [_history(comparison, one) for one in comparison.of(which)] for which in said},
-        "moved": [_moved(comparison, row) for row in moved_parameters(comparison)],
-        "moved_rule": timeline_rule(comparison),
-        "warnings": list(comparison.warnings),
-        "seconds": comparison.seconds,
-    }
+    said, dates = columns(comparison), comparison.dates
+    texts = dates.texts if dates.known else [None] * len(comparison.logs)
+    more: dict[str, Any] = as_json(
+        {
+            "logs": [{"log": log.source, "date": text} for log, text in zip(comparison.logs, texts, strict=True)],
+            "dates_from": dates.basis,
+            "in_words": said,
+            **{which: [_history(comparison, one) for one in comparison.of(which)] for which in said},
+            "moved": [_moved(comparison, row) for row in moved_parameters(comparison)],
+            "moved_rule": timeline_rule(comparison),
+            **taken(comparison, "warnings", "seconds"),
+        }
+    )
+    return discrepancy_summary(comparison.found[-1]) | more
 
 
 def timeline_rows(comparison: LogComparison) -> list[dict[str, object]]:
     """timeline.csv: one row a log and parameter, in the parameter's own unit; empty where nothing is known."""
     line, known = comparison.timeline, comparison.dates.known
-    moved, z = line.moved, line.z
-    return [
-        {
-            "log": log.source,
-            "date": comparison.dates.texts[k] if known else "",
-            "parameter": one.name,
-            "value": _if_known(line.value[k, c]),
-            "sd": _if_known(line.sd[k, c]),
-            "unit": one.unit,
-            "moved": bool(moved[k, c]),
-            "expression": one.expression,
-            "change": _if_known(line.change[k, c]),
-            "change_sd": _if_known(line.change_sd[k, c]),
-            "of_payload": _if_known(line.of_payload[k, c]),
-            "z": _if_known(z[k, c]),
-            "p": _if_known(line.p[k, c]),
-        }
-        for k, log in enumerate(comparison.logs)
-        for c, one in enumerate(line.tracked)
-    ]
-
-
-def _if_known(value: float) -> object:
-    return float(value) if np.isfinite(value) else ""
+    rows = []
+    for k, log in enumerate(comparison.logs):
+        for c, one in enumerate(line.tracked):
+            numbers = {
+                name: float(values[k, c]) if np.isfinite(values[k, c]) else ""
+                for name in ("value", "sd", "change", "change_sd", "of_payload", "z", "p")
+                for values in [getattr(line, name)]
+            }
+            row: dict[str, object] = {"log": log.source, "date": comparison.dates.texts[k] if known else ""}
+            row |= {"parameter": one.name, "value": numbers.pop("value"), "sd": numbers.pop("sd"), "unit": one.unit}
+            rows.append(row | {"moved": bool(line.moved[k, c]), "expression": one.expression} | numbers)
+    return rows
 
 
 def _history(comparison: LogComparison, history: EffectHistory) -> dict[str, Any]:
@@ -184,16 +158,8 @@ def _history(comparison: LogComparison, history: EffectHistory) -> dict[str, Any
     return {
         "effect": history.name,
         "form": history.effect.name,
-        "joints": list(history.joints),
-        "by_log": [
-            {
-                "log": log.source,
-                "says": what.says,
-                "log10_bayes_factor": what.log10_bayes_factor,
-                "log10_ratio": what.log10_ratio,
-            }
-            for log, what in by_log
-        ],
+        "joints": history.joints,
+        "by_log": [{"log": log.source} | as_json(what) for log, what in by_log],
         "found": [{"log": comparison.logs[k].source, **_added(effect)} for k, effect in sorted(history.found.items())],
     }
 
@@ -205,34 +171,41 @@ def _moved(comparison: LogComparison, row: Moved) -> dict[str, Any]:
         "expression": row.symbol,
         "in_words": row.text,
         "unit": line.tracked[row.place].unit,
-        "values": line.value[:, row.place].tolist(),
-        "sds": line.sd[:, row.place].tolist(),
-        "z": line.z[:, row.place].tolist(),
-        "p": line.p[:, row.place].tolist(),
+        "values": line.value[:, row.place],
+        "sds": line.sd[:, row.place],
+        "z": line.z[:, row.place],
+        "p": line.p[:, row.place],
         "since": comparison.logs[row.since - 1].source,
         "change_in_words": row.change,
     }
 
 
 def _added(effect: AddedEffect) -> dict[str, Any]:
-    alike = [*effect.equivalent, *(name for name, _ in effect.elsewhere)]
+    alike, size, cost = [*effect.equivalent, *(name for name, _ in effect.elsewhere)], effect.size, effect.cost
+    numbers = {
+        of: {name: {"value": value, "sd": sd, "unit": unit} for name, (value, sd, unit) in getattr(effect, of).items()}
+        for of in ("parameters", "readable")
+    }
     return {
         "effect": effect.effect,
         "form": effect.hypothesis.source.name,
-        "joints": list(effect.joints),
+        "joints": effect.joints,
         "change_of_what_was_there": bool(effect.hypothesis.changes),
-        "equivalent": list(effect.equivalent),
-        "equivalent_elsewhere": [{"effect": name, "joints": list(joints)} for name, joints in effect.elsewhere],
+        "equivalent": effect.equivalent,
+        "equivalent_elsewhere": _named(effect.elsewhere),
         "told_apart_by": {name: forms()[name].shown_by for name in sorted({effect.effect, *alike})} if alike else {},
-        "log10_bayes_factor": effect.log10_bayes_factor,
-        "probability": effect.probability,
+        **taken(effect, "log10_bayes_factor", "probability"),
         "inclusion_probability": effect.included,
         "probability_nothing_missing": effect.nothing_missing,
         "probability_something_else": effect.something_else,
-        "parameters": _quantities(effect.parameters),
-        "readable": _quantities(effect.readable),
-        "effort": _effort(effect.size),
-        "cost_if_ignored": _cost(effect.cost),
+        **numbers,
+        "effort": size and taken(size, "joint", "rms", "largest", percent=100.0 * size.share, of=size.of),
+        "cost_if_ignored": cost
+        and taken(
+            *(cost, "joint", "before", "after"),
+            percent_before=100.0 * cost.share_before,
+            percent_after=100.0 * cost.share_after,
+        ),
         "alternatives": [_candidate(rival) for rival in effect.rivals[:5]],
         **_learned(effect),
     }
@@ -241,40 +214,13 @@ def _added(effect: AddedEffect) -> dict[str, Any]:
 def _learned(effect: AddedEffect) -> dict[str, Any]:
     if effect.description is None:
         return {}
-    return {
-        "variables": list(effect.variables),
-        "formula": effect.formula,
-        "description": effect.description.sentence,
-        "looks_like": list(effect.description.families),
-    }
+    told = {"description": effect.description.sentence, "looks_like": effect.description.families}
+    return taken(effect, "variables", "formula", **told)
 
 
-def _effort(size: EffortSize | None) -> dict[str, Any] | None:
-    if size is None:
-        return None
-    percent = 100.0 * size.share
-    return {"joint": size.joint, "rms": size.rms, "largest": size.largest, "percent": percent, "of": size.of}
-
-
-def _cost(cost: Cost | None) -> dict[str, Any] | None:
-    if cost is None:
-        return None
-    return {
-        "joint": cost.joint,
-        "before": cost.before,
-        "after": cost.after,
-        "percent_before": 100.0 * cost.share_before,
-        "percent_after": 100.0 * cost.share_after,
-    }
-
-
-def _quantities(named: Mapping[str, Quantity]) -> dict[str, Any]:
-    return {name: {"value": value, "sd": sd, "unit": unit} for name, (value, sd, unit) in named.items()}
+def _named(effects: Iterable[tuple[str, tuple[int, ...]]]) -> list[dict[str, Any]]:
+    return [{"effect": name, "joints": joints} for name, joints in effects]
 
 
 def _candidate(score: Score) -> dict[str, Any]:
-    return {
-        "effect": score.hypothesis.effect,
-        "joints": list(score.hypothesis.joints),
-        "log10_bayes_factor": score.gain / LN10,
-    }
+    return taken(score.hypothesis, "effect", "joints", log10_bayes_factor=score.gain / LN10)

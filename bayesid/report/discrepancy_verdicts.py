@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from itertools import groupby
 
 import numpy as np
 
-from bayesid.discrepancy.case import MODELS_RESIDUAL, REFIT, Excess
+from bayesid.discrepancy.case import MODELS_RESIDUAL, REFIT
 from bayesid.discrepancy.selection import GROWN, HELD_BACK, ON_LOG
 from bayesid.discrepancy.sets import WeighedSet
 from bayesid.discrepancy.workflow import Discrepancy
@@ -33,16 +33,13 @@ def lead(discrepancy: Discrepancy) -> str:
     left = [_left(discrepancy, joint, ratio) for joint, ratio in discrepancy.unexplained]
     if not discrepancy.added:
         return f"{_nothing_found(discrepancy)}{f' {upper(listed(left))}.' if left else ''}"
-    parts = [_explains(discrepancy), *(left or [_at_the_floor(discrepancy)])]
-    return f"Found: {'; '.join(_in_brief(discrepancy))}. {upper('; '.join(filter(None, parts)))}."
-
-
-def _at_the_floor(discrepancy: Discrepancy) -> str:
-    """What remains is at most 1.15 times the noise floor (0.561 N m in joint 5)."""
-    ratio = discrepancy.after / discrepancy.floor.rms
-    joint = int(np.argmax(ratio)) + 1
-    remains = f"{rounded(float(discrepancy.after[joint - 1]), 3)} {unit_of(discrepancy, joint)}"
-    return f"what remains is at most {ratio.max():.2f} times the noise floor ({remains} in joint {joint})"
+    whole = {excess.joint for excess in discrepancy.where} - {joint for joint, _ in discrepancy.unexplained}
+    explained = [f"this explains what showed in {joints_in_words(whole)}"] if whole else []
+    ratios = discrepancy.after / discrepancy.floor.rms
+    worst = int(ratios.argmax()) + 1
+    remains = f"{_effort(discrepancy, discrepancy.after[worst - 1], worst)} in joint {worst}"
+    left = left or [f"what remains is at most {ratios.max():.2f} times the noise floor ({remains})"]
+    return f"Found: {'; '.join(_in_brief(discrepancy))}. {upper('; '.join([*explained, *left]))}."
 
 
 def _in_brief(discrepancy: Discrepancy) -> Iterator[str]:
@@ -76,34 +73,34 @@ def _known_digits(number: Quantity) -> str:
     return quantity(value, sd, "").split(" +- ")[0].lstrip("(")
 
 
-def _explains(discrepancy: Discrepancy) -> str:
-    """It explains what showed in joints 2 and 3, and most of what showed in joint 4."""
-    left = dict(discrepancy.unexplained)
-    showed = {excess.joint for excess in discrepancy.where}
-    most = sorted(j for j in showed & set(left) if _share_explained(discrepancy, j) >= TUNING.mostly)
-    whole = sorted(showed - set(left))
-    parts = [f"what showed in {joints_in_words(whole)}"] if whole else []
-    parts += [f"most of what showed in {joints_in_words(most)}"] if most else []
-    it = "it explains" if len(discrepancy.added) == 1 else "together they explain"
-    return f"{it} {listed(parts)}" if parts else ""
-
-
-def _share_explained(discrepancy: Discrepancy, joint: int) -> float:
-    before = next(excess.excess for excess in discrepancy.where if excess.joint == joint)
-    return 1.0 - _excess(discrepancy, joint, dict(discrepancy.unexplained)[joint]) / before if before > 0.0 else 0.0
-
-
-def _excess(discrepancy: Discrepancy, joint: int, ratio: float) -> float:
-    """Root of the mean square above the floor's, N m, of a gap that is so many times the floor."""
-    return float(discrepancy.floor.rms[joint - 1]) * math.sqrt(max(ratio**2 - 1.0, 0.0))
-
-
 def _left(discrepancy: Discrepancy, joint: int, ratio: float) -> str:
-    """Joint 4 keeps 0.40 N m that nothing explains."""
+    """Joint 4 keeps 0.40 N m that nothing explains: the root of the mean square above the floor's."""
     if set(discrepancy.unexplained_on[joint]) == {GROWN}:
         return f"joint {joint} is predicted worse than before on {_data(discrepancy)}"
-    keeps = f"{rounded(_excess(discrepancy, joint, ratio), 2)} {unit_of(discrepancy, joint)}"
-    return f"joint {joint} keeps {keeps} above the noise that nothing explains"
+    above = float(discrepancy.floor.rms[joint - 1]) * math.sqrt(max(ratio**2 - 1.0, 0.0))
+    return f"joint {joint} keeps {rounded(above, 2)} {unit_of(discrepancy, joint)} above the noise floor"
+
+
+def _nothing_found(discrepancy: Discrepancy) -> str:
+    if discrepancy.unexplained:
+        return "Something is missing from the model, but no effect of the catalogue explains it."
+    if discrepancy.where:
+        joints = joints_in_words(excess.joint for excess in discrepancy.where)
+        said = f"No effect is missing from the model, but its parameters do not quite fit {joints}"
+        return f"{said}. Gap with these identified again, {_gap(discrepancy)}."
+    ratios = discrepancy.before / discrepancy.floor.rms
+    worst = int(ratios.argmax()) + 1
+    gap, floor = (_effort(discrepancy, of[worst - 1], worst) for of in (discrepancy.before, discrepancy.floor.rms))
+    return (
+        f"{nothing_missing(discrepancy)}: the model explains this log as it is. The largest gap on "
+        f"{_data(discrepancy)} is {rounded(ratios.max())} times the noise floor, in joint {worst} ({gap}; noise floor "
+        f"{floor})."
+    )
+
+
+def nothing_missing(discrepancy: Discrepancy) -> str:
+    """As much as can be said: below a floor that is a model's own error something may be."""
+    return "Nothing is missing" + (" above the noise floor" if discrepancy.floor.lasting.any() else "")
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -123,58 +120,39 @@ def discrepancy_checks(discrepancy: Discrepancy) -> tuple[Check, ...]:
 
 
 def _found(discrepancy: Discrepancy, added: AddedEffect) -> Check:
-    name = upper(label(added.effect, added.joints))
-    impossible = _below_zero(added)
-    if impossible:
+    name, would = upper(label(added.effect, added.joints)), distinguishing_motions(added)
+    if impossible := _below_zero(added):
         message = f"by itself it would make {listed(impossible)} negative: it stands for something else that acts alike"
-        return Check(name, "look", message, f"{distinguishing_motions(added)} would show what it is")
-    parts, remedy = [_change(discrepancy, added) if added.hypothesis.changes else _need(discrepancy, added)], ""
-    if added.readable and added.hypothesis.source.phrase.detail and not added.hypothesis.changes:
-        texts = {symbol: quantity(*number) for symbol, number in added.readable.items()}
-        parts.append(added.hypothesis.source.phrase.detail.format(**texts))
+        return Check(name, "look", message, f"{would} would show what it is")
+    changes, detail = bool(added.hypothesis.changes), added.hypothesis.source.phrase.detail
+    n = len(discrepancy.before)
+    parts = [_change(added, n) if changes else _need(added, n)]
     if added.description is not None:
-        parts[0] = f"{parts[0].removesuffix('.')}: {added.formula}. It {added.description.sentence}."
-    parts += worth(discrepancy, added)
-    if added.probability < TUNING.sure:
-        parts.append(
-            f"The probability of this, the others given, is {_percent(added.probability)}; that nothing is missing in "
-            "its place, "
-            f"{_percent(added.nothing_missing)}, that it is something outside of the catalogue, "
-            f"{_percent(added.something_else)}."
-        )
-    if alike := equivalents(added, noun):
+        parts = [f"{parts[0].removesuffix('.')}: {added.formula}. It {added.description.sentence}."]
+    elif added.readable and detail and not changes:
+        parts.append(detail.format(**{symbol: quantity(*number) for symbol, number in added.readable.items()}))
+    if added.size is not None:
+        largest = _effort(discrepancy, added.size.largest, added.size.joint)
+        whole = f"joint {added.size.joint}'s {added.size.of}"
+        parts.append(f"Its largest effort is {largest}, {in_percent(added.size.share)} of {whole}.")
+    unsure, alike = added.probability < TUNING.sure, equivalents(added, noun)
+    if unsure:
+        shares = added.probability, added.nothing_missing, added.something_else
+        sure, nothing, other = map(_percent, shares)
+        parts.append(f"Its probability is {sure}; nothing missing in its place {nothing}, something else {other}.")
+    if alike:
         parts.append(f"This log cannot tell it from {listed(alike, 'or')}.")
-        remedy = f"{distinguishing_motions(added)} would tell"
-    doubtful = bool(alike) or added.probability < TUNING.sure
-    return Check(name, "look" if doubtful else "good", " ".join(parts).removesuffix("."), remedy)
+    remedy = f"{would} would tell" if alike else ""
+    return Check(name, "look" if unsure or alike else "good", " ".join(parts).removesuffix("."), remedy)
 
 
 def _not_learned(discrepancy: Discrepancy, refused: AddedEffect) -> Check:
-    """A function was learned in joint 4, but the holdout does not bear it out."""
     assert refused.description is not None
     message = (
-        f"A function was learned in {joints_in_words(refused.joints)} that {refused.description.sentence}, but "
-        f"{_data(discrepancy)} does not bear it out: nothing is added"
+        f"a function learned in {joints_in_words(refused.joints)} that {refused.description.sentence} was not added: "
+        f"{_data(discrepancy)} does not bear it out"
     )
-    return Check(
-        "Effect without a name", "look", message, f"{distinguishing_motions(refused)} would show whether it is there"
-    )
-
-
-def worth(discrepancy: Discrepancy, added: AddedEffect) -> list[str]:
-    """How large an effect's own effort is, and what it costs to ignore it, a sentence each."""
-    sentences, size, cost = list[str](), added.size, added.cost
-    if size is not None:
-        largest, rms = (_effort(discrepancy, value, size.joint) for value in (size.largest, size.rms))
-        whole = f"{_effort(discrepancy, size.reference, size.joint)}, joint {size.joint}'s {size.of}"
-        sentences.append(f"Its own effort is at most {largest}, {in_percent(size.share)} of {whole} (RMS {rms}).")
-    if cost is not None:
-        before, after = (_effort(discrepancy, value, cost.joint) for value in (cost.before, cost.after))
-        sentences.append(
-            f"Ignored, it costs {before} on {_data(discrepancy)} ({in_percent(cost.share_before)} of joint "
-            f"{cost.joint}'s RMS effort); with it {after} ({in_percent(cost.share_after)}) is left."
-        )
-    return sentences
+    return Check("Effect without a name", "look", message, f"{distinguishing_motions(refused)} would show it")
 
 
 def _below_zero(added: AddedEffect) -> list[str]:
@@ -218,9 +196,9 @@ def _percent(share: float) -> str:
     return "under 1 %" if share < 0.01 else "over 99 %" if share > 0.99 else f"{100.0 * share:.0f} %"
 
 
-def _numbers(discrepancy: Discrepancy, added: AddedEffect) -> dict[str, str]:
+def _numbers(added: AddedEffect, n: int) -> dict[str, str]:
     """The parameters as people read them, by symbols without the joint; of what the model had, before and now."""
-    source, suffixes = added.hypothesis.source, [str(joint) for joint in added.joints] or [str(len(discrepancy.before))]
+    source, suffixes = added.hypothesis.source, [str(joint) for joint in added.joints] or [str(n)]
     texts = {}
     for name in added.parameters:
         known = name in source.phrase.units or not name.endswith(tuple(suffixes))
@@ -252,9 +230,9 @@ def _for_people(number: Quantity, people: ReadableUnit | None) -> Quantity:
     return people.factor * (value - people.neutral), people.factor * sd, people.unit
 
 
-def _need(discrepancy: Discrepancy, added: AddedEffect) -> str:
+def _need(added: AddedEffect, n: int) -> str:
     """Joint 3 needs Coulomb friction of 1.9 +- 0.1 N m."""
-    source, numbers = added.hypothesis.source, _numbers(discrepancy, added)
+    source, numbers = added.hypothesis.source, _numbers(added, n)
     phrase = source.phrase
     if not phrase.sentence or len(added.joints) > 1:
         return _plainly(added, numbers)
@@ -288,12 +266,12 @@ def _plainly(added: AddedEffect, numbers: Mapping[str, str]) -> str:
     return f"{where} {needs} {noun(added.hypothesis.source.name)}{f' ({parts})' if parts else ''}."
 
 
-def _change(discrepancy: Discrepancy, added: AddedEffect) -> str:
+def _change(added: AddedEffect, n: int) -> str:
     """Joint 3's Coulomb friction has changed: 9.1 -> 7.3 +- 0.5 N m.
 
     Free to change, it explains the log; identified again beside all else it may still be what it was.
     """
-    source, numbers = added.hypothesis.source, _numbers(discrepancy, added)
+    source, numbers = added.hypothesis.source, _numbers(added, n)
     whose = f"{upper(joints_in_words(added.joints))}'s" if len(added.joints) == 1 else "The"
     where = f" of {joints_in_words(added.joints)}" if len(added.joints) > 1 else ""
     chosen = {source.phrase.size: numbers[source.phrase.size]} if source.phrase.size in numbers else numbers
@@ -306,19 +284,13 @@ def _change(discrepancy: Discrepancy, added: AddedEffect) -> str:
 
 
 def _gap(discrepancy: Discrepancy) -> str:
-    """With it the gap on the holdout falls from 2.4 to 0.31 N m in joint 3, the noise floor being 0.30 N m."""
-    joints, floor = _worth_naming(discrepancy), discrepancy.floor.rms
-    with_ = "With it" if len(discrepancy.added) == 1 else "With them"
-    falls = _falls(discrepancy, joints[: TUNING.joints_named], with_floor=len(joints) > 1)
-    sentence = f"{with_} the gap on {_data(discrepancy)} {falls}"
-    if len(joints) == 1:
-        return f"{sentence}, the noise floor being {_effort(discrepancy, floor[joints[0] - 1], joints[0])}"
-    rest = joints[TUNING.joints_named :]
-    if not rest:
-        return sentence
-    most = max(float(discrepancy.after[j - 1] / floor[j - 1]) for j in rest)
-    at_most = " at most" if len(rest) > 1 else ""
-    return f"{sentence}; in {joints_in_words(rest)} it ends at {rounded(most)} times the floor{at_most}"
+    """On the holdout: 2.4 -> 0.31 N m in joint 3 (noise floor 0.30 N m)."""
+    parts = []
+    for joint in _worth_naming(discrepancy)[: TUNING.joints_named]:
+        before, j = rounded(float(discrepancy.before[joint - 1])), joint - 1
+        after, floor = (_effort(discrepancy, of[j], joint) for of in (discrepancy.after, discrepancy.floor.rms))
+        parts.append(f"{before} -> {after} in joint {joint} (noise floor {floor})")
+    return f"on {_data(discrepancy)}: {', '.join(parts)}"
 
 
 def _worth_naming(discrepancy: Discrepancy) -> list[int]:
@@ -331,21 +303,6 @@ def _worth_naming(discrepancy: Discrepancy) -> list[int]:
     return sorted(chosen, key=lambda j: -float(discrepancy.before[j - 1] / discrepancy.floor.rms[j - 1]))
 
 
-def _falls(discrepancy: Discrepancy, joints: Sequence[int], with_floor: bool) -> str:
-    """Falls from 2.4 to 0.31 N m in joint 3 and from 1.2 to 0.20 N m in joint 5."""
-    parts: list[str] = []
-    verb = ""
-    for joint in joints:
-        before, after = float(discrepancy.before[joint - 1]), float(discrepancy.after[joint - 1])
-        fell, rose = after < TUNING.same_gap * before, after >= before / TUNING.same_gap
-        earlier, verb = verb, "falls" if fell else "rises" if rose else "stays"
-        sizes = f"at {rounded(after)}" if verb == "stays" else f"from {rounded(before)} to {rounded(after)}"
-        floor = f" (noise floor {rounded(float(discrepancy.floor.rms[joint - 1]))})" if with_floor else ""
-        sentence = f"{sizes} {unit_of(discrepancy, joint)} in joint {joint}{floor}"
-        parts.append(sentence if verb == earlier else f"{verb} {sentence}")
-    return listed(parts)
-
-
 def _data(discrepancy: Discrepancy) -> str:
     return "the stretches held back" if discrepancy.holdout.startswith("stretches ") else "the holdout"
 
@@ -354,38 +311,17 @@ def _effort(discrepancy: Discrepancy, value: float, joint: int) -> str:
     return f"{rounded(float(value))} {unit_of(discrepancy, joint)}"
 
 
-def _nothing_found(discrepancy: Discrepancy) -> str:
-    if discrepancy.unexplained:
-        return "Something is missing from the model, but no effect of the catalogue explains it."
-    if discrepancy.where:
-        joints = joints_in_words(excess.joint for excess in discrepancy.where)
-        falls = _falls(discrepancy, _worth_naming(discrepancy)[: TUNING.joints_named], with_floor=True)
-        sentence = f"No effect is missing from the model, but its parameters do not quite fit {joints}"
-        return f"{sentence}: with these identified again, the gap on {_data(discrepancy)} {falls}."
-    ratio = discrepancy.before / discrepancy.floor.rms
-    worst = int(ratio.argmax())
-    gap = _effort(discrepancy, discrepancy.before[worst], worst + 1)
-    floor = _effort(discrepancy, discrepancy.floor.rms[worst], worst + 1)
-    return (
-        f"{nothing_missing(discrepancy)}: the model explains this log as it is. On {_data(discrepancy)} it leaves "
-        f"{rounded(float(ratio[worst]))} times the noise floor in joint {worst + 1} ({gap}, the floor being {floor}), "
-        "and no more than that in any other."
-    )
-
-
 def _unexplained(discrepancy: Discrepancy, joint: int, ratio: float) -> Check:
-    shown = next((excess for excess in discrepancy.where if excess.joint == joint), None)
-    over = f", and it shows best over {_range(discrepancy, shown)}" if shown else ""
-    says, data = discrepancy.unexplained_on[joint], _data(discrepancy)
-    reasons = []
+    says, data, reasons = discrepancy.unexplained_on[joint], _data(discrepancy), list[str]()
     if ON_LOG in says or HELD_BACK in says:
-        where = "" if ON_LOG in says else f" on {data}"
-        reasons.append(f"what is left there{where} is {rounded(ratio, 2)} times the noise floor{over}")
+        where = "the log" if ON_LOG in says else data
+        reasons.append(f"{rounded(ratio, 2)} times the noise floor is left on {where}")
+        for shown in (excess for excess in discrepancy.where if excess.joint == joint):
+            (low, high), unit = shown.range, unit_of(discrepancy, joint, shown.variable)
+            reasons[-1] += f", most over {shown.variable} ({rounded(low, 2)} to {rounded(high, 2)} {unit})"
     if GROWN in says:
         before, after = rounded(float(discrepancy.before[joint - 1])), discrepancy.after[joint - 1]
-        reasons.append(
-            f"identified again, its gap on {data} rises from {before} to {_effort(discrepancy, after, joint)}"
-        )
+        reasons.append(f"its gap on {data} rises from {before} to {_effort(discrepancy, after, joint)}")
     message = f"Joint {joint} stays unexplained: {'; '.join(reasons)}"
     return Check("What is left", "bad", message, "see its residual: no effect of the catalogue has its shape")
 
@@ -403,22 +339,11 @@ def _lasting_floor(discrepancy: Discrepancy) -> list[Check]:
             for j in most
         ]
         message = (
-            f"In {joints_in_words(j + 1 for j in joints)} the noise floor is the {_WHOSE[origin]} own error, or noise "
-            f"that lasts: only {listed(sizes)} change{'s' if len(sizes) == 1 else ''} from sample to sample; what is "
-            "below the floor may still be wrong"
+            f"In {joints_in_words(j + 1 for j in joints)} the noise floor is the {_WHOSE[origin]} own error, or "
+            f"smoothed noise: only {listed(sizes)} change{'s' if len(sizes) == 1 else ''} from sample to sample"
         )
         checks.append(Check("Noise floor", "look", message, "a log that repeats its motion shows what is noise"))
     return checks
-
-
-def nothing_missing(discrepancy: Discrepancy) -> str:
-    """As much as can be said: below a floor that is a model's own error something may be."""
-    return "Nothing is missing" + (" above the noise floor" if discrepancy.floor.lasting.any() else "")
-
-
-def _range(discrepancy: Discrepancy, where: Excess) -> str:
-    (low, high), unit = where.range, unit_of(discrepancy, where.joint, where.variable)
-    return f"{where.variable} ({rounded(low, 2)} to {rounded(high, 2)} {unit})"
 
 
 def _all_along(discrepancy: Discrepancy) -> list[Check]:
