@@ -56,13 +56,13 @@ from .report.discrepancy_folder import save_discrepancy as save_discrepancy
 from .report.findings import Findings as Findings
 from .report.findings import find_findings as find_findings
 from .report.findings import read_findings as read_findings
+from .report.folders import inference_data as inference_data
 from .report.folders import make_report as make_report
 from .report.folders import save_identification as save_identification
-from .report.folders import save_payload as save_payload
 from .report.folders import save_validation as save_validation
 from .report.motions import save_design as save_design
 from .report.motions import save_next_motion as save_next_motion
-from .report.tables import inference_data as inference_data
+from .report.payload import save_payload as save_payload
 from .report.verdicts import check_findings as check_findings
 from .robot import Robot as Robot
 from .robot import load_robot as load_robot

@@ -28,8 +28,16 @@ from bayesid.identification.model_file import load_model
 from bayesid.motion import Motion
 from bayesid.progress import Progress
 from bayesid.report.findings import read_findings
-from bayesid.report.motion_text import design_text, judgement_text, next_motion_text
-from bayesid.report.motions import DESIGN_FILES, DESIGN_MARKER, check_next_folder, save_design, save_next_motion
+from bayesid.report.motions import (
+    DESIGN_FILES,
+    DESIGN_MARKER,
+    check_next_folder,
+    design_text,
+    judgement_text,
+    next_motion_text,
+    save_design,
+    save_next_motion,
+)
 from bayesid.robot import Robot
 from bayesid.robot.collision import Capsules, CollisionModel, NoShapes, collision_model
 from bayesid.simulation.trajectories import MotionLimits

@@ -17,15 +17,8 @@ from bayesid.identification.pipeline import QUICK
 from bayesid.identification.prediction import Validation
 from bayesid.posterior.sampler import Sampling
 from bayesid.progress import Progress
-from bayesid.report.folders import (
-    PAYLOAD,
-    PAYLOAD_FILES,
-    VALIDATION_FILES,
-    check_result_folder,
-    make_report,
-    save_payload,
-    save_validation,
-)
+from bayesid.report.folders import VALIDATION_FILES, check_result_folder, make_report, save_validation
+from bayesid.report.payload import PAYLOAD, PAYLOAD_FILES, save_payload
 from bayesid.signs.search.certified import Certified
 
 

@@ -14,7 +14,7 @@ from bayesid.cli.terminal import table
 from bayesid.identification.identification import KNOWN, SURE, Identification
 from bayesid.identification.payload import PayloadReading
 from bayesid.identification.prediction import PredictedEfforts, Validation
-from bayesid.report.payload_text import HEADINGS, payload_checks, payload_rows
+from bayesid.report.payload import HEADINGS, payload_checks, payload_rows
 from bayesid.report.summary import Summary, summarise
 from bayesid.report.tables import EFFECT_HEADINGS, GAIN_HEADINGS, effect_rows, gain_rows
 from bayesid.report.verdicts import Check, beyond_the_terms, gains, intervals, proof, sampling

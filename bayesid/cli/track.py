@@ -36,25 +36,23 @@ from bayesid.monitor.tuning import TUNING as MONITOR
 from bayesid.parallel import one_blas_thread
 from bayesid.progress import Progress
 from bayesid.report.stream import (
+    HEADINGS,
+    NOTE,
     STREAM,
     STREAM_FILES,
     Named,
     StreamResult,
-    open_stream,
-    save_replay,
-    stream_line,
-    stream_names,
-    write_summaries,
-)
-from bayesid.report.track_text import (
-    HEADINGS,
-    NOTE,
     alarm_line,
     change_line,
     count_line,
     named_line,
+    open_stream,
+    save_replay,
+    stream_line,
+    stream_names,
     track_lines,
     track_rows,
+    write_summaries,
 )
 from bayesid.report.words import label
 

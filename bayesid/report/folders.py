@@ -15,8 +15,9 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping, Set
 from contextlib import contextmanager
 from dataclasses import replace
+from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import tomli_w
@@ -28,7 +29,6 @@ from bayesid.files.tables import numbered, write_columns, write_json, write_tabl
 from bayesid.files.writing import check_folder, check_place, replace_file, save_folder
 from bayesid.identification.identification import Identification
 from bayesid.identification.model_file import model_table
-from bayesid.identification.payload import Estimate, PayloadReading, UnchangedCheck
 from bayesid.identification.prediction import Validation
 from bayesid.log.log import Log, write_log
 from bayesid.log.signals import Signals
@@ -36,9 +36,11 @@ from bayesid.parallel import one_blas_thread
 from bayesid.progress import SILENT, Progress
 from bayesid.report.findings import FILE as FINDINGS
 from bayesid.report.findings import Findings, find_findings, read_findings, write_findings
-from bayesid.report.summary import as_json
-from bayesid.report.tables import coefficient_rows, kept_draws, parameter_rows, segment_rows, validation_summary
+from bayesid.report.summary import as_json, log_parts, summarise, taken
 from bayesid.report.verdicts import check_findings, verdict
+
+if TYPE_CHECKING:
+    from xarray import DataTree  # takes half a second to import
 
 MARKER, _REPORT = "summary.json", "report.html"
 IDENTIFICATION_FILES = frozenset(
@@ -50,8 +52,6 @@ IDENTIFICATION_FILES = frozenset(
 )
 """What a result folder may hold; log.csv is the demo's."""
 VALIDATION_FILES = frozenset({"summary.json", "signed_log.csv", "prediction.csv"})
-PAYLOAD = "payload.json"
-PAYLOAD_FILES = frozenset({PAYLOAD})
 
 
 class IncompleteWarning(UserWarning):
@@ -288,58 +288,121 @@ def save_validation(validation: Validation, folder: str | Path) -> Path:
     return save_folder(folder, VALIDATION_FILES, MARKER, write)
 
 
-def save_payload(reading: PayloadReading, folder: str | Path) -> Path:
-    """Writes payload.json: mass, centre of mass, inertia, the check, and the efforts' factor.
+def validation_summary(validation: Validation) -> dict[str, Any]:
+    """summary.json of a validation."""
+    parts = log_parts(validation.log)
+    said: dict[str, Any] = as_json(
+        {
+            "log": validation.log.source,
+            "seen": validation.seen,
+            **({"logs": parts} if parts else {}),
+            "n_samples": len(validation.log),
+            **taken(validation, "rms_error", "relative_residual", coverage_95=validation.coverage),
+            "band": validation.band,
+            "signed_joints": np.flatnonzero(validation.log.signed) + 1,
+            "signs": "measured where the log is signed, else the likelier sign under the model",
+            "processing": validation.signals.processing,
+        }
+    )
+    return said
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Tables and draws
+# ---------------------------------------------------------------------------------------------------------------
+def segment_rows(identification: Identification) -> list[dict[str, object]]:
+    """segments.csv: one row a segment; of several logs the last column names which, and times are on its clock."""
+    rows = []
+    for segment in identification.segments_table():
+        row = {**vars(segment), "start": repr(segment.start), "end": repr(segment.end)}
+        rows.append(row if identification.log.pooled else {name: row[name] for name in row if name != "log"})
+    return rows
+
+
+def coefficient_rows(identification: Identification) -> list[dict[str, object]]:
+    """coefficients.csv: one row a base coefficient, by the posterior if there is one.
+
+    Beside what the design promises: what the prior alone knew, whether data or prior decide, as for parameters, and
+    the value that nominal parameters give, if there are any and they give one.
+    """
+    return [
+        {
+            "name": one.name,
+            "expression": one.expression,
+            "mean": one.mean,
+            "sd": one.sd,
+            "rsd_percent": 100.0 * one.sd / abs(one.mean) if one.mean else np.inf,
+            "q2.5": one.lower,
+            "q97.5": one.upper,
+            "unit": one.unit,
+            "prior_sd": _if_known(one.prior_sd),
+            "decided_by": one.decided_by,
+            "nominal": _if_known(one.nominal),
+        }
+        for one in identification.coefficients_table()
+    ]
+
+
+def parameter_rows(identification: Identification) -> list[dict[str, object]]:
+    """parameters.csv: one row a standard parameter; without a posterior `sd` only where the data alone decide it."""
+    return [{**vars(one), "sd": _if_known(one.sd)} for one in identification.parameters_table()]
+
+
+def _if_known(value: float) -> object:
+    return value if np.isfinite(value) else ""
+
+
+def inference_data(identification: Identification) -> Any:
+    """The posterior as ArviZ takes it: what posterior.nc holds.
+
+    An `arviz.InferenceData`, from ArviZ 1.0 on an `xarray.DataTree`.
 
     Raises:
-        InputError: the folder cannot be written, or holds other files than an earlier payload.
+        ValueError: no posterior was sampled.
 
     Example:
-        >>> (bayesid.save_payload(reading, "payload") / "payload.json").is_file()
-        True
+        >>> data = bayesid.inference_data(result)
+        >>> data.posterior["beta"].dims
+        ('chain', 'draw', 'coefficient')
     """
-    summary = _payload_summary(reading)
-    return save_folder(folder, PAYLOAD_FILES, PAYLOAD, lambda place: write_json(place / PAYLOAD, summary))
+    from bayesid.posterior.inference_data import as_inference_data
+
+    return as_inference_data(kept_draws(identification))
 
 
-def _payload_summary(reading: PayloadReading) -> dict[str, Any]:
-    """payload.json: SI units, joints from 1; null where there is nothing to say."""
-    body, gains, posterior = reading.body, reading.gains, reading.posterior
-    factor, known = reading.gain_factor, reading.known_mass
-    return {
-        "frame": reading.frame,
-        "shown": body.shown,
-        "mass": _estimate(body.mass),
-        "com": None if body.centre is None else [_estimate(one) for one in body.centre],
-        "inertia": None if body.inertia is None else [_estimate(one) for one in body.inertia],
-        "check": _check(reading.check),
-        "known_mass": None if known is None else {"value": known[0], "sd": known[1]},
-        "gain_factor": None if factor is None else _estimate(factor),
-        "gains": None if gains is None else {"read_with": gains[0].tolist(), "corrected": gains[1].tolist()},
-        "posterior": {"converged": posterior.converged, "max_rhat": posterior.max_rhat, "min_ess": posterior.min_ess},
-        "log": reading.identification.log.source,
-        "seconds": reading.seconds,
-        "warnings": list(reading.warnings),
-    }
+def kept_draws(identification: Identification) -> DataTree:
+    """What posterior.nc holds.
 
+    Raises:
+        ValueError: no posterior was sampled.
+    """
+    posterior = identification.posterior
+    if posterior is None:
+        raise ValueError("no posterior was sampled")
+    from bayesid.posterior.inference_data import Labels, Moved, keep  # and xarray, for a posterior alone
 
-def _estimate(one: Estimate) -> dict[str, Any]:
-    return {"value": one.value, "sd": one.sd, "interval": list(one.interval)}
-
-
-def _check(check: UnchangedCheck) -> dict[str, Any]:
-    return {
-        "passed": check.passed,
-        "joints": list(check.joints),
-        "residual_ratio": check.residual.tolist(),
-        "most_residual_ratio": check.MOST_RESIDUAL,
-        "joint_chi_square": check.moved.tolist(),
-        "most_joint_chi_square": check.moved_limits.tolist(),
-        "chi_square": check.chi_square,
-        "degrees_of_freedom": check.freedom,
-        "most_chi_square": check.limit,
-        "false_alarm": check.FALSE_ALARM,
-    }
+    completion = identification.completion
+    labels = Labels(
+        coefficients=identification.coefficients,
+        parameters=identification.model.parameters,
+        joints=[f"A{j}" for j in range(1, identification.model.robot.n_joints + 1)],
+        time=identification.signals.motion.t,
+        nuisance={} if completion is None else completion.uncertain,
+    )
+    summary = as_json(summarise(identification))
+    run = {key: summary[key] for key in ("robot", "log", "terms", "noise", "signs")}
+    sampling = {key: summary["posterior"][key] for key in ("converged", "max_rhat", "min_ess", "seed")}
+    versions = {f"{name}_version": version(name) for name in ("bayesid", "numpy", "emcee", "arviz")}
+    attributes = {**run, **sampling, "modes": summary["modes"], **versions}
+    return keep(
+        posterior.draws,
+        posterior.target,
+        posterior.blocks,
+        labels,
+        attributes,
+        mode=posterior.mode_of_draws,
+        moved=None if posterior.shift is None else Moved(posterior.shift, posterior.log_gain),
+    )
 
 
 def _write_signed_log(path: Path, log: Log, signals: Signals, probability: Array) -> None:

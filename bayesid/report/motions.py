@@ -1,25 +1,35 @@
-"""Folders of motions that were designed: for a robot nobody knows, and after a result."""
+"""Motions that were designed, for a robot nobody knows and after a result: their folders, and their text."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from bayesid.arrays import Array
 from bayesid.excitation.design import ExcitationDesign, Quality
+from bayesid.excitation.judgement import ExcitationJudgement
 from bayesid.excitation.next_motion import NextMotion, PredictedKnowledge
+from bayesid.excitation.resolvability import JointFlips
 from bayesid.excitation.splines import DEGREE
-from bayesid.excitation.tuning import TUNING
+from bayesid.excitation.tuning import TUNING as EXCITATION
 from bayesid.export.controllers import PROGRAM_FOLDERS, PlannedMotion, Programs, check_programs, save_programs
 from bayesid.files.tables import write_json, write_motion, write_table
 from bayesid.files.writing import check_folder, save_folder
+from bayesid.identification.identification import KNOWN
 from bayesid.motion import Motion
+from bayesid.report.summary import as_json, taken
+from bayesid.report.tuning import TUNING
+from bayesid.report.words import counted, table
 
 DESIGN_FILES = frozenset({"design.json", "trajectory.csv", "excitation.svg"})
 DESIGN_MARKER = "design.json"
 NEXT_MARKER = "next_motion.json"
 NEXT_FILES = frozenset({NEXT_MARKER, "next_motion.svg", "predicted.csv"}) | PROGRAM_FOLDERS
+_RESOLVABILITY = "resolvability: twice the log odds against all signs of the joint turned"
+_JOINT = ["joint", "starts at", "lowest", "highest", "speed", "acceleration"]
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -52,59 +62,121 @@ def save_design(design: ExcitationDesign, folder: str | Path) -> Path:
 
 def design_summary(design: ExcitationDesign) -> dict[str, Any]:
     """design.json: figures, limits given and reached, and the B-spline of a period, which is the motion."""
-    motion, spline = design.motion, design.trajectory
-    return {
-        "robot": design.model.robot.name,
-        "terms": [term.name for term in design.model.terms],
-        "duration": float(motion.t[-1]),
-        "rate": design.rate,
-        "periods": design.periods,
-        "noise": design.noise,
-        "start": _figures(design.start),
-        "reached": _figures(design.reached),
-        "joint_resolvability": design.reached.joints.resolvability[: design.model.robot.n_joints].tolist(),
-        "undecided": [design.coefficients.names[i] for i in design.undecided],
-        "coefficients": {
-            name: {"expression": expression, "left": float(uncertainty)}
-            for name, expression, uncertainty in zip(
-                design.coefficients.names, design.coefficients.expressions, design.reached.uncertainty, strict=True
-            )
-        },
-        "limits": {
-            "given": {key: np.atleast_1d(value).tolist() for key, value in vars(design.limits).items()},
-            "reached": _reached(motion),
-        },
-        "spline": {
-            "period": spline.duration,
-            "degree": DEGREE,
-            "knots": spline.basis.knots.tolist(),
-            "control_points": spline.control.tolist(),
-        },
-        "not_checked": ["collisions", "limits of the efforts"],
-    }
+    spline, coefficients, n = design.trajectory, design.coefficients, design.model.robot.n_joints
+    left = zip(coefficients.names, coefficients.expressions, design.reached.uncertainty, strict=True)
+    said: dict[str, Any] = as_json(
+        {
+            "robot": design.model.robot.name,
+            "terms": [term.name for term in design.model.terms],
+            "duration": design.motion.t[-1],
+            **taken(design, "rate", "periods", "noise"),
+            "start": _figures(design.start),
+            "reached": _figures(design.reached),
+            "joint_resolvability": design.reached.joints.resolvability[:n],
+            "undecided": [coefficients.names[i] for i in design.undecided],
+            "coefficients": {name: {"expression": text, "left": uncertainty} for name, text, uncertainty in left},
+            "limits": {
+                "given": {key: np.atleast_1d(value) for key, value in vars(design.limits).items()},
+                "reached": _reached(design.motion),
+            },
+            "spline": {
+                "period": spline.duration,
+                "degree": DEGREE,
+                "knots": spline.basis.knots,
+                "control_points": spline.control,
+            },
+            "not_checked": ["collisions", "limits of the efforts"],
+        }
+    )
+    return said
 
 
 def _figures(quality: Quality) -> dict[str, Any]:
-    weakest = quality.joints.weakest
+    joints, weakest = quality.joints, quality.joints.weakest
     return {
         "condition_number": quality.condition,
         "noise_tolerance": quality.tolerance,
         "weakest_group": {
-            "joints": [j + 1 for j in quality.joints.groups[weakest]],
-            "resolvability": float(quality.joints.resolvability[weakest]),
+            "joints": [j + 1 for j in joints.groups[weakest]],
+            "resolvability": joints.resolvability[weakest],
         },
         "segments": len(quality.segments.joint),
         "wrong_share": quality.segments.doubtful,
     }
 
 
-def _reached(motion: Motion) -> dict[str, list[float]]:
+def _reached(motion: Motion) -> dict[str, Array]:
     return {
-        "lower": motion.q.min(axis=0).tolist(),
-        "upper": motion.q.max(axis=0).tolist(),
-        "velocity": np.abs(motion.dq).max(axis=0).tolist(),
-        "acceleration": np.abs(motion.ddq).max(axis=0).tolist(),
+        "lower": motion.q.min(axis=0),
+        "upper": motion.q.max(axis=0),
+        "velocity": np.abs(motion.dq).max(axis=0),
+        "acceleration": np.abs(motion.ddq).max(axis=0),
     }
+
+
+def design_text(design: ExcitationDesign) -> str:
+    """A table of the joints, what the design has gained over its start, and what stays undecided."""
+    before, after, shares, names = design.start, design.reached, design.of_limits, design.coefficients.names
+    timing = f"{design.motion.t[-1]:g} s at {design.rate:g} Hz, {counted(design.periods, 'period')}"
+    rows = _joint_rows(
+        design.motion,
+        shares.dq,
+        shares.ddq,
+        [f"{after.joints.resolvability[j]:.3g}" for j in range(design.motion.n_joints)],
+    )
+    open_names, noise = [names[i] for i in design.undecided], design.noise
+    undecided = f"{len(open_names)} of {len(names)} coefficients stay undecided at a noise of {noise:.0%}"
+    lines = [
+        f"{design.model.robot.name}: {timing}, from rest to rest",
+        table([*_JOINT, "resolvability"], rows),
+        "positions in rad (m where a joint slides), speed and acceleration as shares of their limits;",
+        f"{_RESOLVABILITY}, at a noise of {noise:.0%}",
+        f"condition number {before.condition:.1f} at the start, {after.condition:.1f} reached",
+        f"noise that the signs bear: {before.tolerance:.0%} of the RMS at the start, {after.tolerance:.0%} reached",
+        f"easiest to mistake: {_group(after.joints)}",
+        f"{undecided}: {', '.join(open_names)}"
+        if open_names
+        else f"all {len(names)} coefficients are decided at a noise of {noise:.0%}",
+        "not checked: collisions with itself or the surroundings, and limits of the efforts; play it slowly first",
+    ]
+    return "\n".join(lines)
+
+
+def _joint_rows(motion: Motion, speed: Array, acceleration: Array, last: Sequence[str]) -> list[list[str]]:
+    """Positions of each joint, the largest shares of its limits, and what else there is to say."""
+    rows = []
+    for j, more in enumerate(last):
+        positions = [f"{motion.q[0, j]:.3f}", f"{motion.q[:, j].min():.2f}", f"{motion.q[:, j].max():.2f}"]
+        used = [f"{np.abs(values[:, j]).max():.0%}" for values in (speed, acceleration)]
+        rows.append([str(j + 1), *positions, *used, more])
+    return rows
+
+
+def _group(flips: JointFlips) -> str:
+    group, cost = flips.groups[flips.weakest], flips.resolvability[flips.weakest]
+    return f"all signs of joint{'s' * (len(group) > 1)} {', '.join(str(j + 1) for j in group)} ({cost:.3g})"
+
+
+def judgement_text(judgement: ExcitationJudgement) -> str:
+    """A table of the joints, the condition number, and what the log leaves undecided."""
+    flips, n = judgement.joints, len(judgement.reach)
+    of_joint = {} if flips is None else dict(zip(flips.groups, flips.resolvability.tolist(), strict=True))
+    rows = []
+    for j in range(n):
+        reached = [f"{judgement.reach[j]:.2f}", f"{judgement.speed[j]:.2f}", f"{judgement.acceleration[j]:.1f}"]
+        resolved = f"{of_joint[j,]:.3g}" if (j,) in of_joint else "known"
+        rows.append([str(j + 1), *reached, f"{judgement.idle[j]:.0%}", resolved, f"{judgement.doubtful[j]:.1%}"])
+    heading = ["joint", "range", "speed", "acceleration", "still", "resolvability", "doubtful"]
+    lines = [
+        f"{judgement.source}: excitation is {judgement.light}",
+        table(heading, rows),
+        f"rad, rad/s, rad/s^2; {_RESOLVABILITY};",
+        f"doubtful: energy with the wrong sign, segments one by one; both at a noise of {judgement.noise:.0%}",
+        f"condition number {judgement.condition:.1f}, all joints alike; `identify` weighs each by the noise it finds",
+        *([] if flips is None else [f"easiest to mistake: {_group(flips)}"]),
+        *(f"- {remark}" for remark in judgement.remarks),
+    ]
+    return "\n".join(lines)
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -174,7 +246,7 @@ def picture(design: NextMotion) -> Any:
         motion=motion,
         limits=limits,
         effort=effort,
-        effort_band=(effort - TUNING.band * sd, effort + TUNING.band * sd),
+        effort_band=(effort - EXCITATION.band * sd, effort + EXCITATION.band * sd),
         poses=extreme_poses(robot, motion, distance),
         distance=distance,
         margin=None if design.run.clearance is None else design.run.clearance.margin,
@@ -194,55 +266,46 @@ def predicted_rows(predicted: PredictedKnowledge) -> list[dict[str, object]]:
             "sd_now": now,
             "sd": after,
             "sd_if_model_lacks_as_much": lacking,
-            "rsd_now_percent": _percent(now, mean),
-            "rsd_percent": _percent(after, mean),
+            "rsd_now_percent": 100.0 * now / abs(mean) if mean else "",
+            "rsd_percent": 100.0 * after / abs(mean) if mean else "",
         }
         for name, unit, (mean, now, after, lacking) in zip(predicted.names, predicted.units, numbers, strict=True)
     ]
 
 
-def _percent(sd: float, mean: float) -> object:
-    return 100.0 * sd / abs(mean) if mean else ""
-
-
 def next_summary(design: NextMotion, programs: Programs) -> dict[str, Any]:
     """next_motion.json: what will be known, what no motion tells, limits given and reached, what was not checked."""
-    motion, limits = design.motion, design.run.limits
+    run, after, limits, clearance = design.run, design.predicted, design.run.limits, design.run.clearance
     assert limits is not None
-    clearance = design.run.clearance
-    return {
-        "robot": design.known.model.robot.name,
-        "duration": design.run.duration,
-        "rate": design.run.rate,
-        "start": list(design.run.start or ()),
-        "payload": design.run.payload,
-        "about": [] if design.goal is None else list(design.goal.names),
-        "information_gain_nats": design.predicted.gain,
-        "open_now": design.predicted.open_now,
-        "open": design.predicted.open,
-        "open_if_model_lacks_as_much": design.predicted.open_lacking,
-        "open_after_random_motion": design.of_random.open,
-        "certain_signs": design.predicted.certain_signs,
-        "log10_bayes_factors": _factors(design.predicted),
-        "log10_bayes_factors_of_random_motion": _factors(design.of_random),
-        "no_motion_tells": list(design.never),
-        "checked": list(design.checked),
-        "not_checked": list(design.unchecked),
-        "limits": {
-            name: None if (limit := getattr(limits, name)) is None else np.atleast_1d(limit).tolist()
-            for name in ("lower", "upper", "velocity", "acceleration", "jerk", "effort")
-        },
-        "reached": {
-            **_reached(motion),
-            "effort_with_band": design.largest_effort.tolist(),
-            "distance": None if clearance is None else float(clearance.distance(motion.q).min()),
-        },
-        "margin": None if clearance is None else clearance.margin,
-        "programs": {"folders": [folder.name for folder in programs.folders], "files": list(programs.files)},
-        "not_written": dict(programs.left_out),
-        "control_points": design.trajectory.control.tolist(),
-        "seconds": design.seconds,
-    }
+    given = taken(limits, "lower", "upper", "velocity", "acceleration", "jerk", "effort")
+    said: dict[str, Any] = as_json(
+        {
+            "robot": design.known.model.robot.name,
+            **taken(run, "duration", "rate", start=run.start or (), payload=run.payload),
+            "about": () if design.goal is None else design.goal.names,
+            "information_gain_nats": after.gain,
+            **taken(after, "open_now", "open", open_if_model_lacks_as_much=after.open_lacking),
+            "open_after_random_motion": design.of_random.open,
+            "certain_signs": after.certain_signs,
+            "log10_bayes_factors": _factors(after),
+            "log10_bayes_factors_of_random_motion": _factors(design.of_random),
+            "no_motion_tells": design.never,
+            "checked": design.checked,
+            "not_checked": design.unchecked,
+            "limits": {name: None if limit is None else np.atleast_1d(limit) for name, limit in given.items()},
+            "reached": {
+                **_reached(design.motion),
+                "effort_with_band": design.largest_effort,
+                "distance": None if clearance is None else clearance.distance(design.motion.q).min(),
+            },
+            "margin": None if clearance is None else clearance.margin,
+            "programs": {"folders": [folder.name for folder in programs.folders], "files": programs.files},
+            "not_written": programs.left_out,
+            "control_points": design.trajectory.control,
+            "seconds": design.seconds,
+        }
+    )
+    return said
 
 
 def _factors(predicted: PredictedKnowledge) -> list[dict[str, object]]:
@@ -250,3 +313,75 @@ def _factors(predicted: PredictedKnowledge) -> list[dict[str, object]]:
         {"true": true, "against": other, "expected": value}
         for (true, other), value in predicted.log10_bayes_factors.items()
     ]
+
+
+def next_motion_text(design: NextMotion) -> str:
+    """What will be known, what no motion tells, how far limits are used, and what was not checked."""
+    run, predicted = design.run, design.predicted
+    carried = f", with {run.payload} on the flange" if run.payload else ""
+    lines = [
+        f"{design.known.model.robot.name}: {run.duration:g} s at {run.rate:g} Hz, from rest to rest{carried}",
+        *(_of_goal(design) if design.goal is not None else _of_rivals(predicted, design.of_random)),
+        f"signs that will be certain: {predicted.certain_signs:.1%} of |effort| "
+        f"(after a random motion {design.of_random.certain_signs:.1%})",
+        "the random motion keeps limits of positions, velocities and accelerations, not of efforts and distances",
+        *(f"- {sentence}" for sentence in design.never),
+        "",
+        table([*_JOINT, "effort"], _joints(design)),
+        "positions in rad (m where a joint slides); the others as shares of their limits, efforts with their band",
+        *([] if run.clearance is None else [_clearance(design)]),
+        f"checked: {'; '.join(design.checked)}",
+        *(f"NOT checked: {sentence}" for sentence in design.unchecked),
+    ]
+    return "\n".join(lines)
+
+
+def _of_goal(design: NextMotion) -> list[str]:
+    after, random = design.predicted, design.of_random
+    assert design.goal is not None
+    lines = [
+        f"coefficients not known to {KNOWN:.0%}: {after.open_now} now, {after.open} after this motion if the "
+        f"model is right, {after.open_lacking} if what it may lack stays as large; {random.open} after a random motion"
+    ]
+    chosen = [k for k, name in enumerate(after.names) if name in design.goal.names]
+    if not chosen:
+        lines.append(f"aimed at {len(design.goal.names)} sums of them; those of which most is learned on the way:")
+        chosen = list(range(len(after.names)))
+    most = sorted(chosen, key=lambda k: after.sd[k] / after.sd_now[k])[: TUNING.next_coefficients]
+    sds = after.sd_now, after.sd, random.sd
+    rows = [[after.names[k], f"{after.mean[k]:.4g}", *(f"{sd[k]:.2g}" for sd in sds), after.units[k]] for k in most]
+    return [*lines, table(["name", "value", "sd now", "sd then", "random motion", "unit"], rows)]
+
+
+def _of_rivals(predicted: PredictedKnowledge, random: PredictedKnowledge) -> list[str]:
+    rows = []
+    for pair, value in predicted.log10_bayes_factors.items():
+        told = "yes" if value >= EXCITATION.telling else "no"
+        rows.append([*pair, f"{value:.3g}", told, f"{random.log10_bayes_factors[pair]:.3g}"])
+    heading = ["if true", "against", "log10 Bayes factor", "told apart", "random motion"]
+    lines = [
+        table(heading, rows),
+        "expected with the noise as it is known, of the form that imitates best; told apart from "
+        f"{EXCITATION.telling:g} on",
+    ]
+    if all(value < EXCITATION.telling for value in predicted.log10_bayes_factors.values()):
+        lines.append("this motion is not expected to tell any apart: a longer one may (--duration), or wider --limits")
+    return lines
+
+
+def _joints(design: NextMotion) -> list[list[str]]:
+    motion, limits, n = design.motion, design.run.limits, design.known.model.robot.n_joints
+    assert limits is not None
+    speed, acceleration = (np.broadcast_to(limit, n) for limit in (limits.velocity, limits.acceleration))
+    effort = design.largest_effort / design.feasibility.effort
+    known = np.isfinite(design.feasibility.effort)
+    efforts = [f"{effort[j]:.0%}" if known[j] else "no limit" for j in range(n)]
+    return _joint_rows(motion, motion.dq / speed, motion.ddq / acceleration, efforts)
+
+
+def _clearance(design: NextMotion) -> str:
+    clearance, q = design.run.clearance, design.motion.q
+    assert clearance is not None
+    distances = clearance.distance(q)
+    least, (one, other) = clearance.nearest(q[int(distances.argmin())])
+    return f"least distance: {least:.3f} m, {one} to {other} (to be kept: {clearance.margin:g} m)"

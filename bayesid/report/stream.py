@@ -1,9 +1,10 @@
-"""The folder of a stream: signed_stream.csv, alarms.json, stream.json, and a figure where one is asked for."""
+"""A stream: its folder (signed_stream.csv, alarms.json, stream.json, a figure where one is asked for), and its text."""
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -13,9 +14,14 @@ from bayesid.arrays import Array
 from bayesid.files.tables import numbered, write_columns, write_json
 from bayesid.files.writing import save_folder
 from bayesid.monitor.changes import Alarm
+from bayesid.monitor.kinds import CONTACT, FRICTION, GAIN, PAYLOAD
 from bayesid.monitor.replay import Agreement, Replay
 from bayesid.monitor.tracked import Counts, StreamFigures, Tracked
 from bayesid.report.plot.stream import stream_figure
+from bayesid.report.summary import as_json, taken
+from bayesid.report.tuning import TUNING
+from bayesid.report.verdicts import Check
+from bayesid.report.words import joints_in_words, rounded
 
 STREAM = "stream.json"
 STREAM_FILES = frozenset({STREAM, "signed_stream.csv", "alarms.json", "stream.png", "stream.svg"})
@@ -110,33 +116,147 @@ def _named(named: Named | None) -> dict[str, Any]:
 
 def stream_summary(result: StreamResult) -> dict[str, Any]:
     """stream.json: SI units, joints in order; null where there is nothing to say."""
-    figures, counts = result.figures, asdict(result.counts)
-    quantiles = {name: 1e6 * figures.times.quantile(share) for name, share in (("median", 0.5), ("p99_9", 0.999))}
-    return {
-        "log": result.log,
-        "summary": {
-            "rate": result.rate,
-            "lag": result.lag,
-            "instants": figures.instants,
-            "counts": {**counts, "bad": result.bad},
-            "update_microseconds": quantiles,
-            "rms_residual": figures.rms.tolist(),
-            "largest_external_over_threshold": figures.pushed.tolist(),
-            "smoothing_status": result.smoothing_status,
-            "smoothing": _agreement(result.smoothing),
-            "known_signs": _agreement(result.known),
+    figures = result.figures
+    summary = {
+        **taken(result, "rate", "lag"),
+        "instants": figures.instants,
+        "counts": as_json(result.counts) | {"bad": result.bad},
+        "update_microseconds": {
+            name: 1e6 * figures.times.quantile(share) for name, share in (("median", 0.5), ("p99_9", 0.999))
         },
-        "n_alarms": len(result.alarms),
+        "rms_residual": figures.rms,
+        "largest_external_over_threshold": figures.pushed,
+        "smoothing_status": result.smoothing_status,
+        "smoothing": _agreement(result.smoothing),
+        "known_signs": _agreement(result.known),
     }
+    said: dict[str, Any] = as_json({"log": result.log, "summary": summary, "n_alarms": len(result.alarms)})
+    return said
 
 
 def _agreement(one: Agreement | None) -> dict[str, Any] | None:
-    if one is None:
-        return None
-    return {
-        "share": one.share,
-        "by_joint": one.by_joint.tolist(),
-        "sure": one.sure_share,
-        "sure_by_joint": one.sure_by_joint.tolist(),
-        "share_of_sure": one.share_of_sure,
+    names = "share", "by_joint", "sure_by_joint", "share_of_sure"
+    return None if one is None else taken(one, *names, sure=one.sure_share)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# In words
+# ---------------------------------------------------------------------------------------------------------------
+HEADINGS = ("joint", "signs agree", "sure (99 %)", "RMS residual, N m", "external / threshold")
+NOTE = "external / threshold: the most that two samples in a row have of it; beyond 1 it is a contact, or a change"
+
+
+def track_rows(figures: StreamFigures, smoothing: Agreement | None) -> list[tuple[str, ...]]:
+    """Of a table with `HEADINGS`, a joint each."""
+    n = len(figures.moving)
+    nothing = np.full(n, np.nan)
+    agree, sure = (nothing, nothing) if smoothing is None else (smoothing.by_joint, smoothing.sure_by_joint)
+    return [
+        (
+            str(j + 1),
+            *(_percent(float(part[j])) for part in (agree, sure)),
+            _or_nothing(figures.rms[j], rounded(float(figures.rms[j]))),
+            _or_nothing(figures.pushed[j], f"{figures.pushed[j]:.2f}"),
+        )
+        for j in range(n)
+    ]
+
+
+def track_lines(
+    smoothing: Agreement | None, status: str, known: Agreement | None, seen: bool = False, *, signed: bool = False
+) -> list[Check]:
+    """How the stream's signs compare with the smoothing of the whole log and, where it has them, with its own.
+
+    Args:
+        smoothing: agreement with the smoothing; None where there is none.
+        status: why not.
+        known: agreement with the log's signs, of a stream without them.
+        seen: whether the model was identified from this log.
+        signed: whether the efforts of all joints have signs in the log.
+    """
+    said = []
+    if smoothing is None:
+        said.append(Check("Signs", "look", f"not compared with a smoothing of the whole log: {status}"))
+    elif smoothing.samples.any():
+        where = " (the log that the model was identified from)" if seen else ""
+        said.append(Check("Signs", "good", f"{_agreed(smoothing, 'those of a smoothing of the whole log')}{where}"))
+    elif signed:
+        said.append(Check("Signs", "good", "known in the log: there was none to find"))
+    else:
+        said.append(Check("Signs", "look", "not compared: there is no sample in motion whose sign both have found"))
+    if known is not None and known.samples.any():
+        told = _agreed(known, "those in the log, where absolute values alone are fed")
+        said.append(Check("Signs that are known", "good", told))
+    return said
+
+
+def count_line(counts: Counts, figures: StreamFigures, lag: float, bad: int = 0) -> str:
+    """What became of the rows, and what an update took."""
+    if not counts.updates:
+        return f"{counts.updates:,} rows taken"
+    named = {
+        "repeated": counts.repeated,
+        "late": counts.late,
+        "without a number": counts.missing,
+        "no rows at all": bad,
+        "efforts without a number": counts.unread,
+        f"gap{'s' * (counts.gaps != 1)}": counts.gaps,
+        f"time{'s' * (counts.set_back != 1)} that the clock was set back": counts.set_back,
     }
+    parts = [f"{counts.updates:,} rows taken", *(f"{count:,} {what}" for what, count in named.items() if count)]
+    middle, late = (1e6 * figures.times.quantile(share) for share in (0.5, 0.999))
+    took = f"an update took {middle:.0f} microseconds in the middle, {late:.0f} in one of a thousand"
+    return f"{', '.join(parts)}; {took}; {lag:.3g} s behind"
+
+
+def alarm_line(alarm: Alarm) -> str:
+    """When, what, in which joints, by how much, and when it was said."""
+    later = alarm.raised - alarm.time
+    said = f", said {later:.1f} s later" if later >= TUNING.soon else ""
+    amount = _amount(alarm)
+    lasted = f", {alarm.duration:.2f} s long" if alarm.kind == CONTACT and alarm.duration else ""
+    name = "unknown change" if alarm.kind not in (CONTACT, PAYLOAD, FRICTION, GAIN) else alarm.kind
+    return (
+        f"{alarm.time:.2f} s: {name}, {joints_in_words(alarm.joints)}{f' ({amount})' if amount else ''}{lasted}{said}"
+    )
+
+
+def change_line(alarm: Alarm, result: str, log: str, last: float) -> str:
+    """How to go on with a change: the command and its window, which ends at an instant, s."""
+    command = shlex.join(["bayesid", "discrepancy", result, log])
+    return (
+        f"what has changed: `{command}` on the rows from {alarm.time:.2f} to {last:.2f} s, cut out as a log, or "
+        "--explain here"
+    )
+
+
+def named_line(alarm: Alarm, status: str, effects: str) -> str:
+    """What `bayesid.find_discrepancy` names of a change."""
+    told = f"{effects} ({status})" if effects else status
+    return f"what has changed from {alarm.time:.2f} s on: {told}"
+
+
+def _amount(alarm: Alarm) -> str:
+    if alarm.amount is None:
+        return ""
+    if alarm.kind == CONTACT:
+        return f"up to {rounded(alarm.amount)} N m"
+    if alarm.kind == GAIN:
+        return f"{100.0 * alarm.amount:+.0f} %"
+    sign = "+" if alarm.amount >= 0.0 else ""
+    return f"{sign}{rounded(alarm.amount, 2)} {'kg' if alarm.kind == PAYLOAD else 'N m'}"
+
+
+def _agreed(one: Agreement, what: str) -> str:
+    return (
+        f"{_percent(one.share)} of the samples in motion have {what}; sure to 99 % of {_percent(one.sure_share)}, of "
+        f"which {_percent(one.share_of_sure)} agree"
+    )
+
+
+def _percent(share: float) -> str:
+    return _or_nothing(share, f"{share:.1%}")
+
+
+def _or_nothing(value: float, text: str) -> str:
+    return "-" if value != value else text

@@ -89,6 +89,11 @@ def listed(parts: Sequence[str], last: str = "and") -> str:
     return f"{', '.join(parts[:-1])} {last} {parts[-1]}" if len(parts) > 1 else "".join(parts)
 
 
+def counted(number: int, what: str) -> str:
+    """As in 1 period, 3 periods."""
+    return f"{number} {what}{'s' * (number != 1)}"
+
+
 def upper(text: str) -> str:
     """With a capital at its beginning."""
     return text[:1].upper() + text[1:]

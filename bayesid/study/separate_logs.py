@@ -21,8 +21,7 @@ from bayesid.identification.identification import Identification
 from bayesid.identification.pipeline import identify
 from bayesid.log.formats import is_stream
 from bayesid.log.reading import read_log
-from bayesid.report.folders import check_result_folder, collect_incomplete, save_identification
-from bayesid.report.tables import coefficient_rows
+from bayesid.report.folders import check_result_folder, coefficient_rows, collect_incomplete, save_identification
 from bayesid.robot import Robot, load_robot
 from bayesid.study.agreement import Agreement, agreement
 from bayesid.study.agreement import rows as agreement_rows

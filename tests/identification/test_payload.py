@@ -21,7 +21,7 @@ from bayesid.identification.payload import (
     identify_payload,
     with_common_factor,
 )
-from bayesid.report.payload_text import payload_checks
+from bayesid.report.payload import payload_checks
 from bayesid.robot.inertia import pseudo_inertia
 
 ALL = range(24)

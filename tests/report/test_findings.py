@@ -147,7 +147,7 @@ def test_position_and_velocity_are_of_the_motors(coupled):
 def test_segments_are_those_of_the_table(any_of_them, tmp_path):
     """A segment ends where the next one begins, one sample after its last; none reaches over a pause between logs."""
     found, period = find_findings(any_of_them).segments, 1.0 / any_of_them.signals.rate
-    rows = bayesid.report.tables.segment_rows(any_of_them)
+    rows = bayesid.report.folders.segment_rows(any_of_them)
     t = any_of_them.signals.motion.t - any_of_them.signals.motion.origin
     assert len(rows) == len(found.joint)
     for k, row in enumerate(rows):

@@ -10,8 +10,7 @@ from scipy import linalg, stats
 from bayesid.log.reading import read_log
 from bayesid.motion import Motion
 from bayesid.report.findings import read_findings
-from bayesid.report.folders import save_identification, save_validation
-from bayesid.report.tables import inference_data, parameter_rows
+from bayesid.report.folders import inference_data, parameter_rows, save_identification, save_validation
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ from bayesid.monitor.changes import Alarm, ChangeTest, Sums
 from bayesid.monitor.replay import Agreement, Replay
 from bayesid.monitor.tracked import Counts, StreamFigures, Tracked, UpdateTimes
 from bayesid.report.plot.stream import stream_figure
-from bayesid.report.track_text import alarm_line, count_line, track_lines, track_rows
+from bayesid.report.stream import alarm_line, count_line, track_lines, track_rows
 
 PAYLOAD = Alarm(2.31, 3, "payload", (2, 3), 3.2, None, 2.81, 0.9)
 CONTACT = Alarm(1.0, 2, "contact", (1, 2), 1.0, 0.25, 31.7)

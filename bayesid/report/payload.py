@@ -1,14 +1,64 @@
-"""What there is to say of a payload, in words."""
+"""A payload that was read from a log: payload.json, its table, and how far it can be trusted."""
 
 from __future__ import annotations
 
 import shlex
+from pathlib import Path
+from typing import Any
 
+from bayesid.files.tables import write_json
+from bayesid.files.writing import save_folder
 from bayesid.identification.payload import AXES, Estimate, PayloadReading
+from bayesid.report.summary import as_json, taken
 from bayesid.report.verdicts import Check
 from bayesid.report.words import joints_in_words, quantity, rounded
 
+PAYLOAD = "payload.json"
+PAYLOAD_FILES = frozenset({PAYLOAD})
 HEADINGS = ("payload", "value", "sd", "95 % interval", "unit")
+
+
+def save_payload(reading: PayloadReading, folder: str | Path) -> Path:
+    """Writes payload.json: mass, centre of mass, inertia, the check, and the efforts' factor.
+
+    Raises:
+        InputError: the folder cannot be written, or holds other files than an earlier payload.
+
+    Example:
+        >>> (bayesid.save_payload(reading, "payload") / "payload.json").is_file()
+        True
+    """
+    summary = _payload_summary(reading)
+    return save_folder(folder, PAYLOAD_FILES, PAYLOAD, lambda place: write_json(place / PAYLOAD, summary))
+
+
+def _payload_summary(reading: PayloadReading) -> dict[str, Any]:
+    """payload.json: SI units, joints from 1; null where there is nothing to say."""
+    body, check, known, gains = reading.body, reading.check, reading.known_mass, reading.gains
+    said: dict[str, Any] = as_json(
+        {
+            "frame": reading.frame,
+            **taken(body, "shown", "mass", com=body.centre, inertia=body.inertia),
+            "check": {
+                **taken(check, "passed", "joints"),
+                "residual_ratio": check.residual,
+                "most_residual_ratio": check.MOST_RESIDUAL,
+                "joint_chi_square": check.moved,
+                "most_joint_chi_square": check.moved_limits,
+                "chi_square": check.chi_square,
+                "degrees_of_freedom": check.freedom,
+                "most_chi_square": check.limit,
+                "false_alarm": check.FALSE_ALARM,
+            },
+            "known_mass": None if known is None else {"value": known[0], "sd": known[1]},
+            "gain_factor": reading.gain_factor,
+            "gains": None if gains is None else {"read_with": gains[0], "corrected": gains[1]},
+            "posterior": taken(reading.posterior, "converged", "max_rhat", "min_ess"),
+            "log": reading.identification.log.source,
+            **taken(reading, "seconds", "warnings"),
+        }
+    )
+    return said
 
 
 def payload_rows(reading: PayloadReading) -> list[tuple[str, ...]]:
@@ -40,10 +90,7 @@ def _mass(reading: PayloadReading) -> Check:
     mass = reading.body.mass
     if reading.body.shown:
         return Check("Payload", "good", f"{quantity(mass.value, mass.sd, 'kg')} in the frame of {reading.frame}")
-    said = (
-        f"none that can be told from zero: less than {rounded(mass.interval[1], 2)} kg (95 %); a centre of mass and an "
-        "inertia would mean nothing"
-    )
+    said = f"none that can be told from zero: less than {rounded(mass.interval[1], 2)} kg (95 %)"
     return Check("Payload", "look", said)
 
 
@@ -71,29 +118,20 @@ def _sampling(reading: PayloadReading) -> Check:
 def _gains(reading: PayloadReading) -> list[Check]:
     if reading.known_mass is None:
         return []
-    if reading.gain_factor is None:
+    factor, passed = reading.gain_factor, reading.check.passed
+    if factor is None:
         return [Check("Gains", "bad", "without a payload that the log shows, its known mass says nothing of them")]
-    factor = reading.gain_factor
     times, which = (1.0 / factor.value, "large") if factor.value < 1.0 else (factor.value, "small")
     low, high = factor.interval
     said = (
         f"the efforts read are {times:.3f} times too {which}: multiply them by {quantity(factor.value, factor.sd, '')} "
         f"(95 %: {low:.3f} to {high:.3f})"
     )
-    if low <= 1.0 <= high:
-        said += ", which cannot be told from 1"
-    gains = reading.gains
-    corrected = "" if gains is None else f"--gains {','.join(f'{gain:.4g}' for gain in gains[1])}"
-    known = reading.identification.identified.gains
-    if corrected and known is not None and known.stated.of_torques:
-        corrected += ' --columns i="tau{}"'  # exact gains are for currents
-    if not reading.check.passed:
-        said += ", if nothing else has changed"
-    return [
-        Check(
-            "Gains",
-            "good" if reading.check.passed else "look",
-            said,
-            f"read logs with {corrected}" if corrected else "",
-        )
-    ]
+    said += ", which cannot be told from 1" if low <= 1.0 <= high else ""
+    said += "" if passed else ", if nothing else has changed"
+    remedy, known = "", reading.identification.identified.gains
+    if reading.gains is not None:
+        remedy = f"read logs with --gains {','.join(f'{gain:.4g}' for gain in reading.gains[1])}"
+        if known is not None and known.stated.of_torques:
+            remedy += ' --columns i="tau{}"'  # exact gains are for currents
+    return [Check("Gains", "good" if passed else "look", said, remedy)]
