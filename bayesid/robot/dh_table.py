@@ -6,16 +6,14 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+import scipy
 
 from bayesid.arrays import Array
-from bayesid.errors import InputError
+from bayesid.errors import InputError, printable
 from bayesid.files.bounded import LARGEST
 from bayesid.robot.arm import Joint, Robot
 from bayesid.robot.numbers import check_count, given_numbers
 from bayesid.robot.tuning import TUNING
-
-_AS_WRITTEN = "use the table as bayesid wrote it"
-"""Remedy for a damaged model.toml."""
 
 
 def robot_from_table(table: Mapping[str, Any], where: str) -> Robot:
@@ -46,7 +44,7 @@ def robot_from_table(table: Mapping[str, Any], where: str) -> Robot:
         raise InputError("key 'joints' is missing", where, "give one [[joints]] table a joint with a, alpha, d, theta")
     check_count(len(rows), where)
     dh = [_dh_row(row, f"{where}, joint {i}") for i, row in enumerate(rows, start=1)]
-    joints = _standard_joints(dh) if convention == "standard" else _modified_joints(dh)
+    joints = _joints(dh, convention)
     lengths = {f"{symbol}{i}": row[symbol] for i, row in enumerate(dh, start=1) for symbol in ("a", "d")}
     return Robot(
         name=str(table.get("name", "robot")),
@@ -85,40 +83,35 @@ def robot_table(robot: Robot) -> dict[str, Any]:
 
 
 def _robot_from_chain(table: Mapping[str, Any], where: str) -> Robot:
-    rows, lengths = table.get("joints"), table.get("lengths", {})
-    if not isinstance(rows, list) or not rows or not isinstance(lengths, Mapping):
-        raise InputError("key 'joints' or 'lengths' cannot be used", where, _AS_WRITTEN)
-    check_count(len(rows), where)
-    return Robot(
-        name=str(table.get("name", "robot")),
-        joints=tuple(_chain_joint(row, i, f"{where}, joint {i + 1}") for i, row in enumerate(rows)),
-        gravity=given_numbers(table.get("gravity", [0.0, 0.0, -9.81]), (3,), "gravity", where),
-        transmission=_transmission(table.get("transmission"), len(rows), where),
-        lengths={str(key): float(given_numbers(value, (), str(key), where)) for key, value in lengths.items()},
-        notes=tuple(map(str, _listed(table.get("notes", []), f"{where}, notes"))),
-    )
+    """What `robot_table` has made; nobody writes it by hand, so that one sentence serves whatever is damaged."""
+    try:
+        rows, lengths = table["joints"], table.get("lengths", {}).items()
+        check_count(len(rows), where)
+        joints = tuple(_chain_joint(row, f"{where}, joint {k}") for k, row in enumerate(rows, start=1))
+        if not all(-1 <= joint.parent < k for k, joint in enumerate(joints)):
+            raise ValueError("a joint stands before its parent")
+        return Robot(
+            name=str(table.get("name", "robot")),
+            joints=joints,
+            gravity=given_numbers(table.get("gravity", [0.0, 0.0, -9.81]), (3,), "gravity", where),
+            transmission=_transmission(table.get("transmission"), len(rows), where),
+            lengths={
+                key: float(given_numbers(value, (), key, where)) for key, value in table.get("lengths", {}).items()
+            },
+            notes=tuple(map(str, table.get("notes", []))),
+        )
+    except InputError:
+        raise
+    except (AttributeError, KeyError, OverflowError, TypeError, ValueError) as error:
+        said = f"does not hold a robot as bayesid writes it ({printable(str(error))})"
+        raise InputError(said, where, "use the table as bayesid wrote it") from None
 
 
-def _listed(value: object, where: str) -> list[Any]:
-    if not isinstance(value, list):
-        raise InputError("is no list", where, _AS_WRITTEN)
-    return value
-
-
-def _chain_joint(row: object, index: int, where: str) -> Joint:
-    if not isinstance(row, Mapping):
-        raise InputError("is not a table", where, _AS_WRITTEN)
-    for key in ("placement", "axis", "type", "parent", "link_frame"):
-        if key not in row:
-            raise InputError(f"key '{key}' is missing", where, _AS_WRITTEN)
-    placement, link_frame = (_frame(row[key], key, where) for key in ("placement", "link_frame"))
-    axis = given_numbers(row["axis"], (3,), "axis", where)
-    if not np.isclose(np.linalg.norm(axis), 1.0):
-        raise InputError("key 'axis' is no unit vector", where, _AS_WRITTEN)
-    if not isinstance(row["parent"], int) or not -1 <= row["parent"] < index:
-        raise InputError("key 'parent' names no earlier joint", where, _AS_WRITTEN)
-    slides, name, rated = row["type"] == "prismatic", str(row.get("name", "")), _rated_effort(row, where)
-    return Joint(placement, axis, slides, row["parent"], link_frame, name, rated)
+def _chain_joint(row: Mapping[str, Any], where: str) -> Joint:
+    placement, link_frame = (given_numbers(row[key], (4, 4), key, where) for key in ("placement", "link_frame"))
+    axis, slides = given_numbers(row["axis"], (3,), "axis", where), row["type"] == "prismatic"
+    name, rated = str(row.get("name", "")), _rated_effort(row, where)
+    return Joint(placement, axis, slides, int(row["parent"]), link_frame, name, rated)
 
 
 def _rated_effort(row: Mapping[str, Any], where: str) -> float | None:
@@ -129,16 +122,6 @@ def _rated_effort(row: Mapping[str, Any], where: str) -> float | None:
     if effort <= 0.0:
         raise InputError("key 'rated_effort' is not positive", where, "give the joint's rated effort, in N m or N")
     return effort
-
-
-def _frame(value: object, key: str, where: str) -> Array:
-    """(4, 4) a place of a rigid body."""
-    frame = given_numbers(value, (4, 4), key, where)
-    turn = frame[:3, :3]
-    rigid = np.allclose(turn @ turn.T, np.eye(3), atol=1e-6) and np.linalg.det(turn) > 0.0
-    if not rigid or frame[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
-        raise InputError(f"key '{key}' is no place of a rigid body", where, _AS_WRITTEN)
-    return frame
 
 
 def _dh_row(row: object, where: str) -> dict[str, Any]:
@@ -165,38 +148,25 @@ def _transmission(value: object, n: int, where: str) -> Array | None:
     return matrix
 
 
-def _rotation(axis: str, angle: float) -> Array:
-    c, s = np.cos(angle), np.sin(angle)
-    matrix = np.eye(4)
-    i, j = (1, 2) if axis == "x" else (0, 1)
-    matrix[i, i] = matrix[j, j] = c
-    matrix[i, j], matrix[j, i] = -s, s
+def _screw(along: str, angle: float, length: float) -> Array:
+    """(4, 4) a turn about x or z, and a shift along it."""
+    matrix, axis = np.eye(4), "xyz".index(along)
+    matrix[:3, :3] = scipy.spatial.transform.Rotation.from_euler(along, angle).as_matrix()
+    matrix[axis, 3] = length
     return matrix
 
 
-def _translation(x: float, z: float) -> Array:
-    matrix = np.eye(4)
-    matrix[0, 3], matrix[2, 3] = x, z
-    return matrix
+def _joints(dh: list[dict[str, Any]], convention: str) -> tuple[Joint, ...]:
+    """Standard: joint i acts at the end of link i - 1, and link i's frame sits at its own far end.
 
-
-def _standard_joints(dh: list[dict[str, Any]]) -> tuple[Joint, ...]:
-    """Distal convention: joint i acts at the end of link i - 1, and link i's frame sits at its own far end."""
-    joints, placement = [], np.eye(4)
+    Modified (Craig): link i's frame is joint i's own.
+    """
+    joints, before = [], np.eye(4)
     for i, row in enumerate(dh):
-        to_link = _rotation("z", row["theta"]) @ _translation(row["a"], row["d"]) @ _rotation("x", row["alpha"])
-        axis, rated = np.array([0.0, 0.0, 1.0]), row["rated_effort"]
-        joints.append(Joint(placement, axis, row["prismatic"], i - 1, to_link, rated_effort=rated))
-        placement = to_link
-    return tuple(joints)
-
-
-def _modified_joints(dh: list[dict[str, Any]]) -> tuple[Joint, ...]:
-    """Proximal convention (Craig): link i's frame is joint i's own."""
-    joints = []
-    for i, row in enumerate(dh):
-        before = _rotation("x", row["alpha"]) @ _translation(row["a"], 0.0)
-        placement = before @ _rotation("z", row["theta"]) @ _translation(0.0, row["d"])
-        axis, rated = np.array([0.0, 0.0, 1.0]), row["rated_effort"]
-        joints.append(Joint(placement, axis, row["prismatic"], i - 1, rated_effort=rated))
+        across, along = _screw("x", row["alpha"], row["a"]), _screw("z", row["theta"], row["d"])
+        standard = convention == "standard"
+        placement, link_frame = (before, along @ across) if standard else (across @ along, np.eye(4))
+        axis, slides = np.array([0.0, 0.0, 1.0]), row["prismatic"]
+        joints.append(Joint(placement, axis, slides, i - 1, link_frame, rated_effort=row["rated_effort"]))
+        before = link_frame
     return tuple(joints)

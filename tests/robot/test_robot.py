@@ -61,10 +61,11 @@ def test_tables_of_chains_that_cannot_be_used():
     table = robot_table(robot_from_table(TABLES["standard"], "test"))
     one = table["joints"][0]
     for change, said in (
-        ({"joints": []}, "key 'joints'"),
-        ({"joints": [3]}, "joint 1: is not a table"),
+        ({"joints": []}, "cannot be used"),
+        ({"joints": [3]}, "as bayesid writes it"),
         ({"joints": [one] * 500}, "has 500 moving joints"),
         ({"joints": [one | {"axis": "up"}]}, "joint 1: key 'axis'"),
+        ({"joints": [one | {"parent": 3}]}, "a joint stands before its parent"),
         ({"joints": [one | {"rated_effort": "x"}]}, "joint 1: key 'rated_effort'"),
         ({"transmission": [1.0]}, "key 'transmission'"),
     ):
