@@ -201,7 +201,8 @@ def _with_origin(again: Identification, known: IdentifiedModel, log: Log, later:
     scored = [] if later is None else [f"holdout={call_of_log(later)}"]
     return replace(
         again,
-        identified=replace(again.identified, logs=again.identified.logs | known.logs, gains=known.gains),
+        logs=again.logs | known.logs,
+        gains=known.gains,
         provenance=replace(again.provenance, call=call_of("find_discrepancy", "earlier", call_of_log(log), *scored)),
     )
 

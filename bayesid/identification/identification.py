@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from os import PathLike
 from typing import ClassVar
 
@@ -11,24 +11,20 @@ import numpy as np
 
 from bayesid.arrays import TINY, Array, Integers, Mask
 from bayesid.effects.coefficients import BaseCoefficients
-from bayesid.effects.model import Model
 from bayesid.errors import InputError
-from bayesid.identification.gains import IdentifiedGains
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.options import Provenance
 from bayesid.identification.other_readings import BetterReading
-from bayesid.identification.prediction import NORMAL_95, MotionLike, PredictedEfforts, Validation
+from bayesid.identification.prediction import NORMAL_95
 from bayesid.identification.records import Coefficient, ParameterValue, Records, SegmentSign, named, recorded_segments
 from bayesid.identification.tuning import TUNING
 from bayesid.log.log import Log
-from bayesid.log.reading import LogSource
 from bayesid.log.segments import Segments
 from bayesid.log.signals import Signals
 from bayesid.posterior.inference import Posterior
 from bayesid.posterior.tuning import TUNING as POSTERIOR
-from bayesid.regression.knowledge import Beliefs, Knowledge
+from bayesid.regression.knowledge import Beliefs
 from bayesid.regression.least_squares import Fit
-from bayesid.regression.noise import Noise
 from bayesid.signs.completion import Completion
 from bayesid.signs.search.result import SearchResult
 
@@ -56,12 +52,11 @@ def sure_share_of(probability: Array, effort: Array, used: Mask) -> float:
     return float(np.mean((weight * certain).sum(axis=0) / np.maximum(weight.sum(axis=0), TINY)))
 
 
-@dataclass(frozen=True)
-class Identification:
-    """What a log says about a robot.
+@dataclass(frozen=True, kw_only=True)
+class Identification(IdentifiedModel):
+    """What a log says about a robot: its model, and all that led to it.
 
     Attributes:
-        identified: the model with its parameters, for predictions and for other logs.
         coefficients: the model's r base coefficients.
         log: the raw log.
         signals: the log on an even grid of N instants, freed of a low-pass after the rectifier where there was one.
@@ -96,7 +91,6 @@ class Identification:
 
     notebook_view: ClassVar[Callable[[Identification], str] | None] = None
 
-    identified: IdentifiedModel
     coefficients: BaseCoefficients
     log: Log
     signals: Signals
@@ -167,29 +161,9 @@ class Identification:
         return f"{names}{'' if self.completion is None else f'; {len(self.completion.effects)} entered by completion'}"
 
     @property
-    def model(self) -> Model:
-        """Robot, terms and distortions."""
-        return self.identified.model
-
-    @property
-    def theta(self) -> Array:
-        """(P,) the model's parameters: the posterior's mean, or least squares' where there is no posterior."""
-        return self.identified.theta
-
-    @property
-    def gains(self) -> IdentifiedGains | None:
-        """The gains by which readings were made efforts, where they were unknowns; None where all were exact."""
-        return self.identified.gains
-
-    @property
-    def noise(self) -> Noise:
-        """Of the efforts, per joint."""
-        return self.identified.noise
-
-    @property
-    def knowledge(self) -> Knowledge:
-        """What the log has shown of the coefficients, for another log: the posterior as a normal distribution."""
-        return self.identified.knowledge
+    def identified(self) -> IdentifiedModel:
+        """The model alone, without the log."""
+        return IdentifiedModel(**{one.name: getattr(self, one.name) for one in fields(IdentifiedModel)})
 
     @property
     def beta(self) -> Array:
@@ -292,14 +266,14 @@ class Identification:
             Coefficient(*names, mean, sd, lower, upper, _decided_by(data), of_prior, stated)
             for names, (mean, sd, lower, upper, of_prior, stated), data in zip(words, numbers, by_data, strict=True)
         )
-        return Records(Coefficient, tuple(rows))
+        return Records(Coefficient, rows)
 
     def parameters_table(self) -> Records[ParameterValue]:
         """The model's parameters, one record each: to iterate over, or `.to_dataframe()`."""
         sd, by_data = self.parameter_sd
         figures = zip(self.model.parameters, self.theta.tolist(), sd.tolist(), by_data, strict=True)
         rows = (ParameterValue(p.name, p.unit, p.joint, mean, own, _decided_by(data)) for p, mean, own, data in figures)
-        return Records(ParameterValue, tuple(rows))
+        return Records(ParameterValue, rows)
 
     def segments_table(self) -> Records[SegmentSign]:
         """The segments with their signs, one record each, joints from 1: to iterate over, or `.to_dataframe()`.
@@ -317,7 +291,7 @@ class Identification:
             SegmentSign(int(j) + 1, float(t[a]), float(t[b - 1]), int(b - a), int(s), float(sure), sources[place[a]])
             for j, a, b, s, sure in figures
         )
-        return Records(SegmentSign, tuple(rows))
+        return Records(SegmentSign, rows)
 
     def coefficient(self, name: str) -> Coefficient:
         """A base coefficient by its name, as in `result.coefficient("Fc2").mean`.
@@ -346,28 +320,6 @@ class Identification:
         """
         return named(self.parameters_table(), name, "parameter")
 
-    def predict(
-        self, motion: MotionLike, *, noise: bool = True, draws: int = 0, cutoff: float | None = None, seed: int = 0
-    ) -> PredictedEfforts:
-        """Efforts of a new motion with their uncertainty (see `IdentifiedModel.predict`).
-
-        Example:
-            >>> predicted = result.predict("motion.csv")
-            >>> predicted.mean.shape, bool((predicted.lower < predicted.upper).all())
-            ((201, 3), True)
-        """
-        return self.identified.predict(motion, noise=noise, draws=draws, cutoff=cutoff, seed=seed)
-
-    def validate(self, log: LogSource, cutoff: float | None = None) -> Validation:
-        """Predicts another log of the same robot (see `IdentifiedModel.validate`).
-
-        Example:
-            >>> check = result.validate("another_log.csv")
-            >>> check.relative_residual.round(2)
-            array([0.03, 0.03, 0.03])
-        """
-        return self.identified.validate(log, cutoff)
-
 
 def _decided_by(data: bool) -> str:
     return "data" if data else "prior"
@@ -383,9 +335,7 @@ def identified_of(model: object, name: str) -> IdentifiedModel:
     Raises:
         InputError: it is neither.
     """
-    if isinstance(model, Identification):
-        return model.identified
     if not isinstance(model, IdentifiedModel):
         folder = repr(str(model)) if isinstance(model, str | PathLike) else "folder"
         raise InputError(f"{model!r:.60} is no result", name, f"give bayesid.load_model({folder})")
-    return model
+    return model.identified if isinstance(model, Identification) else model

@@ -354,9 +354,7 @@ def identify_payload(
     _check_shown(again)
     call = call_of("identify_payload", "earlier", call_of_log(log), known_mass=(known_mass, None))
     again = replace(
-        again,
-        identified=replace(again.identified, logs=again.identified.logs | known.logs, gains=known.gains),
-        provenance=replace(again.provenance, call=call),
+        again, logs=again.logs | known.logs, gains=known.gains, provenance=replace(again.provenance, call=call)
     )
     draws, evidence = _payload_draws(again), _evidence(again)
     shown = evidence > float(chdtri(10, TUNING.payload_false_alarm))

@@ -369,12 +369,9 @@ def _identification(
     probability = _with_unseen(settled, probability)
     segments = settled.signs.segments.split(_sign_changes(signals))
     signs, confidence = segment_signs(segments, probability, signals.raw_effort)
+    identified = identified_model(model, asked.evidence, averaged.fit, posterior, spread)
     return Identification(
-        identified=replace(
-            identified_model(model, asked.evidence, averaged.fit, posterior, spread),
-            gains=known,
-            logs=seen | hashes(log),
-        ),
+        **vars(replace(identified, gains=known, logs=seen | hashes(log))),
         coefficients=asked.evidence.coefficients,
         log=log,
         signals=signals,

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Generic, TypeVar, overload
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -61,25 +61,19 @@ class SegmentSign:
 Record = TypeVar("Record", Coefficient, ParameterValue, SegmentSign, covariant=True)
 
 
-@dataclass(frozen=True, repr=False)
-class Records(Sequence[Record], Generic[Record]):
+class Records(tuple[Record, ...]):
     """Records of one kind, in order."""
 
-    kind: type[Record]  #: of what
-    rows: tuple[Record, ...]  #: the records
+    kind: type[Record]
 
-    def __len__(self) -> int:
-        return len(self.rows)
+    def __new__(cls, kind: type[Record], rows: Iterable[Record]) -> Records[Record]:
+        """Of a kind."""
+        made = super().__new__(cls, tuple(rows))
+        made.kind = kind
+        return made
 
-    def __iter__(self) -> Iterator[Record]:
-        return iter(self.rows)
-
-    @overload
-    def __getitem__(self, place: int) -> Record: ...
-    @overload
-    def __getitem__(self, place: slice) -> Sequence[Record]: ...
-    def __getitem__(self, place: int | slice) -> Record | Sequence[Record]:
-        return self.rows[place]
+    def __getnewargs__(self) -> tuple[object, ...]:
+        return self.kind, tuple(self)
 
     def __repr__(self) -> str:
         names = ", ".join(field.name for field in fields(self.kind))
@@ -89,7 +83,7 @@ class Records(Sequence[Record], Generic[Record]):
         """A `pandas.DataFrame` with a row a record, and a column a field."""
         from pandas import DataFrame
 
-        return DataFrame({field.name: [getattr(row, field.name) for row in self.rows] for field in fields(self.kind)})
+        return DataFrame({field.name: [getattr(row, field.name) for row in self] for field in fields(self.kind)})
 
 
 Entry = TypeVar("Entry", Coefficient, ParameterValue)

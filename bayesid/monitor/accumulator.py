@@ -198,7 +198,7 @@ class Accumulator:
             Coefficient(*names, mean, own, lower, upper, by, of_prior, np.nan)
             for names, (mean, own, lower, upper, of_prior), by in zip(words, numbers, decided.tolist(), strict=True)
         )
-        return Records(Coefficient, tuple(rows))
+        return Records(Coefficient, rows)
 
     def coefficient(self, name: str) -> Coefficient:
         """A base coefficient by its name.

@@ -95,9 +95,7 @@ def _robot_from_chain(table: Mapping[str, Any], where: str) -> Robot:
             joints=joints,
             gravity=given_numbers(table.get("gravity", [0.0, 0.0, -9.81]), (3,), "gravity", where),
             transmission=_transmission(table.get("transmission"), len(rows), where),
-            lengths={
-                key: float(given_numbers(value, (), key, where)) for key, value in table.get("lengths", {}).items()
-            },
+            lengths={key: float(given_numbers(value, (), key, where)) for key, value in lengths},
             notes=tuple(map(str, table.get("notes", []))),
         )
     except InputError:

@@ -194,8 +194,8 @@ def test_what_is_no_motion_is_refused():
 
 def test_a_prediction_is_the_same_from_a_folder_and_in_frames_datasets_and_files(tmp_path):
     size = len(by_least_squares().coefficients)
-    lacking = replace(by_least_squares().identified, lacking=np.diag(np.arange(1.0, size + 1.0)))
-    save_identification(replace(by_least_squares(), identified=lacking), tmp_path / "result", report=False)
+    lacking = replace(by_least_squares(), lacking=np.diag(np.arange(1.0, size + 1.0)))
+    save_identification(lacking, tmp_path / "result", report=False)
     there = load_model(tmp_path / "result")
     np.testing.assert_array_equal(there.lacking, lacking.lacking)
     predicted, again = (one.predict(motion_of(7), draws=5) for one in (lacking, there))
