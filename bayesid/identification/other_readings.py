@@ -17,12 +17,15 @@ clearly less.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
+from itertools import combinations, product
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from scipy.linalg.lapack import dpstrf, dtrtri
+from scipy.spatial.transform import Rotation
 
 from bayesid.arrays import Array, Integers, Mask
 from bayesid.effects import STANDARD
@@ -62,14 +65,14 @@ class BetterReading:
 class _Reading:
     """How a log might have to be read."""
 
-    kind: str  # see `BetterReading`
-    change: str  # see there
     robot: Robot  # whose log it is
     order: Integers  # (n,) the recorded joint that each joint of the robot is, by its positions
     efforts: Integers  # (n,) and by its efforts
     factor: Array  # (n,) of the recorded positions
     turned: Array  # (n,) +1 or -1, of the recorded efforts where their signs are known
     units: Array  # (n,) factor of the recorded efforts
+    kind: str = ""  # see `BetterReading`
+    change: str = ""  # see there
 
     @property
     def of_one_joint(self) -> bool:
@@ -84,39 +87,20 @@ class _Reading:
 
     def columns(self, recorded: Motion) -> Array:
         """(N, n, P) of the standard terms, and of what the flange carries."""
-        motion = self.motion(recorded)
+        q, dq, ddq = (part[:, self.order] * self.factor for part in (recorded.q, recorded.dq, recorded.ddq))
+        motion = replace(recorded, q=q, dq=dq, ddq=ddq)
         actuators = self.robot.actuators(motion)
         terms = tuple(TERMS[name].for_motion(actuators) for name in STANDARD)
         return Model(self.robot, (*terms, *carried_payloads(motion))).columns(motion)
 
-    def motion(self, recorded: Motion) -> Motion:
-        """The motion by this reading."""
-        q, dq, ddq = (part[:, self.order] * self.factor for part in (recorded.q, recorded.dq, recorded.ddq))
-        return replace(recorded, q=q, dq=dq, ddq=ddq)
 
-
-@dataclass(frozen=True)
-class _Excerpt:
+class _Excerpt(NamedTuple):
     """Some instants of a log: motion, efforts (N, n) with the signs that were found, which count, which are known."""
 
     motion: Motion
     effort: Array
     used: Mask
     signed: Mask
-
-    @classmethod
-    def of(cls, evidence: Evidence, signs: Array) -> _Excerpt:
-        signals, used = evidence.signals, evidence.used
-        candidates = np.flatnonzero(used.any(axis=1))
-        rows = candidates[
-            np.linspace(0, len(candidates) - 1, min(TUNING.instants, len(candidates))).round().astype(int)
-        ]
-        effort = np.where(signals.signed, signals.effort, signs * np.abs(signals.effort))
-        return cls(signals.motion[rows], effort[rows], used[rows], signals.signed)
-
-    def __getitem__(self, rows: slice) -> _Excerpt:
-        """Some of the instants."""
-        return _Excerpt(self.motion[rows], self.effort[rows], self.used[rows], self.signed)
 
 
 def suspected_reading(evidence: Evidence, fit: Fit, probability: Array) -> BetterReading | None:
@@ -134,12 +118,15 @@ def better_reading(evidence: Evidence, signs: Array, time: Array) -> BetterReadi
         signs: (N, n) of the efforts, as they were found.
         time: (n,) samples that count as one.
     """
-    robot, excerpt = evidence.model.robot, _Excerpt.of(evidence, signs)
-    count = np.maximum(evidence.used.sum(axis=0) / time, 1.0)
-    every = list(_readings(robot))
-    readings = _promising(every, _as_given(robot), excerpt[:: TUNING.first_look])
-    given, *left = _left_by([_as_given(robot), *readings], excerpt)
-    count = _of_the_least(given, count, left)
+    as_given, excerpt = _as_given(evidence.model.robot), _excerpt(evidence, signs)
+    every = [
+        replace(as_given, kind=hypothesis.kind, change=change, **other)
+        for hypothesis in HYPOTHESES
+        for change, other in hypothesis.readings(as_given.robot)
+    ]
+    readings = _promising(every, as_given, excerpt)
+    given, *left = _left_by([as_given, *readings], excerpt)
+    count = _of_the_least(given, np.maximum(evidence.used.sum(axis=0) / time, 1.0), left)
     best, found = 2.0 * (_DECISIVE + np.log(len(every))), None
     for reading, other in zip(readings, left, strict=True):
         gain = 2.0 * count @ np.log(given.share / other.share) - (other.size - given.size) * np.log(count.sum())
@@ -151,14 +138,24 @@ def better_reading(evidence: Evidence, signs: Array, time: Array) -> BetterReadi
     return found
 
 
-def _promising(readings: Sequence[_Reading], as_given: _Reading, some: _Excerpt) -> list[_Reading]:
+def _excerpt(evidence: Evidence, signs: Array) -> _Excerpt:
+    signals, used = evidence.signals, evidence.used
+    candidates = np.flatnonzero(used.any(axis=1))
+    rows = candidates[np.linspace(0, len(candidates) - 1, min(TUNING.instants, len(candidates))).round().astype(int)]
+    effort = np.where(signals.signed, signals.effort, signs * np.abs(signals.effort))
+    return _Excerpt(signals.motion[rows], effort[rows], used[rows], signals.signed)
+
+
+def _promising(readings: Sequence[_Reading], as_given: _Reading, excerpt: _Excerpt) -> list[_Reading]:
     """Those that leave less of some instants than the given one, or of a joint if one alone is read in other units."""
-    (given, *left), promising = _left_by([as_given, *readings], some), []
-    for reading, other in zip(readings, left, strict=True):
-        less = other.share / given.share if reading.of_one_joint else other.rms / given.rms
-        if np.min(less) < TUNING.promising:
-            promising.append(reading)
-    return promising
+    some = slice(None, None, TUNING.first_look)
+    few = _Excerpt(excerpt.motion[some], excerpt.effort[some], excerpt.used[some], excerpt.signed)
+    given, *left = _left_by([as_given, *readings], few)
+    less = [
+        np.min(other.share / given.share) if reading.of_one_joint else other.rms / given.rms
+        for reading, other in zip(readings, left, strict=True)
+    ]
+    return [reading for reading, share in zip(readings, less, strict=True) if share < TUNING.promising]
 
 
 @dataclass(frozen=True)
@@ -219,54 +216,29 @@ def _leaves(reading: _Reading, excerpt: _Excerpt, columns: Array) -> _Left:
     residuals = [np.subtract(*_settled(basis, start, signed, np.ones_like(odd))) for start in starts]
     best = min(residuals, key=np.linalg.norm)
     recorded = np.argsort(order)
-    return _Left(best[:, recorded], used[:, recorded], basis.size)
+    return _Left(best[:, recorded], used[:, recorded], basis.shape[1])
 
 
-@dataclass(frozen=True)
-class _Basis:
-    """An orthonormal basis of r columns with R rows: rows @ mix, which is not formed."""
-
-    rows: Array  # (R, r) independent columns
-    mix: Array  # (r, r)
-
-    @property
-    def size(self) -> int:
-        """Number of columns r."""
-        return len(self.mix)
-
-    def shares(self, values: Array) -> Array:
-        """(r,) of each basis column in values (R,)."""
-        return self.mix.T @ (self.rows.T @ values)
-
-    def sums(self, shares: Array) -> Array:
-        """(R,) of the basis columns."""
-        return self.rows @ (self.mix @ shares)
-
-    def gram(self, chosen: Mask) -> Array:
-        """(r, r) Gram matrix of some (R,) of the rows."""
-        rows = self.rows[chosen]
-        return self.mix.T @ (rows.T @ rows) @ self.mix
-
-
-def _orthonormal(columns: Array) -> _Basis:
-    """A basis of columns (R, c) of any length, by a Cholesky decomposition with pivots."""
+def _orthonormal(columns: Array) -> Array:
+    """(R, r) an orthonormal basis of columns (R, c) of any length, by a Cholesky decomposition with pivots."""
     gram = columns.T @ columns
     lengths = np.sqrt(np.diag(gram))
     shown = np.flatnonzero(lengths > _BLIND * lengths.max())
     factor, pivots, rank, _ = dpstrf(gram[np.ix_(shown, shown)] / np.outer(lengths[shown], lengths[shown]), tol=_BLIND)
     chosen = shown[pivots[:rank] - 1]
-    return _Basis(columns[:, chosen], np.triu(dtrtri(factor[:rank, :rank])[0]) / lengths[chosen][:, None])
+    basis: Array = columns[:, chosen] @ (np.triu(dtrtri(factor[:rank, :rank])[0]) / lengths[chosen][:, None])
+    return basis
 
 
-def _settled(basis: _Basis, effort: Array, signed: Mask, believed: Mask) -> tuple[Array, Array]:
+def _settled(basis: Array, effort: Array, signed: Mask, believed: Mask) -> tuple[Array, Array]:
     """(N, n) efforts whose unknown signs follow the prediction, and the prediction, fitted to the joints believed."""
     inverse = None
     if not believed.all():
-        rows = np.broadcast_to(believed, effort.shape).ravel()
-        inverse = np.linalg.pinv(basis.gram(rows), rcond=_BLIND, hermitian=True)
+        rows = basis[np.broadcast_to(believed, effort.shape).ravel()]
+        inverse = np.linalg.pinv(rows.T @ rows, rcond=_BLIND, hermitian=True)
     for _ in range(TUNING.reading_rounds):
-        shares = basis.shares((effort * believed).ravel())
-        predicted = basis.sums(shares if inverse is None else inverse @ shares).reshape(effort.shape)
+        shares = basis.T @ (effort * believed).ravel()
+        predicted = (basis @ (shares if inverse is None else inverse @ shares)).reshape(effort.shape)
         followed = np.where(signed, effort, np.where(predicted >= 0.0, 1.0, -1.0) * np.abs(effort))
         if np.array_equal(followed, effort):
             break
@@ -275,88 +247,67 @@ def _settled(basis: _Basis, effort: Array, signed: Mask, believed: Mask) -> tupl
 
 
 # ---------------------------------------------------------------------------------------------------------------
-# Readings
+# Hypotheses
 # ---------------------------------------------------------------------------------------------------------------
+_Changes: TypeAlias = Iterator[tuple[str, dict[str, Any]]]
+"""What is other, to follow on "with", and the fields of the reading that it changes."""
+
+
+class Hypothesis(NamedTuple):
+    """A way in which a log of a robot may be read wrongly, and how it would then have to be read."""
+
+    kind: str
+    readings: Callable[[Robot], _Changes]
+
+
 def _as_given(robot: Robot) -> _Reading:
     n = robot.n_joints
-    return _Reading("", "", robot, np.arange(n), np.arange(n), np.ones(n), np.ones(n), np.ones(n))
+    return _Reading(robot, np.arange(n), np.arange(n), np.ones(n), np.ones(n), np.ones(n))
 
 
-def _readings(robot: Robot) -> Iterator[_Reading]:
-    """All other readings, those that are easily put right first."""
-    given = _as_given(robot)
-    yield from _orders(given)
-    yield from _directions(given)
-    yield from _units(given)
-    yield from _units_of_one(given)
-    yield from _mountings(given)
-    for name, other in _built_in().items():
-        if other.n_joints == robot.n_joints and not robot.same_kinematics(other):
-            yield replace(given, kind="robot", change=f"the built-in table of {name}", robot=other)
-    rng = np.random.default_rng(0)
-    for _ in range(TUNING.random_tables if robot.n_joints > 1 else 0):
-        yield replace(given, kind="robot", change="a table drawn at random", robot=_random_table(robot, rng))
-
-
-@cache
-def _built_in() -> dict[str, Robot]:
-    """By name."""
-    return {name: load_robot(name) for name in BUILT_IN}
-
-
-def _orders(given: _Reading) -> Iterator[_Reading]:
-    n = given.robot.n_joints
+def _orders(robot: Robot) -> _Changes:
+    n = robot.n_joints
     exchanged = {}
-    for a in range(n):
-        for b in range(a + 1, n):
-            order = np.arange(n)
-            order[[a, b]] = b, a
-            exchanged[f"joints {a + 1} and {b + 1} exchanged"] = order
+    for a, b in combinations(range(n), 2):
+        exchanged[f"joints {a + 1} and {b + 1} exchanged"] = order = np.arange(n)
+        order[[a, b]] = b, a
     if n > 3:  # else that is an exchange of two
         exchanged["the joints in reversed order"] = np.arange(n)[::-1]
     for change, order in exchanged.items():
-        yield replace(given, kind="joint order", change=change, order=order, efforts=order)
+        yield change, {"order": order, "efforts": order}
     for change, order in exchanged.items():
-        yield replace(
-            given, kind="joint order", change=f"the efforts of {change}, and not their positions", efforts=order
-        )
+        yield f"the efforts of {change}, and not their positions", {"efforts": order}
 
 
-def _directions(given: _Reading) -> Iterator[_Reading]:
-    n = given.robot.n_joints
-    for joints in (*((j,) for j in range(n)), tuple(range(n))):
+def _directions(robot: Robot) -> _Changes:
+    n = robot.n_joints
+    for which, turned in (*((f"joint {j + 1}", [j]) for j in range(n)), ("all joints", list(range(n)))):
         factor = np.ones(n)
-        factor[list(joints)] = -1.0
-        which = f"joint {joints[0] + 1}" if len(joints) == 1 else "all joints"
-        yield replace(given, kind="direction", change=f"{which} counted the other way", factor=factor, turned=factor)
-        change = f"the positions of {which} counted the other way, and not its efforts"
-        yield replace(given, kind="direction", change=change, factor=factor)
+        factor[turned] = -1.0
+        yield f"{which} counted the other way", {"factor": factor, "turned": factor}
+        yield f"the positions of {which} counted the other way, and not its efforts", {"factor": factor}
 
 
-def _units(given: _Reading) -> Iterator[_Reading]:
-    turning = np.array([not joint.prismatic for joint in given.robot.joints])
-    angles = ((_DEGREE, "positions in degrees, not rad"), (1.0 / _DEGREE, "positions in rad, not degrees"))
-    for factor, change in angles:
-        yield replace(given, kind="units", change=change, factor=np.where(turning, factor, 1.0))
-    for factor, change in ((1e-3, "the robot's lengths in mm, not m"), (1e3, "the robot's lengths in m, not mm")):
+def _units(robot: Robot) -> _Changes:
+    turning = np.array([not joint.prismatic for joint in robot.joints])
+    for factor, change in ((_DEGREE, "in degrees, not rad"), (1.0 / _DEGREE, "in rad, not degrees")):
+        yield f"positions {change}", {"factor": np.where(turning, factor, 1.0)}
+    for factor, change in ((1e-3, "in mm, not m"), (1e3, "in m, not mm")):
         joints = tuple(
             replace(j, placement=_longer(j.placement, factor), link_frame=_longer(j.link_frame, factor))
-            for j in given.robot.joints
+            for j in robot.joints
         )
-        yield replace(given, kind="units", change=change, robot=replace(given.robot, joints=joints))
+        yield f"the robot's lengths {change}", {"robot": replace(robot, joints=joints)}
 
 
-def _units_of_one(given: _Reading) -> Iterator[_Reading]:
+def _units_of_one(robot: Robot) -> _Changes:
     """One joint in other units than the rest."""
-    robot = given.robot
     for j in [j for j, joint in enumerate(robot.joints) if not joint.prismatic and robot.n_joints > 1]:
         one = np.arange(robot.n_joints) == j
-        for factor, units in ((1e-3, "N mm, not N m"), (1e3, "kN m, not N m")):
-            change = f"the efforts of joint {j + 1} alone in {units}"
-            yield replace(given, kind="units", change=change, units=np.where(one, factor, 1.0))
-        for factor, units in ((_DEGREE, "degrees, not rad"), (1.0 / _DEGREE, "rad, not degrees")):
-            change = f"the positions of joint {j + 1} alone in {units}"
-            yield replace(given, kind="units", change=change, factor=np.where(one, factor, 1.0))
+        for factor, change in ((1e-3, "N mm, not N m"), (1e3, "kN m, not N m")):
+            yield f"the efforts of joint {j + 1} alone in {change}", {"units": np.where(one, factor, 1.0)}
+        for factor, change in ((_DEGREE, "degrees, not rad"), (1.0 / _DEGREE, "rad, not degrees")):
+            yield f"the positions of joint {j + 1} alone in {change}", {"factor": np.where(one, factor, 1.0)}
 
 
 def _longer(frame: Array, factor: float) -> Array:
@@ -365,16 +316,28 @@ def _longer(frame: Array, factor: float) -> Array:
     return frame
 
 
-def _mountings(given: _Reading) -> Iterator[_Reading]:
-    gravity = given.robot.gravity
-    size = float(np.linalg.norm(gravity)) or 9.81
-    for axis in range(3):
-        for sign in (1.0, -1.0):
-            other = sign * size * np.eye(3)[axis]
-            if not np.allclose(other, gravity):
-                along = f"{'+' if sign > 0.0 else '-'}{'xyz'[axis]}"
-                robot = replace(given.robot, gravity=other)
-                yield replace(given, kind="mounting", change=f"gravity along {along} of the base", robot=robot)
+def _mountings(robot: Robot) -> _Changes:
+    size = float(np.linalg.norm(robot.gravity)) or 9.81
+    for axis, sign in product(range(3), (1.0, -1.0)):
+        gravity = sign * size * np.eye(3)[axis]
+        if not np.allclose(gravity, robot.gravity):
+            along = f"{'+' if sign > 0.0 else '-'}{'xyz'[axis]}"
+            yield f"gravity along {along} of the base", {"robot": replace(robot, gravity=gravity)}
+
+
+def _other_robots(robot: Robot) -> _Changes:
+    for name, other in _built_in().items():
+        if other.n_joints == robot.n_joints and not robot.same_kinematics(other):
+            yield f"the built-in table of {name}", {"robot": other}
+    rng = np.random.default_rng(0)
+    for _ in range(TUNING.random_tables if robot.n_joints > 1 else 0):
+        yield "a table drawn at random", {"robot": _random_table(robot, rng)}
+
+
+@cache
+def _built_in() -> dict[str, Robot]:
+    """By name."""
+    return {name: load_robot(name) for name in BUILT_IN}
 
 
 def _random_table(robot: Robot, rng: np.random.Generator) -> Robot:
@@ -383,16 +346,19 @@ def _random_table(robot: Robot, rng: np.random.Generator) -> Robot:
     joints = [replace(robot.joints[0], link_frame=np.eye(4))]
     for joint, length in zip(robot.joints[1:], rng.permutation(lengths)[1:], strict=True):
         placement = np.eye(4)
-        placement[:3, :3] = _about(0, rng.choice(_QUARTERS)) @ _about(2, rng.choice(_QUARTERS))
+        twist, zero = rng.choice(_QUARTERS), rng.choice(_QUARTERS)
+        placement[:3, :3] = Rotation.from_euler("XZ", [twist, zero]).as_matrix()
         placement[rng.integers(3), 3] = rng.choice([1.0, -1.0]) * length
         joints.append(Joint(placement, np.array([0.0, 0.0, 1.0]), joint.prismatic, joint.parent))
     return replace(robot, joints=tuple(joints), lengths={})
 
 
-def _about(axis: int, angle: float) -> Array:
-    """(3, 3) rotation about a coordinate axis."""
-    a, b = (axis + 1) % 3, (axis + 2) % 3
-    rotation = np.eye(3)
-    rotation[a, a] = rotation[b, b] = np.cos(angle)
-    rotation[b, a], rotation[a, b] = np.sin(angle), -np.sin(angle)
-    return rotation
+HYPOTHESES = (
+    Hypothesis("joint order", _orders),
+    Hypothesis("direction", _directions),
+    Hypothesis("units", _units),
+    Hypothesis("units", _units_of_one),
+    Hypothesis("mounting", _mountings),
+    Hypothesis("robot", _other_robots),
+)
+"""Those that are easily put right first: of equal ones the first counts."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -12,16 +12,13 @@ from bayesid.identification.gains import BY_PRIOR, IdentifiedGains
 from bayesid.identification.other_readings import BetterReading
 from bayesid.identification.tuning import TUNING
 from bayesid.log.log import Log
-from bayesid.log.low_pass import AfterRectifier
 from bayesid.log.signals import still_joints
-from bayesid.motion import Motion
 from bayesid.posterior.inference import Posterior
 from bayesid.regression.evidence import Evidence
 from bayesid.regression.knowledge import Nominal
 from bayesid.regression.least_squares import Fit
 from bayesid.regression.tuning import TUNING as REGRESSION
 from bayesid.signs.averaging import AveragedSigns
-from bayesid.signs.rounds import SegmentSigns
 
 
 def warnings_of(
@@ -46,23 +43,12 @@ def warnings_of(
     """
     return (
         *averaged.asked.model.robot.notes,
-        *map(str, averaged.asked.evidence.signals.faults),
-        *_still_warning(averaged.asked.evidence.signals.motion),
-        *_reading_warning(reading),
-        *_hardly_negative(log),
-        *_low_pass_warning(averaged.asked.evidence.signals.after_rectifier),
-        *_fit_warnings(averaged.fit),
-        *edge_warning(averaged.fit, log.n_joints),
-        *_search_warnings(averaged.settled.signs),
-        *_tolerance_warning(averaged.fit),
-        *_missing_terms(averaged),
-        *_doubt_warning(doubt),
-        *_posterior_warning(posterior),
-        *_window_warning(posterior),
-        *_modes_warning(posterior),
-        *_excluded_warning(posterior),
-        *_gains_warning(gains),
-        *_nominal_warning(averaged.asked.evidence, averaged.fit, nominal),
+        *_of_the_log(log, averaged, reading),
+        *_of_the_fit(averaged.fit, log.n_joints),
+        *_of_the_signs(averaged, doubt),
+        *([] if posterior is None else _of_the_posterior(posterior)),
+        *([] if gains is None else _of_the_gains(gains)),
+        *([] if nominal is None else _contradicted(averaged.asked.evidence, averaged.fit, nominal)),
     )
 
 
@@ -147,7 +133,12 @@ def pressed_windows(pressed: Mapping[str, float | None]) -> str:
 def other_modes(weights: Sequence[float], turned: Sequence[Sequence[int]], chosen: int = 0) -> str:
     """That a log allows several models: their weights, and the joints (from 1) that each turns against the first."""
     others = [k for k in range(len(weights)) if k != chosen and weights[k] > TUNING.other_mode]
-    parts = [f"{weights[k]:.2g} for mode {k + 1}{_turns(turned[k]) if k else ''}" for k in others]
+    ways = [
+        f"the signs of joint {', '.join(map(str, joints))} turned round against the first" if joints else ""
+        for joints in turned
+    ]
+    differs = [f", which has {way}" if way else ", which differs in single segments from the first" for way in ways]
+    parts = [f"{weights[k]:.2g} for mode {k + 1}{differs[k] if k else ''}" for k in others]
     written = f"mode {chosen + 1} ({weights[chosen]:.2g})"
     return f"the log allows other models than the one written, {written}: {'; '.join(parts)}"
 
@@ -162,57 +153,39 @@ def convergence(max_rhat: float | None, min_ess: float | None) -> str:
 # ---------------------------------------------------------------------------------------------------------------
 # Warnings
 # ---------------------------------------------------------------------------------------------------------------
-
-
-def _turns(joints: Sequence[int]) -> str:
-    if not joints:
-        return ", which differs in single segments from the first"
-    return f", which has the signs of joint {', '.join(map(str, joints))} turned round against the first"
-
-
-def _still_warning(motion: Motion) -> list[str]:
-    return [
-        f"joint {j + 1}: it stands still in all of the log, {motion.t[0]:.3f} to {motion.t[-1]:.3f} s, which says "
-        "nothing of its friction and signs; if it moved, its positions were not read, and what they are needed for is "
-        "wrong"
-        for j in np.flatnonzero(still_joints(motion.q))
-    ]
-
-
-def _reading_warning(reading: BetterReading | None) -> list[str]:
-    if reading is None:
-        return []
-    said = other_reading(reading.change, reading.leaves, reading.given)
-    return [f"check the robot file: this is not the robot of the log, or the log is read wrongly; {said}"]
-
-
-def _hardly_negative(log: Log) -> list[str]:
+def _of_the_log(log: Log, averaged: AveragedSigns, reading: BetterReading | None) -> Iterator[str]:
+    signals = averaged.asked.evidence.signals
+    yield from map(str, signals.faults)
+    for j in np.flatnonzero(still_joints(signals.motion.q)):
+        t = signals.motion.t
+        yield (
+            f"joint {j + 1}: it stands still in all of the log, {t[0]:.3f} to {t[-1]:.3f} s, which says nothing of its "
+            "friction and signs; if it moved, its positions were not read, and what they are needed for is wrong"
+        )
+    if reading is not None:
+        said = other_reading(reading.change, reading.leaves, reading.given)
+        yield f"check the robot file: this is not the robot of the log, or the log is read wrongly; {said}"
     least, most = log.effort.min(axis=0), log.effort.max(axis=0)
     largest = np.maximum(most, -least)
-    return [
-        f"the effort of joint {j + 1} is hardly ever negative; if it was rectified and then filtered, say "
-        f"--unsigned {j + 1}"
-        for j in np.flatnonzero(log.signed & (least > -TUNING.undershoot * largest))
-    ]
+    for j in np.flatnonzero(log.signed & (least > -TUNING.undershoot * largest)):
+        yield (
+            f"the effort of joint {j + 1} is hardly ever negative; if it was rectified and then filtered, say "
+            f"--unsigned {j + 1}"
+        )
+    if (after := signals.after_rectifier) is not None:
+        said = low_passed(str(after.low_pass))
+        yield f"{said}: samples near a change of sign lose confidence; log |effort| unfiltered if you can"
 
 
-def _low_pass_warning(after: AfterRectifier | None) -> list[str]:
-    if after is None:
-        return []
-    said = low_passed(str(after.low_pass))
-    return [f"{said}: samples near a change of sign lose confidence; log |effort| unfiltered if you can"]
-
-
-def _fit_warnings(fit: Fit) -> list[str]:
-    warnings = [
-        f"joint {j + 1} leaves {fit.relative_residual[j]:.0%} of its effort unexplained: a term is missing or signs "
-        "are wrong, whatever their confidence; try a wider beam"
-        for j in np.flatnonzero(fit.relative_residual > REGRESSION.poor_fit)
-    ]
-    unexcited = int(np.isinf(fit.sd).sum())
-    if unexcited:
-        warnings.append(f"{not_excited(unexcited)}; their standard deviation is infinite")
-    return warnings
+def _of_the_fit(fit: Fit, n_links: int) -> Iterator[str]:
+    for j in np.flatnonzero(fit.relative_residual > REGRESSION.poor_fit):
+        yield (
+            f"joint {j + 1} leaves {fit.relative_residual[j]:.0%} of its effort unexplained: a term is missing or "
+            "signs are wrong, whatever their confidence; try a wider beam"
+        )
+    if unexcited := int(np.isinf(fit.sd).sum()):
+        yield f"{not_excited(unexcited)}; their standard deviation is infinite"
+    yield from edge_warning(fit, n_links)
 
 
 def edge_warning(fit: Fit, n_links: int) -> list[str]:
@@ -231,84 +204,62 @@ def edge_warning(fit: Fit, n_links: int) -> list[str]:
     ]
 
 
-def _search_warnings(signs: SegmentSigns) -> list[str]:
-    search, warnings = signs.search, []
+def _of_the_signs(averaged: AveragedSigns, doubt: Array) -> Iterator[str]:
+    signs, fit = averaged.settled.signs, averaged.fit
+    search = signs.search
     if search.lower_bound is not None and not search.certified:
         said = f"{not_proven(search.cost - search.lower_bound, search.cost)}; give more --search-budget"
         if search.timed_out:
             said = "not proven: the time limit ended the search; give a larger --time-limit"
         reason = WITHHELD.get(search.withheld)
-        warnings.append(f"signs: {said if reason is None else f'not proven ({reason})'}")
+        yield f"signs: {said if reason is None else f'not proven ({reason})'}"
     elif search.timed_out and not search.certified:
-        warnings.append("signs: the time limit ended the search; give a larger --time-limit")
+        yield "signs: the time limit ended the search; give a larger --time-limit"
     if signs.unsplit:
         segments = "1 segment still crosses" if signs.unsplit == 1 else f"{signs.unsplit} segments still cross"
-        warnings.append(f"{segments} zero after {signs.rounds} searches")
-    return warnings
+        yield f"{segments} zero after {signs.rounds} searches"
+    if fit.tolerance > TUNING.solver_gap:
+        yield f"the final fit reached a relative gap of {fit.tolerance:g} only"
+    if not averaged.by_asked:
+        known = {(effect.name, effect.joints) for effect in averaged.asked.model.effects}
+        added = [effect for effect in averaged.settled.model.effects if (effect.name, effect.joints) not in known]
+        missing = ", ".join(" ".join([effect.name, *map(str, effect.joints)]) for effect in added)
+        yield f"the model lacks {missing}: with these terms the log is explained far better; signs rest on them"
+    if doubt.max(initial=0.0) >= TUNING.shown_doubt:
+        yield confidences_lowered(doubt.tolist())
 
 
-def _tolerance_warning(fit: Fit) -> list[str]:
-    return (
-        [f"the final fit reached a relative gap of {fit.tolerance:g} only"] if fit.tolerance > TUNING.solver_gap else []
-    )
-
-
-def _missing_terms(averaged: AveragedSigns) -> list[str]:
-    if averaged.by_asked:
-        return []
-    known = {(effect.name, effect.joints) for effect in averaged.asked.model.effects}
-    missing = ", ".join(
-        " ".join([effect.name, *map(str, effect.joints)])
-        for effect in averaged.settled.model.effects
-        if (effect.name, effect.joints) not in known
-    )
-    return [f"the model lacks {missing}: with these terms the log is explained far better; signs rest on them"]
-
-
-def _doubt_warning(doubt: Array) -> list[str]:
-    return [confidences_lowered(doubt.tolist())] if doubt.max(initial=0.0) >= TUNING.shown_doubt else []
-
-
-def _posterior_warning(posterior: Posterior | None) -> list[str]:
-    if posterior is None or posterior.converged:
-        return []
-    figures = convergence(posterior.max_rhat, posterior.min_ess)
-    if posterior.timed_out:
-        return [f"sampling was stopped by the time limit on the clock ({figures}); give a larger --time-limit"]
-    return [f"the posterior has not converged ({figures}); give more --posterior-budget"]
-
-
-def _window_warning(posterior: Posterior | None) -> list[str]:
-    if posterior is None or not posterior.pressed:
-        return []
-    return [f"{pressed_windows(dict(posterior.pressed))}; if links are heavier or longer than that, say so by --links"]
-
-
-def _modes_warning(posterior: Posterior | None) -> list[str]:
-    if posterior is None:
-        return []
-    weights = [mode.weight for mode in posterior.modes]
-    asked = posterior.sampling.mode
-    if asked > len(weights):
-        return [f"there is no mode {asked} of the posterior, of {len(weights)}: the heaviest is written"]
+def _of_the_posterior(posterior: Posterior) -> Iterator[str]:
+    if not posterior.converged:
+        figures = convergence(posterior.max_rhat, posterior.min_ess)
+        if posterior.timed_out:
+            yield f"sampling was stopped by the time limit on the clock ({figures}); give a larger --time-limit"
+        else:
+            yield f"the posterior has not converged ({figures}); give more --posterior-budget"
+    if posterior.pressed:
+        windows = pressed_windows(dict(posterior.pressed))
+        yield f"{windows}; if links are heavier or longer than that, say so by --links"
+    weights, asked = [mode.weight for mode in posterior.modes], posterior.sampling.mode
     others = [weight for k, weight in enumerate(weights) if k != posterior.chosen]
-    if max(others, default=0.0) <= TUNING.other_mode:
-        return []
-    turned = [posterior.turned_joints(k) for k in range(len(weights))]
-    return [f"{other_modes(weights, turned, posterior.chosen)}; --mode writes another one"]
+    if asked > len(weights):
+        yield f"there is no mode {asked} of the posterior, of {len(weights)}: the heaviest is written"
+    elif max(others, default=0.0) > TUNING.other_mode:
+        turned = [posterior.turned_joints(k) for k in range(len(weights))]
+        yield f"{other_modes(weights, turned, posterior.chosen)}; --mode writes another one"
+    if posterior.excluded is not None and posterior.excluded > TUNING.excluded:
+        yield excluded_yet_likely(posterior.excluded)
 
 
-def _excluded_warning(posterior: Posterior | None) -> list[str]:
-    if posterior is None or posterior.excluded is None or posterior.excluded <= TUNING.excluded:
-        return []
-    return [excluded_yet_likely(posterior.excluded)]
+def _of_the_gains(gains: IdentifiedGains) -> Iterator[str]:
+    if not gains.settled:
+        yield f"{GAINS_UNSETTLED}; give narrower --gains"
+    if gains.factor_decided_by == BY_PRIOR:
+        yield f"{factor_by_prior(gains.factor_sd, bool(gains.stated.unknown.any()))}; {FACTOR_REMEDY}"
 
 
-def _nominal_warning(evidence: Evidence, fit: Fit, nominal: Nominal | None) -> list[str]:
+def _contradicted(evidence: Evidence, fit: Fit, nominal: Nominal) -> Iterator[str]:
     """Parameters that the log shows by themselves, and not as they were stated."""
-    if nominal is None:
-        return []
-    projection, said = evidence.coefficients.projection, []
+    projection = evidence.coefficients.projection
     for row in np.flatnonzero(np.count_nonzero(projection, axis=1) == 1).tolist():
         place = int(np.flatnonzero(projection[row])[0])
         value, sd = fit.beta[row] / projection[row, place], fit.sd[row] / abs(projection[row, place])
@@ -316,19 +267,8 @@ def _nominal_warning(evidence: Evidence, fit: Fit, nominal: Nominal | None) -> l
         far = abs(value - stated) / np.hypot(sd, spread)
         if far > TUNING.contradicts:  # not where nothing is stated: NaN
             name = evidence.model.parameters[place].name
-            said.append(
+            yield (
                 f"{name} was stated as {stated:.4g} +- {spread:.2g}, the log alone says {value:.4g} +- {sd:.2g}: "
                 f"{far:.0f} standard deviations apart; one of the two is wrong, and where gains may be off, state them "
                 "as uncertain, as in --gains 12~20%,.."
             )
-    return said
-
-
-def _gains_warning(gains: IdentifiedGains | None) -> list[str]:
-    if gains is None:
-        return []
-    unsettled = [] if gains.settled else [f"{GAINS_UNSETTLED}; give narrower --gains"]
-    if gains.factor_decided_by != BY_PRIOR:
-        return unsettled
-    said = factor_by_prior(gains.factor_sd, bool(gains.stated.unknown.any()))
-    return [*unsettled, f"{said}; {FACTOR_REMEDY}"]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import chain
 from typing import NamedTuple, Protocol
 
@@ -13,7 +12,6 @@ import numpy as np
 from bayesid.arrays import Array
 from bayesid.errors import InputError
 from bayesid.log.formats.base import Options
-from bayesid.log.formats.names import choose
 from bayesid.log.formats.table import DEGREE, Column, SourceColumn, Table, rows_of
 from bayesid.log.formats.text import CsvFile, Layout, clock_seconds, look, select_columns
 from bayesid.log.gains import Gains
@@ -29,81 +27,6 @@ class Stream(Protocol):
 
     def readline(self, most: int, /) -> bytes:
         """The next line, or so many bytes of it; empty at the end."""
-
-
-@dataclass(frozen=True)
-class TextRows:
-    """How a line becomes numbers: the K columns that make a log, and the place of a time that is a time of day."""
-
-    layout: Layout
-    chosen: tuple[SourceColumn, ...]
-    clock: int | None
-    source: str
-    notes: tuple[str, ...]
-
-    def values(self, line: bytes) -> Array | None:
-        """(K,) what a line holds in the columns, an empty cell as nan; None where it is blank, or a remark.
-
-        Raises:
-            ValueError: it is no row of the table, or holds what is no number of this world.
-        """
-        cells = self.layout.cells(line.decode(self.layout.encoding))
-        if not cells:
-            return None
-        if len(cells) != len(self.layout.header):
-            raise ValueError("another number of cells")
-        return np.array([self._number(cells[one.place], one) for one in self.chosen])
-
-    def _number(self, cell: str, column: SourceColumn) -> float:
-        if column.place == self.clock:
-            return clock_seconds(cell)
-        if "_" in cell:
-            raise ValueError("no number")
-        value = float(cell) if cell else np.nan
-        if column.name != "t" and abs(value) >= TUNING.absurd:
-            raise ValueError("no number of this world")
-        return value
-
-    def table(self, values: Array) -> Table:
-        """A table of rows (N, K)."""
-        units = {one.name: 1.0 if one.place == self.clock else one.unit for one in self.chosen}
-        named = zip(self.chosen, values.T, strict=True)
-        columns = {one.name: Column(one.label, column, units[one.name]) for one, column in named}
-        return Table(columns, self.source, rows_of(self.source), self.notes)
-
-
-def lines_of(stream: Stream, source: str) -> Iterator[bytes]:
-    """The lines of a stream as soon as each is there; InputError where one is longer than any of a log."""
-    while line := stream.readline(TUNING.header_bytes):
-        if len(line) == TUNING.header_bytes:
-            raise InputError(f"has a line of {TUNING.header_bytes:,} bytes", source, "give one row a line")
-        yield line
-
-
-def follow_rows(lines: Iterator[bytes], options: Options, source: str) -> tuple[TextRows, Iterator[bytes]]:
-    """How the rows of a stream are to be read, by its header and the units beneath it; and the lines that hold them."""
-    CsvFile().check_options(options, source)
-    head: list[bytes] = []
-    layout = Layout("utf-8")
-    for line in lines:
-        if head or line.strip():
-            head.append(line)
-        layout = _layout(head, source)
-        if layout.first or len(head) == 3:
-            break
-    selected, clock = select_columns(layout, source, lambda header, where: choose(header, where, options))
-    rows = TextRows(layout, selected.columns, clock, source, selected.notes)
-    return rows, chain(head[layout.rows :], lines)
-
-
-def _layout(head: list[bytes], source: str) -> Layout:
-    try:
-        layout = look(b"".join(head))
-    except (UnicodeDecodeError, csv.Error):
-        raise InputError("is not text", source, "give CSV, one row a line") from None
-    if layout.encoding not in _FOLLOWED:
-        raise InputError(f"is {layout.encoding.upper()}, which cannot be followed", source, "give it as UTF-8")
-    return layout
 
 
 class Row(NamedTuple):
@@ -145,21 +68,25 @@ class RowReader:
         degrees: bool | None = None,
         options: Options | None = None,
     ) -> None:
-        self._text, self._lines = follow_rows(lines_of(stream, source), options or Options(), source)
-        self._degrees, self.notes, self.bad = degrees, self._text.notes, 0
-        names = [column.name for column in self._text.chosen]
-        one = self._text.table(np.ones((1, len(names))))
+        CsvFile().check_options(options or Options(), source)
+        self._layout, self._lines = _look_at(_lines_of(stream, source), source)
+        selected, self._clock = select_columns(self._layout, source, options or Options())
+        self._columns, self._source, self._degrees = selected.columns, source, degrees
+        self.notes, self.bad = selected.notes, 0
+        names = [column.name for column in self._columns]
+        one = self._table(np.ones(len(names)))
         self.n_joints = n = one.n_joints
         self.signed, self.assumed = signed_joints(np.zeros((1, n)), unsigned, n), unsigned is None
         effort = "tau" if "tau1" in names else "i"
         angle, made_with = (DEGREE if degrees else 1.0), gains_of_table(one, gains)
-        self._places = {kind: [names.index(f"{kind}{j}") for j in range(1, n + 1)] for kind in ("q", effort)}
-        self._units = {"q": one.block("q", angle)[0], effort: one.block(effort)[0] * made_with.value}
-        self._time, self._unit, self._effort = names.index("t"), float(one.t[0]), effort
-        self._velocities = "dq1" in names
-        if self._velocities:
-            self._places["dq"] = [names.index(f"dq{j}") for j in range(1, n + 1)]
-            self._units["dq"] = one.block("dq", angle)[0]
+        units = {"q": one.block("q", angle), "effort": one.block(effort) * made_with.value}
+        if "dq1" in names:
+            units["dq"] = one.block("dq", angle)
+        kinds = {"q": "q", "effort": effort, "dq": "dq"}
+        self._blocks = {  # places and units
+            name: ([names.index(f"{kinds[name]}{j}") for j in range(1, n + 1)], unit[0]) for name, unit in units.items()
+        }
+        self._time, self._second = names.index("t"), float(one.t[0])
         self._farthest = np.zeros(len(names))
 
     def __iter__(self) -> Iterator[Row | None]:
@@ -170,22 +97,65 @@ class RowReader:
         """
         for line in self._lines:
             try:
-                values = self._text.values(line)
+                cells = self._layout.cells(line.decode(self._layout.encoding))
+                values = self._values(cells)
             except ValueError:  # and letters that are none
                 self.bad += 1
                 yield None
                 continue
-            if values is not None:
+            if cells:
                 yield self._row(values)
 
-    def _row(self, values: Array) -> Row:
-        q = self._block("q", values)
-        if np.nanmax(np.abs(q), initial=0.0) > TUNING.few_turns and self._degrees is None:
-            self._farthest = np.fmax(self._farthest, np.abs(values))
-            angle_unit(self._text.table(self._farthest[None]), None)
-        dq = self._block("dq", values) if self._velocities else None
-        return Row(float(values[self._time]) * self._unit, q, self._block(self._effort, values), dq)
+    def _values(self, cells: Sequence[str]) -> Array:
+        """What a line holds in the columns, an empty cell as nan; ValueError where it is no row of the table."""
+        if cells and len(cells) != len(self._layout.header):
+            raise ValueError("another number of cells")
+        return np.array([self._number(cells[one.place], one) for one in self._columns] if cells else [])
 
-    def _block(self, kind: str, values: Array) -> Array:
-        block: Array = values[self._places[kind]] * self._units[kind]
-        return block
+    def _number(self, cell: str, column: SourceColumn) -> float:
+        if column.place == self._clock:
+            return clock_seconds(cell)
+        value = float(cell) if cell else np.nan
+        if "_" in cell or (column.name != "t" and abs(value) >= TUNING.absurd):
+            raise ValueError("no number of this world")
+        return value
+
+    def _row(self, values: Array) -> Row:
+        blocks = {name: values[places] * units for name, (places, units) in self._blocks.items()}
+        if self._degrees is None and np.nanmax(np.abs(blocks["q"]), initial=0.0) > TUNING.few_turns:
+            self._farthest = np.fmax(self._farthest, np.abs(values))
+            angle_unit(self._table(self._farthest), None)
+        return Row(float(values[self._time]) * self._second, blocks["q"], blocks["effort"], blocks.get("dq"))
+
+    def _table(self, values: Array) -> Table:
+        """A table of one row."""
+        columns = {}
+        for one, value in zip(self._columns, values, strict=True):
+            columns[one.name] = Column(one.label, value[None], 1.0 if one.place == self._clock else one.unit)
+        return Table(columns, self._source, rows_of(self._source), self.notes)
+
+
+def _lines_of(stream: Stream, source: str) -> Iterator[bytes]:
+    """The lines of a stream as soon as each is there."""
+    while line := stream.readline(TUNING.header_bytes):
+        if len(line) == TUNING.header_bytes:
+            raise InputError(f"has a line of {TUNING.header_bytes:,} bytes", source, "give one row a line")
+        yield line
+
+
+def _look_at(lines: Iterator[bytes], source: str) -> tuple[Layout, Iterator[bytes]]:
+    """How the rows of a stream are to be read, by its header and the units beneath it; and the lines that hold them."""
+    head: list[bytes] = []
+    layout = Layout("utf-8")
+    for line in lines:
+        if head or line.strip():
+            head.append(line)
+        try:
+            layout = look(b"".join(head))
+        except (UnicodeDecodeError, csv.Error):
+            raise InputError("is not text", source, "give CSV, one row a line") from None
+        if layout.encoding not in _FOLLOWED:
+            raise InputError(f"is {layout.encoding.upper()}, which cannot be followed", source, "give it as UTF-8")
+        if layout.first or len(head) == 3:
+            break
+    return layout, chain(head[layout.rows :], lines)

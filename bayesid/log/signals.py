@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from itertools import repeat
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -22,9 +23,6 @@ from bayesid.log.log import Log, RecordedMotion, motion_of_log
 from bayesid.log.low_pass import AfterRectifier
 from bayesid.log.tuning import TUNING
 from bayesid.motion import Motion
-
-_DIGITS = 10
-"""Of a period: a difference of two stamps is rounded, 0.010000000000001563 s are 10 ms."""
 
 
 @dataclass(frozen=True)
@@ -115,16 +113,17 @@ def prepare(log: Log, cutoff: float | None = None) -> Signals:
         "filter": f"zero-phase Butterworth, order {TUNING.filter_order} each way",
         "velocity": "measured" if mended.motion.dq is not None else "differentiated",
     }
-    kept = _thinned(len(grid), rate, cutoff)
-    if kept.step > 1:
-        processing |= {"rate_hz": rate / kept.step, "thinned": f"one sample in {kept.step} of {rate:.6g} Hz"}
+    every = max(1, min(-(-len(grid) // TUNING.thinned_from), int(rate / (TUNING.least_over_cutoff * cutoff))))
+    kept = slice(None, None, every)  # a long log has few samples, as far as its cut-off allows
+    if every > 1:
+        processing |= {"rate_hz": rate / every, "thinned": f"one sample in {every} of {rate:.6g} Hz"}
     raw_effort, effort = _efforts(even, mended.effort, log.signed, cutoff, kept)
     return Signals(
         motion=even.smooth(cutoff, kept),
         effort=effort,
         raw_effort=raw_effort,
         signed=log.signed,
-        rate=rate / kept.step,
+        rate=rate / every,
         cutoff=cutoff,
         processing=processing,
         measured=(_measured(grid, t, 0.5 / cutoff)[:, None] & _unfaulted(grid, t, mended, 0.5 / cutoff))[kept],
@@ -149,13 +148,6 @@ def still_joints(q: Array) -> Mask:
     return still
 
 
-def _thinned(size: int, rate: float, cutoff: float) -> slice:
-    """One sample in so many that a long log has few, as far as its cut-off allows."""
-    return slice(
-        None, None, max(1, min(-(-size // TUNING.thinned_from), int(rate / (TUNING.least_over_cutoff * cutoff))))
-    )
-
-
 def filtered_motion(recorded: RecordedMotion, cutoff: float | None = None) -> Motion:
     """A motion at its own N instants, made as `prepare` makes a log's: low-passed on an even grid, differentiated."""
     even = _on_even_grid(_distinct(recorded)[0])
@@ -165,13 +157,13 @@ def filtered_motion(recorded: RecordedMotion, cutoff: float | None = None) -> Mo
     return Motion(t, q(t), velocity(t), velocity(t, 1), payload=recorded.payload)
 
 
-@dataclass(frozen=True)
-class _Mended:
-    """The K rows of a log that bring something new, what is in fault interpolated; rows of faults are among these."""
+class _Mended(NamedTuple):
+    """The K rows of a log that bring something new, what is in fault interpolated."""
 
     motion: RecordedMotion
     effort: Array
     faults: tuple[Fault, ...]
+    known: dict[tuple[str, int], Mask]  # (K,) for each reading and joint in fault: the rows that are not
 
 
 def _distinct(recorded: RecordedMotion, effort: Array | None = None) -> tuple[RecordedMotion, Integers]:
@@ -193,29 +185,22 @@ def _mended(log: Log) -> _Mended:
     t, effort = recorded.t, _rows(_rows(log.effort, left), keep)
     starts = np.unique([0, *np.searchsorted(t, log.t[[piece.start_row for piece in log.pieces]])]).tolist()
     faults = (*lost_faults, *find_faults(t, recorded.q, effort, recorded.dq, [k for k in starts if k < len(t)]))
+    known: dict[tuple[str, int], Mask] = {}
+    for fault in (one for one in faults if one.rows.size):
+        known.setdefault((fault.reading, fault.joint), np.ones(len(t), dtype=bool))[fault.rows] = False
     parts = {"position": recorded.q, "effort": effort}
     if recorded.dq is not None:
         parts["velocity"] = recorded.dq
-    known = _known(len(t), faults)
-    for name in {reading for reading, _ in known}:
-        parts[name] = np.array(parts[name])
-    for (reading, j), valid in known.items():
-        parts[reading][:, j] = without(t, parts[reading][:, j], valid, smooth=reading == "position")
+    parts |= {name: np.array(parts[name]) for name, _ in known}
+    for (name, j), valid in known.items():
+        parts[name][:, j] = without(t, parts[name][:, j], valid, smooth=name == "position")
     still = still_joints(parts["position"])
     if still.any():
         parts["position"] = np.where(still, parts["position"].mean(axis=0), parts["position"])
         if recorded.dq is not None:
             parts["velocity"] = np.where(still, 0.0, parts["velocity"])
     motion = replace(recorded, q=parts["position"], dq=parts.get("velocity"))
-    return _Mended(motion, parts["effort"], faults)
-
-
-def _known(rows: int, faults: Iterable[Fault]) -> dict[tuple[str, int], Mask]:
-    """(rows,) for each reading and joint in fault: the rows that are not."""
-    known: dict[tuple[str, int], Mask] = {}
-    for fault in (one for one in faults if one.rows.size):
-        known.setdefault((fault.reading, fault.joint), np.ones(rows, dtype=bool))[fault.rows] = False
-    return known
+    return _Mended(motion, parts["effort"], faults, known)
 
 
 def _unfaulted(grid: Array, t: Array, mended: _Mended, margin: float) -> Mask:
@@ -224,10 +209,9 @@ def _unfaulted(grid: Array, t: Array, mended: _Mended, margin: float) -> Mask:
     A position that is missing for less is as good interpolated as that between two rows.
     """
     unfaulted = np.ones((len(grid), mended.effort.shape[1]), dtype=bool)
-    nearest = _nearest(grid, t)
-    for (reading, j), known in _known(len(t), mended.faults).items():
+    for (reading, j), known in mended.known.items():
         if reading == "effort":
-            unfaulted[:, j] &= known[nearest]
+            unfaulted[:, j] &= known[_nearest(grid, t)]
         elif reading == "position":
             ends = np.flatnonzero(np.diff(np.concatenate([[True], known, [True]])))
             for first, stop in ends.reshape(-1, 2):
@@ -264,34 +248,33 @@ class _EvenMotion:
         Raises:
             InputError: it lies beyond the Nyquist frequency.
         """
-        cutoff = _choose_cutoff(self.joints(), self.rate) if asked is None else asked
+        cutoff = choose_cutoff(self.joints(), self.rate) if asked is None else asked
         if not 0.0 < cutoff < self.rate / 2:
             remedy = f"give a value between 0 and {self.rate / 2:g} Hz, half the log's rate"
-            raise InputError(
-                f"a cut-off of {cutoff:g} Hz does not suit a log of {self.rate:g} Hz", field="cutoff", remedy=remedy
-            )
+            said = f"a cut-off of {cutoff:g} Hz does not suit a log of {self.rate:g} Hz"
+            raise InputError(said, field="cutoff", remedy=remedy)
         return cutoff
 
     def smooth(self, cutoff: float, kept: slice = slice(None)) -> Motion:
-        """The low-passed motion at the instants that are kept, differentiated."""
-        columns = [[part[kept].copy() for part in self._smooth(*joint, cutoff)] for joint in self.joints()]
+        """The low-passed motion at the instants that are kept.
+
+        Derivatives are those of the cubic spline: its error is of fourth order, a central difference loses 10 % at
+        rate / 8.
+        """
+        spline, columns = scipy.interpolate.CubicSpline, []
+        for q, dq in self.joints():
+            smooth = _lowpass_motion(q, cutoff, self.rate)
+            velocity = spline(self.grid, smooth)(self.grid, 1) if dq is None else _lowpass_motion(dq, cutoff, self.rate)
+            acceleration = spline(self.grid, velocity)(self.grid, 1)
+            columns.append([part[kept].copy() for part in (smooth, velocity, acceleration)])
         q, dq, ddq = (np.stack(part, axis=1) for part in zip(*columns, strict=True))
         payload = self.recorded.payload[_nearest(self.grid[kept], self.t)]
         return Motion(self.grid[kept], q, dq, ddq, payload=payload)
 
-    def _smooth(self, q: Array, dq: Array | None, cutoff: float) -> tuple[Array, Array, Array]:
-        """(N,) position, velocity and acceleration of a joint.
-
-        Derivatives of the cubic spline: its error is of fourth order, a central difference loses 10 % at rate / 8.
-        """
-        smooth, spline = _lowpass_motion(q, cutoff, self.rate), scipy.interpolate.CubicSpline
-        velocity = spline(self.grid, smooth)(self.grid, 1) if dq is None else _lowpass_motion(dq, cutoff, self.rate)
-        return smooth, velocity, spline(self.grid, velocity)(self.grid, 1)
-
 
 def _on_even_grid(recorded: RecordedMotion) -> _EvenMotion:
     t, source = _instants(recorded.t, recorded.q), recorded.source
-    rate = 1.0 / float(f"{np.median(np.diff(t)):.{_DIGITS}g}")
+    rate = 1.0 / float(f"{np.median(np.diff(t)):.10g}")  # differences of stamps are rounded: 0.010000000000001563
     size = (t[-1] - t[0]) * rate * (1 + 1e-9) + 1.0
     if size > max(TUNING.grid_always, TUNING.grid_per_row * len(t)):
         apart = f"{len(t)} instants over {t[-1] - t[0]:.6g} s, {1.0 / rate:.3g} s apart as a rule"
@@ -325,54 +308,42 @@ def lowpass(values: Array, cutoff: float, rate: float) -> Array:
 
 
 def _lowpass_motion(values: Array, cutoff: float, rate: float) -> Array:
-    """`lowpass` with both ends extended by a cubic.
+    """`lowpass` of (N,) values with both ends extended by a cubic.
 
     A point reflection turns the curvature round, so that a log that ends in mid-motion would lose the accelerations of
-    its ends; a cubic through the last period of the cut-off goes on as the motion does.
+    its ends; a least-squares cubic through the last period of the cut-off goes on as the motion does.
     """
     if cutoff >= 0.45 * rate:
         return values
-    window = min(len(values), max(8, round(rate / cutoff)))
-    padding = round(1.5 * rate / cutoff)
-    before = _extrapolate(values[:window], np.arange(-padding, 0))
-    after = _extrapolate(values[-window:], window + np.arange(padding))
+    window, padding = min(len(values), max(8, round(rate / cutoff))), round(1.5 * rate / cutoff)
+    places, fit = np.arange(window), np.polynomial.Polynomial.fit
+    before = fit(places, values[:window], 3)(np.arange(-padding, 0))
+    after = fit(places, values[-window:], 3)(window + np.arange(padding))
     extended = np.concatenate([before, values, after])
-    return scipy.signal.sosfiltfilt(_sections(cutoff, rate), extended, axis=0)[padding : padding + len(values)]
-
-
-def _extrapolate(values: Array, places: Integers) -> Array:
-    """(len(places), n) least-squares cubics through values (m, n) at 0 ... m - 1, taken at other places."""
-    scale = len(values)
-    powers = np.polynomial.polynomial.polyvander(np.arange(scale) / scale, 3)
-    weights = np.linalg.lstsq(powers, values, rcond=None)[0]
-    return np.polynomial.polynomial.polyvander(places / scale, 3) @ weights
+    return scipy.signal.sosfiltfilt(_sections(cutoff, rate), extended)[padding : padding + len(values)]
 
 
 def _sections(cutoff: float, rate: float) -> Array:
     return scipy.signal.butter(TUNING.filter_order, cutoff, fs=rate, output="sos")
 
 
-def choose_cutoff(q: Array, dq: Array | None, rate: float) -> float:
+def choose_cutoff(joints: Iterable[tuple[Array, Array | None]], rate: float) -> float:
     """A cut-off that keeps the motion's dynamics: ten times the frequency below which 95 % of the speed's energy lies.
 
     That is :eq:`motion-cutoff`. Torques hold harmonics of the motion (products of velocities), hence a filter well
     above the motion's own bandwidth (Gautier, Khalil, "Exciting trajectories", 1992, take five to ten times).
+
+    Args:
+        joints: (N,) positions of each, rad, and (N,) velocities, rad/s, or None.
+        rate: Hz.
     """
-    return _choose_cutoff(zip(q.T, repeat(None) if dq is None else dq.T, strict=False), rate)
-
-
-def _choose_cutoff(joints: Iterable[tuple[Array, Array | None]], rate: float) -> float:
-    """By (N,) positions of each joint, rad, and (N,) velocities, rad/s, or None."""
-    bandwidths = [_bandwidth(q, dq, rate) for q, dq in joints if not still_joints(q)]
-    return float(np.clip(10.0 * max(bandwidths, default=0.0), min(TUNING.slowest_cutoff, 0.4 * rate), 0.4 * rate))
-
-
-def _bandwidth(q: Array, dq: Array | None, rate: float) -> float:
-    """Hz; the frequency below which 95 % of the energy of a joint's speed lies."""
-    velocity = np.gradient(q, 1.0 / rate) if dq is None else dq
-    frequency, power = scipy.signal.periodogram(velocity - velocity.mean(), fs=rate)
-    share = np.cumsum(power) / max(power.sum(), 1e-300)
-    return float(frequency[np.searchsorted(share, 0.95)])
+    bandwidth = 0.0
+    for q, dq in (joint for joint in joints if not still_joints(joint[0])):
+        velocity = np.gradient(q, 1.0 / rate) if dq is None else dq
+        frequency, power = scipy.signal.periodogram(velocity - velocity.mean(), fs=rate)
+        share = np.cumsum(power) / max(power.sum(), 1e-300)
+        bandwidth = max(bandwidth, float(frequency[np.searchsorted(share, 0.95)]))
+    return float(np.clip(10.0 * bandwidth, min(TUNING.slowest_cutoff, 0.4 * rate), 0.4 * rate))
 
 
 def _instants(t: Array, q: Array) -> Array:

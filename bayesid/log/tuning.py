@@ -67,12 +67,8 @@ class Tuning:
     """Lines in which a header is looked for: recorders write their settings above it."""
     header_bytes: int = 1 << 20
     """Bytes in which the header and the first values are, and of the longest line of a stream: more than any has."""
-    most_columns: int = 10_000
-    """Columns of a table; recorders write hundreds."""
     longest_label: int = 500
     """Letters of a label that is looked into: no column of a log is called so."""
-    most_joints: int = 1000
-    """Number of a joint, at most: what has more digits counts something else."""
     longest_stream: int = 1 << 32
     """Bytes of a stream that are kept: more than a day of seven joints at 500 Hz has in text."""
     most_objects: int = 100_000

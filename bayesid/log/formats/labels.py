@@ -213,7 +213,7 @@ def _with_unit(place: int, label: str, name: str, unit: str | None, any_current:
     if kind is None or len(numbers) != (kind != "t") or name == "T":  # which is a temperature
         return None
     number = numbers[0] if numbers else -1
-    if number is None or number > TUNING.most_joints:
+    if number is None:
         return None
     factor = _OWN_UNITS.get(word) if unit is None else factor_of(kind, unit)
     if unit is not None and factor is None:

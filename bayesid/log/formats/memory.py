@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bayesid.arrays import Array
 from bayesid.errors import InputError
 from bayesid.log.formats.base import Options
 from bayesid.log.formats.labels import kind_of, split_brackets, time_among
@@ -42,13 +41,22 @@ def table_of(variables: Mapping[str, Any], source: str, options: Options) -> Tab
 
 
 def _vectors(variables: Mapping[str, Any], where: str, columns: Mapping[str, str]) -> dict[str, _Vector]:
-    """The columns, (N,) each, of vectors and matrices."""
-    time = _time_label(list(variables), where, columns)
-    n_rows = None if time is None else len(_time(variables[time], time, where))
+    """The columns, (N,) each, of vectors and matrices, by their labels: q1, q2, .. of q."""
+    names = list(variables)
+    time = time_among(names)
+    if "t" in columns:
+        time = stated_columns(names, {"t": columns["t"]}, where, described(names))[0].label
+    arrays = {name: _array(value) for name, value in variables.items()}
+    n_rows = None
+    if time is not None:
+        t = arrays[time] if arrays[time].ndim != 2 or arrays[time].shape[1] != 1 else arrays[time][:, 0]
+        if t.ndim != 1:
+            raise InputError(f"variable {time} has shape {t.shape}", where, "give the time as a vector")
+        n_rows = len(t)
     vectors: dict[str, _Vector] = {}
     origins: dict[str, str] = {}
-    for name, value in variables.items():
-        for label, vector in _split(value, name, n_rows if name != time else None, where).items():
+    for name, array in arrays.items():
+        for label, vector in _split(array, name, n_rows if name != time else None, where).items():
             if label in vectors:
                 said = f"variables {origins[label]} and {name} may be the same"
                 raise InputError(said, where, "give one of them only")
@@ -56,25 +64,8 @@ def _vectors(variables: Mapping[str, Any], where: str, columns: Mapping[str, str
     return vectors
 
 
-def _time_label(names: Sequence[str], where: str, columns: Mapping[str, str]) -> str | None:
-    """The variable that is the time, by a user's word or by its name."""
-    if "t" not in columns:
-        return time_among(names)
-    return stated_columns(names, {"t": columns["t"]}, where, described(names))[0].label
-
-
-def _time(value: Any, name: str, where: str) -> _Vector:
-    t = _array(value)
-    if t.ndim == 2 and t.shape[1] == 1:
-        return t[:, 0]
-    if t.ndim != 1:
-        raise InputError(f"variable {name} has shape {t.shape}", where, "give the time as a vector")
-    return t
-
-
-def _split(value: Any, name: str, n_rows: int | None, where: str) -> dict[str, _Vector]:
-    """The columns of one variable by their labels, q1, q2, .. of q; none if it is nothing of a log."""
-    array = _array(value)
+def _split(array: _Vector, name: str, n_rows: int | None, where: str) -> dict[str, _Vector]:
+    """The columns of one variable; none if it is nothing of a log."""
     numbers = array.dtype.kind in "iuf" and array.ndim > 0
     if kind_of(name) in (None, "t"):
         vector = array[:, 0] if array.ndim == 2 and array.shape[1] == 1 else array
@@ -82,21 +73,19 @@ def _split(value: Any, name: str, n_rows: int | None, where: str) -> dict[str, _
             return {name: vector} if vector.ndim == 1 else {}
     elif not numbers:
         raise InputError(f"variable {name} is not an array of numbers", where, "give it as floats")
+    matrix = array[:, None] if array.ndim == 1 else array
+    if n_rows is not None or array.ndim != 2:
+        count = n_rows or len(array)
+        if matrix.shape == (count, count):
+            said = f"variable {name} is square: its rows or its columns may be instants"
+            raise InputError(said, where, "cut the log")
+        if matrix.ndim != 2 or count not in matrix.shape:
+            said = f"variable {name} has shape {array.shape} for {count} instants"
+            raise InputError(said, where, "give it a row an instant")
+        matrix = matrix if matrix.shape[0] == count else matrix.T
     label, unit = split_brackets(name)
     behind = "" if unit is None else f" [{unit}]"
-    matrix = array if n_rows is None and array.ndim == 2 else _rows(array, name, n_rows or len(array), where)
     return {f"{label}{j}{behind}": column for j, column in enumerate(matrix.T, start=1)}
-
-
-def _rows(values: _Vector, name: str, n_rows: int, where: str) -> _Vector:
-    """(N, n) a matrix with an instant a row, however it was saved."""
-    matrix = values[:, None] if values.ndim == 1 else values
-    if matrix.shape == (n_rows, n_rows):
-        raise InputError(f"variable {name} is square: its rows or its columns may be instants", where, "cut the log")
-    if matrix.ndim != 2 or n_rows not in matrix.shape:
-        said = f"variable {name} has shape {values.shape} for {n_rows} instants"
-        raise InputError(said, where, "give it a row an instant")
-    return matrix if matrix.shape[0] == n_rows else matrix.T
 
 
 def _array(value: Any) -> _Vector:
@@ -109,20 +98,17 @@ def _array(value: Any) -> _Vector:
 
 def _column(one: SourceColumn, values: _Vector, where: str) -> Column:
     """A column as numbers; a time may be time stamps or durations."""
-    if one.name == "t" and values.dtype.kind in "mM" and not np.isnat(values).any():
-        nanoseconds = values.astype("datetime64[ns]" if values.dtype.kind == "M" else "timedelta64[ns]")
-        return Column(one.label, seconds(nanoseconds.astype(np.int64)), 1.0)
-    return Column(one.label, _numbers(values, one.label, where), one.unit)
-
-
-def _numbers(values: _Vector, label: str, where: str) -> Array:
-    for row, value in enumerate(values if values.dtype.kind in "OUS" else ()):
+    kind, label = values.dtype.kind, one.label
+    if one.name == "t" and kind in "mM" and not np.isnat(values).any():
+        nanoseconds = values.astype("datetime64[ns]" if kind == "M" else "timedelta64[ns]")
+        return Column(label, seconds(nanoseconds.astype(np.int64)), 1.0)
+    for row, value in enumerate(values if kind in "OUS" else ()):
         if isinstance(value, str) or not np.isscalar(value):
             plain = value.item() if isinstance(value, np.generic) else value
             said = f"column {label} holds {plain!r:.40}, not a number"
             raise InputError(said, rows_of(where)(row), "give it as floats, or give the path of the file itself")
     try:
-        return values.astype(float, casting="unsafe" if values.dtype.kind in "Obiuf" else "safe")
+        return Column(label, values.astype(float, casting="unsafe" if kind in "Obiuf" else "safe"), one.unit)
     except (TypeError, ValueError):
         raise InputError(f"column {label} holds {values.dtype}, not numbers", where, "give it as floats") from None
 

@@ -1,7 +1,6 @@
 """Tables as text: a header with the names of a log's columns, then a row an instant, in any usual way to write it.
 
-Separators, decimal commas, encodings, quotes and a second row with units are found by looking. Other tables of text
-build on `read_text`.
+Separators, decimal commas, encodings, quotes and a second row with units are found by looking.
 """
 
 from __future__ import annotations
@@ -14,7 +13,6 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TextIO
 
 import numpy as np
 
@@ -23,7 +21,7 @@ from bayesid.errors import InputError
 from bayesid.log.formats.base import Format, Options
 from bayesid.log.formats.labels import is_unit, split_brackets
 from bayesid.log.formats.names import choose
-from bayesid.log.formats.table import Chosen, Column, SourceColumn, Table
+from bayesid.log.formats.table import Chosen, Column, Table
 from bayesid.log.tuning import TUNING
 from bayesid.parallel import quiet
 
@@ -53,7 +51,7 @@ _BOMS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM
 
 
 def is_clock(cell: str) -> bool:
-    """Whether a cell holds such a time."""
+    """Whether a cell holds a time as `clock_seconds` reads it."""
     try:
         clock_seconds(cell)
     except ValueError:
@@ -113,7 +111,15 @@ class CsvFile(Format):
 
     def read(self, path: Path, options: Options) -> Table:
         """The columns of a log."""
-        return read_text(path, lambda header, where: choose(header, where, options))
+        try:
+            layout = look_at(path)
+            selected, clock = select_columns(layout, str(path), options)
+            values = _read_values(path, layout, [source.place for source in selected.columns], clock)
+        except (UnicodeDecodeError, csv.Error) as error:
+            raise _not_text(path, isinstance(error, UnicodeDecodeError)) from None
+        units = {one.name: 1.0 if one.place == clock else one.unit for one in selected.columns}
+        columns = {one.name: Column(one.label, values[:, one.place], units[one.name]) for one in selected.columns}
+        return Table(columns, str(path), lambda row: _where(path, layout, row), selected.notes)
 
 
 @dataclass(frozen=True)
@@ -197,34 +203,18 @@ def _look(content: bytes, encoding: str) -> Layout:
     return Layout(encoding, separator, comma, tuple(header), row + 1, rows, tuple(values), quoted)
 
 
-def read_text(path: Path, select: Callable[[Sequence[str], str], Chosen]) -> Table:
-    """A table of text; `select` chooses the columns that make a log, of a header at a place that messages name."""
-    try:
-        layout = look_at(path)
-        selected, clock = select_columns(layout, str(path), select)
-        chosen = selected.columns
-        values = _read_values(path, layout, [source.place for source in chosen], clock)
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise _not_text(path, isinstance(error, UnicodeDecodeError)) from None
-    units = {source.place: 1.0 if source.place == clock else source.unit for source in chosen}
-    columns = {one.name: Column(one.label, values[:, one.place], units[one.place]) for one in chosen}
-    return Table(columns, str(path), lambda row: _where(path, layout, row), selected.notes)
-
-
-def select_columns(
-    layout: Layout, source: str, select: Callable[[Sequence[str], str], Chosen]
-) -> tuple[Chosen, int | None]:
+def select_columns(layout: Layout, source: str, options: Options) -> tuple[Chosen, int | None]:
     """The columns that make a log, in the table's order, and the place of a time that is written as one of day."""
     where, remedy = f"{source}, row {layout.header_row}", "begin it with t,q1..qn,tau1..taun"
-    if len(layout.header) > TUNING.most_columns:
-        raise InputError(f"names {len(layout.header)} columns", where, f"give a log of {TUNING.most_columns} at most")
     if not any(layout.header):
         raise InputError("does not begin with a header", source, remedy)
     if all(map(_is_value, layout.header)):
         raise InputError("holds numbers, not the names of the columns", where, remedy)
-    selected = select(layout.header, where)
+    selected = choose(layout.header, where, options)
     chosen = tuple(sorted(selected.columns, key=lambda source: source.place))  # the first bad one is named
-    return Chosen(chosen, selected.notes), _clock(layout, chosen)
+    times = [one.place for one in chosen if one.name == "t" and one.place < len(layout.first)]
+    clock = next((place for place in times if is_clock(layout.first[place])), None)
+    return Chosen(chosen, selected.notes), clock
 
 
 def _not_text(path: Path, undecoded: bool) -> InputError:
@@ -266,7 +256,7 @@ def _are_quoted(lines: Sequence[str]) -> bool:
         len(line) > 1
         and line[0] == line[-1] == '"'
         and '"' not in line[1:-1].replace('""', "")
-        and max(map(line.count, _SEPARATORS)) >= 3 - 1
+        and max(map(line.count, _SEPARATORS)) > 1
         for line in first
     )
 
@@ -330,22 +320,15 @@ def _joined(name: str, unit: str) -> str:
 # ---------------------------------------------------------------------------------------------------------------
 # What it holds
 # ---------------------------------------------------------------------------------------------------------------
-def _open(path: Path, layout: Layout) -> TextIO:
-    return path.open(newline="", encoding=layout.encoding)
-
-
-def _clock(layout: Layout, chosen: Sequence[SourceColumn]) -> int | None:
-    """The place of a time that is written as a date or a time of day; None where it is a number."""
-    places = [one.place for one in chosen if one.name == "t" and one.place < len(layout.first)]
-    return next((place for place in places if is_clock(layout.first[place])), None)
-
-
 def _read_values(path: Path, layout: Layout, used: list[int], clock: int | None) -> Array:
     """(N, columns) numbers of the used columns, s in that of the clock; the other columns come as 0."""
     n = len(layout.header)
     converters: dict[int | str, Callable[[str], float]] = {i: lambda _: 0.0 for i in range(n) if i not in used}
     converters |= {} if clock is None else {clock: clock_seconds}
-    with _open(path, layout) as file, quiet(UserWarning):  # of a file without rows, which is refused later
+    with (
+        path.open(newline="", encoding=layout.encoding) as file,
+        quiet(UserWarning),
+    ):  # of a file without rows, which is refused later
         try:
             values: Array = np.loadtxt(
                 layout.lines(file),
@@ -371,14 +354,14 @@ def _read_values(path: Path, layout: Layout, used: list[int], clock: int | None)
 
 def _where(path: Path, layout: Layout, row: int) -> str:
     """The file's line of a row of values: the header is row 1, and blank lines count."""
-    with _open(path, layout) as file:
+    with path.open(newline="", encoding=layout.encoding) as file:
         lines = [k for k, line in enumerate(layout.lines(file), start=1) if k > layout.rows and line.strip()]
     return f"{path}, row {lines[row]}"
 
 
 def _first_bad_row(path: Path, layout: Layout, used: list[int], clock: int | None) -> InputError:
     """Why the table cannot be read, by a slow second look."""
-    with _open(path, layout) as file:
+    with path.open(newline="", encoding=layout.encoding) as file:
         for number, line in enumerate(layout.lines(file), start=1):
             if number <= layout.rows or not line.strip():
                 continue
@@ -387,7 +370,9 @@ def _first_bad_row(path: Path, layout: Layout, used: list[int], clock: int | Non
                 return InputError("holds the header again", where, _AGAIN)
             if len(cells) != len(layout.header):
                 said = f"holds {len(cells)} values, the header names {len(layout.header)}"
-                return InputError(said, where, _remedy(number, layout, len(cells)))
+                remedy = _semicolons(layout, len(cells)) if number == layout.rows + 1 else ""
+                truncated = "remove the row (a truncated last row is common) or complete it"
+                return InputError(said, where, remedy or truncated)
             for i in used:
                 if not (is_clock if i == clock else _is_number)(cells[i]):
                     said = f"column {layout.header[i]} holds {cells[i]!r}, not a {'time' if i == clock else 'number'}"
@@ -401,11 +386,6 @@ def _correction(cell: str) -> str:
     if not cell or cell.startswith(_NO_VALUE):
         return "remove the row (the log may have gaps), or give the value"
     return "correct the value"
-
-
-def _remedy(number: int, layout: Layout, cells: int) -> str:
-    truncated = "remove the row (a truncated last row is common) or complete it"
-    return (_semicolons(layout, cells) if number == layout.rows + 1 else "") or truncated
 
 
 def _semicolons(layout: Layout, cells: int) -> str:
