@@ -11,15 +11,30 @@ In the examples of docstrings `robot`, `log`, `motion`, `model`, `theta`, `resul
 makes. The names of __init__.pyi are promised, all else may change; each is loaded where it is first used.
 """
 
-import lazy_loader
+import ast
+from importlib import import_module
+from pathlib import Path
 
 __version__ = "0.1.0"
-_load, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_HOMES = {
+    name.name: f"{__name__}.{line.module}"
+    for line in ast.parse(Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8")).body
+    if isinstance(line, ast.ImportFrom)
+    for name in line.names
+}
+"""Promised name to the module that has it, as the stub says."""
+__all__ = sorted(_HOMES)
+
+
+def __dir__() -> list[str]:
+    return __all__
 
 
 def __getattr__(name: str) -> object:
     """A promised name; with what gives identifications comes what notebooks show of them, from rooms above theirs."""
-    value = _load(name)
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    globals()[name] = value = getattr(import_module(_HOMES[name]), name)
     if name in ("identify", "find_discrepancy", "compare_logs", "Identification"):
         from bayesid.identification.identification import Identification
 

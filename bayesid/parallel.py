@@ -21,9 +21,10 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import ContextDecorator, contextmanager
+from contextlib import ContextDecorator, contextmanager, suppress
 from functools import wraps
-from multiprocessing import get_context, parent_process
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
 from typing import Any, ParamSpec, TypeVar
 
 from threadpoolctl import threadpool_limits
@@ -98,7 +99,8 @@ class WorkerDiedError(BayesidError, RuntimeError):
 class WorkerPool(ProcessPoolExecutor):
     """Worker processes that leave Ctrl-C to this process and end with it.
 
-    A `with` block that ends by an exception kills them.
+    They hold one end of a pipe, this process alone the other: when that is closed, workers end in the middle of their
+    work. So does a `with` block that ends by an exception.
 
     Args:
         workers: how many, at most.
@@ -106,7 +108,10 @@ class WorkerPool(ProcessPoolExecutor):
     """
 
     def __init__(self, workers: int, method: str) -> None:
-        super().__init__(workers, mp_context=get_context(method), initializer=_settle_in)
+        context = get_context(method)
+        held, self._leash = context.Pipe(duplex=False)
+        inherited = self._leash if method == "fork" else None
+        super().__init__(workers, mp_context=context, initializer=_settle_in, initargs=(held, inherited))
 
     def submit(self, function: Callable[Given, Result], /, *given: Given.args, **named: Given.kwargs) -> Future[Result]:
         """Hands out a task; a worker that is started for it inherits that Ctrl-C is blocked."""
@@ -118,22 +123,22 @@ class WorkerPool(ProcessPoolExecutor):
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if kind is not None:
-            for worker in list((self._processes or {}).values()):  # kill_workers() from Python 3.14 on
-                worker.kill()
+            self._leash.close()
         self.shutdown()
 
 
-def _settle_in() -> None:
+def _settle_in(held: Connection, inherited: Connection | None) -> None:
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_DFL)
     os.environ.update(dict.fromkeys(_BLAS_THREADS, "1"))  # for a BLAS that is loaded later
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    if inherited is not None:
+        inherited.close()
+    threading.Thread(target=_end_with_leash, args=(held,), daemon=True).start()
 
 
-def _end_with_parent() -> None:
-    parent = parent_process()
-    assert parent is not None
-    parent.join()
+def _end_with_leash(held: Connection) -> None:
+    with suppress(EOFError, OSError):
+        held.recv()
     os._exit(1)
 
 

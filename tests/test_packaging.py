@@ -24,7 +24,7 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 EXTRAS = PROJECT["project"]["optional-dependencies"]
 SOURCES = {"bayesid": ROOT / "bayesid", "bayesid.studies": ROOT / "studies"}
 """Packages and the folders they are made from."""
-PROVIDES = {"pin": "pinocchio", "lazy-loader": "lazy_loader", "arviz-stats": "arviz_stats"}
+PROVIDES = {"pin": "pinocchio", "arviz-stats": "arviz_stats"}
 """What a distribution is imported as, where the names differ."""
 BROUGHT = {"coal": "pin", "h5py": "h5netcdf", "markupsafe": "jinja2", "pandas": "xarray", "tomli_w": "msgspec"}
 """Packages that are imported too, with what is declared and needs them."""

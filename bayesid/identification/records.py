@@ -58,7 +58,7 @@ class SegmentSign:
     log: str  #: that it is of
 
 
-Record = TypeVar("Record", Coefficient, ParameterValue, SegmentSign, covariant=True)
+Record = TypeVar("Record", bound=Coefficient | ParameterValue | SegmentSign, covariant=True)
 
 
 class Records(tuple[Record, ...]):

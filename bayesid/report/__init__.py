@@ -1,5 +1,10 @@
 """Reports for people: verdicts, tables, findings, figures and pages."""
 
-import lazy_loader
+from importlib import import_module
 
-__getattr__, __dir__, __all__ = lazy_loader.attach(__name__, ["plot"])
+
+def __getattr__(name: str) -> object:
+    """`bayesid.report.plot`, which imports matplotlib, where it is first used."""
+    if name == "plot":
+        return import_module("bayesid.report.plot")
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
