@@ -23,8 +23,7 @@ from bayesid.files.writing import check_folder, save_folder
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.model_file import load_model
 from bayesid.identification.prediction import Validation, check_joints
-from bayesid.log.formats import STANDARD_INPUT
-from bayesid.log.formats.base import Options
+from bayesid.log.formats import STANDARD_INPUT, Options
 from bayesid.log.log import Log, check_exact_gains
 from bayesid.log.rows import Row, RowReader
 from bayesid.monitor.changes import Alarm

@@ -6,7 +6,7 @@ The time at which a file was last changed is not used: copies and checkouts have
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import PurePath
@@ -22,7 +22,6 @@ STAMPS, NAMES, ORDER = (
     "the order in which logs were given",
 )
 """What dates are taken from."""
-_DAY = 86400.0
 _EARLIEST, _LATEST = (datetime(year, 1, 1, tzinfo=UTC).timestamp() for year in (2000, 2100))
 """s since 1970; a log's clock that stands between them is absolute, for no clock that begins at zero comes so far."""
 _NAMED = re.compile(
@@ -68,12 +67,14 @@ def dates_of(logs: Sequence[Log]) -> Dates:
         >>> dates.texts, dates.basis
         (('1', '2'), 'the order in which logs were given')
     """
-    rules: dict[str, Callable[[Log], datetime | None]] = {STAMPS: _stamped, NAMES: _named}
-    for basis, rule in rules.items():
+    for basis, rule in ((STAMPS, _stamped), (NAMES, _named)):
         found = [moment for log in logs if (moment := rule(log)) is not None]
         if len(found) == len(logs):
+            texts = [moment.date().isoformat() for moment in found]
+            if len(set(texts)) < len(texts):  # two logs of one day
+                texts = [moment.replace(tzinfo=None).isoformat(timespec="seconds") for moment in found]
             seconds = np.array([moment.timestamp() for moment in found])
-            return Dates(_texts(found), (seconds - seconds[0]) / _DAY, basis)
+            return Dates(tuple(texts), (seconds - seconds[0]) / 86400.0, basis)
     return Dates(tuple(str(k) for k in range(1, len(logs) + 1)), np.arange(len(logs), dtype=float), ORDER)
 
 
@@ -93,11 +94,3 @@ def _named(log: Log) -> datetime | None:
         except ValueError:  # 30 February
             continue
     return None
-
-
-def _texts(moments: Sequence[datetime]) -> tuple[str, ...]:
-    """Days or, where two logs are of one day or a time is told, with the time of day."""
-    days = [moment.date().isoformat() for moment in moments]
-    if len(set(days)) == len(days):
-        return tuple(days)
-    return tuple(moment.replace(tzinfo=None).isoformat(timespec="seconds") for moment in moments)

@@ -9,20 +9,17 @@ All thresholds are ratios within one channel, so units and rates do not matter.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TypeAlias
 
 import numpy as np
 import scipy
-from numpy.lib.stride_tricks import sliding_window_view
 
 from bayesid.arrays import Array, Integers, Mask
 from bayesid.log.tuning import TUNING
 from bayesid.motion import STANDSTILL
 
-_Sides: TypeAlias = tuple[Array, Array]
-"""(R, 8) values before each and (R, 8) after."""
+_NONE = np.empty(0, dtype=np.int64)
 
 
 @dataclass(frozen=True)
@@ -137,7 +134,7 @@ def lost_rows(t: Array, q: Array, effort: Array, dq: Array | None = None) -> tup
     zero = ~np.any([part.any(axis=1) for part in (q, effort, dq) if part is not None], axis=0)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], zero, [False]]))).reshape(-1, 2)
     if not len(edges):
-        return np.empty(0, dtype=np.int64), ()
+        return _NONE, ()
     steps, periods = np.abs(np.diff(q, axis=0)), np.diff(t)
     jumps = (
         steps > np.maximum(TUNING.outlier_steps * np.percentile(steps, 95, axis=0), TUNING.slight * np.ptp(q, axis=0))
@@ -146,10 +143,10 @@ def lost_rows(t: Array, q: Array, effort: Array, dq: Array | None = None) -> tup
     sides = [[k for k in (first - 1, stop - 1) if 0 <= k < len(steps) and beside[k]] for first, stop in edges]
     lost = edges[[bool(both) and bool(jumps[both].all()) for both in sides]]
     if not len(lost):
-        return np.empty(0, dtype=np.int64), ()
+        return _NONE, ()
     rows = np.concatenate([np.arange(first, stop) for first, stop in lost])
     seconds = sum(t[min(stop, len(t) - 1)] - t[first] for first, stop in lost)
-    return rows, (Fault(-1, "row", "zero", np.empty(0, dtype=np.int64), t[lost[:, 0]], float(seconds)),)
+    return rows, (Fault(-1, "row", "zero", _NONE, t[lost[:, 0]], float(seconds)),)
 
 
 def without(t: Array, reading: Array, known: Mask, smooth: bool = True) -> Array:
@@ -186,10 +183,9 @@ def _peaks(t: Array, reading: Array) -> Integers:
     runs = _Runs.of(t, reading)
     size = np.abs(runs.value)
     if len(size) <= 2 * TUNING.neighbours:
-        return np.empty(0, dtype=np.int64)
-    around = _by_blocks(lambda _, sides: np.partition(np.hstack(sides), -2, axis=1)[:, -2], size)
-    steps = _by_blocks(lambda _, sides: _usual_step(*sides), runs.value)
-    least = np.maximum(TUNING.outlier * around, around + TUNING.outlier_steps * steps)
+        return _NONE
+    around = _ranked(size, _BEFORE | _BEFORE[::-1], 2 * TUNING.neighbours - 2)
+    least = np.maximum(TUNING.outlier * around, around + TUNING.outlier_steps * _usual_step(runs.value))
     strong = size >= TUNING.weak * np.percentile(np.abs(reading), 99)
     return runs.rows((size > 0.0) & strong & (size >= least) & (runs.seconds < TUNING.dropout))
 
@@ -198,35 +194,32 @@ def _jumps(t: Array, position: Array) -> Integers:
     """Rows of a position that lie far off on the same side of what comes before and after."""
     runs = _Runs.of(t, position)
     if len(runs.value) <= 2 * TUNING.neighbours:
-        return np.empty(0, dtype=np.int64)
-    departs = _by_blocks(_departs, runs.value)
-    least = np.maximum(
-        _slight(position), TUNING.outlier_steps * _by_blocks(lambda _, sides: _usual_step(*sides), runs.value)
-    )
+        return _NONE
+    middle = 0.5 * (TUNING.neighbours - 1)
+    off = [runs.value - _ranked(runs.value, side, middle) for side in (_BEFORE, _BEFORE[::-1])]
+    departs = np.where(off[0] * off[1] > 0.0, np.minimum(np.abs(off[0]), np.abs(off[1])), 0.0)
+    least = np.maximum(_slight(position), TUNING.outlier_steps * _usual_step(runs.value))
     return runs.rows((departs > 0.0) & (departs >= least) & (runs.seconds < TUNING.dropout))
 
 
-def _by_blocks(of: Callable[[Array, _Sides], Array], values: Array) -> Array:
-    """(R,) what becomes of values (R,) and of those beside each, reflected at both ends: in bounded memory."""
-    windows = sliding_window_view(np.pad(values, TUNING.neighbours, mode="reflect"), 2 * TUNING.neighbours + 1)
-    found = []
-    for start in range(0, len(values), TUNING.block):
-        some = windows[start : start + TUNING.block]
-        found.append(of(some[:, TUNING.neighbours], (some[:, : TUNING.neighbours], some[:, TUNING.neighbours + 1 :])))
-    return np.concatenate(found)
+_BEFORE = np.arange(2 * TUNING.neighbours + 1) < TUNING.neighbours
+"""Of a value and its neighbours on either side, those before it."""
 
 
-def _departs(values: Array, sides: _Sides) -> Array:
-    """(R,) how far values lie off on the same side of what comes before and after; 0 of those that do not."""
-    off = [values - np.median(side, axis=1) for side in sides]
-    departs: Array = np.where(off[0] * off[1] > 0.0, np.minimum(np.abs(off[0]), np.abs(off[1])), 0.0)
-    return departs
+def _ranked(values: Array, chosen: Mask, rank: float) -> Array:
+    """(R,) for each value, that of a rank, from 0, of those chosen around it; the ends are mirrored."""
+    row, those = values[None], chosen[None]  # a plain vector's footprint would be ignored by scipy 1.17
+    ranks = sorted({int(np.floor(rank)), int(np.ceil(rank))})
+    found = [scipy.ndimage.rank_filter(row, one, footprint=those, mode="mirror")[0] for one in ranks]
+    return np.mean(found, axis=0)
 
 
-def _usual_step(before: Array, after: Array) -> Array:
-    """(R,) the median step among the neighbours, without those from and to what they are neighbours of."""
-    step: Array = np.median(np.abs(np.hstack([np.diff(before), np.diff(after)])), axis=1)
-    return step
+def _usual_step(values: Array) -> Array:
+    """(R,) the median step among the neighbours of each value, without those from and to itself."""
+    steps = np.abs(np.diff(np.pad(values, TUNING.neighbours, mode="reflect")))
+    others = np.abs(np.arange(2 * TUNING.neighbours) - (TUNING.neighbours - 0.5)) > 1.0
+    ranked = _ranked(steps, others, 0.5 * (2 * TUNING.neighbours - 3))
+    return ranked[TUNING.neighbours :][: len(values)]
 
 
 def _slight(position: Array) -> float:
@@ -241,7 +234,7 @@ def _stopped(t: Array, position: Array) -> Integers:
     runs, period = _Runs.of(t, position), float(np.median(np.diff(t)))
     count, chosen = len(runs.value), np.zeros(len(runs.value), dtype=bool)
     if count <= 2 * TUNING.neighbours:
-        return np.empty(0, dtype=np.int64)
+        return _NONE
     steps = np.abs(np.diff(runs.value))
     speed = np.abs(np.diff(position)) / np.diff(t)
     fast = TUNING.clearly_moving * float(np.percentile(speed, 95))

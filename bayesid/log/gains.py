@@ -78,7 +78,11 @@ class Gains:
             >>> bayesid.Gains(value=[1.0, 16.0], sd=[float("inf"), 0.0]).text
             'unknown,16'
         """
-        return ",".join(map(_word, self.value.tolist(), self.sd.tolist()))
+        words = (
+            UNKNOWN if math.isinf(sd) else f"{value:.12g}" if sd == 0.0 else f"{value:.12g}~{100.0 * sd:.6g}%"
+            for value, sd in zip(self.value.tolist(), self.sd.tolist(), strict=True)
+        )
+        return ",".join(words)
 
     @property
     def unit_of_gain(self) -> str:
@@ -88,12 +92,6 @@ class Gains:
     def times(self, factor: Array) -> Gains:
         """With each value multiplied by its factor (n,)."""
         return replace(self, value=self.value * factor)
-
-
-def _word(value: float, sd: float) -> str:
-    if math.isinf(sd):
-        return UNKNOWN
-    return f"{value:.12g}" if sd == 0.0 else f"{value:.12g}~{100.0 * sd:.6g}%"
 
 
 def gains_of(stated: Gains | Sequence[float] | str | Path, n: int) -> Gains:
@@ -132,8 +130,7 @@ def _parsed(text: str, n: int) -> Gains:
         return Gains(np.ones(n), np.full(n, np.inf))
     if Path(text).suffix == ".csv":
         return _of_file(text)
-    pairs = [_pair(word.strip(), text) for word in text.split(",")]
-    return Gains(np.array([value for value, _ in pairs]), np.array([sd for _, sd in pairs]))
+    return Gains(*np.transpose([_pair(word.strip(), text) for word in text.split(",")]))
 
 
 def _pair(word: str, text: str) -> tuple[float, float]:
@@ -147,15 +144,11 @@ def _pair(word: str, text: str) -> tuple[float, float]:
             relative = float(spread[:-1]) / 100.0 if spread.endswith("%") else float(spread) / abs(value)
     except (ValueError, ZeroDivisionError):
         raise InputError(f"{text!r} is not a list of gains", field="gains", remedy=_REMEDY) from None
-    return value, _checked(relative, word)
-
-
-def _checked(relative: float, word: str) -> float:
     if not 0.0 <= relative <= TUNING.most_uncertain_gain:
         remedy = f"give 0 to {100.0 * TUNING.most_uncertain_gain:.0f} %, or {UNKNOWN}"
         said = f"{word} is uncertain by {100.0 * relative:.3g} %"
         raise InputError(said, field="gains", remedy=remedy)
-    return relative
+    return value, relative
 
 
 def _of_file(path: str) -> Gains:
@@ -163,14 +156,12 @@ def _of_file(path: str) -> Gains:
     rows = list(csv.DictReader(io.StringIO(text, newline="")))
     if not rows or not {"gain", "sd"} <= set(rows[0]):
         raise InputError("has no columns gain, sd", path, _REMEDY)
-    values, spreads = [], []
+    pairs = []
     for line, row in enumerate(rows, start=2):
         gain, sd = (str(row[key] or "").strip() for key in ("gain", "sd"))
         try:
-            value, spread = _pair(f"{gain}~{sd}" if sd else gain, "")
+            pairs.append(_pair(f"{gain}~{sd}" if sd else gain, ""))
         except InputError:
             seen = f"{gain!r}, {sd!r} are no gain with its sd, in its unit or %"
             raise InputError(seen, f"{path}, line {line}", _REMEDY) from None
-        values.append(value)
-        spreads.append(spread)
-    return Gains(np.array(values), np.array(spreads))
+    return Gains(*np.transpose(pairs))

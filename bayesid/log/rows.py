@@ -11,8 +11,7 @@ import numpy as np
 
 from bayesid.arrays import Array
 from bayesid.errors import InputError
-from bayesid.log.formats.base import Options
-from bayesid.log.formats.table import DEGREE, Column, SourceColumn, Table, rows_of
+from bayesid.log.formats.table import DEGREE, Column, Options, SourceColumn, Table, rows_of
 from bayesid.log.formats.text import CsvFile, Layout, clock_seconds, look, select_columns
 from bayesid.log.gains import Gains
 from bayesid.log.reading import angle_unit, gains_of_table, signed_joints

@@ -9,7 +9,7 @@ standstill or of a pause of the log. A cut too many costs a binary unknown, a cu
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from itertools import pairwise
 
 import numpy as np
@@ -86,14 +86,7 @@ class Segments:
         return len(self.joint)
 
     def __getitem__(self, chosen: Mask | Integers) -> Segments:
-        return Segments(
-            self.joint[chosen],
-            self.start[chosen],
-            self.end[chosen],
-            self.known[chosen],
-            self.moving[chosen],
-            self.fitted[chosen],
-        )
+        return Segments(*(getattr(self, field.name)[chosen] for field in fields(self)))
 
     def split(self, cuts: list[tuple[int, int]]) -> Segments:
         """The segments cut once more before each given (joint, sample)."""
@@ -136,7 +129,7 @@ def find_segments(signals: Signals, actuators: Motion, cutting: Cutting = USUAL)
         if not signals.signed[j]:
             cuts = _reversals(speed) | _minima(effort, cutting.prominence) | _jerks(actuators.ddq[:, j], half_period)
             edges |= cuts | _slope_jumps(effort, half_period, edges | cuts)
-            fitted = moving & _strong(effort, cutting.threshold)
+            fitted = moving & (np.abs(effort) >= cutting.threshold * np.percentile(effort, 99))
             edges |= _changes(fitted)  # last: they mark no sign change, and must not stand in for a cut that does
         bounds = sorted({0, n_samples} | edges)
         known = int(signals.signed[j])
@@ -147,12 +140,6 @@ def find_segments(signals: Signals, actuators: Motion, cutting: Cutting = USUAL)
 def _from_rows(rows: list[tuple[int, int, int, int, bool, bool]]) -> Segments:
     joint, start, end, known, moving, fitted = np.array(rows, dtype=np.int64).T
     return Segments(joint, start, end, known, moving.astype(bool), fitted.astype(bool))
-
-
-def _strong(magnitude: Array, threshold: float) -> Mask:
-    """(N,) samples that reach a share of the 99th percentile; what is filtered may undershoot below zero."""
-    strong: Mask = np.abs(magnitude) >= threshold * np.percentile(magnitude, 99)
-    return strong
 
 
 def _changes(state: Mask) -> set[int]:

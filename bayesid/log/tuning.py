@@ -103,8 +103,6 @@ class Tuning:
     studied."""
     past_blind: float = 3.0
     """Times the least reading above zero, within which a sensor with a dead zone may fall to zero. Not studied."""
-    block: int = 1 << 14
-    """Readings that are compared at once, in a processor's cache; costs time and memory alone."""
 
     # Signals
     filter_order: int = 4

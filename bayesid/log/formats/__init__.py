@@ -1,36 +1,112 @@
 """Recordings: files of many formats, each read into one table of a log's columns.
 
-A reader a format, each in a file of this folder, turns a file into a `Table` and says what the file lacks; it is found
-by what the file holds (see `bayesid.log.formats.base`). What a number must be is checked here, once for all of them;
-what the numbers mean for an identification is `bayesid.log.reading`'s business.
+A reader a format, each a subclass of `Format` in a file of this folder, turns a file into a `Table` and says what the
+file lacks; it is found by what the file holds. What a number must be is checked here, once for all of them; what the
+numbers mean for an identification is `bayesid.log.reading`'s business.
 """
 
 from __future__ import annotations
 
 import os
+import re
 import stat
 import sys
 import tempfile
-from collections.abc import Callable
+from abc import ABC, abstractmethod
 from contextlib import nullcontext
 from dataclasses import replace
 from glob import glob
 from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
-from typing import BinaryIO
+from typing import ClassVar
 
 from bayesid.errors import InputError
 from bayesid.files.bounded import check_name
-from bayesid.log.formats.base import Format, Options, refuse_foreign
 from bayesid.log.formats.parts import JOINT, join_parts
-from bayesid.log.formats.table import Column, Table, check, rows_of
+from bayesid.log.formats.table import Column, Options, Table, check, rows_of
 from bayesid.log.tuning import TUNING
 
 __all__ = ["Column", "Format", "Options", "Table", "is_log_folder", "is_stream", "known_formats", "read_table"]
 
 STANDARD_INPUT = "-"
 """What stands for it in place of a path."""
+_UNPACK = "unpack it, and give the log inside"
+_TABLE = "write its columns as CSV, or give it from Python: bayesid.read_log(pandas.{}(FILE{}))"
+_SHEET = "save the sheet with the log as CSV"
+_FOREIGN = (
+    (rb"\s*\{[^\n]*\}\s*\n\s*\{", "lines of JSON", _TABLE.format("read_json", ", lines=True")),
+    (rb"\s*(\{\s*[\"}]|\[\s*[\[{\"\d-])", "JSON", _TABLE.format("read_json", "")),
+    (rb"\s*<(!doctype html|html|head|body)", "a web page (HTML), no table of numbers", "save the table as CSV"),
+    (rb"\s*<[!?a-z]", "XML", _TABLE.format("read_xml", "")),
+    (rb"PK.{2,8192}(xl/|\[Content_Types\]\.xml)", "an Excel workbook", _SHEET),
+    (rb"PK.{2,8192}content\.xml", "an OpenDocument spreadsheet", _SHEET),
+    (rb"\xd0\xcf\x11\xe0", "an old Excel workbook", _SHEET),
+    (rb"PK.{2,8192}\.npy", "an archive of NumPy", "give it from Python: bayesid.read_log(dict(numpy.load(FILE)))"),
+    (
+        rb"\x93NUMPY",
+        "an array of NumPy",
+        "give it from Python, with names: bayesid.read_log({'t': .., 'q': .., 'tau': ..})",
+    ),
+    (rb"PK\x03\x04", "a zip archive", _UNPACK),
+    (rb"\x1f\x8b|BZh\d|\xfd7zXZ|\x28\xb5\x2f\xfd|7z\xbc\xaf", "compressed", _UNPACK),
+    (rb"#ROSBAG V", "a bag of ROS 1", "convert it: rosbags-convert --src FILE --dst FOLDER"),
+    (
+        rb"\x89HDF",
+        "an HDF5 file, but none of MATLAB",
+        "give its arrays from Python: bayesid.read_log({'t': .., 'q': .., 'tau': ..})",
+    ),
+    (
+        rb"DIAEXTENDED",
+        "a header of DIAdem, as KUKA's trace writes it beside its .r64",
+        "export the trace as a table of text (WorkVisual); a file a joint is given as 'trace_*.csv+'",
+    ),
+    (rb"TDSm|MDF {5}|UnFinMF", "a measurement file (TDMS or MDF)", "export its channels as CSV"),
+    (rb"%PDF|\x89PNG|\xff\xd8\xff", "a document or a picture", "give the log that it shows"),
+)
+"""How files begin that hold no log which could be read here, what they are, and how to come to a log."""
+
+
+class Format(ABC):
+    """A format of recordings.
+
+    Attributes:
+        name: for messages, as in "is a MATLAB file".
+        magic: bytes with which its files begin.
+        extensions: of its files, as in ".mat", where the first bytes do not decide.
+        options: which of `topic`, `joints` and `columns` mean something to it.
+        order: formats are asked in ascending order whether they recognise a file; 0 for those that look into it, 1 for
+            those that go by its name, 2 for the one that takes any.
+    """
+
+    name: ClassVar[str]
+    magic: ClassVar[tuple[bytes, ...]] = ()
+    extensions: ClassVar[tuple[str, ...]] = ()
+    options: ClassVar[frozenset[str]] = frozenset()
+    order: ClassVar[int] = 0
+
+    def recognises(self, path: Path, head: bytes) -> bool:
+        """Whether a file or folder, `head` its first bytes, none of a folder, is of this format."""
+        return head.startswith(self.magic) or path.suffix.lower() in self.extensions
+
+    def check_options(self, options: Options, where: str) -> None:
+        """Raises InputError where something is said of a file that has none of it."""
+        for name in {"topic", "joints", "columns"} - self.options:
+            if getattr(options, name) is not None:
+                raise InputError(f"is {self.name}, which has no {name}", where, f"leave `{name}` out")
+
+    def is_folder(self, path: Path) -> bool:
+        """Whether a folder is one recording, so that the files in it are none."""
+        return False
+
+    @abstractmethod
+    def read(self, path: Path, options: Options) -> Table:
+        """The columns of a log.
+
+        Raises:
+            InputError: they are not there, or damaged, or which is meant stays open.
+            OSError: the file cannot be opened.
+        """
 
 
 def known_formats() -> list[Format]:
@@ -48,14 +124,13 @@ def read_table(path: Path, options: Options) -> Table:
     Raises:
         InputError: there is no such file, or it cannot be used.
     """
-    if parts := _parts_of(path):
-        part = replace(options, part=True)
-        tables = [read_table(one, part) for one in parts]
+    if JOINT in str(path) and not os.path.exists(path):
+        names = [name.strip() for name in str(path).split(JOINT) if name.strip()]
+        parts = [one for name in names for one in (sorted(glob(name)) or [name])]
+        tables = [read_table(Path(one), replace(options, part=True)) for one in parts]
         return check(join_parts(tables, options.columns, motion=options.motion), options.columns)
     try:
-        if is_stream(check_name(path)):
-            return _read_stream(path, lambda copy: _read_file(copy, options))
-        return _read_file(path, options)
+        return (_read_stream if is_stream(check_name(path)) else _read_file)(path, options)
     except (FileNotFoundError, IsADirectoryError, NotADirectoryError):
         raise InputError("no such file", str(path), "give the path of a log") from None
     except OSError as error:
@@ -67,19 +142,13 @@ def _read_file(path: Path, options: Options) -> Table:
     if not path.is_dir():
         with path.open("rb") as file:
             head = file.read(65536)
-        if path.suffix.lower() != ".mat":
-            refuse_foreign(path, head)
+    begin = head.removeprefix(b"\xef\xbb\xbf")  # a mark of UTF-8
+    for begins, name, remedy in _FOREIGN if path.suffix.lower() != ".mat" else ():
+        if re.match(begins, begin, re.DOTALL | re.IGNORECASE):
+            raise InputError(f"is {name}", str(path), remedy)
     reader = next(known for known in known_formats() if known.recognises(path, head))
     reader.check_options(options, str(path))
     return check(reader.read(path, options), options.columns)
-
-
-def _parts_of(path: Path) -> list[Path]:
-    """The files of one run that a name with a `+` stands for; none where it is the name of one file."""
-    if JOINT not in str(path) or os.path.exists(path):
-        return []
-    names = [name.strip() for name in str(path).split(JOINT) if name.strip()]
-    return [Path(one) for name in names for one in (sorted(glob(name)) or [name])]
 
 
 def is_log_folder(path: Path) -> bool:
@@ -101,28 +170,23 @@ def is_stream(path: Path) -> bool:
     return str(path) == STANDARD_INPUT
 
 
-def _read_stream(path: Path, read: Callable[[Path], Table]) -> Table:
+def _read_stream(path: Path, options: Options) -> Table:
     """What a stream holds, kept as a file for as long as it is read; messages call it by its own name."""
-    name = "standard input" if str(path) == STANDARD_INPUT else str(path)
+    from_input = str(path) == STANDARD_INPUT
+    name, size = "standard input" if from_input else str(path), 0
     with tempfile.TemporaryDirectory(prefix="bayesid-") as folder:
         copy = Path(folder) / "stream"
-        with nullcontext(sys.stdin.buffer) if str(path) == STANDARD_INPUT else path.open("rb") as stream:
-            _keep(stream, copy, name)
+        with nullcontext(sys.stdin.buffer) if from_input else path.open("rb") as stream, copy.open("wb") as file:
+            while chunk := stream.read(1 << 20):
+                size += len(chunk)
+                if size > TUNING.longest_stream:
+                    said = f"is longer than {TUNING.longest_stream >> 30} GiB"
+                    raise InputError(said, name, "give shorter logs, one after the other")
+                file.write(chunk)
         try:
-            table = read(copy)
+            table = _read_file(copy, options)
         except InputError as error:
             what, where, remedy = (text.replace(str(copy), name) for text in (error.what, error.where, error.remedy))
             raise InputError(what, where, remedy, error.field) from None
     notes = tuple(note.replace(str(copy), name) for note in table.notes)
     return replace(table, source=name, place=rows_of(name), notes=notes)
-
-
-def _keep(stream: BinaryIO, copy: Path, name: str) -> None:
-    size = 0
-    with copy.open("wb") as file:
-        while chunk := stream.read(1 << 20):
-            size += len(chunk)
-            if size > TUNING.longest_stream:
-                said = f"is longer than {TUNING.longest_stream >> 30} GiB"
-                raise InputError(said, name, "give shorter logs, one after the other")
-            file.write(chunk)

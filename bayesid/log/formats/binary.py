@@ -19,10 +19,10 @@ import numpy as np
 
 from bayesid.errors import InputError, missing
 from bayesid.files import bounded
-from bayesid.log.formats.base import Format, Options
+from bayesid.log.formats import Format
 from bayesid.log.formats.labels import WORDS, kind_of, read_labels, time_among
 from bayesid.log.formats.memory import table_of
-from bayesid.log.formats.table import Table
+from bayesid.log.formats.table import Options, Table
 from bayesid.log.tuning import TUNING
 
 if TYPE_CHECKING:

@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesid.errors import InputError
-from bayesid.log.formats.base import Options
 from bayesid.log.formats.labels import kind_of, split_brackets, time_among
 from bayesid.log.formats.names import choose
 from bayesid.log.formats.stated import described, stated_columns
-from bayesid.log.formats.table import Column, SourceColumn, Table, check, rows_of, seconds
+from bayesid.log.formats.table import Column, Options, SourceColumn, Table, check, rows_of, seconds
 
 _Vector = NDArray[Any]
 

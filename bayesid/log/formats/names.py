@@ -11,7 +11,6 @@ from collections import Counter
 from collections.abc import Mapping, Sequence, Set
 
 from bayesid.errors import InputError
-from bayesid.log.formats.base import Options
 from bayesid.log.formats.labels import (
     OTHER,
     UNITS,
@@ -36,7 +35,7 @@ from bayesid.log.formats.stated import (
     stated_columns,
     suggestion,
 )
-from bayesid.log.formats.table import Chosen, SourceColumn
+from bayesid.log.formats.table import Chosen, Options, SourceColumn
 
 _EFFORT = "column tau1 (or i1 with gains)"
 _QUANTITY = re.compile(

@@ -6,6 +6,7 @@ stamps by a cubic spline. Files are of one run and on one clock by the word of t
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -42,11 +43,10 @@ def join_parts(tables: Sequence[Table], columns: Mapping[str, str] | None, *, mo
         named = {name: column for name, column in part.columns.items() if name in values}
         joined |= {name: replace(column, values=values[name]) for name, column in named.items()}
     stamps = f"the stamps of {base.source} ({1.0 / _period(base.t):.4g} Hz)"
-    rows = f"{source}: joined by time: {len(instants):,} rows at {stamps}"
-    left = len(base.t) - len(kept)
-    outside = [f"{left:,} rows that others do not cover are left out"] if left else []
-    note = "; ".join([rows, *dict.fromkeys(said), *outside])
-    notes = (*(note for table in tables for note in table.notes), note)
+    said = [f"{source}: joined by time: {len(instants):,} rows at {stamps}", *dict.fromkeys(said)]
+    if left := len(base.t) - len(kept):
+        said.append(f"{left:,} rows that others do not cover are left out")
+    notes = (*(note for table in tables for note in table.notes), "; ".join(said))
     return Table(_in_order(joined, source, motion=motion), source, lambda row: base.place(int(kept[row])), notes)
 
 
@@ -61,16 +61,11 @@ def _period(t: Array) -> float:
 
 def _numbered(tables: Sequence[Table]) -> list[Table]:
     """The tables; columns of a joint without a number count as that of the file's place among those with such ones."""
-    counts: dict[str, int] = {}
+    counts = Counter[str]()
     numbered = []
     for table in tables:
-        columns = {}
-        for name, column in table.columns.items():
-            if name in ("q", "dq", *_EFFORTS):
-                counts[name] = counts.get(name, 0) + 1
-                columns[f"{name}{counts[name]}"] = column
-            else:
-                columns[name] = column
+        counts.update(bare := {"q", "dq", *_EFFORTS} & table.columns.keys())
+        columns = {f"{name}{counts[name]}" if name in bare else name: one for name, one in table.columns.items()}
         numbered.append(replace(table, columns=columns))
     return numbered
 
@@ -117,10 +112,7 @@ def _common(parts: Sequence[Table], base: Table) -> Integers:
         spans = ", ".join(f"{part.source} {part.t[0]:.9g} to {part.t[-1]:.9g} s" for part in parts)
         common = f"{stop - start:.4g} s" if stop > start else "nothing"
         raise InputError(f"they have {common} in common: {spans}", JOINT.join(p.source for p in parts), _TOGETHER)
-    covered = np.ones(len(base.t), dtype=bool)
-    for part in parts:
-        covered &= _covered(part, base.t)
-    kept: Integers = np.flatnonzero(covered)
+    kept: Integers = np.flatnonzero(np.all([_covered(part, base.t) for part in parts], axis=0))
     return kept
 
 
@@ -146,14 +138,9 @@ def _brought(part: Table, base: Table, instants: Array, kept: Integers) -> tuple
             values[name] = curve(part.t[rows], column[rows])(instants)
         said.append(f"positions of {part.source} ({1.0 / _period(part.t):.4g} Hz) by a spline")
     if efforts:
-        nearest = _nearest(part.t, instants)
+        after = np.clip(np.searchsorted(part.t, instants), 1, len(part.t) - 1)
+        nearest = after - (instants - part.t[after - 1] < part.t[after] - instants)
         values |= {name: column[nearest] for name, column in efforts.items()}
         off = float(np.abs(part.t[nearest] - instants).max())
         said.append(f"efforts of {part.source} at its nearest stamps, {1e3 * off:.3g} ms off at most")
     return values, ", ".join(said)
-
-
-def _nearest(t: Array, instants: Array) -> Integers:
-    after = np.clip(np.searchsorted(t, instants), 1, len(t) - 1)
-    nearest: Integers = after - (instants - t[after - 1] < t[after] - instants)
-    return nearest

@@ -20,8 +20,8 @@ import numpy as np
 from bayesid.arrays import Array
 from bayesid.errors import InputError
 from bayesid.files.bounded import MOST_DIGITS, fits_memory
-from bayesid.log.formats.base import Format, Options
-from bayesid.log.formats.table import Column, Table, seconds
+from bayesid.log.formats import Format
+from bayesid.log.formats.table import Column, Options, Table, seconds
 
 _TYPE = "sensor_msgs/msg/JointState"
 
@@ -63,47 +63,42 @@ class RosBag(Format):
         if path.is_dir() and not self.is_folder(path):
             remedy = "run `ros2 bag reindex` on it, or give the file inside"
             raise InputError("is a bag without its metadata.yaml", str(path), remedy)
-        return _read(path, options)
-
-
-def _read(path: Path, options: Options) -> Table:
-    topics = _topics(path)
-    topic = _choose_topic(topics, options.topic, str(path))
-    where = f"{path}, topic {topic}"
-    names = _names(topics[topic], options.joints, where)
-    messages = [message for message in topics[topic] if set(names) <= set(message.names)]
-    if not messages:
-        known = dict.fromkeys(name for message in topics[topic] for name in message.names)
-        said = f"no message holds all of the joints {', '.join(names)}"
-        raise InputError(said, where, f"give `joints` those of {', '.join(known)}")
-
-    def place(row: int) -> str:
-        return f"{where}, message {row + 1}"
-
-    stamped = any(message.stamp for message in messages)  # not all: the clock of a simulation begins at zero
-    times = seconds([message.stamp if stamped else message.received for message in messages])
-    columns = {"t": Column("t", times, 1.0)}
-    blocks = {"q": _block(messages, "position", names)}
-    if not options.motion:
-        blocks["i" if options.currents else "tau"] = _block(messages, "effort", names)
-    for kind, block in blocks.items():
-        missing = [k for k, row in enumerate(block) if row is None]
-        if missing:
-            said = f"holds no {'position' if kind == 'q' else 'effort'} of each joint"
-            raise InputError(said, place(missing[0]), "record joint states with positions and efforts of all joints")
-    velocity = _block(messages, "velocity", names)
-    if all(row is not None and np.isfinite(row).all() for row in velocity):
-        blocks["dq"] = velocity
-    for kind, block in blocks.items():
-        for j, values in enumerate(np.array(block, dtype=float).T):
-            columns[f"{kind}{j + 1}"] = Column(f"{kind}{j + 1} ({names[j]})", values)
-    notes = []
-    if options.joints is None and not _numbered(names):
-        order = f"joints are taken in the order {', '.join(names)}"
-        notes.append(f"{where}: {order}; if that is not from base to tip, give `joints`")
-    if not stamped:
-        notes.append(f"{where}: the stamps are zero; time is when the bag received the messages, which jitters more")
-    return Table(columns, str(path), place, tuple(notes))
+        topics = _topics(path)
+        topic = _choose_topic(topics, options.topic, str(path))
+        where = f"{path}, topic {topic}"
+        names = _names(topics[topic], options.joints, where)
+        messages = [message for message in topics[topic] if set(names) <= set(message.names)]
+        if not messages:
+            known = dict.fromkeys(name for message in topics[topic] for name in message.names)
+            said = f"no message holds all of the joints {', '.join(names)}"
+            raise InputError(said, where, f"give `joints` those of {', '.join(known)}")
+        stamped = any(message.stamp for message in messages)  # not all: the clock of a simulation begins at zero
+        times = seconds([message.stamp if stamped else message.received for message in messages])
+        columns = {"t": Column("t", times, 1.0)}
+        blocks = {"q": _block(messages, "position", names)}
+        if not options.motion:
+            blocks["i" if options.currents else "tau"] = _block(messages, "effort", names)
+        for kind, block in blocks.items():
+            missing = [k for k, row in enumerate(block) if row is None]
+            if missing:
+                said = f"holds no {'position' if kind == 'q' else 'effort'} of each joint"
+                remedy = "record joint states with positions and efforts of all joints"
+                raise InputError(said, f"{where}, message {missing[0] + 1}", remedy)
+        velocity = _block(messages, "velocity", names)
+        if all(row is not None and np.isfinite(row).all() for row in velocity):
+            blocks["dq"] = velocity
+        for kind, block in blocks.items():
+            for j, values in enumerate(np.array(block, dtype=float).T):
+                columns[f"{kind}{j + 1}"] = Column(f"{kind}{j + 1} ({names[j]})", values)
+        notes = []
+        if options.joints is None and not _numbered(names):
+            order = f"joints are taken in the order {', '.join(names)}"
+            notes.append(f"{where}: {order}; if that is not from base to tip, give `joints`")
+        if not stamped:
+            notes.append(
+                f"{where}: the stamps are zero; time is when the bag received the messages, which jitters more"
+            )
+        return Table(columns, str(path), lambda row: f"{where}, message {row + 1}", tuple(notes))
 
 
 def _topics(path: Path) -> dict[str, list[_Message]]:
@@ -119,7 +114,10 @@ def _topics(path: Path) -> dict[str, list[_Message]]:
         with Reader(path) as bag:
             connections = [known for known in bag.connections if known.msgtype == _TYPE]
             for connection, received, data in bag.messages(connections) if connections else ():
-                topics.setdefault(connection.topic, []).append(_message(received, decode(data, _TYPE)))
+                state: Any = decode(data, _TYPE)
+                stamp = state.header.stamp.sec * 1_000_000_000 + state.header.stamp.nanosec
+                values = state.position, state.velocity, state.effort
+                topics.setdefault(connection.topic, []).append(_Message(received, stamp, tuple(state.name), *values))
     except OSError:
         raise
     except Exception as error:  # a damaged bag raises whatever the parser stumbles over
@@ -127,11 +125,6 @@ def _topics(path: Path) -> dict[str, list[_Message]]:
         remedy = "repair it: `ros2 bag reindex`, or `mcap recover`"
         raise InputError(f"cannot be read as a bag ({reason})", str(path), remedy) from None
     return topics
-
-
-def _message(received: int, state: Any) -> _Message:
-    stamp = state.header.stamp.sec * 1_000_000_000 + state.header.stamp.nanosec
-    return _Message(received, stamp, tuple(state.name), state.position, state.velocity, state.effort)
 
 
 def _choose_topic(topics: dict[str, list[_Message]], topic: str | None, where: str) -> str:
@@ -161,16 +154,13 @@ def _names(messages: Sequence[_Message], joints: Sequence[str] | None, where: st
         if set(message.names) != set(first):
             said = f"there are messages of {', '.join(first)}, and of {', '.join(message.names)}"
             raise InputError(said, where, "say which joints with `joints`, from base to tip")
-    return tuple(sorted(first, key=_numbers)) if _numbered(first) else first
+    digits = re.compile(rf"[0-9]{{1,{MOST_DIGITS}}}")
+    return tuple(sorted(first, key=lambda name: [*map(int, digits.findall(name))])) if _numbered(first) else first
 
 
 def _numbered(names: Sequence[str]) -> bool:
     """Whether names differ by numbers only: these then give the order."""
     return len({re.sub("[0-9]+", "#", name) for name in names}) == 1
-
-
-def _numbers(name: str) -> list[int]:
-    return [int(digits) for digits in re.findall(rf"[0-9]{{1,{MOST_DIGITS}}}", name)]
 
 
 def _block(messages: Sequence[_Message], field: str, names: Sequence[str]) -> list[Array | None]:

@@ -16,7 +16,27 @@ from bayesid.log.tuning import TUNING
 
 DEGREE = pi / 180.0
 """rad."""
-_PARTS = {"milliseconds": ("ms", 1e-3), "microseconds": ("us", 1e-6), "nanoseconds": ("ns", 1e-9)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """What a user may say about a file beside its path; None where nothing is said.
+
+    Attributes:
+        topic: the one to read, of several.
+        joints: names from base to tip.
+        currents: whether efforts without a unit are currents, A.
+        columns: what the log's columns are called, see `bayesid.log.formats.stated`.
+        motion: whether the motion is all that is wanted: efforts are left out.
+        part: whether the source is one of several of a run, so that it need not hold a whole log.
+    """
+
+    topic: str | None = None
+    joints: Sequence[str] | None = None
+    currents: bool = False
+    columns: Mapping[str, str] | None = None
+    motion: bool = False
+    part: bool = False
 
 
 @dataclass(frozen=True)
@@ -32,6 +52,10 @@ class Column:
     label: str
     values: Array
     unit: float | None = None
+
+    def si(self, unit: float) -> Array:
+        """(N,) values in SI units, by a unit where the file does not say one."""
+        return self.values * (unit if self.unit is None else self.unit)
 
 
 @dataclass(frozen=True)
@@ -78,7 +102,7 @@ class Table:
     @property
     def t(self) -> Array:
         """(N,) time, s."""
-        return self._si(self.columns["t"], 1.0)
+        return self.columns["t"].si(1.0)
 
     @property
     def n_joints(self) -> int:
@@ -93,7 +117,7 @@ class Table:
             unit: of the columns of which the file does not say it, in SI units.
         """
         columns = (self.columns[f"{kind}{j + 1}"] for j in range(self.n_joints))
-        return np.column_stack([self._si(column, unit) for column in columns])
+        return np.column_stack([column.si(unit) for column in columns])
 
     @property
     def starts(self) -> list[int]:
@@ -101,10 +125,6 @@ class Table:
         if "part" not in self.columns:
             return [0]
         return [0, *(np.flatnonzero(np.diff(self.columns["part"].values) != 0.0) + 1).tolist()]
-
-    @staticmethod
-    def _si(column: Column, unit: float) -> Array:
-        return column.values * (unit if column.unit is None else column.unit)
 
 
 def check(table: Table, given: Mapping[str, str] | None = None) -> Table:
@@ -150,13 +170,12 @@ def _check_unit_of_time(table: Table, given: Mapping[str, str]) -> None:
     if np.mean(steps < 0.0) > TUNING.unsorted:
         return
     step = float(np.median(steps[steps > 0.0]))
-    likely = next(
-        ((word, unit) for word, (unit, factor) in _PARTS.items() if step * factor < TUNING.slowest_step), None
-    )
+    parts = {"milliseconds": ("ms", 1e-3), "microseconds": ("us", 1e-6), "nanoseconds": ("ns", 1e-9)}
+    likely = [(word, unit) for word, (unit, factor) in parts.items() if step * factor < TUNING.slowest_step]
     said = f"column {t.label} spans {t.values[-1] - t.values[0]:.6g} s with steps of {step:.6g} s"
-    if likely is None:
+    if not likely:
         raise InputError(f"{said}: no joint log is so slow", table.source, f"give {t.label} in s")
-    word, unit = likely
+    word, unit = likely[0]
     stated = f"{t.label}[{unit}]"
     columns = ",".join(f'{key}="{pattern}"' for key, pattern in {**given, "t": stated}.items())
     remedy = f"name the column {stated}, or give `columns` {columns} ({t.label}[s] if it is in seconds)"

@@ -18,10 +18,10 @@ import numpy as np
 
 from bayesid.arrays import Array
 from bayesid.errors import InputError
-from bayesid.log.formats.base import Format, Options
+from bayesid.log.formats import Format
 from bayesid.log.formats.labels import is_unit, split_brackets
 from bayesid.log.formats.names import choose
-from bayesid.log.formats.table import Chosen, Column, Table
+from bayesid.log.formats.table import Chosen, Column, Options, Table
 from bayesid.log.tuning import TUNING
 from bayesid.parallel import quiet
 
