@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayesid.regression.knowledge import Information
-from bayesid.regression.selection.columns import Columns
+from bayesid.regression.selection.columns import Columns, Whitening
 from bayesid.regression.selection.explanation import Observations
 
 RATE = 50.0
@@ -37,9 +37,8 @@ def observed(columns, effort, used=None):
     used = np.ones(effort.shape, dtype=bool) if used is None else used
     n = effort.shape[1]
     return Observations(
-        columns=columns * used[:, :, None],
+        whitening=Whitening(columns * used[:, :, None], used),
         effort=effort * used,
-        used=used,
         information=Information.none(columns.shape[2]),
         floor=np.ones(n),
         sharp=np.ones(n, dtype=bool),

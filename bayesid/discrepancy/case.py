@@ -21,11 +21,10 @@ from bayesid.regression.evidence import Evidence
 from bayesid.regression.knowledge import Information, KinematicTolerance, Knowledge
 from bayesid.regression.least_squares import fit_signed
 from bayesid.regression.noise import Noise, residual_noise
-from bayesid.regression.selection.columns import Columns, Whitening
+from bayesid.regression.selection.columns import Columns, Whitening, blocks_of
 from bayesid.regression.selection.explanation import Explanation, Observations, Thresholds
-from bayesid.regression.selection.hypotheses import Hypothesis
-from bayesid.regression.selection.products import HeldBackErrors, blocks_of
-from bayesid.regression.selection.refinement import Extension
+from bayesid.regression.selection.held_back import HeldBackErrors
+from bayesid.regression.selection.refinement import Extension, effort_of
 from bayesid.regression.selection.unseen import kinematic_columns
 from bayesid.signs.averaging import with_standard_terms
 from bayesid.signs.search.protocol import Search
@@ -404,7 +403,7 @@ class Case:
         columns = kinematic_columns(self.model.robot, motion, links, self.tolerance, known=True)
         count = columns.shape[2]
         rows = {j: columns[:, j] for j in range(columns.shape[1])}
-        return Columns(rows, {}, np.ones(count), np.zeros(count, dtype=bool), slight=True)
+        return Columns(rows, {}, np.ones(count), np.zeros(count, dtype=bool))
 
     @cached_property
     def information(self) -> Information:
@@ -421,16 +420,14 @@ class Case:
         probability = self.trial.probability(predicted) if probability is None else probability
         expected, floor = (2.0 * probability - 1.0) * self.trial.magnitude, self.floor(predicted)
         return Observations(
-            columns=self._whitening.columns,
+            whitening=self._whitening,
             effort=expected * self.trial.used,
-            used=self.trial.used,
             information=self.information,
             floor=floor.rms,
             sharp=floor.sharp,
             limits=floor.limits,
             rate=self.trial.signals.rate,
             thresholds=self.thresholds,
-            whitening=self._whitening,
         )
 
     @cached_property
@@ -438,9 +435,9 @@ class Case:
         """Of the model's columns, zero where a sample is not used."""
         return Whitening(self.columns * self.trial.used[:, :, None], self.trial.used)
 
-    def settled(self, effects: Sequence[Hypothesis], explanation: Explanation) -> Observations:
+    def settled(self, explanation: Explanation) -> Observations:
         """The log with its signs settled under an explanation."""
-        return self.data(self.predicted(effects, explanation))
+        return self.data(self.predicted(explanation))
 
     def floor(self, predicted: Array) -> NoiseFloor:
         """The noise floor, as far as this prediction shows it."""
@@ -458,15 +455,9 @@ class Case:
         segments = find_segments(signals, self.trial.actuators)
         return settle_signs(model, signals, segments, self.search)
 
-    def predicted(self, effects: Sequence[Hypothesis], explanation: Explanation) -> Array:
+    def predicted(self, explanation: Explanation) -> Array:
         """(N, n) efforts of an explanation, N m."""
-        effort = self.columns @ explanation.beta
-        for effect, amplitude in zip(effects, explanation.amplitudes, strict=True):
-            for j, rows in effect.columns.rows.items():
-                effort[:, j] += rows @ amplitude
-            for j, shift in effect.columns.shift.items():
-                effort[:, j] += shift
-        return effort
+        return effort_of(self.columns, explanation.beta, explanation.parts, distorted=True)
 
     def refitted(self, extension: Extension, predicted: Array) -> Extension:
         """The extended model with feasible parameters, from the samples that select and what was known before."""

@@ -17,7 +17,7 @@ from bayesid.identification.prediction import check_joints
 from bayesid.log.log import Log
 from bayesid.motion import Motion
 from bayesid.regression.selection.explanation import Thresholds
-from bayesid.regression.selection.products import SHORTEST_LOG
+from bayesid.regression.selection.held_back import SHORTEST_LOG
 from bayesid.robot import Robot
 
 

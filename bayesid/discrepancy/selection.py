@@ -20,19 +20,12 @@ from bayesid.progress import SILENT, Progress
 from bayesid.regression.selection.added_effect import AddedEffect, Cost, all_along, was_there, weigh
 from bayesid.regression.selection.error_model import ErrorModel
 from bayesid.regression.selection.explanation import LN10, Explanation, Observations, Thresholds
-from bayesid.regression.selection.forward import Rules, bears_out, log_density, select_forward, surely_better
+from bayesid.regression.selection.forward import Rules, select_forward
+from bayesid.regression.selection.held_back import HeldBackErrors, bears_out, log_density, surely_better
 from bayesid.regression.selection.hypotheses import EffectKey, Hypothesis, Library, hypotheses
-from bayesid.regression.selection.products import Candidate, HeldBackErrors, Products
 from bayesid.regression.selection.refinement import Extension, extend, refined, sharpened
-from bayesid.regression.selection.scores import (
-    Score,
-    Screening,
-    assess,
-    at_blunt_floor,
-    best_forms,
-    explain_with,
-    joint_sets,
-)
+from bayesid.regression.selection.regression import Effects, Regression, explain
+from bayesid.regression.selection.scores import Score, assess, at_blunt_floor, best_forms, joint_sets
 
 ON_LOG, HELD_BACK, GROWN = "log", "held-back data", "gap grew on held-back data"
 """Which data say that a joint stays unexplained: its residual on the log is above the floor, or that on held-back data;
@@ -44,11 +37,8 @@ class Selection:
     """Effects that explain a log and are borne out by held-back data.
 
     Attributes:
-        hypotheses: in the order in which they were added.
-        explanation: by all of them.
-        before: without any, and
-        data_before: the data that it explains.
-        data: that they were selected on, signs settled under them.
+        explanation: by all of them, in the order in which they were added, signs settled under them.
+        before: without any.
         library: all hypotheses.
         extension: the extended model.
         sets: that predict held-back data as well as any, and no part of which does, likeliest first; this is the first.
@@ -58,11 +48,8 @@ class Selection:
         costs: of the hypotheses, if each were ignored.
     """
 
-    hypotheses: tuple[Hypothesis, ...]
     explanation: Explanation
     before: Explanation
-    data_before: Observations
-    data: Observations
     library: Library
     extension: Extension
     sets: tuple[WeighedSet, ...]
@@ -72,16 +59,9 @@ class Selection:
 
     def weighed(self, case: Case) -> tuple[list[Score], list[AddedEffect], list[AddedEffect]]:
         """Scores of the whole catalogue, before anything was added; its effects, and those that were rejected."""
-        data, explanation = self.data, self.explanation
-        added = [
-            weigh(data, self.library, self.hypotheses, explanation, one, case.uncertain) for one in self.hypotheses
-        ]
-        refused = [
-            weigh(some.data, self.library, some.effects, some.explanation, effect, case.uncertain)
-            for some, effect in self.rejected
-        ]
-        regression, before = explain_with(self.data_before, ())
-        return assess(regression, before, self.library), [self._with_sets(one) for one in added], refused
+        added = [weigh(self.explanation, self.library, one, case.uncertain) for one in self.explanation.effects]
+        refused = [weigh(some.explanation, self.library, effect, case.uncertain) for some, effect in self.rejected]
+        return assess(self.before, self.library), [self._with_sets(one) for one in added], refused
 
     def _with_sets(self, added: AddedEffect) -> AddedEffect:
         """An effect with its probability over all sets, and what stands in its place in sets about as likely."""
@@ -95,27 +75,23 @@ class Selection:
 def select_effects(case: Case, progress: Progress = SILENT) -> Selection:
     """Effects that explain the log and are borne out by the data that are held back."""
     data, library = _begin(case)
-    _, before = explain_with(data, ())
-    old = all_along(data, before, library)
+    before = explain(data, ())
+    old = all_along(before, library)
     library = [group for group in library if group and group[0].key not in old]
-    nothing = EffectSet(case, (), before, data)
+    nothing = EffectSet(case, before)
     sets = EffectSets(case, library, {nothing.forms: nothing})
     sharp = bool(data.sharp.all())
     likeliest, idle = (_likeliest(sets, nothing, progress), []) if sharp else _helping(sets, nothing)
     stopped = sharp and sets.looked_at > TUNING.most_sets
     minimal = _borne_out(sets, likeliest) if sharp else [likeliest]
     chosen, not_learned = learn_effects(_without_stand_ins(sets, minimal[0]), sets.log_prior)
-    effects, explanation = chosen.effects, chosen.explanation
     passed = [*idle, *((one, effect) for one in (likeliest, minimal[0]) for effect in one.effects)]
     rejected = {effect.key: (one, effect) for one, effect in passed if effect.key not in chosen.keys}
     return Selection(
-        hypotheses=effects,
-        explanation=explanation,
+        explanation=chosen.explanation,
         before=before,
-        data_before=data,
-        data=chosen.data,
         library=library,
-        extension=extend(case.knowledge, case.coefficients, effects, explanation),
+        extension=extend(case.knowledge, case.coefficients, chosen.explanation),
         sets=weighed(minimal, chosen),
         stopped=stopped,
         rejected=(*(rejected[key] for key in sorted(rejected)), *not_learned),
@@ -127,8 +103,7 @@ def _begin(case: Case) -> tuple[Observations, Library]:
     """Signs settled under the model, its parameters moved as far as the earlier log allows."""
     predicted = case.before
     for _ in range(TUNING.settlings):
-        _, explanation = explain_with(case.data(predicted), ())
-        predicted = case.predicted((), explanation)
+        predicted = case.predicted(explain(case.data(predicted), ()))
     library = list(hypotheses(case.model, case.scene(predicted), case.trial.used))
     refit = case.standard_refit
     return case.data(predicted, None if refit is None else refit.probability), library
@@ -165,41 +140,39 @@ def _one_by_one(sets: EffectSets, chosen: EffectSet, idle: Collection[EffectKey]
         errors, others = _ranked(sets, chosen, standard)
         others = [effect for effect in others if effect.key not in idle]
         tried = [*chosen.effects, *others[: limits.short_list]]
-        products = Products(chosen.data, tried, list(errors), case.uncertain, predicting=False)
-        _, found = select_forward(products, rules, chosen.keys)
-        effects = refined(chosen.data, [candidate.hypothesis for candidate in found], sets.library)
-        chosen = sets.settled(effects, chosen.data, ())
+        regression = Regression(chosen.data, tried, errors, case.uncertain, predicting=False)
+        _, found = select_forward(regression, rules, chosen.keys)
+        chosen = sets.settled(refined(chosen.data, found, sets.library), chosen.data, ())
         if not standard and chosen.keys in seen:
             return chosen
         seen.append(chosen.keys)
         standard = False
 
 
-def _ranked(sets: EffectSets, chosen: EffectSet, standard: bool) -> tuple[tuple[ErrorModel, ...], list[Hypothesis]]:
+def _ranked(sets: EffectSets, chosen: EffectSet, standard: bool) -> tuple[Sequence[ErrorModel], list[Hypothesis]]:
     """All other effects on top of a set, best first: the standard ones alone where nothing else is looked for."""
-    regression, explanation = explain_with(chosen.data, chosen.effects, chosen.explanation)
+    regression = Regression.of(explain(chosen.data, chosen.effects, chosen.explanation))
     closed = ~chosen.data.sharp if standard else _at_floor(chosen)
     allowed = [
         [h for h in group if h.standard or not all(closed[j] for j in h.columns.joints)]
         for group in sets.library
         if group[0].key not in chosen.keys
     ]
-    scores = best_forms(Screening(regression, explanation.errors), allowed)
-    return explanation.errors, [score.hypothesis for score, _ in scores]
+    scores = best_forms(regression, allowed)
+    return regression.errors, [score.hypothesis for score, _ in scores]
 
 
 def _at_floor(chosen: EffectSet) -> Mask:
     """(n,) joints that are as small as a blunt floor asks for."""
-    return at_blunt_floor(chosen.data, chosen.data.mean_square(chosen.explanation.residual))
+    return at_blunt_floor(chosen.data, chosen.explanation.mean_square)
 
 
-def _sharper(case: Case, products: Products, found: Sequence[Candidate]) -> Mapping[int, Hypothesis]:
+def _sharper(case: Case, regression: Regression, found: Effects) -> Mapping[int, Hypothesis]:
     """Distortions about the numbers that were found, by the ids of their old forms: they are linear near these."""
-    effects = [candidate.hypothesis for candidate in found]
-    if all(effect.source.linear for effect in effects):
+    if all(effect.source.linear for effect in found):
         return {}
-    new = sharpened(products.data, effects, case.columns, case.scene)[0]
-    return {id(old): form for old, form in zip(effects, new, strict=True)}
+    new = sharpened(regression.data, found, case.columns, case.scene).effects
+    return {id(old): form for old, form in zip(found, new, strict=True)}
 
 
 def _improved(sets: EffectSets, best: EffectSet) -> EffectSet:
@@ -222,7 +195,7 @@ def _elsewhere(chosen: EffectSet, joint: int) -> Forms:
 
 def _unsettled(case: Case, chosen: EffectSet) -> list[int]:
     """Joints (0-based) that are above the floor, or have effects of their own with several numbers, the worst first."""
-    ratio = np.sqrt(chosen.data.mean_square(chosen.explanation.residual))
+    ratio = np.sqrt(chosen.explanation.mean_square)
     own = Counter[int]()
     for effect in chosen.effects:
         if len(effect.columns.joints) == 1:
@@ -253,7 +226,7 @@ def _improved_in(sets: EffectSets, best: EffectSet, joint: int) -> EffectSet:
 
 def _left(chosen: EffectSet, joint: int) -> float:
     """Mean square of what a set leaves of a joint, in units of the floor's."""
-    return float(chosen.data.mean_square(chosen.explanation.residual)[joint])
+    return float(chosen.explanation.mean_square[joint])
 
 
 def _with_some_of(
@@ -296,9 +269,9 @@ def _fewer(sets: EffectSets, chosen: EffectSet) -> list[EffectSet]:
 def _of_several_joints(sets: EffectSets, nothing: EffectSet) -> list[Hypothesis]:
     """Effects that may explain what is missing in several joints, best first."""
     needed = sets.case.thresholds.log10_bayes_factor * LN10
-    regression, explanation = explain_with(nothing.data, (), nothing.explanation)
+    regression = Regression.of(explain(nothing.data, (), nothing.explanation))
     groups = [group for group in sets.library if group and len(group[0].columns.joints) > 1]
-    scores = best_forms(Screening(regression, explanation.errors), groups)
+    scores = best_forms(regression, groups)
     return [score.hypothesis for score, _ in scores[: TUNING.whole] if score.gain > needed]
 
 
@@ -388,21 +361,21 @@ def _needless(sets: EffectSets, chosen: EffectSet) -> bool:
             continue
         if fewer.log_posterior > chosen.log_posterior - needed:
             return True
-        if effect.source.of_table and was_there(chosen.data, chosen.explanation, fewer.explanation):
+        if effect.source.of_table and was_there(chosen.explanation, fewer.explanation):
             return True
     return False
 
 
 def _rivals(sets: EffectSets, chosen: EffectSet, gone: tuple[Hypothesis, ...]) -> list[Hypothesis]:
     """Other effects, or other forms, that explain nearly as much in the place of one; or the most, in that of two."""
-    regression, explanation = explain_with(chosen.data, chosen.without(*gone), chosen.explanation)
-    screening, keys = Screening(regression, explanation.errors), {effect.key for effect in gone}
+    regression = Regression.of(explain(chosen.data, chosen.without(*gone), chosen.explanation))
+    keys = {effect.key for effect in gone}
     joints, forms = gone[0].columns.joints, {(effect.source.name, effect.joints) for effect in gone}
     by_form: dict[EffectKey, list[list[Hypothesis]]] = {}
     for group in sets.library:
         if group[0].columns.joints & joints and group[0].key not in chosen.keys - keys:
             by_form.setdefault((group[0].source.name, group[0].joints), []).append(group)
-    scores = {form: best_forms(screening, some)[0][0] for form, some in by_form.items()}
+    scores = {form: best_forms(regression, some)[0][0] for form, some in by_form.items()}
     own = max((scores[form].gain for form in forms & set(scores)), default=np.inf)
     rivals = sorted((scores[form] for form in set(scores) - forms), key=lambda one: -one.gain)
     return [score.hypothesis for score in rivals[: TUNING.whole] if score.gain > own - TUNING.nearly * LN10]
@@ -414,7 +387,7 @@ def _rivals(sets: EffectSets, chosen: EffectSet, gone: tuple[Hypothesis, ...]) -
 def _without_stand_ins(sets: EffectSets, chosen: EffectSet) -> EffectSet:
     """Without effects of joints that stay unexplained, unless they explain most of what was to be explained."""
     case, limits = sets.case, sets.case.thresholds
-    predicted = case.predicted(chosen.effects, chosen.explanation)
+    predicted = case.predicted(chosen.explanation)
     for joint, _ in unexplained(case.trial, predicted, case.floor(predicted), chosen.explanation, limits):
         of_joint = [effect for effect in chosen.effects if effect.columns.joints == {joint - 1}]
         others = sets.settled(chosen.without(*of_joint), chosen.data, ())

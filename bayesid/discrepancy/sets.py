@@ -17,10 +17,11 @@ from bayesid.effects.effect import Effect
 from bayesid.effects.learned_effect import LearnedEffect
 from bayesid.regression.selection.added_effect import Cost
 from bayesid.regression.selection.explanation import Explanation, Observations
+from bayesid.regression.selection.held_back import HeldBackErrors
 from bayesid.regression.selection.hypotheses import EffectKey, Hypothesis, Library, forms_of, maker
-from bayesid.regression.selection.products import HeldBackErrors
-from bayesid.regression.selection.refinement import Extension, effort_of_terms, extend, refined, sharpened
-from bayesid.regression.selection.scores import Screening, best_forms, explain_with, plain_errors
+from bayesid.regression.selection.refinement import Extension, effort_of, extend, refined, sharpened
+from bayesid.regression.selection.regression import Effects, Regression, explain, plain_errors
+from bayesid.regression.selection.scores import best_forms
 
 Forms = frozenset[EffectKey]
 """Names of the forms of a set's effects, and their joints."""
@@ -47,21 +48,31 @@ class WeighedSet:
 
 @dataclass(frozen=True, eq=False)
 class EffectSet:
-    """Effects, the explanation by them, and the log with its signs settled under it.
+    """Effects, and the explanation by them of the log with its signs settled under it.
 
     Attributes:
         case: what stays the same.
-        effects: in the order in which they were added.
-        explanation: by them.
-        data: that it explains.
+        explanation: by the effects, in the order in which they were added.
         log_prior: of these effects in these forms.
     """
 
     case: Case
-    effects: tuple[Hypothesis, ...]
     explanation: Explanation
-    data: Observations
     log_prior: float = 0.0
+
+    @property
+    def effects(self) -> tuple[Hypothesis, ...]:
+        """In the order in which they were added."""
+        return self.explanation.effects
+
+    @property
+    def data(self) -> Observations:
+        """The log, its signs settled."""
+        return self.explanation.data
+
+    def without(self, *gone: Hypothesis) -> tuple[Hypothesis, ...]:
+        """The effects but some."""
+        return self.explanation.without(*gone)
 
     @cached_property
     def keys(self) -> frozenset[EffectKey]:
@@ -78,9 +89,9 @@ class EffectSet:
         """Log evidence and prior, up to a constant: beside what the geometry may be wrong by in any case."""
         return self.log_evidence_of(self.effects) + self.log_prior
 
-    def log_evidence_of(self, effects: Sequence[Hypothesis]) -> float:
+    def log_evidence_of(self, effects: Effects) -> float:
         """Of some effects, from this explanation on, beside what the geometry may be wrong by."""
-        return explain_with(self.data, effects, self.explanation, self.case.uncertain)[1].log_evidence
+        return explain(self.data, effects, self.explanation, self.case.uncertain).log_evidence
 
     @cached_property
     def extension(self) -> Extension:
@@ -88,11 +99,11 @@ class EffectSet:
 
         With a learned function they stay those of the explanation: only its prior holds a function's shape.
         """
-        extension = extend(self.case.knowledge, self.case.coefficients, self.effects, self.explanation)
+        extension = extend(self.case.knowledge, self.case.coefficients, self.explanation)
         learned = any(isinstance(effect.source, LearnedEffect) for effect in self.effects)
         if learned and not any(effect.source.reveals for effect in self.effects):
             return extension
-        return self.case.refitted(extension, self.case.predicted(self.effects, self.explanation))
+        return self.case.refitted(extension, self.case.predicted(self.explanation))
 
     @cached_property
     def held_back(self) -> Array:
@@ -113,10 +124,6 @@ class EffectSet:
         case = self.case
         return case.held_back.trial.residual(case.held_back.effort(case.model, self.extension.model, theta))
 
-    def without(self, *gone: Hypothesis) -> tuple[Hypothesis, ...]:
-        """The effects but some."""
-        return tuple(effect for effect in self.effects if all(effect is not other for other in gone))
-
 
 @dataclass(frozen=True, eq=False)
 class EffectSets:
@@ -135,7 +142,7 @@ class EffectSets:
 
     def settled(
         self,
-        effects: Sequence[Hypothesis],
+        effects: Effects,
         data: Observations,
         joints: Collection[int] | None = None,
         kept: Hypothesis | None = None,
@@ -152,11 +159,10 @@ class EffectSets:
         if key not in self._settled:
             asked = (*effects, kept)  # lest others take their ids
             effects = refined(data, self._in_best_forms(effects, data, joints, kept), self.library, joints)
-            effects, explanation = sharpened(data, effects, self.case.columns, self.case.scene)
-            settled = self.case.settled(effects, explanation)
-            data = replace(settled, reference=data.reference, of_reference=data.of_reference)
-            _, explanation = explain_with(data, effects, explanation)
-            made = EffectSet(self.case, tuple(effects), explanation, data, sum(map(self.log_prior, effects)))
+            explanation = sharpened(data, effects, self.case.columns, self.case.scene)
+            data = replace(self.case.settled(explanation), reference=data.reference)
+            explanation = explain(data, explanation.effects, explanation)
+            made = EffectSet(self.case, explanation, sum(map(self.log_prior, explanation.effects)))
             self._settled[key] = made, asked
             other = self.found.get(made.forms)
             if other is None or made.log_posterior > other.log_posterior:
@@ -165,18 +171,17 @@ class EffectSets:
 
     def anchored(self, chosen: EffectSet) -> EffectSet:
         """A set that others are compared with: where they have the same effects, what is left is judged alike."""
-        columns = tuple(effect.columns for effect in chosen.effects)
-        _, explanation = explain_with(replace(chosen.data, reference=None, of_reference=()), chosen.effects)
-        return replace(chosen, data=replace(chosen.data, reference=explanation, of_reference=columns))
+        anchor = explain(replace(chosen.data, reference=None), chosen.effects)
+        return replace(chosen, explanation=replace(chosen.explanation, data=replace(chosen.data, reference=anchor)))
 
     @property
     def looked_at(self) -> int:
         """Sets that were settled so far."""
         return len(self._settled)
 
-    def quick(self, effects: Sequence[Hypothesis], data: Observations) -> float:
+    def quick(self, effects: Effects, data: Observations) -> float:
         """Log posterior of effects in these forms, with signs as they are."""
-        return explain_with(data, effects)[1].log_evidence + sum(map(self.log_prior, effects))
+        return explain(data, effects).log_evidence + sum(map(self.log_prior, effects))
 
     def log_prior(self, effect: Hypothesis) -> float:
         """Of an effect in one form to be missing, over nothing to be missing in its place."""
@@ -190,7 +195,7 @@ class EffectSets:
         return Counter(form.key for group in self.library for form in group)
 
     def _in_best_forms(
-        self, effects: Sequence[Hypothesis], data: Observations, joints: Collection[int] | None, kept: Hypothesis | None
+        self, effects: Effects, data: Observations, joints: Collection[int] | None, kept: Hypothesis | None
     ) -> list[Hypothesis]:
         """Each effect in the form that is likeliest beside the others.
 
@@ -202,22 +207,22 @@ class EffectSets:
             elsewhere = joints is not None and effect.columns.joints.isdisjoint(joints)
             if elsewhere or self._forms[effect.key] == 1:
                 continue  # there is no other, and a distortion's number is better than the library's
-            regression, others = explain_with(data, [*effects[:k], *effects[k + 1 :]])
+            others = explain(data, [*effects[:k], *effects[k + 1 :]])
             groups = self._forms_of(effect, effects, data)
             if effect is kept:
                 groups = [group for group in groups if group[0].source.name == effect.source.name]
             errors = others.errors if effect.source.linear else plain_errors(data)
-            best = best_forms(Screening(regression, errors), groups)
+            best = best_forms(Regression.of(others).weighed(errors), groups)
             effects[k] = best[0][0].hypothesis if best else effect
         return effects
 
-    def _forms_of(self, effect: Hypothesis, effects: Sequence[Hypothesis], data: Observations) -> Library:
+    def _forms_of(self, effect: Hypothesis, effects: Effects, data: Observations) -> Library:
         """The library's forms of an effect; of a distortion those about what all effects together make."""
         if effect.source.linear:
             return [group for group in self.library if group and group[0].key == effect.key]
-        _, explanation = explain_with(data, effects)
-        terms = effort_of_terms(effects, explanation.amplitudes, data.effort.shape)
-        scene = self.case.scene(self.case.columns @ explanation.beta + terms)
+        explanation = explain(data, effects)
+        effort = effort_of(self.case.columns, explanation.beta, explanation.parts, distorted=False)
+        scene = self.case.scene(effort)
         make = maker(self.case.model, scene, data.used)
         return forms_of(*effect.key, make, scene)
 

@@ -8,17 +8,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from bayesid.arrays import Array
 from bayesid.discrepancy.sets import EffectSet
 from bayesid.discrepancy.tuning import TUNING
 from bayesid.effects.learned_effect import LearnedEffect
 from bayesid.regression.selection.added_effect import AddedEffect
 from bayesid.regression.selection.explanation import LN10, Explanation
-from bayesid.regression.selection.forward import bears_out
+from bayesid.regression.selection.held_back import HeldBackErrors, bears_out
 from bayesid.regression.selection.hypotheses import Hypothesis, maker
 from bayesid.regression.selection.learned import Finder, Learned
-from bayesid.regression.selection.products import HeldBackErrors
-from bayesid.regression.selection.scores import explain_with
+from bayesid.regression.selection.regression import Effects, explain
 from bayesid.robot import Robot
 
 
@@ -86,12 +84,13 @@ def _by_one_function(state: EffectSet, joint: int, log_prior: Callable[[Hypothes
 
 def _log_evidence(state: EffectSet) -> float:
     """Of a set, judged by what it leaves itself."""
-    return replace(state, data=replace(state.data, reference=None, of_reference=())).log_evidence_of(state.effects)
+    data = replace(state.data, reference=None)
+    return explain(data, state.effects, state.explanation, state.case.uncertain).log_evidence
 
 
 def _left(state: EffectSet) -> list[int]:
     """Joints (from 1) whose residual is surely above a sharp floor, on the log or on held-back data, worst first."""
-    predicted, explanation = state.case.predicted(state.effects, state.explanation), state.explanation
+    predicted, explanation = state.case.predicted(state.explanation), state.explanation
     floor, gap, unseen = state.case.floor(predicted), state.case.trial.gap(predicted), state.held_back_errors
     sure = explanation.free_evidence - explanation.noise_evidence > state.case.thresholds.log10_bayes_factor * LN10
     on_log = sure & floor.exceeded(gap, state.case.thresholds)
@@ -132,16 +131,14 @@ def _explains_most(before: EffectSet, after: EffectSet, joint: int) -> bool:
 
 
 def _finder(state: EffectSet, joint: int) -> Finder:
-    scene = state.case.scene(state.case.predicted(state.effects, state.explanation))
+    scene = state.case.scene(state.case.predicted(state.explanation))
     return Finder(scene, state.case.trial.used, joint, maker(state.case.model, scene, state.case.trial.used))
 
 
 def _merged(finder: Finder, state: EffectSet, found: Sequence[Learned]) -> EffectSet:
     """The set with some of its functions as one effect, the last."""
     number = 1 + sum(isinstance(term, LearnedEffect) and finder.joint in term.joints for term in state.case.model.terms)
-    amplitudes = [amplitude_of(one.hypothesis, state.effects, state.explanation) for one in found]
-    covariances = [_covariance(one.hypothesis, state) for one in found]
-    merged = finder.merged(found, amplitudes, covariances, number)
+    merged = finder.merged(found, [state.explanation.amplitude_of(one.hypothesis) for one in found], number)
     return _settled((*_others(state, found), merged), state)
 
 
@@ -198,7 +195,7 @@ def _helps(state: EffectSet, before: HeldBackErrors, learned: Hypothesis) -> boo
 
 
 def _best_of(
-    state: EffectSet, functions: Sequence[Learned], effects: Sequence[Hypothesis] | None = None
+    state: EffectSet, functions: Sequence[Learned], effects: Effects | None = None
 ) -> tuple[EffectSet, Learned]:
     """The function that explains the log best once signs are settled under each: wrong signs hide what is there.
 
@@ -232,7 +229,7 @@ def _others(state: EffectSet, gone: Sequence[Learned]) -> tuple[Hypothesis, ...]
 def _without_needless(state: EffectSet, found: list[Learned], needed: float) -> tuple[EffectSet, list[Learned]]:
     """Without the functions that later ones have made needless, the most needless first."""
     while len(found) > 1:
-        evidence = [explain_with(state.data, _others(state, [one]), state.explanation)[1].log_evidence for one in found]
+        evidence = [explain(state.data, _others(state, [one]), state.explanation).log_evidence for one in found]
         most = int(np.argmax(evidence))
         if state.explanation.log_evidence - evidence[most] > needed:
             break
@@ -241,41 +238,12 @@ def _without_needless(state: EffectSet, found: list[Learned], needed: float) -> 
     return state, found
 
 
-def _settled(effects: Sequence[Hypothesis], state: EffectSet) -> EffectSet:
-    _, explanation = explain_with(state.data, effects)
-    data = state.case.settled(effects, explanation)
-    _, explanation = explain_with(data, effects, explanation)
-    return EffectSet(state.case, tuple(effects), explanation, data)
+def _settled(effects: Effects, state: EffectSet) -> EffectSet:
+    explanation = explain(state.data, effects)
+    return EffectSet(state.case, explain(state.case.settled(explanation), effects, explanation))
 
 
-def _covariance(effect: Hypothesis, state: EffectSet) -> Array:
-    """(p, p) of the amplitudes of one of the effects."""
-    root = state.explanation.root
-    end = root.shape[1]
-    for one in reversed(state.effects):
-        start = end - len(one.columns.sd)
-        if one is effect:
-            return np.asarray(root[:, start:end].T @ root[:, start:end])
-        end = start
-    raise ValueError("no effect of these")
-
-
-def amplitude_of(effect: Hypothesis, effects: Sequence[Hypothesis], explanation: Explanation) -> Array:
-    """(p,) of one of the effects of an explanation."""
-    pairs = zip(effects, explanation.amplitudes, strict=True)
-    return next(amplitude for one, amplitude in pairs if one is effect)
-
-
-def in_words(
-    robot: Robot, weighed: AddedEffect, effects: Sequence[Hypothesis], explanation: Explanation
-) -> AddedEffect:
-    """An effect without a name that was refused, with its words; others as they are.
-
-    Args:
-        robot: the robot.
-        weighed: one of the effects.
-        effects: among which it was chosen.
-        explanation: by these.
-    """
-    amplitude = amplitude_of(weighed.hypothesis, effects, explanation)
+def in_words(robot: Robot, weighed: AddedEffect, explanation: Explanation) -> AddedEffect:
+    """An effect without a name that was refused, with its words, of the explanation that had it; others as they are."""
+    amplitude, _ = explanation.amplitude_of(weighed.hypothesis)
     return replace(weighed, description=weighed.hypothesis.source.description(robot, amplitude))

@@ -41,8 +41,8 @@ from bayesid.regression.selection.added_effect import (
     not_testable,
 )
 from bayesid.regression.selection.explanation import Explanation, Thresholds
+from bayesid.regression.selection.held_back import HeldBackErrors
 from bayesid.regression.selection.hypotheses import EffectKey, Hypothesis
-from bayesid.regression.selection.products import HeldBackErrors
 from bayesid.regression.selection.scores import Score
 from bayesid.signs.search.protocol import Search
 
@@ -232,7 +232,7 @@ def _discrepancy(case: Case, selection: Selection, again: Identification) -> Dis
         unexplained_on=says,
         scores=tuple(score.alone for score in scores),
         refused=tuple(
-            in_words(case.model.robot, effect, among.effects, among.explanation).alone
+            in_words(case.model.robot, effect, among.explanation).alone
             for effect, (among, _) in zip(refused, selection.rejected, strict=True)
         ),
         not_testable=tuple(not_testable(scores, len(floor.rms), case.thresholds)),
@@ -258,7 +258,7 @@ def _gaps(case: Case, selection: Selection, again: Identification) -> tuple[Held
     """What the model as it was leaves of the held-back data, and what the extended one does."""
     theta = again.theta
     if not case.held_back.another_log:  # those stretches must not have had a say
-        predicted = case.predicted(selection.hypotheses, selection.explanation)
+        predicted = case.predicted(selection.explanation)
         theta = case.refitted(selection.extension, predicted).theta
     motion = case.held_back.trial.signals.motion
     before = case.model.effort(motion, case.knowledge.theta)
@@ -267,7 +267,7 @@ def _gaps(case: Case, selection: Selection, again: Identification) -> tuple[Held
 
 def _where(case: Case, explanation: Explanation, floor: NoiseFloor) -> list[Excess]:
     """Where the model exceeds the floor, having given way as far as the earlier log allows."""
-    predicted, trial = case.predicted((), explanation), case.trial
+    predicted, trial = case.predicted(explanation), case.trial
     above = np.flatnonzero(floor.exceeded(trial.gap(predicted), case.thresholds)).tolist()
     return where_it_shows(trial, trial.residual(predicted), predicted, floor.rms, above)
 

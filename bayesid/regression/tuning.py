@@ -113,6 +113,8 @@ class Tuning:
     """First step of that search. A round number."""
     unseen_size: float = 1e-3
     """Change of an error's size that weighs samples as before: below its sampling error of some 1e-2."""
+    whitened_at_once: int = 100_000
+    """Numbers of columns that are whitened together: 1 MB, which a processor's cache holds. A round number."""
     kept_bytes: int = 128_000_000
     """Of whitened columns that are kept; what was asked for longest ago goes. A round number."""
 

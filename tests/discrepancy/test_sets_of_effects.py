@@ -10,7 +10,7 @@ from scipy.stats import t
 from bayesid.discrepancy import selection
 from bayesid.discrepancy.sets import weighed
 from bayesid.regression.selection.explanation import Thresholds
-from bayesid.regression.selection.forward import log_density, surely_better
+from bayesid.regression.selection.held_back import log_density, surely_better
 
 ROWS, BLOCKS = 1600, 16
 

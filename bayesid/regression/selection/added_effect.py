@@ -13,7 +13,8 @@ from bayesid.effects.formula import Description
 from bayesid.regression.selection.columns import NO_COLUMNS, Columns
 from bayesid.regression.selection.explanation import LN10, Explanation, Observations, Thresholds
 from bayesid.regression.selection.hypotheses import EffectKey, Hypothesis, Library
-from bayesid.regression.selection.scores import Score, assess, explain_with, plain_first
+from bayesid.regression.selection.regression import explain
+from bayesid.regression.selection.scores import Score, assess, plain_first
 
 Quantity = tuple[float, float, str]
 """Value, standard deviation (NaN where none is known) and unit."""
@@ -93,24 +94,18 @@ class AddedEffect:
 
 
 def weigh(
-    data: Observations,
-    library: Library,
-    effects: Sequence[Hypothesis],
-    explanation: Explanation,
-    effect: Hypothesis,
-    uncertain: Columns = NO_COLUMNS,
+    explanation: Explanation, library: Library, effect: Hypothesis, uncertain: Columns = NO_COLUMNS
 ) -> AddedEffect:
     """An effect of an explanation against all in the library that could stand in its place, the other effects given.
 
     One without a name is what was outside of the catalogue: it shares that prior. `uncertain` are columns that the
     model may be wrong by beside.
     """
-    limits = data.thresholds
-    others = [other for other in effects if other is not effect]
-    regression, without = explain_with(data, others, explanation, uncertain)
-    scores = plain_first(assess(regression, without, _rivals(library, effect, others)), data)
+    data, others = explanation.data, explanation.without(effect)
+    limits, without = data.thresholds, explain(data, others, explanation, uncertain)
+    scores = plain_first(assess(without, _rivals(library, effect, others)), data)
     scored = next((score.gain for score in scores if score.key == effect.key), -np.inf)
-    as_added = explain_with(data, effects, explanation, uncertain)[1].log_evidence - without.log_evidence
+    as_added = explain(data, explanation.effects, explanation, uncertain).log_evidence - without.log_evidence
     gain = max(scored, as_added)  # averaged over the library's forms, or of the form that was refined
     share = (1.0 - limits.nothing_missing - limits.something_else) / len(main_forms())
     places = max(1, data.effort.shape[1])
@@ -222,27 +217,26 @@ def _ratio(part: float, whole: float) -> float:
     return part / whole if whole > 0.0 else np.nan
 
 
-def all_along(
-    data: Observations, without: Explanation, library: Sequence[Sequence[Hypothesis]]
-) -> frozenset[EffectKey]:
+def all_along(without: Explanation, library: Library) -> frozenset[EffectKey]:
     """Errors of the table that cannot have come since the earlier log: they do not show above the noise floor.
 
     The floor holds what the earlier model left of its own log. An error that was there already is a part of it, however
     well it explains what this log leaves; one that is new adds to it, most of all in the joint where it is largest.
     `without` is the explanation by the model alone.
     """
-    limits = data.thresholds
+    data, limits = without.data, without.data.thresholds
     most = np.where(data.sharp, limits.above_floor, limits.above_blunt_floor)
-    above = data.mean_square(without.residual) > most**2
+    above = without.mean_square > most**2
     return frozenset(h.key for group in library for h in group if h.source.of_table and not above[_strongest(data, h)])
 
 
-def was_there(data: Observations, with_it: Explanation, without: Explanation) -> bool:
+def was_there(with_it: Explanation, without: Explanation) -> bool:
     """Whether the earlier log speaks against an error of the table, as surely as an effect must be found.
 
     A model that was bent by the error fits it badly: its coefficients have to move far from what that log showed. Those
     of a model that was right then stay, and without the error they would have to move.
     """
+    data = with_it.data
     against = 0.5 * (data.information.misfit(with_it.beta) - data.information.misfit(without.beta))
     return against > data.thresholds.log10_bayes_factor * LN10
 

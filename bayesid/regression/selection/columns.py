@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -26,14 +27,12 @@ class Columns:
         shift: joint to (N,) change, N m.
         sd: (p,) prior standard deviations of the amplitudes.
         positive: (p,) which of them cannot be negative.
-        slight: whether it changes no joint so much that what is left there would be judged otherwise.
     """
 
     rows: dict[int, Array]
     shift: dict[int, Array]
     sd: Array
     positive: Mask
-    slight: bool = False
 
     @property
     def joints(self) -> set[int]:
@@ -54,7 +53,7 @@ NO_COLUMNS = Columns(rows={}, shift={}, sd=np.zeros(0), positive=np.zeros(0, dty
 class Whitening:
     """Columns filtered to innovations, not divided by their standard deviation: what differs in size alone is shared.
 
-    Those of the model (N, n, r), where samples are used (N, n), and of effects; the latest are kept, up to
+    Those of the model (N, n, r), zero where a sample is not used (N, n), and of effects; the latest are kept, up to
     `most_bytes`.
     """
 
@@ -67,55 +66,44 @@ class Whitening:
     def bare(self, joint: int) -> tuple[Integers, Array]:
         """Which (m,) of the model's columns show in a joint (no link shows behind it), and (N, m) these, bridged."""
         if joint not in self._bare:
-            own, used = self.columns[:, joint], self.used[:, joint]
-            index = np.flatnonzero((own * used[:, None]).any(axis=0))
-            self._bare[joint] = index, bridged(np.asfortranarray(own[:, index]), used)
+            own = self.columns[:, joint]
+            index = np.flatnonzero(own.any(axis=0))
+            self._bare[joint] = index, bridged(np.asfortranarray(own[:, index]), self.used[:, joint])
         return self._bare[joint]
 
-    def model(self, joint: int, error: ErrorModel) -> tuple[Array, Array]:
-        """(N, m) innovations of the model's columns that show in a joint, and their (m, m) products."""
+    def always(self, joint: int, error: ErrorModel, beside: Columns) -> tuple[Array, Array]:
+        """(N, m) innovations of a joint's columns of the model, and of others beside; and (folds, m, m) products."""
 
         def make() -> tuple[Array, ...]:
-            white = error.innovations(self.bare(joint)[1], self.used[:, joint])
-            return white, white.T @ white
+            used = self.used[:, joint]
+            white = error.innovations(self.bare(joint)[1], used)
+            if joint in beside.rows:
+                white = np.concatenate([white, error.whiten(beside.rows[joint], used)], axis=1)
+            return white, by_fold(white, white, error.rate)
 
-        white, products = self._of((joint, error.shape), None, make)
+        white, products = self._of((joint, error.shape, id(beside)), beside, make)
         return white, products
 
-    def rows(self, effect: Columns, joint: int, error: ErrorModel) -> Array:
-        """(N, p) innovations of an effect's columns in a joint where it has some."""
-        key = id(effect), "rows", joint, error.shape
-        return self._of(key, effect, lambda: (error.whiten(effect.rows[joint], self.used[:, joint]),))[0]
-
-    def shift(self, effect: Columns, joint: int, error: ErrorModel) -> Array:
-        """(N,) innovations of an effect's change in a joint where it makes one."""
-        key = id(effect), "shift", joint, error.shape
-        return self._of(key, effect, lambda: (error.whiten(effect.shift[joint], self.used[:, joint]),))[0]
-
-    def group(self, stack: Array, joint: int, error: ErrorModel, *, keep: bool) -> tuple[Array, Array]:
-        """(k, P, P) products of each of k effects' innovations, and (k, P, m) with those of the model's columns.
+    def group(self, stack: Array, joint: int, error: ErrorModel, beside: Columns, *, keep: bool) -> tuple[Array, Array]:
+        """(k, P, P) products of each of k effects' innovations, and (k, P, m) with those of `always`.
 
         Their columns are a stack (k, P, N) as of `together`; the products are kept if the same array will come again.
         """
 
         def make() -> tuple[Array, ...]:
-            white = error.whiten(stack.reshape(-1, stack.shape[2]).T, self.used[:, joint]).T.reshape(stack.shape)
-            return white @ white.transpose(0, 2, 1), white @ self.model(joint, error)[0]
+            always, used = self.always(joint, error, beside)[0], self.used[:, joint]
+            k, size, count = stack.shape
+            products, across = np.empty((k, size, size)), np.empty((k, size, always.shape[1]))
+            at_once = max(1, TUNING.whitened_at_once // max(size * count, 1))  # the processor's cache holds them
+            for start in range(0, k, at_once):
+                some = slice(start, start + at_once)
+                white = error.whiten(stack[some].reshape(-1, count).T, used).T.reshape(-1, size, count)
+                products[some], across[some] = white @ white.transpose(0, 2, 1), white @ always
+            return products, across
 
-        products, across = self._of((id(stack), joint, error.shape), stack, make) if keep else make()
+        key = id(stack), joint, error.shape, id(beside)
+        products, across = self._of(key, (stack, beside), make) if keep else make()
         return products, across
-
-    def across(self, stack: Array, effect: Columns, joint: int, error: ErrorModel, *, keep: bool) -> Array:
-        """(k, P, p) products of k effects' innovations (see `group`) with those of one more effect's columns."""
-
-        def pulled() -> tuple[Array, ...]:
-            return (self.pulled_back(self.rows(effect, joint, error), joint, error),)
-
-        def make() -> tuple[Array, ...]:
-            return (stack @ self._of((id(effect), "pulled", joint, error.shape), effect, pulled)[0],)
-
-        key = id(stack), id(effect), joint, error.shape
-        return (self._of(key, (stack, effect), make) if keep else make())[0]
 
     def pulled_back(self, white: Array, joint: int, error: ErrorModel) -> Array:
         """(N, s) what columns must be multiplied with for the products of their innovations with (N, s)."""
@@ -135,8 +123,24 @@ class Whitening:
         return made
 
 
-NOT_YET = Whitening(np.zeros((0, 0, 0)), np.zeros((0, 0), dtype=bool))
-"""Of no columns."""
+def blocks_of(duration: float) -> int:
+    """How many blocks a log of some seconds is cut into: fewer where they would be too short, but one a fold."""
+    return int(np.clip(duration / TUNING.shortest_block, TUNING.folds, TUNING.blocks))
+
+
+def rows_of_blocks(samples: int, rate: float) -> list[slice]:
+    """Rows of the blocks of a log at a rate, Hz; block b is in fold b modulo `Tuning.folds`."""
+    count = blocks_of(samples / rate)
+    starts = (-(-np.arange(count + 1) * samples // count)).tolist()
+    return [slice(start, stop) for start, stop in pairwise(starts)]
+
+
+def by_fold(left: Array, right: Array, rate: float) -> Array:
+    """(folds, p, q) products of columns (N, p) with others (N, q), at a rate in Hz."""
+    products = np.zeros((TUNING.folds, left.shape[1], right.shape[1]))
+    for block, rows in enumerate(rows_of_blocks(len(left), rate)):
+        products[block % TUNING.folds] += left[rows].T @ right[rows]
+    return products
 
 
 def stacked(effects: Sequence[Columns]) -> list[Columns]:

@@ -1,32 +1,17 @@
-"""How well a log is explained by a model with some effects added: a marginal likelihood, linear algebra throughout.
-
-With signs settled, the efforts of joint j are  e_j = Y_j beta + Z_j alpha + d_j + error  (:eq:`effects`), the error as
-in `error_model`, whitened by W_j. The earlier log says what beta is (`bayesid.regression.knowledge`),
-alpha is normal about zero with the sd of its effect (on one side of zero where its sign is known); with A the matrix of
-both, :eq:`evidence`::
-
-    log p(e) = sum_j log p(W_j (e_j - d_j - A_j x)) - (x - x0)' L (x - x0) / 2 + log det(D) / 2 - log det(H) / 2 + c
-
-at the best x, H = L + sum_j A_j' W_j' W_j A_j (MacKay 2003, chapter 28; exact for normal errors of given covariance).
-The error's own parameters are those of the highest likelihood; where they exceed the noise floor, each joint pays
-log N.
-"""
+"""A log that effects are judged by, with its signs settled, and how well a model with some effects explains it."""
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
-from scipy.linalg import solve_triangular
-from scipy.special import log_ndtr
 
-from bayesid.arrays import TINY, Array, Integers, Mask
+from bayesid.arrays import TINY, Array, Mask
 from bayesid.regression.knowledge import Information
-from bayesid.regression.selection.columns import NOT_YET, Columns, Whitening
-from bayesid.regression.selection.error_model import ErrorModel, alike, fit_error
+from bayesid.regression.selection.columns import Columns, Whitening
+from bayesid.regression.selection.error_model import ErrorModel, fit_error
+from bayesid.regression.selection.hypotheses import Hypothesis
 
 LN10 = float(np.log(10.0))
 """Nats a decade of a Bayes factor."""
@@ -106,36 +91,37 @@ class Observations:
     """What all hypotheses are judged by: the log with its signs settled, what is known, and how to decide.
 
     Attributes:
-        columns: (N, n, r) of the model, zero where a sample is not used.
+        whitening: the model's columns (N, n, r), and which samples (N, n) count; shared by all observations of them.
         effort: (N, n) with their expected signs, zero where not used, N m.
-        used: (N, n) samples that count.
         information: of the r coefficients, from earlier logs.
         floor: (n,) RMS of the noise, N m.
         sharp: (n,) whether the floor holds all of the noise (see `bayesid.discrepancy.case.NoiseFloor`).
         limits: (n, 2) largest white and coloured part of the error that is nothing but noise, N m.
         rate: Hz.
         thresholds: that decide.
-        whitening: of the columns; shared by all observations with the same columns and samples that count.
-        reference: an explanation of nearly the same data, and
-        of_reference: its effects: where none acts that is not among them, nor lacks, its error models are kept.
+        reference: an explanation of nearly the same data: its error models are kept in joints where the same effects
+            act.
     """
 
-    columns: Array
+    whitening: Whitening = field(repr=False)
     effort: Array
-    used: Mask
     information: Information
     floor: Array
     sharp: Mask
     limits: Array
     rate: float
     thresholds: Thresholds = Thresholds()
-    whitening: Whitening = field(default=NOT_YET, repr=False, compare=False)
     reference: Explanation | None = field(default=None, repr=False, compare=False)
-    of_reference: tuple[Columns, ...] = field(default=(), repr=False, compare=False)
 
-    def __post_init__(self) -> None:
-        if self.whitening.columns is not self.columns or self.whitening.used is not self.used:
-            object.__setattr__(self, "whitening", Whitening(self.columns, self.used))
+    @property
+    def columns(self) -> Array:
+        """(N, n, r) of the model, zero where a sample is not used."""
+        return self.whitening.columns
+
+    @property
+    def used(self) -> Mask:
+        """(N, n) samples that count."""
+        return self.whitening.used
 
     def mean_square(self, residual: Array) -> Array:
         """(n,) of residuals (N, n), zero where not used, in units of the floor's."""
@@ -207,20 +193,26 @@ class JudgedJoint:
         return after - before
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Explanation:
     """A log explained by the model and some effects.
 
     Attributes:
+        data: the log.
+        effects: linear about their own numbers.
+        uncertain: columns that the model may be wrong by beside.
         beta: (r,) coefficients.
         amplitudes: of each effect, (p,) each.
         sd: of the amplitudes.
         residual: (N, n) N m, zero where not used.
         judged: what is left, joint by joint.
         log_prior: log prior density of coefficients and amplitudes, less the log volume of what the data leave open.
-        root: R with R'R = H^-1, in the order of coefficients and amplitudes.
+        root: R with R'R = H^-1, in the order of coefficients, uncertain columns and amplitudes.
     """
 
+    data: Observations
+    effects: tuple[Hypothesis, ...]
+    uncertain: Columns
     beta: Array
     amplitudes: tuple[Array, ...]
     sd: tuple[Array, ...]
@@ -254,188 +246,23 @@ class Explanation:
         """Log evidence if what is left is nothing but noise."""
         return float(self.noise_evidence.sum()) + self.log_prior
 
-
-@dataclass(frozen=True, eq=False)
-class WhiteJoint:
-    """What shows in a joint, as innovations.
-
-    Attributes:
-        index: (m,) of the coefficients and amplitudes whose columns show.
-        acting: effects with columns here, in their order.
-        model: (N, q) columns of the model, which come first.
-        others: (N, m - q + 1) those of effects, and the effort.
-        of_model: (q, q) products of the model's.
-    """
-
-    index: Integers
-    acting: tuple[Columns, ...]
-    model: Array
-    others: Array
-    of_model: Array
-
-    @cached_property
-    def products(self) -> Array:
-        """(m + 1, m + 1) of columns and effort."""
-        across = self.model.T @ self.others
-        return np.block([[self.of_model, across], [across.T, self.others.T @ self.others]])
+    @property
+    def mean_square(self) -> Array:
+        """(n,) mean squared residual in units of the floor's."""
+        return self.data.mean_square(self.residual)
 
     @property
-    def effort(self) -> Array:
-        """(N,) of the effort."""
-        return self.others[:, -1]
+    def parts(self) -> list[tuple[Hypothesis, Array]]:
+        """The effects with their amplitudes."""
+        return list(zip(self.effects, self.amplitudes, strict=True))
 
-    def times(self, values: Array) -> Array:
-        """(m, ...) products of the columns with innovations (N, ...)."""
-        return np.concatenate([self.model.T @ values, self.others[:, :-1].T @ values])
+    def without(self, *gone: Hypothesis) -> tuple[Hypothesis, ...]:
+        """The effects but some."""
+        return tuple(effect for effect in self.effects if all(effect is not other for other in gone))
 
-
-class Regression:
-    """The log regressed on the model's columns and those of some effects, and on one more if asked."""
-
-    def __init__(self, data: Observations, effects: Sequence[Columns] = ()) -> None:
-        self.data, self.effects = data, tuple(effects)
-        bounds = np.cumsum([data.columns.shape[2], *(len(effect.sd) for effect in effects)])
-        self._places = [np.arange(start, end) for start, end in pairwise(bounds.tolist())]
-        self._whitened: dict[tuple[int, Hashable], WhiteJoint] = {}
-
-    @cached_property
-    def _efforts(self) -> Array:
-        """(N, n) without the changes that effects make, N m."""
-        efforts = self.data.effort.copy(order="F")
-        for effect in self.effects:
-            for j, shift in effect.shift.items():
-                efforts[:, j] -= shift * self.data.used[:, j]
-        return efforts
-
-    def whitened(self, joint: int, error: ErrorModel) -> WhiteJoint:
-        """All that shows in a joint, filtered by an error model: innovations in N m, whatever their size."""
-        key = joint, error.shape
-        if key not in self._whitened:
-            whitening = self.data.whitening
-            acting = [(e, place) for e, place in zip(self.effects, self._places, strict=True) if joint in e.rows]
-            model, products = whitening.model(joint, error)
-            rows = [whitening.rows(effect, joint, error) for effect, _ in acting]
-            effort = error.whiten(self._efforts[:, joint], self.data.used[:, joint])
-            others = np.concatenate([*rows, effort[:, None]], axis=1)
-            index = np.concatenate([whitening.bare(joint)[0], *(place for _, place in acting)])
-            self._whitened[key] = WhiteJoint(index, tuple(effect for effect, _ in acting), model, others, products)
-        return self._whitened[key]
-
-    def explain(
-        self, errors: Sequence[ErrorModel], extra: Columns | None = None, previous: Explanation | None = None
-    ) -> Explanation:
-        """The best explanation by these effects, and one more.
-
-        Args:
-            errors: of each joint, to weigh its samples by; what is left is judged by error models of its own.
-            extra: one more effect.
-            previous: another explanation of the same data, whose error models are kept where `extra` does not act.
-        """
-        effects = self.effects if extra is None else (*self.effects, extra)
-        r = self.data.columns.shape[2]
-        precision = np.concatenate([np.zeros(r), *(1.0 / effect.sd**2 for effect in effects)])
-        best, root, volume = _solve(*self._normal_equations(errors, precision, extra))
-        residual = self._residual(best, extra)
-        judged = self._judged(residual, extra, previous)
-        sd = np.sqrt(np.sum(root[:, r:] ** 2, axis=0))
-        prior = self._log_prior(best, sd, precision[r:], effects)
-        bounds = np.cumsum([0, *(len(effect.sd) for effect in effects)]).tolist()
-        parts = [slice(start, end) for start, end in pairwise(bounds)]
-        return Explanation(
-            beta=best[:r],
-            amplitudes=tuple(best[r:][part] for part in parts),
-            sd=tuple(sd[part] for part in parts),
-            residual=residual,
-            judged=judged,
-            log_prior=prior - volume,
-            root=root,
-        )
-
-    def _judged(self, residual: Array, extra: Columns | None, previous: Explanation | None) -> tuple[JudgedJoint, ...]:
-        """What is left in each joint; error models are kept where nothing has changed since another explanation."""
-        acting = set[int]() if extra is None else set(extra.joints)
-        before = self.data.reference if previous is None or extra is None else previous
-        if before is self.data.reference:
-            known, here = ({id(effect): effect for effect in some} for some in (self.data.of_reference, self.effects))
-            changed = (effect for key, effect in (known | here).items() if (key in known) != (key in here))
-            acting |= set().union(*(effect.joints for effect in changed if not effect.slight))
-        judged = []
-        for j, limits in enumerate(self.data.limits):
-            kept = None if before is None or j in acting else before.judged[j]
-            used, most = self.data.used[:, j], (limits[0], limits[1])
-            judged.append(JudgedJoint(residual[:, j], used, self.data.rate, most, kept))
-        return tuple(judged)
-
-    def settle(self, start: Explanation, extra: Columns | None = None) -> Explanation:
-        """`explain` once more with the error models that it has found, unless they are as they were."""
-        first = self.explain(start.errors, extra, start)
-        if alike(first.errors, start.errors):
-            return first
-        return self.explain(first.errors, extra, None if extra is None else first)
-
-    def _log_prior(self, best: Array, sd: Array, precision: Array, effects: Sequence[Columns]) -> float:
-        """Of coefficients and amplitudes: the earlier log's, the effects' normal ones, and those of their sides."""
-        beta, amplitudes = np.split(best, [len(best) - len(precision)])
-        misfit = self.data.information.misfit(beta) + float(amplitudes @ (precision * amplitudes))
-        positive = np.concatenate([np.empty(0, dtype=bool), *(effect.positive for effect in effects)]).astype(bool)
-        sides = float(np.sum(np.log(2.0) + log_ndtr(amplitudes[positive] / sd[positive])))
-        return 0.5 * float(np.log(precision).sum()) - 0.5 * misfit + sides
-
-    def _normal_equations(
-        self, errors: Sequence[ErrorModel], precision: Array, extra: Columns | None
-    ) -> tuple[Array, Array]:
-        """H and g of coefficients and amplitudes, from prior, earlier log and all joints."""
-        information, r = self.data.information, self.data.columns.shape[2]
-        hessian, gradient = np.diag(precision), np.zeros(len(precision))
-        hessian[:r, :r] += information.hessian
-        gradient[:r] += information.gradient
-        m = len(precision) - (0 if extra is None else len(extra.sd))
-        for j, error in enumerate(errors):
-            white = self.whitened(j, error)
-            weight, place = error.scale**-2.0, white.index
-            hessian[place[:, None], place] += weight * white.products[:-1, :-1]
-            gradient[place] += weight * white.products[:-1, -1]
-            if extra is not None and j in extra.joints:
-                self._add(hessian[:, m:], gradient, white, extra, j, error)
-        hessian[m:, :m] = hessian[:m, m:].T
-        return hessian, gradient
-
-    def _add(
-        self, hessian: Array, gradient: Array, white: WhiteJoint, extra: Columns, joint: int, error: ErrorModel
-    ) -> None:
-        """Adds one more effect's part of a joint to its own columns of H, and to g."""
-        whitening, weight, effort = self.data.whitening, error.scale**-2.0, white.effort
-        if joint in extra.shift:
-            shift = whitening.shift(extra, joint, error)
-            gradient[white.index] -= weight * white.times(shift)
-            effort = effort - shift
-        if joint in extra.rows:
-            rows, m = whitening.rows(extra, joint, error), len(gradient) - len(extra.sd)
-            hessian[white.index] += weight * white.times(rows)
-            hessian[m:] += weight * (rows.T @ rows)
-            gradient[m:] += weight * (rows.T @ effort)
-
-    def _residual(self, best: Array, extra: Columns | None) -> Array:
-        """(N, n) what coefficients and amplitudes (r + p,) leave, N m, zero where not used."""
-        residual = self._efforts.copy(order="F")
-        for j in range(residual.shape[1]):
-            index, columns = self.data.whitening.bare(j)
-            residual[:, j] -= columns @ best[index]
-        effects = list(zip(self.effects, self._places, strict=True))
-        if extra is not None:
-            for j, shift in extra.shift.items():
-                residual[:, j] -= shift
-            effects.append((extra, np.arange(len(best) - len(extra.sd), len(best))))
-        for effect, place in effects:
-            for j, rows in effect.rows.items():
-                residual[:, j] -= rows @ best[place]
-        return residual * self.data.used
-
-
-def _solve(hessian: Array, gradient: Array) -> tuple[Array, Array, float]:
-    """H^-1 g, R with R'R = H^-1, and log det(H) / 2."""
-    lengths = np.sqrt(np.maximum(np.diag(hessian), TINY))
-    factor = np.linalg.cholesky(hessian / np.outer(lengths, lengths) + 1e-12 * np.eye(len(lengths)))  # against rounding
-    root = solve_triangular(factor, np.diag(1.0 / lengths), lower=True)
-    volume = float(np.log(np.diag(factor)).sum() + np.log(lengths).sum())
-    return root.T @ (root @ gradient), root, volume
+    def amplitude_of(self, effect: Hypothesis) -> tuple[Array, Array]:
+        """(p,) of one of the effects, and (p, p) covariance."""
+        place = next(k for k, one in enumerate(self.effects) if one is effect)
+        start = self.root.shape[1] - sum(len(amplitude) for amplitude in self.amplitudes[place:])
+        own = self.root[:, start : start + len(self.amplitudes[place])]
+        return self.amplitudes[place], own.T @ own

@@ -99,7 +99,7 @@ Library = Sequence[list[Hypothesis]]
 
 
 def hypotheses(model: Model, scene: Scene, used: Mask, *, refinements: bool = False) -> Iterator[list[Hypothesis]]:
-    """Lists of forms that act in the same joints with as many amplitudes, for one call of `Screening.gains` each.
+    """Lists of forms that act in the same joints with as many amplitudes, for one call of `Regression.screened` each.
 
     Of a model as it is, on a log of which samples (N, n) are used; with finer forms of standard terms or without.
     """

@@ -23,9 +23,9 @@ from bayesid.effects.formula import symbol
 from bayesid.effects.learned_effect import LearnedEffect, values_of
 from bayesid.regression.selection.columns import NO_COLUMNS, Columns
 from bayesid.regression.selection.error_model import ErrorModel
-from bayesid.regression.selection.explanation import LN10, Explanation, Observations, Regression
+from bayesid.regression.selection.explanation import LN10, Explanation, Observations
 from bayesid.regression.selection.hypotheses import Curve, Hypothesis
-from bayesid.regression.selection.scores import Screening, explain_with, integrated
+from bayesid.regression.selection.regression import Regression, explain, integrated
 from bayesid.regression.tuning import TUNING
 
 Variable = tuple[Quantity, int]
@@ -241,21 +241,20 @@ class Finder:
         so that functions are weighed again by the errors that the best of them leaves. Bounded functions stay as they
         are beyond the range seen. `uncertain` are columns that the model may be wrong by beside.
         """
-        regression, explanation = explain_with(data, effects, None, uncertain)
-        again, errors = errors is not None, explanation.errors if errors is None else errors
-        screening = Screening(regression, errors)
-        screened = self._best(screening, self.screened())
+        explanation = explain(data, effects, None, uncertain)
+        again, regression = errors is not None, Regression.of(explanation)
+        regression = regression if errors is None else regression.weighed(errors)
+        screened = self._best(regression, self.screened())
         promising = sorted(screened, key=lambda variables: -screened[variables][1])[
             : TUNING.variables_tried_again if again else TUNING.variables_tried
         ]
         forms = (form for one in promising for form in self.forms(one, fine=again))
-        best = self._best(screening, (form for form in forms if form.bounded or not bounded))
-        best |= self._best(screening, self._tuned([form for form, *_ in best.values()]))
-        return self._looked_at(regression, explanation, errors, best, float(np.log(len(screened))))
+        best = self._best(regression, (form for form in forms if form.bounded or not bounded))
+        best |= self._best(regression, self._tuned([form for form, *_ in best.values()]))
+        return self._looked_at(explanation, regression.errors, best, float(np.log(len(screened))))
 
     def _looked_at(
         self,
-        regression: Regression,
         explanation: Explanation,
         errors: Sequence[ErrorModel],
         best: Mapping[frozenset[Variable], tuple[Form, float, float]],
@@ -266,21 +265,22 @@ class Finder:
         for one in sorted(best, key=lambda variables: -best[variables][1])[: TUNING.variables_looked_at]:
             form, gain, own = best[one]
             hypothesis = self.hypothesis(form)
-            extended = regression.explain(errors, hypothesis.columns)
-            extended = regression.explain(extended.errors, hypothesis.columns)
-            evidence, off = extended.log_evidence - explanation.log_evidence, own - gain + price
+            effects = (*explanation.effects, hypothesis)
+            extended = Regression(explanation.data, effects, errors, explanation.uncertain)
+            extended = extended.weighed(extended.explanation.errors)
+            evidence, off = extended.explanation.log_evidence - explanation.log_evidence, own - gain + price
             closer.append(Learned(form, hypothesis, evidence - off, off))
         return _plainest_first(closer)
 
     def _best(
-        self, screening: Screening, forms: Iterable[Form]
+        self, regression: Regression, forms: Iterable[Form]
     ) -> dict[frozenset[Variable], tuple[Form, float, float]]:
         """By the set of variables its best form, the gain averaged over all of its forms, and that of the best.
 
         Of forms that the log cannot tell apart it is a law rather than a smooth function, and of few columns.
         """
         gains: dict[frozenset[Variable], list[tuple[float, Form]]] = {}
-        for form, gain in self._gains(screening, forms):
+        for form, gain in self._gains(regression, forms):
             gains.setdefault(form.variables, []).append((gain, form))
         found = {}
         for variables, tried in gains.items():
@@ -290,45 +290,43 @@ class Finder:
             found[variables] = best, float(logsumexp([gain for gain, _ in tried])) - float(np.log(len(tried))), own
         return found
 
-    def _gains(self, screening: Screening, forms: Iterable[Form]) -> Iterator[tuple[Form, float]]:
+    def _gains(self, regression: Regression, forms: Iterable[Form]) -> Iterator[tuple[Form, float]]:
         """Log Bayes factors of forms, over the grid of sizes and lengths."""
         by_size = sorted(forms, key=lambda form: form.counts)
         for count, group in groupby(by_size, key=lambda form: form.counts):
             together, most = list(group), max(1, TUNING.numbers_at_once // (count * len(self.used)))
             for k in range(0, len(together), most):
-                yield from self._gains_of(screening, together[k : k + most])
+                yield from self._gains_of(regression, together[k : k + most])
 
-    def _gains_of(self, screening: Screening, forms: list[Form]) -> Iterator[tuple[Form, float]]:
+    def _gains_of(self, regression: Regression, forms: list[Form]) -> Iterator[tuple[Form, float]]:
         """Of forms with equally many columns."""
         free = np.zeros(forms[0].counts, dtype=bool)
         columns = [Columns({self.joint - 1: self.rows(form)}, {}, np.ones(len(free)), free) for form in forms]
-        gram, slope = screening.products(columns)
+        gram, slope = regression.curvature(columns)
         for size, length in product(TUNING.sizes, TUNING.lengths):
             tried = [k for k, form in enumerate(forms) if form.smooth or length == TUNING.lengths[0]]
             if not tried:
                 continue
             sized = [replace(forms[k], size=size * self._effort, length=length) for k in tried]
             scaled = [replace(columns[k], sd=self.sd(form)) for k, form in zip(tried, sized, strict=True)]
-            gains, _ = integrated(np.zeros(len(tried)), gram[tried], slope[tried], scaled)
+            gains, _ = integrated(gram[tried], slope[tried], scaled)
             yield from zip(sized, gains.tolist(), strict=True)
 
-    def merged(
-        self, found: Sequence[Learned], amplitudes: Sequence[Array], covariances: Sequence[Array], number: int
-    ) -> Hypothesis:
+    def merged(self, found: Sequence[Learned], amplitudes: Sequence[tuple[Array, Array]], number: int) -> Hypothesis:
         """One effect of some functions: those of many columns in the shape that was found, their RMS made one.
 
-        A log's signs, searched from scratch, must not be free to choose the shape. The amplitudes (p,) of each function
-        have covariances (p, p); the effect has a number among those learned in this joint.
+        A log's signs, searched from scratch, must not be free to choose the shape. Of each function there are
+        the amplitudes (p,) and their covariance (p, p); the effect has a number among those learned in this joint.
         """
         used, components, parts = self.used[:, self.joint - 1], [], []
-        for one, amplitude in zip(found, amplitudes, strict=True):
+        for one, (amplitude, _) in zip(found, amplitudes, strict=True):
             weights = np.eye(len(amplitude)) if one.form.plain else amplitude[:, None]
             weights = weights / scaled_to_one(self.rows(one.form) @ weights, used)
             components.append(Component(one.form.axes, weights))
             parts.append(self.rows(one.form) @ weights)
         rows = np.column_stack(parts)
         source = LearnedEffect.of(self.joint, components, self.scene.links.tolist(), number)
-        curves = tuple(_curve(one.form, *known) for one, *known in zip(found, amplitudes, covariances, strict=True))
+        curves = tuple(_curve(one.form, *known) for one, known in zip(found, amplitudes, strict=True))
         return replace(self._hypothesis(source, rows, np.full(rows.shape[1], self._effort)), curves=curves)
 
     @cached_property

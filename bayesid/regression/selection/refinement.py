@@ -6,7 +6,7 @@ them alone, so that they are linearised about those that were found, again and a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,9 +17,9 @@ from bayesid.effects.coefficients import BaseCoefficients
 from bayesid.effects.effect import Scene
 from bayesid.effects.model import Model
 from bayesid.regression.knowledge import Knowledge
-from bayesid.regression.selection.explanation import Explanation, Observations, Regression
+from bayesid.regression.selection.explanation import Explanation, Observations
 from bayesid.regression.selection.hypotheses import Hypothesis, Library
-from bayesid.regression.selection.scores import Screening, explain_with
+from bayesid.regression.selection.regression import Regression, explain
 from bayesid.regression.tuning import TUNING
 
 
@@ -45,11 +45,10 @@ def _fitted(
     data: Observations, effect: Hypothesis, others: Sequence[Hypothesis], number: str, values: Sequence[float]
 ) -> Hypothesis:
     """One effect with its number between the neighbours of what it is."""
-    _, explanation = explain_with(data, [*others, effect])
-    screening = Screening(Regression(data, [other.columns for other in others]), explanation.errors)
+    regression = Regression(data, others, explain(data, [*others, effect]).errors)
 
     def cost(value: float) -> float:
-        return -float(screening.gains([effect.remade(number, value).columns])[0][0])
+        return -float(regression.screened([effect.remade(number, value).columns])[0][0])
 
     now = effect.source.shape[number][0]
     bounds = max((v for v in values if v < now), default=now), min((v for v in values if v > now), default=now)
@@ -74,8 +73,8 @@ def _grid(effect: Hypothesis, library: Library) -> tuple[str, Sequence[float]] |
 
 def sharpened(
     data: Observations, effects: Sequence[Hypothesis], columns: Array, scene_of: Callable[[Array], Scene]
-) -> tuple[list[Hypothesis], Explanation]:
-    """The effects linearised about the numbers that were found, and the explanation by them.
+) -> Explanation:
+    """By the effects, linearised about the numbers that were found.
 
     Args:
         data: what is to be explained.
@@ -83,21 +82,18 @@ def sharpened(
         columns: (N, n, r) of the model, at samples that are not used too.
         scene_of: what effects may look at, given the efforts (N, n) of model and terms, N m.
     """
-    effects = list(effects)
-    _, explanation = explain_with(data, effects)
+    explanation = explain(data, effects)
     for _ in range(TUNING.relinearisations):
-        if not _moves(effects, explanation):
+        if not _moves(explanation):
             break
-        of_terms = effort_of_terms(effects, explanation.amplitudes, data.effort.shape)
-        effects = about(moved(effects, explanation), scene_of(columns @ explanation.beta + of_terms))
-        _, explanation = explain_with(data, effects, explanation)
-    return effects, explanation
+        scene = scene_of(effort_of(columns, explanation.beta, explanation.parts, distorted=False))
+        explanation = explain(data, about(moved(explanation), scene), explanation)
+    return explanation
 
 
-def _moves(effects: Sequence[Hypothesis], explanation: Explanation) -> bool:
+def _moves(explanation: Explanation) -> bool:
     """Whether a distortion is still on its way, by more than nobody would see, or what it does may be."""
-    pairs = zip(effects, explanation.amplitudes, strict=True)
-    distortions = [(effect, amplitude) for effect, amplitude in pairs if not effect.source.linear]
+    distortions = [(effect, amplitude) for effect, amplitude in explanation.parts if not effect.source.linear]
     if any(effect.source.of_effort for effect, _ in distortions):
         return True
     return any(np.any(np.abs(amplitude) > TUNING.still * effect.columns.sd) for effect, amplitude in distortions)
@@ -108,13 +104,15 @@ def about(effects: Sequence[Hypothesis], scene: Scene) -> list[Hypothesis]:
     return [_relinearised(effect, scene) for effect in effects]
 
 
-def effort_of_terms(effects: Sequence[Hypothesis], amplitudes: Sequence[Array], shape: tuple[int, ...]) -> Array:
-    """(N, n) efforts of the terms among the effects, N m, of an amplitude (p,) each."""
-    effort = np.zeros(shape)
-    for effect, amplitude in zip(effects, amplitudes, strict=True):
-        if effect.source.linear:
+def effort_of(columns: Array, beta: Array, parts: Iterable[tuple[Hypothesis, Array]], *, distorted: bool) -> Array:
+    """(N, n) efforts, N m, of a model's columns (N, n, r), and of effects or the terms among them."""
+    effort: Array = columns @ beta
+    for effect, amplitude in parts:
+        if distorted or effect.source.linear:
             for j, rows in effect.columns.rows.items():
                 effort[:, j] += rows @ amplitude
+            for j, shift in effect.columns.shift.items():
+                effort[:, j] += shift
     return effort
 
 
@@ -140,15 +138,13 @@ class Extension:
     theta: Array
 
 
-def extend(
-    knowledge: Knowledge, coefficients: BaseCoefficients, chosen: Sequence[Hypothesis], explanation: Explanation
-) -> Extension:
+def extend(knowledge: Knowledge, coefficients: BaseCoefficients, explanation: Explanation) -> Extension:
     """The model of an explanation by some effects, from what is known of it without them and its base coefficients."""
     model, names = knowledge.model, [parameter.name for parameter in knowledge.model.parameters]
     without_trace = knowledge.theta - coefficients.lift(coefficients.project(knowledge.theta))
     theta = coefficients.lift(explanation.beta) + without_trace
     added: list[Array] = []
-    for hypothesis, amplitude in zip(chosen, explanation.amplitudes, strict=True):
+    for hypothesis, amplitude in explanation.parts:
         if hypothesis.changes:
             theta[[names.index(name) for name in hypothesis.changes]] += amplitude
             knowledge = knowledge.widened(hypothesis.changes, hypothesis.columns.sd, coefficients)
@@ -158,7 +154,6 @@ def extend(
     return Extension(model, knowledge, np.concatenate([theta, *added]))
 
 
-def moved(chosen: Sequence[Hypothesis], explanation: Explanation) -> list[Hypothesis]:
-    """The same effects, their own numbers where the explanation puts them."""
-    pairs = zip(chosen, explanation.amplitudes, strict=True)
-    return [h if h.source.linear else replace(h, source=h.source.moved(amplitude)) for h, amplitude in pairs]
+def moved(explanation: Explanation) -> list[Hypothesis]:
+    """Its effects, their own numbers where the explanation puts them."""
+    return [h if h.source.linear else replace(h, source=h.source.moved(a)) for h, a in explanation.parts]

@@ -1,6 +1,6 @@
 """Scores: how much each effect of the catalogue, or set of effects, in its best form would add to an explanation.
 
-`Screening` prices many single effects at once, errors as they are; `assess` looks closer at the most promising.
+`best_forms` prices single effects, errors as they are; `assess` looks closer at the most promising.
 
 One effect after the other goes wrong where two are missing in one joint: the first to be taken is what resembles the
 sum, and slow noise stands for what is left. `joint_sets` multiplies all forms that act in a joint alone once, the
@@ -10,7 +10,7 @@ standard deviations, all in units of the floor (:eq:`set-proposal`)::
 
     log p = - N log(s^2) / 2 - (c - q' (Q + s^2 D^-2)^-1 q) / (2 s^2) - log det(1 + D Q D / s^2) / 2,
 
-with white noise of the scale s >= 1 that is likeliest. This proposes; `regression.selection.explanation` weighs.
+with white noise of the scale s >= 1 that is likeliest. This proposes; `regression.selection.regression` weighs.
 """
 
 from __future__ import annotations
@@ -26,10 +26,11 @@ from scipy.special import log_ndtr, logsumexp
 from bayesid.arrays import TINY, Array, Integers, Mask
 from bayesid.effects.effect import Effect
 from bayesid.regression.knowledge import inverse_of
-from bayesid.regression.selection.columns import NO_COLUMNS, Columns, together
-from bayesid.regression.selection.error_model import ErrorModel, alike
-from bayesid.regression.selection.explanation import LN10, Explanation, Observations, Regression, Thresholds
+from bayesid.regression.selection.columns import Columns
+from bayesid.regression.selection.error_model import alike
+from bayesid.regression.selection.explanation import LN10, Explanation, Observations, Thresholds
 from bayesid.regression.selection.hypotheses import EffectKey, Hypothesis, Library
+from bayesid.regression.selection.regression import Regression
 from bayesid.regression.tuning import TUNING
 
 
@@ -67,46 +68,20 @@ class Score:
         return self.gain > thresholds.log10_bayes_factor * LN10 and self.improvement > thresholds.improvement
 
 
-def explain_with(
-    data: Observations, effects: Sequence[Hypothesis], start: Explanation | None = None, uncertain: Columns = NO_COLUMNS
-) -> tuple[Regression, Explanation]:
-    """The explanation by some effects, error models found with it, from those of another explanation or the reference.
-
-    Columns that the model may be wrong by beside come first; theirs are the first amplitudes.
-    """
-    beside = [uncertain] if len(uncertain.sd) else []
-    regression = Regression(data, [*beside, *(effect.columns for effect in effects)])
-    begin = data.reference if start is None else start
-    explanation = regression.explain(plain_errors(data) if begin is None else begin.errors)
-    for _ in range(TUNING.settlings):
-        errors = explanation.errors
-        explanation = regression.explain(errors)
-        if alike(errors, explanation.errors):
-            break
-    return regression, explanation
-
-
-def plain_errors(data: Observations) -> tuple[ErrorModel, ...]:
-    """Error models of what is nothing but white noise at its limit, or little more."""
-    share, time = TUNING.initial_coloured, TUNING.initial_time
-    return tuple(ErrorModel(white, share * white, time, data.rate) for white in data.limits[:, 0])
-
-
-def assess(regression: Regression, explanation: Explanation, library: Library) -> list[Score]:
-    """Every effect of the library in its best form, best first, on top of an explanation by the regression's effects.
+def assess(explanation: Explanation, library: Library) -> list[Score]:
+    """Every effect of the library in its best form, best first, on top of an explanation.
 
     By a quick look all of them, by a closer one the most promising.
     """
-    count = regression.data.thresholds.close_looks
-    screening = Screening(regression, explanation.errors)
-    ordered = best_forms(screening, library)
-    closer = [_closer(regression, explanation, score, spread) for score, spread in ordered[:count]]
+    count = explanation.data.thresholds.close_looks
+    ordered = best_forms(Regression.of(explanation), library)
+    closer = [_closer(explanation, score, spread) for score, spread in ordered[:count]]
     return sorted(closer, key=lambda score: -score.gain) + [score for score, _ in ordered[count:]]
 
 
-def best_forms(screening: Screening, library: Library) -> list[tuple[Score, float]]:
+def best_forms(regression: Regression, library: Library) -> list[tuple[Score, float]]:
     """Each effect in its best form, best first, and what averaging over its forms has changed of its gain."""
-    groups = [BestOfGroup.of(screening, group) for group in library if group]
+    groups = [BestOfGroup.of(regression, group) for group in library if group]
     tops = [group[best.place] for group, best in zip(filter(None, library), groups, strict=True)]
     ordered = best_groups(groups)
     return [(Score(tops[k], groups[k].gain + more, groups[k].expected_gain), more) for k, more in ordered]
@@ -137,9 +112,9 @@ class BestOfGroup:
     names: frozenset[str]
 
     @classmethod
-    def of(cls, screening: Screening, group: Sequence[Hypothesis]) -> BestOfGroup:
-        """Of one form or more."""
-        gains, expected = screening.gains([hypothesis.columns for hypothesis in group])
+    def of(cls, regression: Regression, group: Sequence[Hypothesis]) -> BestOfGroup:
+        """Of one form or more, on top of all effects of a regression."""
+        gains, expected = regression.screened([hypothesis.columns for hypothesis in group])
         place = int(np.argmax(gains))
         gain, best = float(gains[place]), group[place]
         spread = float(logsumexp(gains)) - gain - float(np.log(len(group)))
@@ -161,11 +136,14 @@ def best_groups(groups: Sequence[BestOfGroup]) -> list[tuple[int, float]]:
     return [(k, spread[k]) for k in sorted(best.values(), key=lambda k: -gain[k])]
 
 
-def _closer(regression: Regression, explanation: Explanation, score: Score, spread: float) -> Score:
+def _closer(explanation: Explanation, score: Score, spread: float) -> Score:
     """The score with its own error models, and by how much the effect improves the fit."""
-    data = regression.data
-    extended = regression.settle(explanation, score.hypothesis.columns)
-    before, after = data.mean_square(explanation.residual), data.mean_square(extended.residual)
+    data = replace(explanation.data, reference=explanation)
+    regression = Regression(data, (*explanation.effects, score.hypothesis), explanation.errors, explanation.uncertain)
+    extended = regression.explanation
+    if not alike(extended.errors, explanation.errors):
+        extended = regression.weighed(extended.errors).explanation
+    before, after = explanation.mean_square, extended.mean_square
     return replace(
         score,
         gain=extended.log_evidence - explanation.log_evidence + spread,
@@ -211,85 +189,6 @@ def _hardly_better(other: Score, standard: Score, data: Observations) -> bool:
 def at_blunt_floor(data: Observations, mean_square: Array) -> Mask:
     """(n,) whether a joint's residual, in units of the floor's mean square, is as small as a blunt floor asks for."""
     return ~data.sharp & (mean_square <= data.thresholds.at_blunt_floor**2)
-
-
-class Screening:
-    """Prices many single effects on top of an explanation, given the error of each joint."""
-
-    def __init__(self, regression: Regression, errors: Sequence[ErrorModel]) -> None:
-        self._data, self._errors = regression.data, errors
-        self._explanation = regression.explain(errors)
-        self._joints = [regression.whitened(j, error) for j, error in enumerate(errors)]
-        self._pulled: dict[int, Array] = {}
-
-    def gains(self, effects: Sequence[Columns]) -> tuple[Array, Array]:
-        """Gains in log evidence of k effects with p amplitudes each, in the same joints.
-
-        Returns:
-            (k,) gains, and (k,) gains to be expected of amplitudes of one prior standard deviation.
-        """
-        gram, slope = self.products(effects)
-        p = len(effects[0].sd)
-        base = slope[:, p:].sum(axis=1) - 0.5 * gram[:, p:, p:].sum(axis=(1, 2))  # of changes without amplitudes
-        if not p:
-            return base, np.abs(base)
-        return integrated(base, gram[:, :p, :p], slope[:, :p] - gram[:, :p, p:].sum(axis=2), effects)
-
-    def products(self, effects: Sequence[Columns]) -> tuple[Array, Array]:
-        """(k, P, P) second derivatives of k effects' gains by their amplitudes at zero, and (k, P) first ones.
-
-        All else that explains is integrated out; a change is one more amplitude, if any of the effects makes one.
-        """
-        root, p = self._explanation.root, len(effects[0].sd)
-        k, size = len(effects), p + any(effect.shift for effect in effects)
-        across = np.zeros((k, size, root.shape[1]))
-        gram, slope = np.zeros((k, size, size)), np.zeros((k, size))
-        for j in sorted(set().union(*(effect.joints for effect in effects))):
-            self._add(effects, j, across, gram, slope)
-        seen = across @ root.T
-        gram -= seen @ seen.transpose(0, 2, 1)
-        return gram, slope
-
-    def _add(self, effects: Sequence[Columns], joint: int, across: Array, gram: Array, slope: Array) -> None:
-        """Adds a joint's products of k effects' columns and changes: with all others, each other, and the residual."""
-        white, error = self._joints[joint], self._errors[joint]
-        stack, kept = together(effects, joint)
-        products, of_model = self._data.whitening.group(stack, joint, error, keep=kept)
-        k, size, count = stack.shape
-        whitening, weight = self._data.whitening, error.scale**-2.0
-        of_effects = [whitening.across(stack, effect, joint, error, keep=kept) for effect in white.acting]
-        across[:, :size, white.index] += weight * np.concatenate([of_model, *of_effects], axis=2)
-        gram[:, :size, :size] += weight * products
-        slope[:, :size] += weight * (stack.reshape(-1, count) @ self._pulled_back(joint)).reshape(k, size)
-
-    def _pulled_back(self, joint: int) -> Array:
-        """(N,) to multiply columns with for their products with the residual."""
-        if joint not in self._pulled:
-            error = self._errors[joint]
-            left = error.whiten(self._explanation.residual[:, joint], self._data.used[:, joint])
-            self._pulled[joint] = self._data.whitening.pulled_back(left, joint, error)
-        return self._pulled[joint]
-
-
-def integrated(base: Array, gram: Array, slope: Array, effects: Sequence[Columns]) -> tuple[Array, Array]:
-    """Gains with the amplitudes integrated out over their priors, and those to be expected of usual amplitudes.
-
-    Args:
-        base: (k,) gain of the effects' changes without amplitudes.
-        gram: (k, p, p) second derivatives by the amplitudes, coefficients integrated out.
-        slope: (k, p) first derivatives at zero.
-        effects: k of them.
-    """
-    sd = np.stack([effect.sd for effect in effects])
-    p = sd.shape[1]
-    scaled = gram * sd[:, :, None] * sd[:, None, :] + np.eye(p)
-    covariance, log_det = np.linalg.inv(scaled), np.linalg.slogdet(scaled)[1]
-    best = (covariance @ (slope * sd)[:, :, None])[:, :, 0]
-    spread = np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), TINY))
-    positive = np.stack([effect.positive for effect in effects])
-    sides = np.sum(np.log(2.0) + log_ndtr(best / spread), axis=1, where=positive) if positive.any() else 0.0
-    gain = base + 0.5 * np.sum(best * slope * sd, axis=1) - 0.5 * log_det + sides
-    return gain, 0.5 * (np.trace(scaled, axis1=1, axis2=2) - p) - 0.5 * log_det
 
 
 def joint_sets(

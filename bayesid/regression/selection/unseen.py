@@ -37,8 +37,7 @@ from bayesid.regression.knowledge import KinematicTolerance, inverse_of
 from bayesid.regression.least_squares import Fit
 from bayesid.regression.selection.columns import Columns
 from bayesid.regression.selection.hypotheses import EffectKey, Hypothesis
-from bayesid.regression.selection.products import Products
-from bayesid.regression.selection.scores import explain_with
+from bayesid.regression.selection.regression import Regression, explain
 from bayesid.regression.selection.wanted import SignedLog
 from bayesid.regression.tuning import TUNING
 from bayesid.robot import Robot
@@ -79,20 +78,19 @@ def find_unseen(
     may grow, and shrink if nobody has stated it.
     """
     case = SignedLog.of(evidence, fit, probability)
-    _, alone = explain_with(case.data, ())
     geometry = _geometry(case, tolerance)
     groups = [*rest, *([geometry] if len(geometry.columns.sd) else [])]
     if not groups:
         return Unseen()
-    products = Products(case.data, groups, list(alone.errors))
+    regression = Regression(case.data, groups, explain(case.data, ()).errors)
     placed = []
-    for candidate in products.candidates:
-        always = candidate.hypothesis is geometry
+    for group in groups:
+        always = group is geometry
         least = float(always and tolerance.stated)
-        placed.append(Group(candidate.place, candidate.columns.sd, always, least))
+        placed.append(Group(regression.place(group), group.columns.sd, always, least))
     free = case.data.columns.shape[2]
-    relevance = learn_scales(products.hessian, products.gradient, placed, free)
-    moves = inverse_of(products.hessian[:free, :free]) @ products.hessian[:free]
+    relevance = learn_scales(regression.hessian, regression.gradient, placed, free)
+    moves = inverse_of(regression.hessian[:free, :free]) @ regression.hessian[:free]
     stood_for = tuple(
         (group.key, np.linalg.norm(moves[:, at.place] @ directions, axis=1))
         for group, at, directions in zip(groups, placed, relevance.stood_for, strict=True)
@@ -177,13 +175,13 @@ class Group:
     """Columns whose amplitudes share a scale.
 
     Attributes:
-        place: indices among all columns.
+        place: (p,) indices among all columns.
         sd: (p,) usual sizes of the amplitudes.
         there: whether the effect is there in any case, also in directions that the model's columns stand for.
         least: the scale never falls below it: 1 for what was stated.
     """
 
-    place: slice
+    place: Integers
     sd: Array
     there: bool = False
     least: float = 0.0
@@ -222,7 +220,7 @@ def learn_scales(hessian: Array, gradient: Array, groups: Sequence[Group], free:
     directions = [_directions(hessian, of_model, group, free) for group in groups]
     turns, stood_for = tuple(own for own, _ in directions), tuple(others for _, others in directions)
     turn = block_diag(*turns)
-    columns = np.concatenate([np.arange(g.place.start, g.place.stop) for g in groups]).astype(int)
+    columns = np.concatenate([group.place for group in groups])
     inner, across = hessian[np.ix_(columns, columns)], hessian[np.ix_(columns, np.arange(free))]
     reduced = turn.T @ (inner - across @ of_model @ across.T) @ turn
     slope = turn.T @ (gradient[columns] - across @ of_model @ gradient[:free])
@@ -268,9 +266,9 @@ def _directions(hessian: Array, of_model: Array, group: Group, free: int) -> tup
     if group.there:
         return np.diag(group.sd), np.zeros((len(group.sd), 0))
     place, sd = group.place, np.diag(group.sd)
-    across = hessian[place, :free]
-    whole = sd @ hessian[place, place] @ sd
-    own = sd @ (hessian[place, place] - across @ of_model @ across.T) @ sd
+    across, inner = hessian[place, :free], hessian[np.ix_(place, place)]
+    whole = sd @ inner @ sd
+    own = sd @ (inner - across @ of_model @ across.T) @ sd
     values, vectors = np.linalg.eigh(own)
     kept = values > TUNING.own_share * np.einsum("ij,ik,kj->j", vectors, whole, vectors)
     return sd @ vectors[:, kept], sd @ vectors[:, ~kept]

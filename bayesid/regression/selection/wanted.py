@@ -19,8 +19,10 @@ from bayesid.parallel import in_parallel
 from bayesid.regression.evidence import Evidence
 from bayesid.regression.knowledge import Information, Knowledge
 from bayesid.regression.least_squares import Fit
+from bayesid.regression.selection.columns import Whitening
 from bayesid.regression.selection.explanation import LN10, Explanation, Observations
 from bayesid.regression.selection.forward import Rules, select_forward
+from bayesid.regression.selection.held_back import HeldBackErrors
 from bayesid.regression.selection.hypotheses import (
     EffectKey,
     Hypothesis,
@@ -29,9 +31,9 @@ from bayesid.regression.selection.hypotheses import (
     maker,
     near_standstill,
 )
-from bayesid.regression.selection.products import Candidate, HeldBackErrors, Products
-from bayesid.regression.selection.refinement import Extension, about, effort_of_terms, extend, sharpened
-from bayesid.regression.selection.scores import BestOfGroup, Screening, best_groups, explain_with
+from bayesid.regression.selection.refinement import Extension, about, effort_of, extend, sharpened
+from bayesid.regression.selection.regression import Effects, Regression, explain
+from bayesid.regression.selection.scores import BestOfGroup, best_groups
 from bayesid.regression.tuning import TUNING
 
 
@@ -110,13 +112,12 @@ def what_is_wanted(
     The selection begins with some effects; each goes again if it is not worth it. Others may enter, or not.
     """
     case = SignedLog.of(evidence, fit, probability)
-    regression, alone = explain_with(case.data, ())
-    screened = case.screened(Screening(regression, alone.errors), TUNING.short_list)
+    alone = explain(case.data, ())
+    screened = case.screened(Regression.of(alone), TUNING.short_list)
     begun = case.made(start)
     keys = frozenset(hypothesis.key for hypothesis in begun)
     tried = [*begun, *(hypothesis for hypothesis in screened if hypothesis.key not in keys)]
-    products = Products(case.data, tried, list(alone.errors))
-    return _selected(case, products, keys, TUNING.most_effects if enter else 0)
+    return _selected(case, Regression(case.data, tried, alone.errors), keys, TUNING.most_effects if enter else 0)
 
 
 def still_wanted(
@@ -140,41 +141,38 @@ def borne_out(evidence: Evidence, fit: Fit, probability: Array, effects: Sequenc
     is of the model without them; the probability (N, n) is P(sign = +), settled with them.
     """
     case = SignedLog.of(evidence, fit, probability)
-    _, alone = explain_with(case.data, ())
     begun = case.made(effects)
     motion = evidence.signals.motion[case.rows]
     uncertain = near_standstill(evidence.model, motion, case.rms_effort, case.data.used)
-    products = Products(case.data, begun, list(alone.errors), uncertain)
-    return _selected(case, products, frozenset(hypothesis.key for hypothesis in begun), 0)
+    regression = Regression(case.data, begun, explain(case.data, ()).errors, uncertain)
+    return _selected(case, regression, frozenset(hypothesis.key for hypothesis in begun), 0)
 
 
-def _selected(case: SignedLog, products: Products, start: frozenset[EffectKey], most: int) -> Wanted:
+def _selected(case: SignedLog, regression: Regression, start: frozenset[EffectKey], most: int) -> Wanted:
     """The result of a forward selection from a start, with so many effects at most or, with none, of what stays."""
     evidence = case.evidence
-    products, chosen = select_forward(products, Rules(TUNING.needed, most, case.sharpened), start)
-    effects = [candidate.hypothesis for candidate in chosen]
-    _, explanation = explain_with(case.data, effects)
+    regression, chosen = select_forward(regression, Rules(TUNING.needed, most, case.sharpened), start)
+    explanation = explain(case.data, chosen)
     knowledge = Knowledge(evidence.model, case.fit.theta, np.zeros_like(case.data.information.hessian))
     return Wanted(
-        extension=extend(knowledge, evidence.coefficients, effects, explanation),
-        effects=tuple(_entered(products, chosen, explanation)),
-        before=products.held_back(()),
-        after=products.held_back(chosen),
-        screened=tuple(products.hypotheses),
+        extension=extend(knowledge, evidence.coefficients, explanation),
+        effects=tuple(_entered(regression, explanation)),
+        before=regression.held_back(()),
+        after=regression.held_back(chosen),
+        screened=tuple(regression.effects),
         effort=case.rms_effort,
     )
 
 
-def _entered(products: Products, chosen: Sequence[Candidate], explanation: Explanation) -> list[EnteredEffect]:
-    """Each weighed given the others, with what could stand in its place."""
-    entered, taken = [], {candidate.key for candidate in chosen}
-    for k, candidate in enumerate(chosen):
-        near_by = (c for c in products.candidates if c.columns.joints & candidate.columns.joints)
-        rivals = [c for c in near_by if c.key not in taken]
-        others = [other for other in chosen if other is not candidate]
-        gain, *gains = products.gains(others, [candidate, *rivals]).tolist()
-        near = {c.hypothesis.effect for c, g in zip(rivals, gains, strict=True) if g > gain - LN10}
-        source = candidate.hypothesis.source
+def _entered(regression: Regression, explanation: Explanation) -> list[EnteredEffect]:
+    """Each effect weighed given the others, with what could stand in its place."""
+    entered, taken = [], {effect.key for effect in explanation.effects}
+    for k, effect in enumerate(explanation.effects):
+        near_by = (one for one in regression.effects if one.columns.joints & effect.columns.joints)
+        rivals = [one for one in near_by if one.key not in taken]
+        gain, *gains = regression.gains(explanation.without(effect), [effect, *rivals]).tolist()
+        near = {one.effect for one, g in zip(rivals, gains, strict=True) if g > gain - LN10}
+        source = effect.source
         equivalent = tuple(sorted(near - {source.effect}))
         number_sd = () if source.linear else tuple(explanation.sd[k].tolist())
         entered.append(EnteredEffect(source.moved(explanation.amplitudes[k]), gain / LN10, equivalent, number_sd))
@@ -203,9 +201,8 @@ class SignedLog:
         columns = evidence.model.columns(signals.motion[rows])[:, :, evidence.coefficients.kept]
         effort = np.where(signals.signed, signals.raw_effort, (2.0 * probability - 1.0) * signals.magnitude)[rows]
         data = Observations(
-            columns=columns * used[:, :, None],
+            whitening=Whitening(columns * used[:, :, None], used),
             effort=effort * used,
-            used=used,
             information=Information.none(columns.shape[2]),
             floor=residual.sigma,
             sharp=np.ones(len(residual.sigma), dtype=bool),
@@ -220,25 +217,24 @@ class SignedLog:
         used = self.data.used
         return np.sqrt((self.data.effort**2).sum(axis=0) / np.maximum(used.sum(axis=0), 1))
 
-    def sharpened(self, products: Products, chosen: Sequence[Candidate]) -> Mapping[int, Hypothesis]:
+    def sharpened(self, regression: Regression, chosen: Effects) -> Mapping[int, Hypothesis]:
         """Distortions as they are near what has been found, by the ids of their old forms.
 
         Those that were chosen are linearised about their own numbers; where the effort of the model with the chosen
         effects is another one by now, all others are linearised anew for it.
         """
-        effects = [candidate.hypothesis for candidate in chosen]
-        best = products.best(chosen)
-        beta, amplitudes = best[: self.columns.shape[2]], [best[candidate.place] for candidate in chosen]
         forms: dict[int, Hypothesis] = {}
-        if not all(effect.source.linear for effect in effects):
-            sharp, explanation = sharpened(self.data, effects, self.columns, self.scene)
-            forms = {id(old): new for old, new in zip(effects, sharp, strict=True)}
-            beta, amplitudes = explanation.beta, list(explanation.amplitudes)
-        effort = self.columns @ beta + effort_of_terms(effects, amplitudes, self.data.effort.shape)
+        best = regression.best(chosen)
+        beta, parts = best[: self.columns.shape[2]], [(effect, best[regression.place(effect)]) for effect in chosen]
+        if not all(effect.source.linear for effect in chosen):
+            explanation = sharpened(self.data, chosen, self.columns, self.scene)
+            forms = {id(old): new for old, new in zip(chosen, explanation.effects, strict=True)}
+            beta, parts = explanation.beta, explanation.parts
+        effort = effort_of(self.columns, beta, parts, distorted=False)
         change = np.where(self.data.used, effort - self.fit.predicted[self.rows], 0.0)
         rms = np.sqrt((change**2).sum(axis=0) / np.maximum(self.data.used.sum(axis=0), 1))
         if np.any(rms > TUNING.moved_effort * self.rms_effort):
-            others = [h for h in products.hypotheses if not h.source.linear and all(h is not e for e in effects)]
+            others = [h for h in regression.effects if not h.source.linear and all(h is not e for e in chosen)]
             forms |= {id(old): new for old, new in zip(others, about(others, self.scene(effort)), strict=True)}
         return forms
 
@@ -257,16 +253,18 @@ class SignedLog:
         kinds = kinds_of_forms(refinements=True)
         return [group for kind in kinds for group in self._tellable(kind, (joint + 1,))]
 
-    def screened(self, screening: Screening, most: int) -> list[Hypothesis]:
+    def screened(self, regression: Regression, most: int) -> list[Hypothesis]:
         """The most promising effects of the library, each in its best form, best first."""
         kinds = kinds_of_forms(refinements=True)
-        groups = [one for some in in_parallel([partial(self._best, screening, kind) for kind in kinds]) for one in some]
+        groups = [
+            one for some in in_parallel([partial(self._best, regression, kind) for kind in kinds]) for one in some
+        ]
         best = [groups[k] for k, _ in best_groups(groups)[:most]]
         made = [(self._make(one.source), one.sd) for one in best]
         return [replace(one, columns=replace(one.columns, sd=sd)) for one, sd in made]
 
-    def _best(self, screening: Screening, kind: type[Effect]) -> list[BestOfGroup]:
-        return [BestOfGroup.of(screening, group) for group in self._tellable(kind)]
+    def _best(self, regression: Regression, kind: type[Effect]) -> list[BestOfGroup]:
+        return [BestOfGroup.of(regression, group) for group in self._tellable(kind)]
 
     def _tellable(self, kind: type[Effect], joints: tuple[int, ...] | None = None) -> list[list[Hypothesis]]:
         """The forms of one kind; in some joints (from 1) alone, if they are given."""

@@ -10,10 +10,11 @@ from bayesid.effects.catalogue import make_effect
 from bayesid.effects.joint_spring import JointSpring
 from bayesid.regression.knowledge import Information
 from bayesid.regression.selection.added_effect import all_along, was_there
-from bayesid.regression.selection.columns import NO_COLUMNS, Columns
+from bayesid.regression.selection.columns import NO_COLUMNS, Columns, Whitening
 from bayesid.regression.selection.explanation import LN10, Observations, Thresholds
 from bayesid.regression.selection.hypotheses import Hypothesis
-from bayesid.regression.selection.scores import Score, explain_with
+from bayesid.regression.selection.regression import explain
+from bayesid.regression.selection.scores import Score
 
 N, SD = 400, np.array([0.2, 3.0])
 
@@ -23,7 +24,7 @@ def data(residual):
     limits = np.stack([1.1 * SD, 0.3 * SD], axis=1)
     columns = np.zeros((N, 2, 1))
     columns[:, :, 0] = 1e-6
-    return Observations(columns, residual, used, Information.none(1), SD, used[0], limits, 100.0)
+    return Observations(Whitening(columns, used), residual, Information.none(1), SD, used[0], limits, 100.0)
 
 
 def hypothesis(name, shape, rows):
@@ -41,16 +42,16 @@ def of_library():
 def test_error_of_the_table_is_new_where_it_shows_above_the_floor(above, old):
     residual = np.random.default_rng(1).standard_normal((N, 2)) * SD * above
     log = data(residual)
-    _, without = explain_with(log, ())
-    assert all_along(log, without, of_library()) == ({("joint_zero", (2,))} if old else set())
+    without = explain(log, ())
+    assert all_along(without, of_library()) == ({("joint_zero", (2,))} if old else set())
 
 
 def test_a_blunt_floor_must_be_exceeded_by_more():
     residual = np.random.default_rng(2).standard_normal((N, 2)) * SD * [1.45, 1.0]
     for sharp, old in ((True, False), (False, True)):
         log = replace(data(residual), sharp=np.full(2, sharp))
-        _, without = explain_with(log, ())
-        assert bool(all_along(log, without, of_library())) == old
+        without = explain(log, ())
+        assert bool(all_along(without, of_library())) == old
 
 
 @pytest.mark.parametrize(("moved", "there"), [(2.9, False), (3.2, True)])
@@ -58,10 +59,10 @@ def test_error_that_moves_what_the_earlier_log_has_shown_was_there(moved, there)
     """Three standard deviations are a likelihood ratio of 100 = exp(9.2 / 2), as an effect needs."""
     log = data(np.random.default_rng(4).standard_normal((N, 2)) * SD)
     log = replace(log, information=Information(np.array([[4.0]]), np.array([8.0]), 16.0))  # 2 with an sd of a half
-    _, without = explain_with(log, ())
+    without = explain(log, ())
     at = replace(without, beta=np.array([2.0]))
-    assert was_there(log, replace(without, beta=np.array([2.0 - 0.5 * moved])), at) == there
-    assert not was_there(log, at, replace(without, beta=np.array([0.0])))
+    assert was_there(replace(without, beta=np.array([2.0 - 0.5 * moved])), at) == there
+    assert not was_there(at, replace(without, beta=np.array([0.0])))
 
 
 USUAL = Thresholds()

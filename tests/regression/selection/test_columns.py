@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from bayesid.regression.selection.columns import Columns, Whitening, stacked, together
+from bayesid.regression.selection.columns import NO_COLUMNS, Columns, Whitening, stacked, together
 from bayesid.regression.selection.error_model import ErrorModel, alike
 
 RATE, COUNT = 50.0, 90
@@ -41,30 +41,26 @@ def white(values, joint, used, error=ERROR):
 
 def test_columns_of_the_model_are_whitened_where_they_show(whitening, used):
     for j, shows in ((0, [0, 1, 2]), (1, [0, 1, 2, 3])):
-        found, products = whitening.model(j, ERROR)
+        found, products = whitening.always(j, ERROR, NO_COLUMNS)
         expected = white(whitening.columns[:, j][:, shows], j, used)
         np.testing.assert_array_equal(whitening.bare(j)[0], shows)
         np.testing.assert_allclose(found, expected, atol=1e-12)
-        np.testing.assert_allclose(products, expected.T @ expected, atol=1e-10)
+        np.testing.assert_allclose(products.sum(axis=0), expected.T @ expected, atol=1e-10)
 
 
 def test_what_was_whitened_by_the_same_filter_is_kept(whitening, used):
-    (effect,) = effects(1, shifted=True)
+    (beside,) = effects(1, shifted=False)
     larger = ErrorModel(0.3 * 7.0, 0.5 * 7.0, 0.1, RATE)
-    assert whitening.model(1, larger)[0] is whitening.model(1, ERROR)[0]
-    assert whitening.rows(effect, 1, larger) is whitening.rows(effect, 1, ERROR)
-    assert whitening.shift(effect, 1, larger) is whitening.shift(effect, 1, ERROR)
+    assert whitening.always(1, larger, beside)[0] is whitening.always(1, ERROR, beside)[0]
     for error in (OTHER, ERROR):
-        np.testing.assert_allclose(whitening.rows(effect, 1, error), white(effect.rows[1], 1, used, error), atol=1e-12)
-        np.testing.assert_allclose(
-            whitening.shift(effect, 1, error), white(effect.shift[1], 1, used, error), atol=1e-12
-        )
+        found = whitening.always(1, error, beside)[0][:, -2:]
+        np.testing.assert_allclose(found, white(beside.rows[1], 1, used, error), atol=1e-12)
 
 
 @pytest.mark.parametrize(("shifted", "at_once"), [(True, True), (True, False), (False, True)])
 def test_products_of_a_group_are_those_of_whitened_columns(whitening, used, shifted, at_once):
-    """Of three effects' columns, and changes behind them, with each other, the model's, one more effect's, and rest."""
-    group, (more,) = effects(3, shifted), effects(1, shifted=False, seed=5)
+    """Of three effects' columns, and changes behind them, with each other, the model's, others beside, and the rest."""
+    group, (beside,) = effects(3, shifted), effects(1, shifted=False, seed=5)
     group = stacked(group) if at_once else group
     rest = white(np.random.default_rng(6).normal(size=COUNT), 1, used)
     stack, whole = together(group, 1)
@@ -73,14 +69,12 @@ def test_products_of_a_group_are_those_of_whitened_columns(whitening, used, shif
     if shifted:
         parts = [np.column_stack([one.rows[1], one.shift.get(1, np.zeros(COUNT))]) for one in group]
     expected = [white(part, 1, used) for part in parts]
-    products, across = whitening.group(stack, 1, ERROR, keep=whole)
-    others = whitening.across(stack, more, 1, ERROR, keep=whole)
+    products, across = whitening.group(stack, 1, ERROR, beside, keep=whole)
     for k, one in enumerate(expected):
         np.testing.assert_allclose(products[k], one.T @ one, atol=1e-10)
-        np.testing.assert_allclose(across[k], one.T @ whitening.model(1, ERROR)[0], atol=1e-10)
-        np.testing.assert_allclose(others[k], one.T @ white(more.rows[1], 1, used), atol=1e-10)
+        np.testing.assert_allclose(across[k], one.T @ whitening.always(1, ERROR, beside)[0], atol=1e-10)
         np.testing.assert_allclose(stack[k] @ whitening.pulled_back(rest, 1, ERROR), one.T @ rest, atol=1e-10)
-    again = whitening.group(stack, 1, ERROR, keep=whole)[0]
+    again = whitening.group(stack, 1, ERROR, beside, keep=whole)[0]
     assert (again is products) == whole
 
 
@@ -94,12 +88,13 @@ def test_errors_are_alike_up_to_a_size_that_nobody_sees():
 
 
 def test_what_is_kept_is_bounded(whitening, used):
-    bounded = Whitening(whitening.columns, used, most_bytes=5 * COUNT * 2 * 8)
+    each = COUNT * 5 + 4 * 25  # innovations, and products fold by fold
+    bounded = Whitening(whitening.columns, used, most_bytes=5 * each * 8)
     some = effects(12, shifted=False)
-    first = [bounded.rows(effect, 0, ERROR) for effect in some]
+    first = [bounded.always(0, ERROR, effect)[0] for effect in some]
     for k in (11, 10, 9, 8, 7):
-        assert bounded.rows(some[k], 0, ERROR) is first[k]
+        assert bounded.always(0, ERROR, some[k])[0] is first[k]
     for k, effect in enumerate(some[:7]):
-        again = bounded.rows(effect, 0, ERROR)
+        again = bounded.always(0, ERROR, effect)[0]
         assert again is not first[k]
-        np.testing.assert_allclose(again, white(effect.rows[0], 0, used), atol=1e-12)
+        np.testing.assert_allclose(again, first[k], atol=1e-12)

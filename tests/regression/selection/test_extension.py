@@ -9,6 +9,7 @@ from bayesid.effects.coefficients import base_coefficients
 from bayesid.effects.effect import Scene
 from bayesid.effects.model import Model
 from bayesid.regression.knowledge import Knowledge
+from bayesid.regression.selection.columns import NO_COLUMNS
 from bayesid.regression.selection.explanation import Explanation
 from bayesid.regression.selection.hypotheses import hypotheses
 from bayesid.regression.selection.refinement import extend
@@ -57,13 +58,14 @@ class Case:
     def found(self, name, joints=(), which=0):
         return [one for one in self.library if one.source.name == name and one.joints == joints][which]
 
-    def explained(self, amplitudes):
+    def explained(self, found, amplitudes):
         blank = np.zeros_like(self.effort)
         sd = tuple(np.ones(len(one)) for one in amplitudes)
-        return Explanation(self.beta, tuple(map(np.array, amplitudes)), sd, blank, (), 0.0, blank)
+        sizes = tuple(map(np.array, amplitudes))
+        return Explanation(None, tuple(found), NO_COLUMNS, self.beta, sizes, sd, blank, (), 0.0, blank)
 
     def extended(self, found, amplitudes):
-        return extend(self.knowledge, self.coefficients, found, self.explained(amplitudes))
+        return extend(self.knowledge, self.coefficients, self.explained(found, amplitudes))
 
 
 def predicted(case, found, amplitudes):
@@ -133,9 +135,9 @@ def test_of_what_has_changed_less_is_known(full):
 def test_parameters_stay_where_the_log_says_nothing(full):
     """The same coefficients again: then the parameters are the ones known before, not the shortest ones."""
     same = full.coefficients.project(full.knowledge.theta)
-    explanation = full.explained([])
+    explanation = full.explained([], [])
     object.__setattr__(explanation, "beta", same)
-    extension = extend(full.knowledge, full.coefficients, [], explanation)
+    extension = extend(full.knowledge, full.coefficients, explanation)
     np.testing.assert_allclose(extension.theta, full.knowledge.theta, atol=1e-9)
     assert np.abs(full.coefficients.lift(same) - full.knowledge.theta).max() > 0.1
 

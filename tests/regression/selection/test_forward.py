@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 from bayesid.regression.selection import forward
 from bayesid.regression.selection.error_model import ErrorModel, fit_error
 from bayesid.regression.selection.forward import Rules, select_forward
-from bayesid.regression.selection.products import Products
+from bayesid.regression.selection.regression import Regression
 
 NEEDED = 12.0
 RULES = Rules(NEEDED, 16)
@@ -46,11 +46,11 @@ def products_of(columns, effort, hypotheses):
     for j in range(effort.shape[1]):
         rest = effort[:, j] - columns[:, j] @ np.linalg.lstsq(columns[:, j], effort[:, j], rcond=None)[0]
         left.append(fit_error(rest, data.used[:, j], RATE)[0])
-    return Products(data, hypotheses, left)
+    return Regression(data, hypotheses, left)
 
 
 def names(chosen):
-    return [c.hypothesis.key for c in chosen]
+    return [c.key for c in chosen]
 
 
 @pytest.mark.parametrize(("memory", "place"), [(0.0, 4), (0.9, 11)])
@@ -70,7 +70,7 @@ def test_nothing_is_found_in_noise():
     for seed in range(20):
         rng, columns, effort = log_of(100 + seed, 1.0, 0.9)
         products = products_of(columns, effort, dictionary(rng))
-        passed += bool((products.gains((), products.candidates) > 0.0).any())
+        passed += bool((products.gains((), products.effects) > 0.0).any())
         assert select_forward(products, RULES)[1] == []
         borne_out += bool(select_forward(products, Rules(0.0, 16))[1])
     assert passed > 5
@@ -87,12 +87,12 @@ def three_of_one_joint(seed=5):
         made("one", {0: one[:, None]}, [0.8]),
         made("other", {0: other[:, None]}, [0.8]),
     ]
-    return Products(observed(columns, effort), hypotheses, [WHITE])
+    return Regression(observed(columns, effort), hypotheses, [WHITE])
 
 
 def test_what_becomes_needless_goes():
     products = three_of_one_joint()
-    assert np.argmax(products.gains((), products.candidates)) == 0
+    assert np.argmax(products.gains((), products.effects)) == 0
     assert names(select_forward(products, Rules(NEEDED, 1))[1]) == [("sum", (1,))]
     _, chosen = select_forward(three_of_one_joint(), RULES)
     assert sorted(names(chosen)) == [("one", (1,)), ("other", (1,))]
@@ -106,8 +106,8 @@ def test_of_what_cannot_be_told_apart_that_of_the_fewest_columns_is_taken():
     wide = made("wide", {0: np.column_stack([there, useless])}, [0.8, 1e-3])
     slim = made("slim", {0: there[:, None]}, [0.6])
     beside = made("beside", {0: more[:, None]}, [0.8])
-    products = Products(observed(columns, effort), [wide, slim, beside], [WHITE])
-    first, second, _ = products.gains((), products.candidates)
+    products = Regression(observed(columns, effort), [wide, slim, beside], [WHITE])
+    first, second, _ = products.gains((), products.effects)
     assert 0.0 < first - second < np.log(10.0)
     assert sorted(names(select_forward(products, RULES)[1])) == [("beside", (1,)), ("slim", (1,))]
 
@@ -119,7 +119,7 @@ def test_an_effect_that_harms_another_joint_is_refused():
     effort[:, 0] += 1.5 * rows[:, 0]
     harmful = made("harmful", {0: rows, 1: 0.15 * rows}, [0.8])
     products = products_of(columns, effort, [harmful])
-    assert products.gains((), products.candidates)[0] > 2.0 * NEEDED
+    assert products.gains((), products.effects)[0] > 2.0 * NEEDED
     assert select_forward(products, RULES)[1] == []
     honest = made("honest", {0: rows}, [0.8])
     _, chosen = select_forward(products_of(columns, effort, [harmful, honest]), RULES)
@@ -134,16 +134,16 @@ def test_a_distortion_is_sharpened_and_what_looks_like_it_is_needless_then():
     alike = made("alike", {0: (0.8 * own + 1.4 * change)[:, None]}, [0.8])
     off = made("distortion", {0: (own + 0.3 * other)[:, None]}, [0.8])
     right = made("distortion", {0: own[:, None]}, [0.8], shift={0: change})
-    products, asked = Products(observed(columns, effort), [off, alike], [WHITE]), []
+    products, asked = Regression(observed(columns, effort), [off, alike], [WHITE]), []
 
     def sharpen(current, chosen):
         asked.append(names(chosen))
-        found = {off.key} <= set(names(chosen)) and off in current.hypotheses
+        found = {off.key} <= set(names(chosen)) and off in current.effects
         return {id(off): right} if found else {}
 
     found, chosen = select_forward(products, Rules(NEEDED, 16, sharpen))
     assert asked == [[("alike", (1,))], [("alike", (1,)), off.key], [off.key]]
-    assert [c.hypothesis for c in chosen] == [right]
+    assert chosen == [right]
     assert np.sqrt(np.mean(found.residual(chosen) ** 2)) == pytest.approx(0.2, rel=0.1)
 
 
@@ -176,5 +176,5 @@ def test_what_harms_most_in_the_end_goes_and_does_not_come_back(monkeypatch):
     monkeypatch.setattr(forward, "harmed", lambda after, nothing: after.rms < 0.5 * nothing.rms)
     products = three_of_one_joint()
     _, chosen = select_forward(products, RULES)
-    left = {c.hypothesis.key: products.held_back([c]).rms[0] for c in products.candidates if c.hypothesis.key in kept}
+    left = {c.key: products.held_back([c]).rms[0] for c in products.effects if c.key in kept}
     assert names(chosen) == [min(left, key=left.get)]

@@ -15,11 +15,11 @@ from bayesid.effects.delay import Delay
 from bayesid.log.segments import Cutting, find_segments
 from bayesid.log.signals import prepare
 from bayesid.regression.knowledge import Information
+from bayesid.regression.selection.columns import Whitening
 from bayesid.regression.selection.explanation import Observations
 from bayesid.regression.selection.hypotheses import hypotheses
-from bayesid.regression.selection.products import Products
 from bayesid.regression.selection.refinement import refined
-from bayesid.regression.selection.scores import plain_errors
+from bayesid.regression.selection.regression import Regression, plain_errors
 from bayesid.regression.selection.wanted import SignedLog
 from bayesid.signs.search.certified import Certified
 from bayesid.signs.settling import settle_signs
@@ -41,7 +41,9 @@ def case():
     scene = BASE.scene(MOTION, THETA, BASE.effort(MOTION, THETA), np.abs(effort))
     nothing = Information(np.eye(columns.shape[2]), THETA, float(THETA @ THETA))
     limits = np.full((2, 2), 0.05)
-    data = Observations(columns, effort, used, nothing, np.full(2, 0.05), np.ones(2, dtype=bool), limits, 50.0)
+    data = Observations(
+        Whitening(columns, used), effort, nothing, np.full(2, 0.05), np.ones(2, dtype=bool), limits, 50.0
+    )
     return data, list(hypotheses(BASE, scene, used))
 
 
@@ -102,7 +104,7 @@ def test_distortions_are_linearised_anew_where_what_was_found_changes_the_effort
     settled = settle_signs(BASE, signals, segments, Certified(budget=2.0))
     log = SignedLog.of(settled.evidence, settled.fit, settled.probability)
     lags = log.made([Delay(lag=(0.01,)), Delay(lag=(0.03,))])
-    products = Products(log.data, lags, plain_errors(log.data))
+    products = Regression(log.data, lags, plain_errors(log.data))
     assert log.sharpened(products, []) == {}
     halved = replace(log, fit=replace(log.fit, predicted=2.0 * log.fit.predicted))
     assert set(halved.sharpened(products, [])) == {id(one) for one in lags}

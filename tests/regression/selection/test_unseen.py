@@ -61,7 +61,7 @@ class Case:
     def learned(self):
         columns, groups, start = np.hstack([self.model, *self.rows]), [], FREE
         for sd, there, least in zip(self.sds, self.there, self.least, strict=True):
-            groups.append(Group(slice(start, start + len(sd)), sd, there, least))
+            groups.append(Group(np.arange(start, start + len(sd)), sd, there, least))
             start += len(sd)
         return learn_scales(columns.T @ columns, columns.T @ self.effort, groups, FREE)
 

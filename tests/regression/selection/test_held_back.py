@@ -12,16 +12,18 @@ from scipy.linalg import null_space
 from scipy.stats import multivariate_normal, norm
 
 from bayesid.regression.knowledge import Information
-from bayesid.regression.selection.columns import Columns
+from bayesid.regression.selection.columns import Columns, blocks_of
 from bayesid.regression.selection.error_model import ErrorModel, fit_error
-from bayesid.regression.selection.forward import bears_out, harmed
-from bayesid.regression.selection.products import HeldBackErrors, Products, blocks_of
+from bayesid.regression.selection.held_back import HeldBackErrors, bears_out, harmed
+from bayesid.regression.selection.regression import Regression
 from bayesid.regression.tuning import TUNING
 
 ERRORS = (ErrorModel(0.3, 0.5, 0.1, RATE), ErrorModel(1.1, 0.7, 0.3, RATE))
 SMALL = 160  # samples, of which every one of the 16 blocks has ten
 LONG = 10.0
 """Hz, at which they are a log of 16 seconds."""
+SLOWER = [replace(error, rate=LONG, correlation=error.correlation * RATE / LONG) for error in ERRORS]
+"""The same from sample to sample."""
 
 
 def made_case(seed=3, positive=(False, False)):
@@ -40,7 +42,7 @@ def made_case(seed=3, positive=(False, False)):
     effort = columns @ np.array([1.2, -1.7, 0.4]) + rng.normal(size=(SMALL, 2)) * [0.6, 1.3]
     effort[:, 0] += both @ [1.5, -2.9] + second @ [0.9, 2.6]
     effort[:, 1] += 0.5 * both[:, ::-1] @ [1.5, -2.9] - 2.7 * first[:, 0]
-    return Products(observed(columns, effort, used), candidates, list(ERRORS))
+    return Regression(observed(columns, effort, used), candidates, list(ERRORS))
 
 
 def white(products, of_joint, errors=ERRORS):
@@ -51,8 +53,8 @@ def white(products, of_joint, errors=ERRORS):
 
 
 def rows_of(products, candidate):
-    blank = np.zeros((SMALL, len(candidate.hypothesis.columns.sd)))
-    return white(products, lambda j: candidate.hypothesis.columns.rows.get(j, blank))
+    blank = np.zeros((SMALL, len(candidate.columns.sd)))
+    return white(products, lambda j: candidate.columns.rows.get(j, blank))
 
 
 class Dense:
@@ -63,7 +65,7 @@ class Dense:
         self.effort = self.left.T @ white(products, lambda j: products.data.effort[:, j])
         self.covariance = np.eye(len(self.effort))
         for candidate in chosen:
-            rows = self.left.T @ rows_of(products, candidate) * candidate.hypothesis.columns.sd
+            rows = self.left.T @ rows_of(products, candidate) * candidate.columns.sd
             self.covariance += rows @ rows.T
 
     def log_density(self):
@@ -73,8 +75,8 @@ class Dense:
 @pytest.mark.parametrize("chosen", [(), (1, 0, 3)])
 def test_gains_are_those_of_dense_densities(chosen):
     products = made_case()
-    before = [products.candidates[k] for k in chosen]
-    tried = [c for k, c in enumerate(products.candidates) if k not in chosen]
+    before = [products.effects[k] for k in chosen]
+    tried = [c for k, c in enumerate(products.effects) if k not in chosen]
     without = Dense(products, before).log_density()
     expected = [Dense(products, [*before, one]).log_density() - without for one in tried]
     assert np.abs(expected).max() > 1.0
@@ -90,16 +92,16 @@ def test_gains_with_an_earlier_log_and_uncertain_columns_are_those_of_dense_dens
     centre = np.array([0.9, -1.9, 0.8])
     known = Information(hessian, hessian @ centre, float(centre @ hessian @ centre))
     rng = np.random.default_rng(8)
-    alike = plain.hypotheses[0].columns.rows[1][:, :1] + 0.3 * waves(rng, SMALL, 1)
+    alike = plain.effects[0].columns.rows[1][:, :1] + 0.3 * waves(rng, SMALL, 1)
     uncertain = Columns(
         {1: np.hstack([alike, waves(rng, SMALL, 1)])}, {}, np.array([0.4, 1.9]), np.zeros(2, dtype=bool)
     )
-    products = Products(replace(plain.data, information=known), plain.hypotheses, list(ERRORS), uncertain)
-    before = [products.candidates[k] for k in chosen]
-    tried = [c for k, c in enumerate(products.candidates) if k not in chosen]
-    dense, base = dense_errors.Dense(products.data, ERRORS), [uncertain, *(c.hypothesis.columns for c in before)]
+    products = Regression(replace(plain.data, information=known), plain.effects, list(ERRORS), uncertain)
+    before = [products.effects[k] for k in chosen]
+    tried = [c for k, c in enumerate(products.effects) if k not in chosen]
+    dense, base = dense_errors.Dense(products.data, ERRORS), [uncertain, *(c.columns for c in before)]
     without = dense.log_density(base)
-    expected = [dense.log_density([*base, one.hypothesis.columns]) - without for one in tried]
+    expected = [dense.log_density([*base, one.columns]) - without for one in tried]
     np.testing.assert_allclose(products.gains(before, tried), expected, rtol=1e-6, atol=1e-6)
 
 
@@ -107,11 +109,11 @@ def test_gains_with_an_earlier_log_and_uncertain_columns_are_those_of_dense_dens
 def test_one_sided_gains_are_integrals_over_one_side(which, sign):
     """Twice the prior on the side of zero that there is; the amplitude is negative, or is made to be positive."""
     products = made_case(positive=(which == 1, which == 2))
-    before, candidate = [products.candidates[3]], products.candidates[which]
-    one = candidate.hypothesis.columns
+    before, candidate = [products.effects[3]], products.effects[which]
+    one = candidate.columns
     for rows in one.rows.values():
         rows[:, 0] *= sign  # the products are made anew
-    products = Products(products.data, products.hypotheses, list(ERRORS))
+    products = Regression(products.data, products.effects, list(ERRORS))
     others = Dense(products, before)
     rows = others.left.T @ rows_of(products, candidate)
     if len(one.sd) == 2:
@@ -128,13 +130,13 @@ def test_one_sided_gains_are_integrals_over_one_side(which, sign):
 
     best = spread**2 * slope
     expected, _ = quad(integrand, 0.0, max(best, 0.0) + 12.0 * spread, points=[max(best, spread)], epsabs=0.0)
-    (found,) = products.gains(before, [products.candidates[which]])
+    (found,) = products.gains(before, [products.effects[which]])
     assert found == pytest.approx(np.log(expected), abs=1e-5)
 
 
 def test_best_is_ridge_regression_and_the_residual_what_it_leaves():
     products = made_case()
-    chosen = [products.candidates[2], products.candidates[0]]
+    chosen = [products.effects[2], products.effects[0]]
     augmented, effort = stacked(products, chosen)
     expected = np.linalg.lstsq(augmented, effort, rcond=None)[0]
     found = products.best(chosen)
@@ -148,7 +150,7 @@ def stacked(products, chosen, kept=None):
     kept = np.tile(np.ones(SMALL, dtype=bool) if kept is None else kept, 2)
     rows = [white(products, lambda j: products.data.columns[:, j]), *(rows_of(products, c) for c in chosen)]
     columns, effort = np.hstack(rows)[kept], white(products, lambda j: products.data.effort[:, j])[kept]
-    sd = np.concatenate([c.hypothesis.columns.sd for c in chosen]) if chosen else np.zeros(0)
+    sd = np.concatenate([c.columns.sd for c in chosen]) if chosen else np.zeros(0)
     prior = np.hstack([np.zeros((len(sd), 3)), np.diag(1.0 / sd)]) if chosen else np.zeros((0, 3))
     return np.vstack([columns, prior]), np.concatenate([effort, np.zeros(len(sd))])
 
@@ -157,8 +159,8 @@ def unexplained(products, chosen, best):
     data, left = products.data, products.data.effort - products.data.columns @ best[:3]
     start = 3
     for candidate in chosen:
-        end = start + len(candidate.hypothesis.columns.sd)
-        for j, rows in candidate.hypothesis.columns.rows.items():
+        end = start + len(candidate.columns.sd)
+        for j, rows in candidate.columns.rows.items():
             left[:, j] -= rows @ best[start:end]
         start = end
     return left * data.used
@@ -167,8 +169,8 @@ def unexplained(products, chosen, best):
 @pytest.mark.parametrize("which", [(), (0, 3, 1)])
 def test_held_back_blocks_are_predicted_by_fits_without_them(which):
     first = made_case()
-    products = Products(replace(first.data, rate=LONG), first.hypotheses, list(ERRORS))
-    chosen = [products.candidates[k] for k in which]
+    products = Regression(replace(first.data, rate=LONG), first.effects, SLOWER)
+    chosen = [products.effects[k] for k in which]
     fold = (np.arange(SMALL) // (SMALL // 16)) % 4
     left = np.empty((SMALL, 2))
     for k in range(4):
@@ -183,18 +185,17 @@ def test_held_back_blocks_are_predicted_by_fits_without_them(which):
 
 @pytest.mark.parametrize("base", [[], [1, 4]])
 def test_sets_are_predicted_together_as_one_by_one(base):
-    """One more candidate on top of a base, with and without a change, and a set that is none of these."""
+    """With and without a change."""
     first, rng = made_case(), np.random.default_rng(8)
     changing = [
-        replace(first.hypotheses[1], columns=replace(first.hypotheses[1].columns, shift={0: rng.normal(size=SMALL)})),
+        replace(first.effects[1], columns=replace(first.effects[1].columns, shift={0: rng.normal(size=SMALL)})),
         made("change", {}, [], shift={1: rng.normal(size=SMALL)}),
     ]
-    products = Products(replace(first.data, rate=LONG), [*first.hypotheses, *changing], list(ERRORS))
-    assert [candidate.change >= 0 for candidate in products.candidates] == [False] * 4 + [True] * 2
-    chosen = [products.candidates[k] for k in base]
-    more = [candidate for candidate in products.candidates if candidate not in chosen]
+    products = Regression(replace(first.data, rate=LONG), [*first.effects, *changing], SLOWER)
+    chosen = [products.effects[k] for k in base]
+    more = [candidate for candidate in products.effects if candidate not in chosen]
     sets = [*([*chosen, candidate] for candidate in more), more]
-    found = products.held_back_each(sets, chosen)
+    found = products.held_back_each(sets)
     for errors, one in zip(found, sets, strict=True):
         np.testing.assert_allclose(errors.squares, products.held_back(one).squares, rtol=1e-9)
         np.testing.assert_array_equal(errors.counts, products.held_back(one).counts)
@@ -203,17 +204,18 @@ def test_sets_are_predicted_together_as_one_by_one(base):
 def test_uncertain_columns_predict_held_back_blocks_only_if_they_may():
     """Columns that are the effect itself take it all in evidence and in predictions; kept out, they predict nothing."""
     plain = made_case()
-    twin = plain.hypotheses[0].columns
+    twin = plain.effects[0].columns
     uncertain = Columns(twin.rows, {}, 50.0 * twin.sd, np.zeros(len(twin.sd), dtype=bool))
     with_them, without = (
-        Products(plain.data, plain.hypotheses, list(ERRORS), uncertain, predicting=which) for which in (True, False)
+        Regression(plain.data, plain.effects, list(ERRORS), uncertain, predicting=which) for which in (True, False)
     )
-    first = plain.candidates[0]
+    first = plain.effects[0]
     for products in (with_them, without):
-        assert products.gains((), products.candidates[:1])[0] < 0.0 < plain.gains((), [first])[0]
+        assert products.gains((), products.effects[:1])[0] < 0.0 < plain.gains((), [first])[0]
     np.testing.assert_allclose(without.held_back(()).squares, plain.held_back(()).squares)
-    free = plain.with_forms({id(first.hypothesis): replace(first.hypothesis, columns=uncertain)}, [first])
-    np.testing.assert_allclose(with_them.held_back(()).squares, free[0].held_back(free[1]).squares)
+    form = replace(first, columns=uncertain)
+    free = plain.with_forms({id(first): form})
+    np.testing.assert_allclose(with_them.held_back(()).squares, free.held_back([form]).squares)
 
 
 def shifted(hypothesis, seed, joints):
@@ -241,31 +243,31 @@ def plain(form):
 def test_a_change_without_amplitude_is_whole_or_not_there(others):
     """On top of some candidates, one of which may have a change itself, against efforts without these changes."""
     first = made_case()
-    forms = [shifted(h, 5 + k, (k % 2,)) if k in (0, 2) else h for k, h in enumerate(first.hypotheses)]
-    products, bare = Products(first.data, forms, list(ERRORS)), [plain(form) for form in forms]
+    forms = [shifted(h, 5 + k, (k % 2,)) if k in (0, 2) else h for k, h in enumerate(first.effects)]
+    products, bare = Regression(first.data, forms, list(ERRORS)), [plain(form) for form in forms]
     taken = [forms[k] for k in others]
-    before = Products(without(first.data, *taken), bare, list(ERRORS))
-    after = Products(without(first.data, *taken, forms[2]), bare, list(ERRORS))
-    gain = products.gains([products.candidates[k] for k in others], [products.candidates[2]])[0]
+    before = Regression(without(first.data, *taken), bare, list(ERRORS))
+    after = Regression(without(first.data, *taken, forms[2]), bare, list(ERRORS))
+    gain = products.gains([products.effects[k] for k in others], [products.effects[2]])[0]
     with_it, without_it = [*others, 2], list(others)
-    dense = [Dense(p, [p.candidates[k] for k in which]) for p, which in ((after, with_it), (before, without_it))]
+    dense = [Dense(p, [p.effects[k] for k in which]) for p, which in ((after, with_it), (before, without_it))]
     assert gain == pytest.approx(dense[0].log_density() - dense[1].log_density(), abs=1e-5)
-    chosen, expected = ([p.candidates[k] for k in with_it] for p in (products, after))
+    chosen, expected = ([p.effects[k] for k in with_it] for p in (products, after))
     np.testing.assert_allclose(products.residual(chosen), after.residual(expected), atol=1e-7)
     np.testing.assert_allclose(products.held_back(chosen).squares, after.held_back(expected).squares, rtol=1e-6)
 
 
 def test_joints_are_whitened_anew_by_what_is_left_there():
     products = made_case()
-    chosen = [products.candidates[0], products.candidates[2]]
+    chosen = [products.effects[0], products.effects[2]]
     left = products.residual(chosen)
-    products.with_noise_of(chosen, [1])
-    fitted = fit_error(left[:, 1], products.data.used[:, 1], RATE)[0]
-    assert products.errors == [ERRORS[0], fitted]
-    assert fitted.sigma != pytest.approx(ERRORS[1].sigma, rel=0.01)
-    anew = Products(products.data, products.hypotheses, [ERRORS[0], fitted])
-    np.testing.assert_allclose(products.hessian, anew.hessian, rtol=1e-10, atol=1e-9)
-    np.testing.assert_allclose(products.gradient, anew.gradient, rtol=1e-10, atol=1e-9)
+    weighed = products.weighed_by(chosen)
+    fitted = [fit_error(left[:, j], products.data.used[:, j], RATE)[0] for j in (0, 1)]
+    assert weighed.errors == fitted
+    assert fitted[1].sigma != pytest.approx(ERRORS[1].sigma, rel=0.01)
+    anew = Regression(products.data, products.effects, fitted)
+    np.testing.assert_allclose(weighed.hessian, anew.hessian, rtol=1e-10, atol=1e-9)
+    np.testing.assert_allclose(weighed.gradient, anew.gradient, rtol=1e-10, atol=1e-9)
 
 
 COUNT = 25

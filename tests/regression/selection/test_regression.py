@@ -4,16 +4,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from dense_errors import Dense, covariance
-from effect_problems import RATE, observed
+from effect_problems import RATE, Made, observed
 from scipy.integrate import simpson
 from scipy.stats import norm
 
 from bayesid.regression.knowledge import Information
-from bayesid.regression.selection import explanation as evidence
+from bayesid.regression.selection import explanation as judging
 from bayesid.regression.selection.columns import Columns
 from bayesid.regression.selection.error_model import ErrorModel, fit_error
-from bayesid.regression.selection.explanation import Regression
-from bayesid.regression.selection.scores import BestOfGroup, Screening, best_groups
+from bayesid.regression.selection.regression import Regression, explain
+from bayesid.regression.selection.scores import BestOfGroup, best_groups
 
 ERRORS = (ErrorModel(0.3, 0.5, 0.1, RATE), ErrorModel(1.1, 0.7, 0.3, RATE))
 
@@ -68,23 +68,22 @@ def kept(monkeypatch):
 
     def fixed(data):
         logs.append(data)
-        monkeypatch.setattr(evidence, "fit_error", as_given)
+        monkeypatch.setattr(judging, "fit_error", as_given)
         return data
 
     return fixed
 
 
-@pytest.mark.parametrize(
-    ("chosen", "last_is_extra"), [((), False), ((1, 3), True), ((2, 0), True), ((3, 2, 1, 0), False)]
-)
-def test_explanation_is_generalised_least_squares(chosen, last_is_extra, kept):
+def explained(data, *columns):
+    """By effects of some columns, samples weighed by the errors of the truth."""
+    return Regression(data, [Made(one, ("made", ())) for one in columns], ERRORS).explanation
+
+
+@pytest.mark.parametrize("chosen", [(), (1, 3), (2, 0), (3, 2, 1, 0)])
+def test_explanation_is_generalised_least_squares(chosen, kept):
     data, effects = kept(made_data()), made_effects()
     picked = [effects[k] for k in chosen]
-    found = (
-        Regression(data, picked[:-1]).explain(ERRORS, picked[-1])
-        if last_is_extra and picked
-        else Regression(data, picked).explain(ERRORS)
-    )
+    found = explained(data, *picked)
     best, spread = Dense(data, ERRORS).least_squares(picked)
     np.testing.assert_allclose(found.beta, best[:3], rtol=1e-7)
     np.testing.assert_allclose(np.concatenate([[], *found.amplitudes]), best[3:], rtol=1e-7)
@@ -101,11 +100,11 @@ def test_explanation_is_generalised_least_squares(chosen, last_is_extra, kept):
 def test_evidences_differ_by_the_density_of_the_efforts(kept):
     """e ~ N(Y b0, C + Y L^-1 Y' + Z D Z'), dense; constants are common to all explanations."""
     data, effects = kept(made_data(amount=0.5)), made_effects()
-    nothing = Regression(data).explain(ERRORS).log_evidence
+    nothing = explained(data).log_evidence
     base = Dense(data, ERRORS).log_density()
     gains = []
     for picked in [(effects[0],), (effects[1],), (effects[2],), (effects[3],), effects[:2], effects[1:]]:
-        gains.append(Regression(data, picked).explain(ERRORS).log_evidence - nothing)
+        gains.append(explained(data, *picked).log_evidence - nothing)
         assert gains[-1] == pytest.approx(Dense(data, ERRORS).log_density(picked) - base, abs=1e-6)
     assert np.ptp(gains) > 3.0
 
@@ -123,14 +122,14 @@ def test_evidence_of_two_amplitudes_is_the_integral(positive, amount, tolerance,
     cells = np.exp(density - density.max()).reshape(161, 161)
     expected = np.log(simpson(simpson(cells, x=axes[1]), x=axes[0])) + density.max() + sum(positive) * np.log(2.0)
     nothing = Dense(data, ERRORS).log_likelihood_of(effect, np.zeros((1, 2)))
-    gain = Regression(data).explain(ERRORS, effect).log_evidence - Regression(data).explain(ERRORS).log_evidence
+    gain = explained(data, effect).log_evidence - explained(data).log_evidence
     assert gain == pytest.approx(expected - nothing, abs=tolerance)
 
 
 def test_what_is_left_is_judged_by_its_own_likeliest_error():
     """As noise within the limits, or as anything, at the price of log N, whichever is likelier."""
     data = replace(made_data(300, gaps=False), limits=np.array([[0.2, 0.1], [9.0, 9.0]]))
-    found = Regression(data).explain(ERRORS)
+    found = explained(data)
     for j, limits in enumerate(data.limits):
         error, value = fit_error(found.residual[:, j], data.used[:, j], RATE)
         assert found.errors[j] == error
@@ -147,12 +146,11 @@ def test_what_is_left_is_judged_by_its_own_likeliest_error():
 def test_settled_errors_are_those_of_the_truth():
     """Begun with a wrong error model; within the sampling error of 1500 samples."""
     data = made_data(1500, gaps=False)
-    regression, wrong = Regression(data), (ErrorModel(3.0, 0.1, 0.5, RATE),) * 2
-    settled = regression.settle(SimpleNamespace(errors=wrong))
+    settled = explain(data, (), SimpleNamespace(errors=(ErrorModel(3.0, 0.1, 0.5, RATE),) * 2))
     for found, truth in zip(settled.errors, ERRORS, strict=True):
         assert found.white == pytest.approx(truth.white, rel=0.15)
         assert found.coloured == pytest.approx(truth.coloured, rel=0.35)
-    again = regression.settle(settled)
+    again = explain(data, (), settled)
     assert again.log_evidence == pytest.approx(settled.log_evidence, abs=0.3)
 
 
@@ -172,12 +170,13 @@ def family(effect, size, seed=9):
 def test_screen_gains_what_an_explanation_would(kind, already, kept):
     """With the errors kept; also where amplitudes have a sign, as long as none added before has."""
     data, effects = kept(made_data(amount=0.4)), made_effects()
-    regression = Regression(data, [effects[k] for k in already])
-    screening, now = Screening(regression, ERRORS), regression.explain(ERRORS)
+    before = [effects[k] for k in already]
+    now = explained(data, *before)
+    regression = Regression(data, now.effects, ERRORS)
     for positive in (False, True):
         group = [replace(one, positive=np.full(len(one.sd), positive)) for one in family(effects[kind], 4)]
-        gains, _ = screening.gains(group)
-        expected = [regression.explain(ERRORS, one).log_evidence - now.log_evidence for one in group]
+        gains, _ = regression.screened(group)
+        expected = [explained(data, *before, one).log_evidence - now.log_evidence for one in group]
         np.testing.assert_allclose(gains, expected, atol=1e-6)
         assert np.ptp(gains) > 0.01
 
@@ -191,7 +190,7 @@ def test_visible_is_the_mean_gain_of_effects_of_their_usual_size(kept):
     known = data.information
     centre, spread = np.linalg.solve(known.hessian, known.gradient), np.linalg.cholesky(np.linalg.inv(known.hessian))
     kept(data)
-    visible = Screening(Regression(data), ERRORS).gains([effect])[1][0]
+    visible = Regression(data, (), ERRORS).screened([effect])[1][0]
     gains = []
     for _ in range(400):
         beta = centre + spread @ rng.standard_normal(3)
@@ -199,22 +198,21 @@ def test_visible_is_the_mean_gain_of_effects_of_their_usual_size(kept):
         drawn = rows @ np.concatenate([beta, amplitude]) + root @ rng.standard_normal(len(root))
         effort = np.zeros_like(data.effort)
         effort.T[data.used.T] = drawn
-        gains.append(Screening(Regression(replace(data, effort=effort)), ERRORS).gains([effect])[0][0])
+        gains.append(Regression(replace(data, effort=effort), (), ERRORS).screened([effect])[0][0])
     assert np.mean(gains) == pytest.approx(visible, abs=4.5 * np.std(gains) / 20.0)
     assert visible > 3.0
 
 
 def test_errors_of_joints_that_an_effect_leaves_alone_are_kept():
     data, effect = made_data(300, gaps=False, amount=0.5), made_effects(300)[1]
-    regression = Regression(data)
-    before = regression.explain(ERRORS)
-    after = regression.explain(before.errors, effect, before)
+    before, one = explained(data), Made(effect, ("made", ()))
+    after = Regression(replace(data, reference=before), [one], before.errors).explanation
     assert after.errors[0] is before.errors[0]
     assert after.errors[1] == fit_error(after.residual[:, 1], data.used[:, 1], RATE)[0]
     moved = [before.errors[0].log_likelihood(one.residual[:, 0], data.used[:, 0]) for one in (before, after)]
     assert after.noise_evidence[0] - before.noise_evidence[0] == pytest.approx(moved[1] - moved[0], abs=1e-9)
     assert after.free_evidence[0] - before.free_evidence[0] == pytest.approx(moved[1] - moved[0], abs=1e-9)
-    own = regression.explain(before.errors, effect)
+    own = Regression(data, [one], before.errors).explanation
     assert own.errors[0] != before.errors[0]
     assert abs(own.log_evidence - after.log_evidence) < 0.5
 

@@ -1,0 +1,427 @@
+"""The engine of selection: a log regressed on a model's columns and on groups of columns, each what an effect adds.
+
+With signs settled, the efforts of joint j are  e_j = Y_j beta + Z_j alpha + d_j + error  (:eq:`effects`), the error as
+in `error_model`, whitened by W_j. The earlier log says what beta is (`bayesid.regression.knowledge`),
+alpha is normal about zero with the sd of its effect (on one side of zero where its sign is known); with A the matrix of
+both, :eq:`evidence`::
+
+    log p(e) = sum_j log p(W_j (e_j - d_j - A_j x)) - (x - x0)' L (x - x0) / 2 + log det(D) / 2 - log det(H) / 2 + c
+
+at the best x, H = L + sum_j A_j' W_j' W_j A_j (MacKay 2003, chapter 28; exact for normal errors of given covariance).
+The error's own parameters are those of the highest likelihood; where they exceed the noise floor, each joint pays
+log N.
+
+All columns are whitened and multiplied once, fold by fold; what one group adds to others is then linear algebra of its
+own few columns (:eq:`forward-gain`)::
+
+    gain = q' (Q + L)^-1 q / 2 - log det(1 + L^-1 Q) / 2,   Q = G_cc - G_cS P G_Sc,   q = g_c - G_cS P g_S,
+
+with G, g the products of whitened columns and efforts, P the inverse of G_SS with what is known of the set before, and
+L the precisions of the group (Tipping and Faul 2003, for groups of columns). A change d that an effect makes by itself
+is a column whose amplitude is one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import solve_triangular
+from scipy.special import log_ndtr
+
+from bayesid.arrays import TINY, Array, Integers, Mask
+from bayesid.regression.knowledge import inverse_of
+from bayesid.regression.selection.columns import NO_COLUMNS, Columns, by_fold, rows_of_blocks, together
+from bayesid.regression.selection.error_model import ErrorModel, alike, fit_error
+from bayesid.regression.selection.explanation import Explanation, JudgedJoint, Observations
+from bayesid.regression.selection.held_back import HeldBackErrors
+from bayesid.regression.selection.hypotheses import Hypothesis
+from bayesid.regression.tuning import TUNING
+
+Effects = Sequence[Hypothesis]
+
+
+@dataclass(frozen=True, eq=False)
+class Regression:
+    """A log regressed on a model's columns and those of effects; prepared once, asked for many sets of the effects.
+
+    Attributes:
+        data: the log.
+        effects: the groups of columns, linear about their own numbers; sets of them are asked for.
+        errors: of each joint, which weigh its samples.
+        uncertain: columns that the model may be wrong by in any case, beside every set.
+        predicting: whether these may take part in predictions of held-back blocks: what evidence tells from them by
+            their prior alone, such as an offset from a large error of the geometry, predictions do not.
+    """
+
+    data: Observations
+    effects: Effects
+    errors: Sequence[ErrorModel]
+    uncertain: Columns = NO_COLUMNS
+    predicting: bool = True
+    _products: dict[int, tuple[object, Array]] = field(
+        default_factory=dict, repr=False
+    )  # by joint, of an error's shape
+    _pulled: dict[int, tuple[Integers, Array]] = field(default_factory=dict, init=False, repr=False)
+
+    @classmethod
+    def of(cls, explanation: Explanation) -> Regression:
+        """On the columns of an explanation, samples weighed by the errors that it leaves."""
+        return cls(explanation.data, explanation.effects, explanation.errors, explanation.uncertain)
+
+    # -----------------------------------------------------------------------------------------------------------
+    # Columns: m in all; the model's, uncertain ones, and those of the effects, each with its change behind
+    # -----------------------------------------------------------------------------------------------------------
+    @cached_property
+    def _ends(self) -> tuple[int, int]:
+        """Where the model's columns end, and those that are always there."""
+        r = self.data.columns.shape[2]
+        return r, r + len(self.uncertain.sd)
+
+    @cached_property
+    def _places(self) -> dict[int, tuple[Integers, Integers]]:
+        """Of each effect, by its id, the indices of its columns, and of its change, if it makes one."""
+        places, end = {}, self._ends[1]
+        for effect in self.effects:
+            columns = effect.columns
+            own = np.arange(end, end + len(columns.sd))
+            change = np.arange(end + len(own), end + len(own) + bool(columns.shift))
+            places[id(effect)], end = (own, change), end + len(own) + len(change)
+        return places
+
+    def place(self, effect: Hypothesis) -> Integers:
+        """Indices of an effect's columns among all."""
+        return self._places[id(effect)][0]
+
+    @cached_property
+    def _known(self) -> tuple[Array, Array]:
+        """(m, m) precision and (m,) its product with the mean, of what is known of coefficients and amplitudes."""
+        (r, always), known = self._ends, self.data.information
+        size = always + sum(len(own) + len(change) for own, change in self._places.values())
+        own = np.zeros(size)
+        own[r:always] = 1.0 / self.uncertain.sd**2
+        for effect in self.effects:
+            own[self.place(effect)] = 1.0 / effect.columns.sd**2
+        precision, pull = np.diag(own), np.zeros(size)
+        precision[:r, :r], pull[:r] = known.hessian, known.gradient
+        return precision, pull
+
+    def _shown(self, joint: int, counting: Mask) -> tuple[Integers, Array]:
+        """Indices (p,) and columns (N, p) of effects and changes that act in a joint, of those that count (m,)."""
+        index, parts = [np.zeros(0, dtype=np.int64)], [np.zeros((len(self.data.effort), 0))]
+        for effect in self.effects:
+            (own, change), columns = self._places[id(effect)], effect.columns
+            if joint in columns.rows and counting[own].any():
+                index.append(own)
+                parts.append(columns.rows[joint])
+            if joint in columns.shift and counting[change].any():
+                index.append(change)
+                parts.append(columns.shift[joint][:, None])
+        return np.concatenate(index), np.concatenate(parts, axis=1)
+
+    def _always(self, joint: int) -> Integers:
+        """Indices of the columns that are always there and show in a joint."""
+        r, always = self._ends
+        beside = np.arange(r, always) if joint in self.uncertain.rows else np.zeros(0, dtype=np.int64)
+        return np.concatenate([self.data.whitening.bare(joint)[0], beside])
+
+    def _of_joint(self, joint: int) -> Array:
+        """(folds, m + 1, m + 1) products of a joint's innovations, the effort's last."""
+        error, used = self.errors[joint], self.data.used[:, joint]
+        if joint in self._products and self._products[joint][0] == error.shape:
+            return self._products[joint][1]
+        size = len(self._known[1])
+        index, columns = self._shown(joint, np.ones(size, dtype=bool))
+        index, always = np.append(index, size), self._always(joint)
+        white = error.whiten(np.column_stack([columns, self.data.effort[:, joint]]), used)
+        of_always, products = self.data.whitening.always(joint, error, self.uncertain)
+        across = by_fold(of_always, white, error.rate)
+        every = np.zeros((TUNING.folds, size + 1, size + 1))
+        every[:, always[:, None], always] = products
+        every[:, always[:, None], index], every[:, index[:, None], always] = across, across.transpose(0, 2, 1)
+        every[:, index[:, None], index] = by_fold(white, white, error.rate)
+        self._products[joint] = error.shape, every
+        return every
+
+    @cached_property
+    def _by_fold(self) -> Array:
+        """(folds, m + 1, m + 1) of all joints, weighed."""
+        size = len(self._known[1]) + 1
+        products = np.zeros((TUNING.folds, size, size))
+        for j, error in enumerate(self.errors):
+            products += error.scale**-2.0 * self._of_joint(j)
+        return products
+
+    @cached_property
+    def _all(self) -> Array:
+        return np.asarray(self._by_fold.sum(axis=0))
+
+    @property
+    def hessian(self) -> Array:
+        """(m, m) G, products of the whitened columns of all joints and folds."""
+        return self._all[:-1, :-1]
+
+    @property
+    def gradient(self) -> Array:
+        """(m,) g, their products with the efforts."""
+        return self._all[:-1, -1]
+
+    # -----------------------------------------------------------------------------------------------------------
+    # Sets of effects
+    # -----------------------------------------------------------------------------------------------------------
+    def indices(self, chosen: Effects, *, uncertain: bool = True) -> Integers:
+        """Of the columns that are always there, uncertain ones among them or not, and of those of some effects."""
+        return np.concatenate([np.arange(self._ends[int(uncertain)]), *(self.place(one) for one in chosen)]).astype(int)
+
+    def _equations(self, products: Array, chosen: Effects, *, uncertain: bool = True) -> tuple[Integers, Array, Array]:
+        """Indices (p,), (p, p) matrix and (p,) right side of the normal equations of a set, changes taken away."""
+        (precision, pull), index = self._known, self.indices(chosen, uncertain=uncertain)
+        changes = [change for one in chosen for change in self._places[id(one)][1].tolist()]
+        slope = products[:-1, -1] + pull - products[:-1, changes].sum(axis=1)
+        return index, products[np.ix_(index, index)] + precision[np.ix_(index, index)], slope[index]
+
+    def _whole(self, chosen: Effects, index: Integers, values: Array) -> Array:
+        """(m,) coefficients and amplitudes, one for changes, zero for what is not chosen."""
+        best = np.zeros(len(self._known[1]))
+        best[index] = values
+        for one in chosen:
+            best[self._places[id(one)][1]] = 1.0
+        return best
+
+    def best(self, chosen: Effects) -> Array:
+        """(m,) coefficients and amplitudes of a set, one for changes, zero for what is not chosen."""
+        return self._solved(self._all, chosen)[2]
+
+    def _solved(self, products: Array, chosen: Effects, *, uncertain: bool = True) -> tuple[Integers, Array, Array]:
+        index, matrix, slope = self._equations(products, chosen, uncertain=uncertain)
+        inverse = inverse_of(matrix)
+        return index, inverse, self._whole(chosen, index, inverse @ slope)
+
+    def gains(self, chosen: Effects, tried: Effects) -> Array:
+        """Log Bayes factors of effects on top of a set (:eq:`forward-gain`)."""
+        index, inverse, best = self._solved(self._all, chosen)
+        gains = np.empty(len(tried))
+        for k, effect in enumerate(tried):
+            own = np.concatenate(self._places[id(effect)])
+            across = self.hessian[np.ix_(own, index)]
+            gram = self.hessian[np.ix_(own, own)] - across @ inverse @ across.T
+            slope = self.gradient[own] - self.hessian[own] @ best
+            gains[k] = integrated(gram[None], slope[None], [effect.columns])[0][0]
+        return gains
+
+    def held_back(self, chosen: Effects) -> HeldBackErrors:
+        """Every block predicted by a fit of a set to the folds that it is not in."""
+        return self.held_back_each([chosen])[0]
+
+    def held_back_each(self, sets: Sequence[Effects]) -> list[HeldBackErrors]:
+        """The same of k sets."""
+        others = self._all - self._by_fold
+        best = np.stack(
+            [
+                np.stack([self._solved(products, some, uncertain=self.predicting)[2] for some in sets], axis=1)
+                for products in others
+            ]
+        )  # (folds, m, k)
+        blocks, counting = rows_of_blocks(len(self.data.effort), self.data.rate), np.asarray(best.any(axis=(0, 2)))
+        squares = np.empty((len(blocks), len(self.errors), len(sets)))
+        for j in range(len(self.errors)):
+            index, columns = self._bare(j, counting)
+            for b, rows in enumerate(blocks):
+                left = self.data.effort[rows, j, None]
+                for places, some in zip(index, columns, strict=True):
+                    left = left - some[rows] @ best[b % TUNING.folds, places]
+                left = left * self.data.used[rows, j, None]
+                squares[b, j] = np.einsum("ik,ik->k", left, left)
+        counts = np.stack([self.data.used[rows].sum(axis=0) for rows in blocks])
+        return [HeldBackErrors(squares[:, :, k].copy(), counts) for k in range(len(sets))]
+
+    def _bare(self, joint: int, counting: Mask) -> tuple[list[Integers], list[Array]]:
+        """Indices and columns (N, p) that show in a joint, of those that count (m,): the model's, and others."""
+        shows, model = self.data.whitening.bare(joint)
+        index, others = self._shown(joint, counting)
+        r, always = self._ends
+        if joint in self.uncertain.rows and counting[r:always].any():
+            index = np.concatenate([np.arange(r, always), index])
+            others = np.concatenate([self.uncertain.rows[joint], others], axis=1)
+        return [shows, index], [model, others]
+
+    def residual(self, chosen: Effects) -> Array:
+        """(N, n) what a set leaves, N m."""
+        return self._residual(self.best(chosen))
+
+    def _residual(self, best: Array) -> Array:
+        left = self.data.effort.copy(order="F")
+        for j in range(left.shape[1]):
+            for index, columns in zip(*self._bare(j, best != 0.0), strict=True):
+                left[:, j] -= columns @ best[index]
+        return left * self.data.used
+
+    def weighed(self, errors: Sequence[ErrorModel]) -> Regression:
+        """The same, samples weighed by other errors."""
+        return replace(self, errors=errors)
+
+    def weighed_by(self, chosen: Effects) -> Regression:
+        """The same, samples weighed by the errors that a set leaves."""
+        left, used = self.residual(chosen), self.data.used
+        return self.weighed([fit_error(left[:, j], used[:, j], self.data.rate)[0] for j in range(left.shape[1])])
+
+    def with_forms(self, forms: Mapping[int, Hypothesis]) -> Regression:
+        """The same with other forms of some effects, by the ids of the old ones."""
+        if not forms:
+            return self
+        return replace(self, effects=[forms.get(id(one), one) for one in self.effects], _products={})
+
+    # -----------------------------------------------------------------------------------------------------------
+    # All effects together
+    # -----------------------------------------------------------------------------------------------------------
+    @cached_property
+    def _best(self) -> tuple[Array, Array, float]:
+        """(m,) of all effects, R with R'R = H^-1, and log det(H) / 2."""
+        index, matrix, slope = self._equations(self._all, self.effects)
+        root, volume = _root_of_inverse(matrix)
+        return self._whole(self.effects, index, root.T @ (root @ slope)), root, volume
+
+    @cached_property
+    def explanation(self) -> Explanation:
+        """By all effects; what is left is judged by error models of its own."""
+        (best, root, volume), index = self._best, self.indices(self.effects)
+        spread = np.zeros_like(best)
+        spread[index] = np.sqrt(np.sum(root**2, axis=0))
+        places = [self.place(effect) for effect in self.effects]
+        return Explanation(
+            data=self.data,
+            effects=tuple(self.effects),
+            uncertain=self.uncertain,
+            beta=best[: self._ends[0]],
+            amplitudes=tuple(best[place] for place in places),
+            sd=tuple(spread[place] for place in places),
+            residual=self._left,
+            judged=self._judged(self._left),
+            log_prior=self._log_prior(best[index], spread[index]) - volume,
+            root=root,
+        )
+
+    @cached_property
+    def _left(self) -> Array:
+        return self._residual(self._best[0])
+
+    def _judged(self, residual: Array) -> tuple[JudgedJoint, ...]:
+        """What is left in each joint; error models of the reference are kept where the same effects act."""
+        before, acting = self.data.reference, set[int]()
+        if before is not None:
+            known, here = ({id(one.columns): one for one in some} for some in (before.effects, self.effects))
+            changed = (one for key, one in (known | here).items() if (key in known) != (key in here))
+            acting = set[int]().union(*(one.columns.joints for one in changed))
+        judged = []
+        for j, (white, coloured) in enumerate(self.data.limits.tolist()):
+            kept = None if before is None or j in acting else before.judged[j]
+            judged.append(JudgedJoint(residual[:, j], self.data.used[:, j], self.data.rate, (white, coloured), kept))
+        return tuple(judged)
+
+    def _log_prior(self, best: Array, sd: Array) -> float:
+        """Of coefficients and amplitudes: the earlier log's, the effects' normal ones, and those of their sides."""
+        r, columns = self._ends[0], [self.uncertain, *(effect.columns for effect in self.effects)]
+        precision = np.concatenate([1.0 / one.sd**2 for one in columns])
+        positive = np.concatenate([one.positive for one in columns])
+        amplitudes = best[r:]
+        misfit = self.data.information.misfit(best[:r]) + float(amplitudes @ (precision * amplitudes))
+        sides = float(np.sum(np.log(2.0) + log_ndtr(amplitudes[positive] / sd[r:][positive])))
+        return 0.5 * float(np.log(precision).sum()) - 0.5 * misfit + sides
+
+    # -----------------------------------------------------------------------------------------------------------
+    # More effects on top of all, whose columns are not among those prepared
+    # -----------------------------------------------------------------------------------------------------------
+    def screened(self, group: Sequence[Columns]) -> tuple[Array, Array]:
+        """Gains in log evidence of k effects with p amplitudes each, in the same joints.
+
+        Returns:
+            (k,) gains, and (k,) gains to be expected of amplitudes of one prior standard deviation.
+        """
+        return integrated(*self.curvature(group), group)
+
+    def curvature(self, group: Sequence[Columns]) -> tuple[Array, Array]:
+        """(k, P, P) second derivatives of k effects' gains by their amplitudes at zero, and (k, P) first ones.
+
+        All else that explains is integrated out; a change is one more amplitude, if any of the effects makes one.
+        """
+        (_, root, _), index = self._best, self.indices(self.effects)
+        k, size = len(group), len(group[0].sd) + any(columns.shift for columns in group)
+        across = np.zeros((k, size, len(self._known[1])))
+        gram, slope = np.zeros((k, size, size)), np.zeros((k, size))
+        for j in sorted(set[int]().union(*(columns.joints for columns in group))):
+            error, weight = self.errors[j], self.errors[j].scale ** -2.0
+            stack, kept = together(group, j)
+            products, of_always = self.data.whitening.group(stack, j, error, self.uncertain, keep=kept)
+            others, pulled = self._pulled_back(j)
+            with_others, here = stack @ pulled, stack.shape[1]
+            across[:, :here, self._always(j)] += weight * of_always
+            across[:, :here, others] += weight * with_others[:, :, :-1]
+            gram[:, :here, :here] += weight * products
+            slope[:, :here] += weight * with_others[:, :, -1]
+        seen = across[:, :, index] @ root.T
+        return gram - seen @ seen.transpose(0, 2, 1), slope
+
+    def _pulled_back(self, joint: int) -> tuple[Integers, Array]:
+        """Indices (p,) of what effects do in a joint, and (N, p + 1) to multiply columns with for products with these.
+
+        The last is for products with the residual.
+        """
+        if joint not in self._pulled:
+            error, used = self.errors[joint], self.data.used[:, joint]
+            index, columns = self._shown(joint, np.ones(len(self._known[1]), dtype=bool))
+            white = error.whiten(np.column_stack([columns, self._left[:, joint]]), used)
+            self._pulled[joint] = index, self.data.whitening.pulled_back(white, joint, error)
+        return self._pulled[joint]
+
+
+def explain(
+    data: Observations, effects: Effects, start: Explanation | None = None, uncertain: Columns = NO_COLUMNS
+) -> Explanation:
+    """By some effects, error models found with it, from those of another explanation or the reference."""
+    begin = data.reference if start is None else start
+    regression = Regression(data, effects, plain_errors(data) if begin is None else begin.errors, uncertain)
+    for _ in range(TUNING.settlings):
+        regression = regression.weighed(regression.explanation.errors)
+        if alike(regression.errors, regression.explanation.errors):
+            break
+    return regression.explanation
+
+
+def plain_errors(data: Observations) -> tuple[ErrorModel, ...]:
+    """Error models of what is nothing but white noise at its limit, or little more."""
+    share, time = TUNING.initial_coloured, TUNING.initial_time
+    return tuple(ErrorModel(white, share * white, time, data.rate) for white in data.limits[:, 0])
+
+
+def integrated(gram: Array, slope: Array, effects: Sequence[Columns]) -> tuple[Array, Array]:
+    """Gains with the amplitudes integrated out over their priors, and those to be expected of usual amplitudes.
+
+    Args:
+        gram: (k, P, P) second derivatives by the p amplitudes, and one more of a change; all else integrated out.
+        slope: (k, P) first derivatives at zero.
+        effects: k of them.
+    """
+    sd = np.stack([effect.sd for effect in effects])
+    p = sd.shape[1]
+    base = slope[:, p:].sum(axis=1) - 0.5 * gram[:, p:, p:].sum(axis=(1, 2))  # of changes without amplitudes
+    if not p:
+        return base, np.abs(base)
+    gram, slope = gram[:, :p, :p], (slope[:, :p] - gram[:, :p, p:].sum(axis=2)) * sd
+    scaled = gram * sd[:, :, None] * sd[:, None, :] + np.eye(p)
+    covariance, log_det = np.linalg.inv(scaled), np.linalg.slogdet(scaled)[1]
+    best = (covariance @ slope[:, :, None])[:, :, 0]
+    spread = np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2), TINY))
+    positive = np.stack([effect.positive for effect in effects])
+    sides = np.sum(np.log(2.0) + log_ndtr(best / spread), axis=1, where=positive) if positive.any() else 0.0
+    gain = base + 0.5 * np.sum(best * slope, axis=1) - 0.5 * log_det + sides
+    return gain, 0.5 * (np.trace(scaled, axis1=1, axis2=2) - p) - 0.5 * log_det
+
+
+def _root_of_inverse(matrix: Array) -> tuple[Array, float]:
+    """R with R'R = H^-1, and log det(H) / 2."""
+    lengths = np.sqrt(np.maximum(np.diag(matrix), TINY))
+    factor = np.linalg.cholesky(matrix / np.outer(lengths, lengths) + 1e-12 * np.eye(len(lengths)))  # against rounding
+    root = solve_triangular(factor, np.diag(1.0 / lengths), lower=True)
+    return root, float(np.log(np.diag(factor)).sum() + np.log(lengths).sum())
