@@ -66,19 +66,6 @@ def torques(
     Blue bands are plus and orange ones minus, the paler the less sure; hatched ones are ambiguous and bear a question
     mark. This is the figure of Gaz and De Luca's paper, with confidences.
 
-    Args:
-        result: an identification, its findings, or a result folder.
-        joints: from 1; all by default.
-        axes: one for each joint, or the one of a single joint; new ones by default, whose `figure` can be saved.
-        key: whether to say what colours and lines mean.
-
-    Returns:
-        One Axes for each joint.
-
-    Raises:
-        InputError: the folder holds no result.
-        ValueError: there is no such joint, or not one Axes for each.
-
     Example:
         >>> first, second = bayesid.plot.torques(result, joints=[1, 3])
         >>> first.figure.savefig("torques.png")
@@ -105,18 +92,6 @@ def validation(
     result: Source, joints: Sequence[int] | None = None, axes: Sequence[Axes] | Axes | None = None, key: bool = True
 ) -> list[Axes]:
     """Efforts of a log that the model has not seen: measured, predicted, and the band that holds 95 % of them.
-
-    Args:
-        result: findings with a validation (`Findings.with_validation`).
-        joints: from 1; all by default.
-        axes: one for each joint, or the one of a single joint; new ones by default.
-        key: whether to say what colours and lines mean.
-
-    Returns:
-        One Axes for each joint.
-
-    Raises:
-        ValueError: there is no validation, no such joint, or not one Axes for each.
 
     Example:
         >>> (ax,) = bayesid.plot.validation(findings.with_validation(check), joints=[2])
@@ -176,19 +151,6 @@ def residuals(
 
     Samples are taken as independent for the standard errors. Where the means leave zero, an effect is missing.
 
-    Args:
-        result: an identification, its findings, or a result folder.
-        variable: "t", "velocity" or "position", of the actuators.
-        joints: from 1; all by default.
-        axes: one for each joint, or the one of a single joint; new ones by default.
-
-    Returns:
-        One Axes for each joint.
-
-    Raises:
-        InputError: the folder holds no result.
-        ValueError: there is no such variable or joint, or not one Axes for each.
-
     Example:
         >>> (ax,) = bayesid.plot.residuals(result, "velocity", joints=[2])
         >>> ax.get_ylabel()
@@ -218,18 +180,6 @@ def autocorrelation(
     result: Source, joints: Sequence[int] | None = None, axes: Sequence[Axes] | Axes | None = None
 ) -> list[Axes]:
     """Autocorrelation of the residuals in motion; 95 % of white noise's values lie in the grey band.
-
-    Args:
-        result: an identification, its findings, or a result folder.
-        joints: from 1; all by default.
-        axes: one for each joint, or the one of a single joint; new ones by default.
-
-    Returns:
-        One Axes for each joint.
-
-    Raises:
-        InputError: the folder holds no result.
-        ValueError: there is no such joint, or not one Axes for each.
 
     Example:
         >>> from matplotlib.figure import Figure
@@ -262,13 +212,6 @@ def coefficients(result: Source, ax: Axes | None = None) -> Axes:
 
     Orange ones are decided by the prior, not by the data. The size of a coefficient is that of its mean, or of half its
     interval where that is larger.
-
-    Args:
-        result: an identification, its findings, or a result folder.
-        ax: where to draw; new by default.
-
-    Raises:
-        InputError: the folder holds no result.
 
     Example:
         >>> ax = bayesid.plot.coefficients(result)
@@ -305,14 +248,6 @@ def alternatives(result: Source, ax: Axes | None = None) -> Axes:
     """How much more than the best assignment the others cost: those that remain, and all that the proof rules out.
 
     A cost that is larger by x makes an assignment exp(-x / 2) times as probable, but for the volume of its cone.
-
-    Args:
-        result: an identification, its findings, or a result folder.
-        ax: where to draw; new by default.
-
-    Raises:
-        InputError: the folder holds no result.
-        ValueError: nothing has been proven: signs were known, or found by a beam alone.
 
     Example:
         >>> ax = bayesid.plot.alternatives(result)

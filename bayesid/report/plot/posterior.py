@@ -45,15 +45,6 @@ _SCALE = "over the prior's sd"
 def forest(result: Source, count: int = 12, ax: Axes | None = None) -> Axes:
     """95 % intervals of the worst-decided coefficients, one an ensemble; ensembles that disagree have not converged.
 
-    Args:
-        result: an identification with a posterior, its findings, or a result folder.
-        count: coefficients, at most.
-        ax: where to draw; new by default.
-
-    Raises:
-        InputError: the folder holds no result.
-        ValueError: no posterior was sampled.
-
     Example:
         >>> ax = bayesid.plot.forest(result, count=5)
         >>> len(ax.get_yticks())
@@ -89,18 +80,6 @@ def forest_figure(findings: Findings, count: int) -> Figure:
 def pair(result: Source, count: int = 3, axes: Any = None) -> list[Axes]:
     """Draws of the worst-decided coefficients against each other: what the log tells only in combination.
 
-    Args:
-        result: an identification with a posterior, its findings, or a result folder.
-        count: coefficients, from 2 up.
-        axes: (count - 1, count - 1) of them; new ones by default.
-
-    Returns:
-        The Axes on and below the diagonal, row by row.
-
-    Raises:
-        InputError: the folder holds no result.
-        ValueError: no posterior was sampled, there are fewer than two coefficients, or not as many Axes.
-
     Example:
         >>> axes = bayesid.plot.pair(result, count=3)
         >>> len(axes)
@@ -135,18 +114,6 @@ def pair_figure(findings: Findings, count: int) -> Figure:
 
 def trace(result: Source, count: int = 4, axes: Any = None) -> list[Axes]:
     """Densities of the worst-decided coefficients, and their draws in the order of sweeps, one colour an ensemble.
-
-    Args:
-        result: an identification with a posterior, its findings, or a result folder.
-        count: coefficients, at most.
-        axes: (count, 2) of them; new ones by default.
-
-    Returns:
-        Two Axes for each coefficient.
-
-    Raises:
-        InputError: the folder holds no result.
-        ValueError: no posterior was sampled, or there are not as many Axes.
 
     Example:
         >>> axes = bayesid.plot.trace(result, count=3)
@@ -185,18 +152,6 @@ def trace_figure(findings: Findings, count: int) -> Figure:
 
 def rank(result: Source, count: int = 4, axes: Any = None) -> list[Axes]:
     """Ranks of each ensemble's draws among all: flat where the ensembles agree.
-
-    Args:
-        result: an identification with a posterior, its findings, or a result folder.
-        count: coefficients, at most.
-        axes: one for each coefficient; new ones by default.
-
-    Returns:
-        One Axes for each coefficient.
-
-    Raises:
-        InputError: the folder holds no result.
-        ValueError: no posterior was sampled, or there are not as many Axes.
 
     Example:
         >>> axes = bayesid.plot.rank(result, count=4)
