@@ -28,25 +28,7 @@ from bayesid.report.discrepancy_verdicts import (
     testable_groups,
     told,
 )
-from bayesid.report.pages.rendering import (
-    NONE,
-    Picture,
-    Section,
-    columns,
-    data,
-    figures,
-    items,
-    lights,
-    number,
-    page,
-    paragraph,
-    percent,
-    picture,
-    probability,
-    section,
-    table,
-    typeset,
-)
+from bayesid.report.pages import rendering as html
 from bayesid.report.plot.discrepancy import (
     by_date,
     candidate_figure,
@@ -87,7 +69,7 @@ _WORDS = {"good": "found", "look": "look at", "bad": "unexplained", "not done": 
 def discrepancy_page(discrepancy: Discrepancy) -> str:
     """The report of a comparison, in HTML: opens in a browser from anywhere, light or dark, and prints."""
     robot, log = discrepancy.identification.model.robot.name, discrepancy.identification.log.source
-    return page(
+    return html.page(
         "What the model lacks",
         f"{robot}, {log}",
         (discrepancy.status, _STATUS.get(discrepancy.status, nothing_missing(discrepancy))),
@@ -98,29 +80,29 @@ def discrepancy_page(discrepancy: Discrepancy) -> str:
     )
 
 
-def _sections(discrepancy: Discrepancy) -> list[Section]:
+def _sections(discrepancy: Discrepancy) -> list[html.Section]:
     parts = (_verdicts, _gaps, _found, _where, _efforts, _candidates, _left_out, _not_testable)
     return [one for one in (part(discrepancy) for part in parts) if one is not None]
 
 
-def _verdicts(discrepancy: Discrepancy) -> Section | None:
+def _verdicts(discrepancy: Discrepancy) -> html.Section | None:
     checks = discrepancy_checks(discrepancy)
-    return section("findings", "Verdicts", lights(checks, _WORDS, {})) if checks else None
+    return html.section("findings", "Verdicts", html.lights(checks, _WORDS, {})) if checks else None
 
 
-def _gaps(discrepancy: Discrepancy) -> Section:
+def _gaps(discrepancy: Discrepancy) -> html.Section:
     floor, before, after = discrepancy.floor, discrepancy.before, discrepancy.after
     ratios = dict(discrepancy.unexplained)
     rows, bars = [], []
     for j, joint in enumerate(range(1, len(before) + 1)):
         unit, lasts = unit_of(discrepancy, joint), "; most of it lasts: that model's own error, or smoothed noise"
         origin = floor.origin[j] + ("" if floor.sharp[j] else " (a lower bound)") + (lasts if floor.lasting[j] else "")
-        remark = NONE
+        remark = html.NONE
         if joint in ratios:
             which = ", ".join(_SAID[one] for one in discrepancy.unexplained_on.get(joint, ()))
-            remark = Markup("unexplained: {} times the floor ({})").format(number(ratios[joint]), which)
-        efforts = [number(value[j], unit) for value in (before, after, floor.rms, floor.white)]
-        rows.append((str(joint), *efforts, number(after[j] / floor.rms[j]), origin, remark))
+            remark = Markup("unexplained: {} times the floor ({})").format(html.number(ratios[joint]), which)
+        efforts = [html.number(value[j], unit) for value in (before, after, floor.rms, floor.white)]
+        rows.append((str(joint), *efforts, html.number(after[j] / floor.rms[j]), origin, remark))
         sizes = [rounded(float(value[j])) for value in (before, after, floor.rms)]
         bars.append("joint {}: {} before, {} after, floor {}".format(joint, *sizes))
     caption = (
@@ -130,12 +112,12 @@ def _gaps(discrepancy: Discrepancy) -> Section:
     )
     headings = ["Joint", "As it was", "Extended", "Noise floor", "From sample to sample", "Extended / floor"]
     alt = f"Bars of the gap of each joint in N m: {'; '.join(bars)}"
-    drawn = picture(gap_figure(discrepancy), "gap-figure", "The same in units of each joint's noise floor.", alt)
-    told_gaps = table(caption, [*headings, "Floor taken from", "Remark"], rows)
-    return section("gap", "The gap", told_gaps, figures([drawn]))
+    drawn = html.picture(gap_figure(discrepancy), "gap-figure", "The same in units of each joint's noise floor.", alt)
+    told_gaps = html.table(caption, [*headings, "Floor taken from", "Remark"], rows)
+    return html.section("gap", "The gap", told_gaps, html.figures([drawn]))
 
 
-def _found(discrepancy: Discrepancy) -> Section:
+def _found(discrepancy: Discrepancy) -> html.Section:
     parts = []
     if discrepancy.added:
         caption = (
@@ -145,11 +127,11 @@ def _found(discrepancy: Discrepancy) -> Section:
         )
         headings = ["Effect", "Joints", "Parameters", "log10 Bayes factor", "Probability", "Nothing missing"]
         headings += ["Something else", "Could also be", "What would decide"]
-        parts.append(table(caption, headings, map(_added, discrepancy.added)))
+        parts.append(html.table(caption, headings, map(_added, discrepancy.added)))
         learned = [effect for effect in discrepancy.added if effect.hypothesis.curves]
-        parts.append(figures([_learned_picture(discrepancy, effect) for effect in learned]))
+        parts.append(html.figures([_learned_picture(discrepancy, effect) for effect in learned]))
     else:
-        parts.append(paragraph("No effect was added."))
+        parts.append(html.paragraph("No effect was added."))
     worth = [row for effect in discrepancy.added for row in _worth(discrepancy, effect)]
     if worth:
         caption = (
@@ -159,15 +141,15 @@ def _found(discrepancy: Discrepancy) -> Section:
         )
         headings = ["Effect", "Joints", "Largest effort", "RMS effort", "Largest, in %", "Error if ignored"]
         headings += ["In % of RMS effort", "Error with it", "In % of RMS effort"]
-        parts.append(table(caption, headings, worth))
-    sets = [(set_in_words(one), probability(one.probability)) for one in listed_sets(discrepancy)]
+        parts.append(html.table(caption, headings, worth))
+    sets = [(set_in_words(one), html.probability(one.probability)) for one in listed_sets(discrepancy)]
     if len(sets) > 1:
         caption = (
             "Sets of effects that may be what is missing: those that predict the held-back data as well as any, within "
             "the error, and no part of which does; and how probable each of them is by the log."
         )
-        parts.append(table(caption, ["Set", "Probability"], sets))
-    return section("found", "What was found", *parts)
+        parts.append(html.table(caption, ["Set", "Probability"], sets))
+    return html.section("found", "What was found", *parts)
 
 
 def _added(effect: AddedEffect) -> tuple[str, ...]:
@@ -177,8 +159,8 @@ def _added(effect: AddedEffect) -> tuple[str, ...]:
         _name(effect.hypothesis),
         _joints(effect.joints),
         _parameters(effect),
-        number(effect.log10_bayes_factor),
-        *map(probability, shares),
+        html.number(effect.log10_bayes_factor),
+        *map(html.probability, shares),
         alike,
         distinguishing_motions(effect) if alike else "",
     )
@@ -200,7 +182,7 @@ def _parameters(effect: AddedEffect) -> str:
             if not name.startswith("change of ") and not (in_total and name in added)
         ]
     line = Markup('<li><span class="name">{}</span> {}</li>')
-    lines = [line.format(name, data(value, text)) for name, value, text in named]
+    lines = [line.format(name, html.data(value, text)) for name, value, text in named]
     return Markup('<ul class="numbers">{}</ul>').format(Markup("").join(lines)) if lines else ""
 
 
@@ -212,24 +194,24 @@ def _worth(discrepancy: Discrepancy, effect: AddedEffect) -> list[tuple[str, ...
     return [
         (
             *(_name(effect.hypothesis), _joints(effect.joints)),
-            *(number(size.largest, own), number(size.rms, own)),
-            Markup("{} of joint {}'s {}").format(percent(size.share), size.joint, size.of),
-            number(cost.before, left),
-            Markup("{} in joint {}").format(percent(cost.share_before), cost.joint),
-            *(number(cost.after, left), percent(cost.share_after)),
+            *(html.number(size.largest, own), html.number(size.rms, own)),
+            Markup("{} of joint {}'s {}").format(html.percent(size.share), size.joint, size.of),
+            html.number(cost.before, left),
+            Markup("{} in joint {}").format(html.percent(cost.share_before), cost.joint),
+            *(html.number(cost.after, left), html.percent(cost.share_after)),
         )
     ]
 
 
-def _where(discrepancy: Discrepancy) -> Section:
+def _where(discrepancy: Discrepancy) -> html.Section:
     name, title = "where", "Where the model as it was fails"
     if not discrepancy.where:
-        return section(name, title, paragraph(_nowhere(discrepancy)))
+        return html.section(name, title, html.paragraph(_nowhere(discrepancy)))
     rows = []
     for excess in discrepancy.where:
         (low, high), unit = excess.range, unit_of(discrepancy, excess.joint, excess.variable)
-        size = number(excess.excess, unit_of(discrepancy, excess.joint))
-        span = Markup("{} to {}").format(number(low), number(high, unit))
+        size = html.number(excess.excess, unit_of(discrepancy, excess.joint))
+        span = Markup("{} to {}").format(html.number(low), html.number(high, unit))
         rows.append((str(excess.joint), size, excess.variable, span))
     caption = (
         "Joints in which the model as it was exceeds the noise floor on the log, by how much (root mean square), over "
@@ -239,9 +221,9 @@ def _where(discrepancy: Discrepancy) -> Section:
         "Points are samples of the log, thinned; the lines are means over equally many samples, with twice their "
         "standard error (samples taken as independent); the grey band is the noise floor."
     )
-    told_where = table(caption, ["Joint", "Excess", "Variable", "Range"], rows)
-    drawn = figures([_residual_picture(discrepancy, excess) for excess in discrepancy.where])
-    return section(name, title, told_where, drawn, paragraph(note, note=True))
+    told_where = html.table(caption, ["Joint", "Excess", "Variable", "Range"], rows)
+    drawn = html.figures([_residual_picture(discrepancy, excess) for excess in discrepancy.where])
+    return html.section(name, title, told_where, drawn, html.paragraph(note, note=True))
 
 
 def _nowhere(discrepancy: Discrepancy) -> str:
@@ -259,7 +241,7 @@ def _nowhere(discrepancy: Discrepancy) -> str:
     return f"{plain}."
 
 
-def _efforts(discrepancy: Discrepancy) -> Section:
+def _efforts(discrepancy: Discrepancy) -> html.Section:
     unsigned = (np.flatnonzero(~np.asarray(discrepancy.trial.signals.signed)) + 1).tolist()
     note = "On the log that was compared."
     if unsigned:
@@ -271,18 +253,20 @@ def _efforts(discrepancy: Discrepancy) -> Section:
     for joint in range(1, len(discrepancy.before) + 1):
         alt = f"Effort of joint {joint} over time: measured, by the model as it was, and by the extended model."
         figure = effort_figure(discrepancy, joint)
-        pictures.append(picture(figure, f"effort{joint}", f"Joint {joint}.", alt, "effort"))
-    return section("efforts", "Measured and modelled efforts", paragraph(note, note=True), figures(pictures))
+        pictures.append(html.picture(figure, f"effort{joint}", f"Joint {joint}.", alt, "effort"))
+    return html.section(
+        "efforts", "Measured and modelled efforts", html.paragraph(note, note=True), html.figures(pictures)
+    )
 
 
-def _candidates(discrepancy: Discrepancy) -> Section:
+def _candidates(discrepancy: Discrepancy) -> html.Section:
     scores, needed = discrepancy.scores, discrepancy.thresholds.log10_bayes_factor
     if not scores:
-        return section("candidates", "Candidates", paragraph("No candidates were scored."))
+        return html.section("candidates", "Candidates", html.paragraph("No candidates were scored."))
     places = {effect.hypothesis.key: place for place, effect in enumerate(discrepancy.added, start=1)}
     rows = [
         (
-            *(str(rank), _name(score.hypothesis), _joints(score.hypothesis.joints), number(score.gain / LN10)),
+            *(str(rank), _name(score.hypothesis), _joints(score.hypothesis.joints), html.number(score.gain / LN10)),
             _became(discrepancy, score, places.get(score.key)),
         )
         for rank, score in enumerate(best_first(scores), start=1)
@@ -299,8 +283,8 @@ def _candidates(discrepancy: Discrepancy) -> Section:
     bars = "; ".join(f"{score_label(score)}: {rounded(score.gain / LN10)}" for score in best)
     below = f"The first {len(best)}, each by itself; blue: added. Dashed: what is needed to be added."
     alt = f"Bars of log10 Bayes factors: {bars}"
-    drawn = picture(candidate_figure(discrepancy), "candidates-figure", below, alt)
-    return section("candidates", "Candidates", figures([drawn]), table(caption, headings, rows))
+    drawn = html.picture(candidate_figure(discrepancy), "candidates-figure", below, alt)
+    return html.section("candidates", "Candidates", html.figures([drawn]), html.table(caption, headings, rows))
 
 
 def _became(discrepancy: Discrepancy, score: Score, place: int | None) -> str:
@@ -325,7 +309,7 @@ def _outdone(discrepancy: Discrepancy, score: Score) -> str:
     return f"{said}: in place of {place}, it has {rounded(gain / LN10)}, that {has}"
 
 
-def _left_out(discrepancy: Discrepancy) -> Section | None:
+def _left_out(discrepancy: Discrepancy) -> html.Section | None:
     if not discrepancy.refused:
         return None
     why = "They explain the log, but no data that had no say in choosing them, or too little of what was missing."
@@ -334,10 +318,10 @@ def _left_out(discrepancy: Discrepancy) -> Section | None:
         + ("" if effect.description is None else f": {effect.formula}, {effect.description.sentence}")
         for effect in discrepancy.refused
     ]
-    return section("left-out", "Left out", paragraph(why), items(names))
+    return html.section("left-out", "Left out", html.paragraph(why), html.items(names))
 
 
-def _not_testable(discrepancy: Discrepancy) -> Section | None:
+def _not_testable(discrepancy: Discrepancy) -> html.Section | None:
     rows = [
         (label(effect), _joints(joints), forms()[effect].shown_by) for effect, joints in testable_groups(discrepancy)
     ]
@@ -347,7 +331,7 @@ def _not_testable(discrepancy: Discrepancy) -> Section | None:
         "Effects that this log could not show even if they were of a usual size, and motions that would show them."
     )
     headings = ["Effect", "Joints", "Motion that would show it"]
-    return section("not-testable", "What this log cannot tell", table(caption, headings, rows))
+    return html.section("not-testable", "What this log cannot tell", html.table(caption, headings, rows))
 
 
 def _joints(joints: Sequence[int]) -> str:
@@ -362,7 +346,7 @@ def _name(hypothesis: Hypothesis) -> str:
     return label(hypothesis.effect) + (f" ({', '.join(remarks)})" if remarks else "")
 
 
-def _residual_picture(discrepancy: Discrepancy, excess: Excess) -> Picture:
+def _residual_picture(discrepancy: Discrepancy, excess: Excess) -> html.Picture:
     joint, variable, (low, high) = excess.joint, excess.variable, excess.range
     caption = f"Joint {joint}: measured minus modelled effort over {variable}."
     alt = (
@@ -370,14 +354,14 @@ def _residual_picture(discrepancy: Discrepancy, excess: Excess) -> Picture:
         f"exceeds the noise floor by {rounded(excess.excess)} {unit_of(discrepancy, joint)}, most of it between "
         f"{rounded(low)} and {rounded(high)} {unit_of(discrepancy, joint, variable)}."
     )
-    return picture(residual_figure(discrepancy, joint), f"residual{joint}", caption, alt)
+    return html.picture(residual_figure(discrepancy, joint), f"residual{joint}", caption, alt)
 
 
-def _learned_picture(discrepancy: Discrepancy, effect: AddedEffect) -> Picture:
+def _learned_picture(discrepancy: Discrepancy, effect: AddedEffect) -> html.Picture:
     joint, unit = effect.joints[0], unit_of(discrepancy, effect.joints[0])
     caption = f"Joint {joint}: what was learned over the range that the log has seen, with its 95 % band."
     alt = f"The effort learned in joint {joint}: {effect.formula}."
-    return picture(learned_figure(effect, unit), f"learned{joint}", caption, alt)
+    return html.picture(learned_figure(effect, unit), f"learned{joint}", caption, alt)
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -389,8 +373,8 @@ def comparison_page(comparison: LogComparison) -> str:
     last, logs = comparison.found[-1], log_names(comparison)
     robot = comparison.earlier.model.robot.name
     basis = [("Order", comparison.dates.basis), ("Last one scored on", last.holdout)]
-    first = section("last", f"{logs[-1]} against the first log's model", paragraph(lead(last)))
-    return page(
+    first = html.section("last", f"{logs[-1]} against the first log's model", html.paragraph(lead(last)))
+    return html.page(
         "What changed since the first log",
         f"{robot}, {last.identification.log.source}",
         ("", _status(comparison)),
@@ -408,7 +392,7 @@ def _status(comparison: LogComparison) -> str:
     return f"Something has changed, {along}" if moved else f"Nothing has surely changed, {along}"
 
 
-def _changes(comparison: LogComparison) -> Section:
+def _changes(comparison: LogComparison) -> html.Section:
     lists = [
         (SECTIONS[which], lines)
         for which, lines in told_columns(comparison).items()
@@ -425,22 +409,22 @@ def _changes(comparison: LogComparison) -> Section:
         "against the size that another log shows."
     )
     headings = ["Effect", "Joints", *log_names(comparison), "So it was"]
-    more = [table(caption, headings, rows)] if rows else []
-    said = columns(lists, "Nothing that these logs show.")
-    return section("changes", "What changed, what was missing all along", said, *more)
+    more = [html.table(caption, headings, rows)] if rows else []
+    said = html.columns(lists, "Nothing that these logs show.")
+    return html.section("changes", "What changed, what was missing all along", said, *more)
 
 
-def _timeline(comparison: LogComparison) -> Section:
+def _timeline(comparison: LogComparison) -> html.Section:
     moved, rule = moved_parameters(comparison), timeline_rule(comparison)
     rows = [
         (
             row.name,
             *(
-                data(value, quantity(value, sd, row.unit)) if np.isfinite(sd) and np.isfinite(value) else NONE
+                html.data(value, quantity(value, sd, row.unit)) if np.isfinite(sd) and np.isfinite(value) else html.NONE
                 for value, sd in zip(row.value, row.sd, strict=True)
             ),
             row.change,
-            number([z for z in row.z if np.isfinite(z)][-1]),
+            html.number([z for z in row.z if np.isfinite(z)][-1]),
         )
         for row in moved
     ]
@@ -455,17 +439,17 @@ def _timeline(comparison: LogComparison) -> Section:
     stayed = Markup(
         '<details><summary>{} parameters that did not surely move</summary><p class="note">{}.</p></details>'
     )
-    return section(
+    return html.section(
         "timeline",
         "Time line",
-        table(caption, headings, rows) if rows else paragraph(f"No parameter moved. {rule}"),
-        figures([_timeline_picture(comparison)]),
-        stayed.format(int((tested & ~line.moved.any(axis=0)).sum()), typeset(flat)),
-        *([paragraph(f"Too few logs show: {unseen}.", note=True)] if unseen else []),
+        html.table(caption, headings, rows) if rows else html.paragraph(f"No parameter moved. {rule}"),
+        html.figures([_timeline_picture(comparison)]),
+        stayed.format(int((tested & ~line.moved.any(axis=0)).sum()), html.typeset(flat)),
+        *([html.paragraph(f"Too few logs show: {unseen}.", note=True)] if unseen else []),
     )
 
 
-def _timeline_picture(comparison: LogComparison) -> Picture:
+def _timeline_picture(comparison: LogComparison) -> html.Picture:
     rows = moved_parameters(comparison)
     over = "days since the first log" if by_date(comparison) else "the logs in their order"
     more = (
@@ -476,4 +460,4 @@ def _timeline_picture(comparison: LogComparison) -> Picture:
         "standard deviations."
     )
     alt = "; ".join(row.text for row in rows) or "No parameter moved."
-    return picture(timeline_figure(comparison), "timeline-figure", caption, f"Time line. {alt}")
+    return html.picture(timeline_figure(comparison), "timeline-figure", caption, f"Time line. {alt}")

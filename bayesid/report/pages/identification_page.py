@@ -14,25 +14,7 @@ from bayesid.parallel import one_at_a_time
 from bayesid.progress import SILENT, Progress
 from bayesid.report import commands
 from bayesid.report.findings import Findings, find_findings
-from bayesid.report.pages.rendering import (
-    COLOURS,
-    NONE,
-    Picture,
-    Section,
-    data,
-    figures,
-    fragment,
-    lights,
-    number,
-    page,
-    paragraph,
-    percent,
-    picture,
-    probability,
-    section,
-    table,
-    typeset,
-)
+from bayesid.report.pages import rendering as html
 from bayesid.report.plot.drawing import draw, svg_of
 from bayesid.report.plot.figure import WIDE, Figure, Panel
 from bayesid.report.plot.identification import (
@@ -86,21 +68,21 @@ def identification_page(findings: Findings, progress: Progress = SILENT) -> str:
         progress: called as progress("report", done, total).
     """
     checks, summary = check_findings(findings), findings.summary
-    sections: list[Section] = []
+    sections: list[html.Section] = []
     for done, part in enumerate(_PARTS, start=1):
         sections += [one for one in [part(findings)] if one is not None]
         progress("report", done, len(_PARTS))
     there = {*(one.name for one in sections), *(["warnings"] if summary.warnings else [])}
     places = {check: place for check, place in _PLACES.items() if place in there}
     state = worst(checks)
-    return page(
+    return html.page(
         "Identification",
         f"{summary.robot}, {summary.log}",
-        (COLOURS[state], _VERDICT[state]),
+        (html.COLOURS[state], _VERDICT[state]),
         _lead(findings),
         _about(findings),
         summary.warnings,
-        [section("checks", "Checks", lights(checks, {"look": "look at"}, places)), *sections],
+        [html.section("checks", "Checks", html.lights(checks, {"look": "look at"}, places)), *sections],
     )
 
 
@@ -135,7 +117,7 @@ def _about(findings: Findings) -> list[tuple[str, str]]:
 # ---------------------------------------------------------------------------------------------------------------
 # Sections; None where there is nothing to show
 # ---------------------------------------------------------------------------------------------------------------
-def _torques(findings: Findings) -> Section:
+def _torques(findings: Findings) -> html.Section:
     every = findings.samples.every
     bands = (
         "A blue band is a segment whose sign is plus, an orange one minus; the paler, the less sure. Hatched bands and "
@@ -149,16 +131,18 @@ def _torques(findings: Findings) -> Section:
         _over_time(findings, torque_panel, "torque", joint, f"{shows}. {_signs(findings, joint - 1)}")
         for joint in range(1, findings.n_joints + 1)
     ]
-    note = paragraph(f"The efforts as they were recorded{said}{thinned}", note=True)
-    return section("torques", "Efforts and signs", note, figures(drawn, linked=True))
+    note = html.paragraph(f"The efforts as they were recorded{said}{thinned}", note=True)
+    return html.section("torques", "Efforts and signs", note, html.figures(drawn, linked=True))
 
 
 def _over_time(
     findings: Findings, panel: Callable[[Findings, int, int], Panel], group: str, joint: int, shows: str
-) -> Picture:
+) -> html.Picture:
     """One joint's panel of a group; the legend above the first one is that of all."""
     figure = Figure([[panel(findings, joint, TUNING.page_curve)]], 2.6, WIDE, key=joint == 1)
-    return picture(figure, f"{group}{joint}", f"Joint {joint}.", f"Effort of joint {joint} over time: {shows}", group)
+    return html.picture(
+        figure, f"{group}{joint}", f"Joint {joint}.", f"Effort of joint {joint} over time: {shows}", group
+    )
 
 
 def _signs(findings: Findings, j: int) -> str:
@@ -169,7 +153,7 @@ def _signs(findings: Findings, j: int) -> str:
     return f"{plus} segments are plus, {int(here.sum()) - plus} minus, {int(segments.ambiguous[here].sum())} ambiguous."
 
 
-def _doubts(findings: Findings) -> Section:
+def _doubts(findings: Findings) -> html.Section:
     segments, size = findings.segments, findings.segment_size
     doubtful = np.flatnonzero(segments.ambiguous & segments.moving)
     largest = doubtful[np.argsort(-size[doubtful], kind="stable")][: TUNING.doubts]
@@ -178,8 +162,8 @@ def _doubts(findings: Findings) -> Section:
             str(segments.joint[k] + 1),
             _stretch(findings, k),
             "+" if segments.sign[k] > 0 else Markup("&minus;"),
-            data(segments.confidence[k], f"{segments.confidence[k]:.2f}"),
-            percent(size[k]),
+            html.data(segments.confidence[k], f"{segments.confidence[k]:.2f}"),
+            html.percent(size[k]),
         )
         for k in largest
     ]
@@ -189,10 +173,10 @@ def _doubts(findings: Findings) -> Section:
         "little to the coefficients: its likelihood is averaged over both."
     )
     headings = "Joint", "Time", "Likelier sign", "Confidence", "Largest |effort|, of the joint's"
-    told = table(caption, headings, rows) if rows else paragraph("No segment in motion is ambiguous.")
+    told = html.table(caption, headings, rows) if rows else html.paragraph("No segment in motion is ambiguous.")
     still = at_standstill(findings)
-    notes = [paragraph(f"{upper(still)}; they do not enter the fit.", note=True)] if still else []
-    return section("doubts", "Ambiguous segments", told, *notes)
+    notes = [html.paragraph(f"{upper(still)}; they do not enter the fit.", note=True)] if still else []
+    return html.section("doubts", "Ambiguous segments", told, *notes)
 
 
 def _stretch(findings: Findings, k: int) -> Markup:
@@ -207,15 +191,17 @@ def _link(joint: int, start: float, end: float, text: str) -> Markup:
     return link.format(joint + 1, float(start), float(end), text)
 
 
-def _effects(findings: Findings) -> Section | None:
+def _effects(findings: Findings) -> html.Section | None:
     rows = effect_rows(findings.summary)
     if not rows:
         return None
     caption = "Effects that evidence and held-back blocks of the log bear out, given all the others."
-    return section("effects", "Beyond the terms asked for", table(caption, list(map(upper, EFFECT_HEADINGS)), rows))
+    return html.section(
+        "effects", "Beyond the terms asked for", html.table(caption, list(map(upper, EFFECT_HEADINGS)), rows)
+    )
 
 
-def _gains(findings: Findings) -> Section | None:
+def _gains(findings: Findings) -> html.Section | None:
     rows = gain_rows(findings.summary)
     if not rows:
         return None
@@ -224,27 +210,27 @@ def _gains(findings: Findings) -> Section | None:
         "most a tenth of what was stated (its variance), else what was stated still does. The factor common to all is "
         "a matter of its own (see the checks)."
     )
-    return section("gains", "Gains", table(caption, list(map(upper, GAIN_HEADINGS)), rows))
+    return html.section("gains", "Gains", html.table(caption, list(map(upper, GAIN_HEADINGS)), rows))
 
 
-def _coefficients(findings: Findings) -> Section:
+def _coefficients(findings: Findings) -> html.Section:
     found = findings.coefficients
     nominal = bool(np.isfinite(found.nominal).any())
     rows = []
     for k, mean in enumerate(found.mean):
         low, high = found.low[k], found.high[k]
         known = np.isfinite([low, high]).all()  # else the log does not show a coefficient
-        interval = Markup('<span class="interval">{} to {}</span>').format(number(low), number(high))
+        interval = Markup('<span class="interval">{} to {}</span>').format(html.number(low), html.number(high))
         rows.append(
             (
                 found.name[k],
-                data(mean, quantity(float(mean), float(found.sd[k]), found.unit[k])),
-                data(found.relative_sd[k], _percent(found.relative_sd[k])),
-                interval if known else NONE,
+                html.data(mean, quantity(float(mean), float(found.sd[k]), found.unit[k])),
+                html.data(found.relative_sd[k], _percent(found.relative_sd[k])),
+                interval if known else html.NONE,
                 *([_nominal(found.nominal[k], mean)] if nominal else []),
                 "data" if found.by_data[k] else Markup("<strong>prior</strong>"),
                 _bar(*(float(values[k]) for values in found.bar)),
-                Markup('<span class="expression">{}</span>').format(typeset(found.expression[k])),
+                Markup('<span class="expression">{}</span>').format(html.typeset(found.expression[k])),
             )
         )
     caption = (
@@ -258,13 +244,13 @@ def _coefficients(findings: Findings) -> Section:
         f"Single parameters that the prior decides, not the data: {names}. They are physically feasible, but only "
         "their combinations above are measured."
     )
-    notes = [paragraph(by_prior, note=True)] if names else []
-    return section("coefficients", "Coefficients", table(caption, headings, rows), *notes)
+    notes = [html.paragraph(by_prior, note=True)] if names else []
+    return html.section("coefficients", "Coefficients", html.table(caption, headings, rows), *notes)
 
 
 def _nominal(value: float, mean: float) -> Markup:
     """A sum of link parameters that is zero but for rounding is written as zero."""
-    return data(value, "0") if abs(value) < 1e-9 * abs(mean) else number(value)
+    return html.data(value, "0") if abs(value) < 1e-9 * abs(mean) else html.number(value)
 
 
 def _percent(share: float) -> str:
@@ -286,10 +272,10 @@ def _bar(mean: float, low: float, high: float, nominal: float) -> Markup:
     )
 
 
-def _posterior(findings: Findings) -> Section:
+def _posterior(findings: Findings) -> html.Section:
     posterior, title = findings.summary.posterior, "Posterior"
     if findings.draws is None or posterior is None:
-        return section("posterior", title, paragraph("No posterior was sampled."))
+        return html.section("posterior", title, html.paragraph("No posterior was sampled."))
     few = len(findings.coefficients.mean) < 2
     drawn = [
         (forest_figure, "forest", 12, "Intervals of 95 % of the worst-decided coefficients, one an ensemble."),
@@ -298,7 +284,7 @@ def _posterior(findings: Findings) -> Section:
         (rank_figure, "rank", 4, "Ranks of each ensemble's draws: flat where the ensembles agree."),
     ]
     pictures = [
-        picture(figure(findings, count), name, caption)
+        html.picture(figure(findings, count), name, caption)
         for figure, name, count, caption in drawn
         if not (few and name == "pair")
     ]
@@ -307,10 +293,10 @@ def _posterior(findings: Findings) -> Section:
         f"{convergence(posterior.max_rhat, posterior.min_ess)}, at worst. Shown are the coefficients that the log "
         "decides worst, less their mean, over the prior's standard deviation."
     )
-    return section("posterior", title, paragraph(note, note=True), figures(pictures))
+    return html.section("posterior", title, html.paragraph(note, note=True), html.figures(pictures))
 
 
-def _residuals(findings: Findings) -> Section:
+def _residuals(findings: Findings) -> html.Section:
     note = (
         "What the model leaves of the efforts in motion, signs as found. Blue points are samples, thinned; orange "
         "lines are means over equally many samples with twice their standard errors: where they leave zero, the model "
@@ -321,24 +307,26 @@ def _residuals(findings: Findings) -> Section:
         panels = [residual_panel(findings, joint, variable, TUNING.page_scatter) for variable in VARIABLES]
         figure = Figure([panels[:2], [panels[2], autocorrelation_panel(findings, joint)]], 4.4)
         caption = f"Joint {joint}: residual over time, velocity and position, and its autocorrelation."
-        pictures.append(picture(figure, f"residual{joint}", caption))
-    return section("residuals", "Residuals", paragraph(note, note=True), figures(pictures))
+        pictures.append(html.picture(figure, f"residual{joint}", caption))
+    return html.section("residuals", "Residuals", html.paragraph(note, note=True), html.figures(pictures))
 
 
-def _proof(findings: Findings) -> Section | None:
+def _proof(findings: Findings) -> html.Section | None:
     search, count = findings.summary.search, len(findings.alternatives.cost)
     if not findings.summary.hidden_joints:
         return None
-    parts = [paragraph(_search_text(search))]
+    parts = [html.paragraph(_search_text(search))]
     if search.lower_bound is not None:
         caption = "Costs of the assignments that remain."
-        parts.append(figures([picture(alternatives_figure(findings), "alternatives", caption)]))
+        parts.append(html.figures([html.picture(alternatives_figure(findings), "alternatives", caption)]))
     if search.certified and count > 1:  # else the list says nothing about the others
         caption = f"The cheapest of {count - 1} other assignments that remain; where they differ from the best."
-        parts.append(table(caption, ["Number", "Cost above", "Probability", "Other signs", "At"], _others(findings)))
+        parts.append(
+            html.table(caption, ["Number", "Cost above", "Probability", "Other signs", "At"], _others(findings))
+        )
     elif search.certified:
-        parts.append(paragraph("No other assignment of the strong segments remains."))
-    return section("proof", "The proof", *parts)
+        parts.append(html.paragraph("No other assignment of the strong segments remains."))
+    return html.section("proof", "The proof", *parts)
 
 
 def _search_text(search: SearchSummary) -> str:
@@ -392,18 +380,18 @@ def _others(findings: Findings) -> Iterator[tuple[str, ...]]:
         ]
         yield (
             str(b),
-            number(found.cost[b] - found.cost[0]),
-            NONE if np.isnan(found.mass[b]) else probability(found.mass[b]),
+            html.number(found.cost[b] - found.cost[0]),
+            html.NONE if np.isnan(found.mass[b]) else html.probability(found.mass[b]),
             f"{len(here)} in joint{'s' * (len(joints) > 1)} {listed([str(j) for j in joints])}",
             Markup(", ").join([*links, *(["..."] if len(here) > TUNING.spans else [])]),
         )
 
 
-def _validation(findings: Findings) -> Section:
+def _validation(findings: Findings) -> html.Section:
     name, title, prediction = "validation", "Validation on another log", findings.prediction
     if prediction is None:
         untried = f"This model has not been tried on a log that it has not seen: {commands.validate(findings)}"
-        return section(name, title, paragraph(untried))
+        return html.section(name, title, html.paragraph(untried))
     seen = Markup("<p><strong>This is no validation: the model was identified from this log.</strong></p>")
     caption = (
         f"{prediction.source}. The band accounts for {prediction.band}; it should hold 95 % of the efforts. Errors are "
@@ -411,16 +399,16 @@ def _validation(findings: Findings) -> Section:
     )
     values = zip(prediction.rms_error, prediction.relative_residual, prediction.coverage, strict=True)
     rows = [
-        (str(joint), number(error, findings.effort_unit[joint - 1]), percent(share), percent(covered))
+        (str(joint), html.number(error, findings.effort_unit[joint - 1]), html.percent(share), html.percent(covered))
         for joint, (error, share, covered) in enumerate(values, start=1)
     ]
     shows = "on another log: measured, predicted, and the band of 95 %."
     pictures = [_over_time(findings, validation_panel, name, joint, shows) for joint in range(1, findings.n_joints + 1)]
-    told = table(caption, ["Joint", "RMS error", "Over the RMS effort", "In the 95 % band"], rows)
-    return section(name, title, *([seen] if prediction.seen else []), told, figures(pictures, linked=True))
+    told = html.table(caption, ["Joint", "RMS error", "Over the RMS effort", "In the 95 % band"], rows)
+    return html.section(name, title, *([seen] if prediction.seen else []), told, html.figures(pictures, linked=True))
 
 
-def _run(findings: Findings) -> Section:
+def _run(findings: Findings) -> html.Section:
     run = findings.summary.provenance
     options = {name: value if isinstance(value, str) else json.dumps(value) for name, value in run.options.items()}
     named = [
@@ -429,16 +417,16 @@ def _run(findings: Findings) -> Section:
         *((f"Option {name}", value) for name, value in options.items()),
         *((f"SHA-256 of {name}", digest) for name, digest in run.files.items()),
         ("SHA-256 of the samples", run.data),
-        *((f"Version of {name}", number) for name, number in run.versions.items()),
+        *((f"Version of {name}", release) for name, release in run.versions.items()),
         ("Machine", run.machine),
         *((f"Seconds: {name}", f"{seconds:.1f}") for name, seconds in findings.summary.timings.items()),
     ]
     caption = "Same options, data and versions, same result; but budgets in seconds depend on the machine."
     rows = [(name, Markup("<code>{}</code>").format(value)) for name, value in named]
-    return section("run", "What was run", table(caption, ["What", "Value"], rows))
+    return html.section("run", "What was run", html.table(caption, ["What", "Value"], rows))
 
 
-_PARTS: tuple[Callable[[Findings], Section | None], ...] = (
+_PARTS: tuple[Callable[[Findings], html.Section | None], ...] = (
     *(_torques, _doubts, _effects, _gains, _coefficients, _posterior, _residuals, _proof, _validation, _run),
 )
 
@@ -452,7 +440,7 @@ def identification_view(identification: Identification) -> str:
     findings = find_findings(identification)
     joint = int(identification.fit.relative_residual.argmax()) + 1
     (ax,) = draw(Figure([[torque_panel(findings, joint)]], 3.0, WIDE, key=True))
-    return fragment(
+    return html.fragment(
         "notebook.html.jinja",
         text=repr(identification),
         checks=[(check, check.remedy, _NOTEBOOK[check.state]) for check in check_findings(findings)],

@@ -14,37 +14,20 @@ from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.identification.prediction import NORMAL_95
 from bayesid.regression.selection.added_effect import AddedEffect
 from bayesid.regression.selection.explanation import LN10
-from bayesid.report.plot.figure import BLUE as AFTER
-from bayesid.report.plot.figure import (
-    INK,
-    Band,
-    Boxes,
-    Dots,
-    Figure,
-    Line,
-    Mark,
-    Panel,
-    Words,
-    level,
-    means,
-    rows_of,
-    thinned,
-    upright,
-    with_common_limits,
-)
-from bayesid.report.plot.figure import ORANGE as BEFORE
+from bayesid.report.plot import figure as fig
 from bayesid.report.thinning import binned, evenly
 from bayesid.report.timeline_text import moved_parameters
 from bayesid.report.tuning import TUNING
 from bayesid.report.words import best_first, rounded, score_label, unit_of
 
 _AS_IT_WAS, _EXTENDED = "model as it was", "extended"
+_BEFORE, _AFTER = fig.ORANGE, fig.BLUE
 
 
 # ---------------------------------------------------------------------------------------------------------------
 # One discrepancy
 # ---------------------------------------------------------------------------------------------------------------
-def residual_figure(discrepancy: Discrepancy, joint: int) -> Figure:
+def residual_figure(discrepancy: Discrepancy, joint: int) -> fig.Figure:
     """What the model leaves of a joint's (from 1) efforts, before and after, over the variable that shows it best.
 
     Points are samples of the log, evenly thinned; lines are means over equally many samples with twice their standard
@@ -56,70 +39,78 @@ def residual_figure(discrepancy: Discrepancy, joint: int) -> Figure:
     value = variables(trial, discrepancy.predicted_before, j)[variable][used]
     floor = float(discrepancy.floor.rms[j])
     panels = []
-    sides = (discrepancy.predicted_before, BEFORE, _AS_IT_WAS), (discrepancy.predicted_after, AFTER, _EXTENDED)
+    sides = (discrepancy.predicted_before, _BEFORE, _AS_IT_WAS), (discrepancy.predicted_after, _AFTER, _EXTENDED)
     for predicted, colour, title in sides:
         residual = (trial.nearest(predicted) - predicted)[used, j]
         shown = evenly(len(value), TUNING.scatter)
         centre, mean, error = binned(value, residual)
-        marks: list[Mark] = [
-            Boxes(None, ([-floor], [floor]), INK, "noise floor", 0.25),
-            Dots(value[shown], residual[shown], colour, size=2.0, alpha=0.4),
-            *means(centre, mean, 2.0 * error, INK),
+        marks: list[fig.Mark] = [
+            fig.Boxes(None, ([-floor], [floor]), fig.INK, "noise floor", 0.25),
+            fig.Dots(value[shown], residual[shown], colour, size=2.0, alpha=0.4),
+            *fig.means(centre, mean, 2.0 * error, fig.INK),
         ]
-        panels.append(Panel(marks, title=title, title_colour=colour, y_name=f"residual, {unit_of(discrepancy, joint)}"))
+        panels.append(
+            fig.Panel(marks, title=title, title_colour=colour, y_name=f"residual, {unit_of(discrepancy, joint)}")
+        )
     x_name = f"{variable}, {unit_of(discrepancy, joint, variable)}"
-    return Figure([with_common_limits(panels)], 2.6, x_name=x_name)
+    return fig.Figure([fig.with_common_limits(panels)], 2.6, x_name=x_name)
 
 
-def effort_figure(discrepancy: Discrepancy, joint: int) -> Figure:
+def effort_figure(discrepancy: Discrepancy, joint: int) -> fig.Figure:
     """Measured effort of a joint (from 1), where unsigned with the sign of the extended model, and both models'."""
     trial, j = discrepancy.trial, joint - 1
     time = trial.signals.motion.t - trial.signals.motion.origin
     curves = (
-        Line(time, trial.nearest(discrepancy.predicted_after)[:, j], INK, "measured", 2.4, 0.55),
-        Line(time, discrepancy.predicted_before[:, j], BEFORE, _AS_IT_WAS, 1.0),
-        Line(time, discrepancy.predicted_after[:, j], AFTER, _EXTENDED, 1.0),
+        fig.Line(time, trial.nearest(discrepancy.predicted_after)[:, j], fig.INK, "measured", 2.4, 0.55),
+        fig.Line(time, discrepancy.predicted_before[:, j], _BEFORE, _AS_IT_WAS, 1.0),
+        fig.Line(time, discrepancy.predicted_after[:, j], _AFTER, _EXTENDED, 1.0),
     )
-    panel = Panel(
-        thinned(curves, TUNING.page_curve), "time, s", f"effort, {unit_of(discrepancy, joint)}", margins=(0.01, 0.05)
+    panel = fig.Panel(
+        fig.thinned(curves, TUNING.page_curve),
+        "time, s",
+        f"effort, {unit_of(discrepancy, joint)}",
+        margins=(0.01, 0.05),
     )
-    return Figure([[panel]], 2.4, key=True)
+    return fig.Figure([[panel]], 2.4, key=True)
 
 
-def gap_figure(discrepancy: Discrepancy) -> Figure:
+def gap_figure(discrepancy: Discrepancy) -> fig.Figure:
     """RMS of what the model leaves of each joint's efforts, before and after, in units of the noise floor."""
     floor, n = discrepancy.floor.rms, len(discrepancy.before)
     place = np.arange(n)
-    marks: list[Mark] = []
-    sides = (discrepancy.before, BEFORE, -0.2, _AS_IT_WAS), (discrepancy.after, AFTER, 0.2, _EXTENDED)
+    marks: list[fig.Mark] = []
+    sides = (discrepancy.before, _BEFORE, -0.2, _AS_IT_WAS), (discrepancy.after, _AFTER, 0.2, _EXTENDED)
     for gap, colour, shift, name in sides:
         ratio, row = gap / floor, place + shift
         texts = [f"{rounded(float(one))} {unit_of(discrepancy, j)}" for j, one in enumerate(gap, start=1)]
-        marks.append(Boxes((np.zeros(n), ratio), (row - 0.18, row + 0.18), colour, name))
-        marks.append(Words(np.maximum(ratio, 1.0), row, texts))  # clear of the floor's line
-    marks.append(upright(1.0, INK, 1.2, "dashed", "noise floor"))
+        marks.append(fig.Boxes((np.zeros(n), ratio), (row - 0.18, row + 0.18), colour, name))
+        marks.append(fig.Words(np.maximum(ratio, 1.0), row, texts))  # clear of the floor's line
+    marks.append(fig.upright(1.0, fig.INK, 1.2, "dashed", "noise floor"))
     names = [f"joint {j + 1}" for j in place]
     return _bars(marks, names, "gap, in units of the noise floor", 0.9 + 0.36 * n, 0.22)
 
 
-def candidate_figure(discrepancy: Discrepancy) -> Figure:
+def candidate_figure(discrepancy: Discrepancy) -> fig.Figure:
     """The best effects by the log10 of their Bayes factors, before anything was added; those that were are blue."""
     best = best_first(discrepancy.scores)[: TUNING.bars]
     added = {(effect.effect, effect.joints) for effect in discrepancy.added}
     gains, row = np.array([score.gain / LN10 for score in best]), np.arange(len(best))
     needed = discrepancy.thresholds.log10_bayes_factor
-    ends, colours = (np.minimum(gains, 0.0), np.maximum(gains, 0.0)), [AFTER if s.key in added else INK for s in best]
-    marks: list[Mark] = [
-        *([Boxes(ends, (row - 0.35, row + 0.35), colours)] if best else []),
-        Words(np.maximum(gains, 0.0), row, [rounded(float(gain)) for gain in gains]),
-        upright(needed, BEFORE, 1.2, "dashed", f"needed to be added: {needed:g}"),
-        upright(0.0),
+    ends, colours = (
+        (np.minimum(gains, 0.0), np.maximum(gains, 0.0)),
+        [_AFTER if s.key in added else fig.INK for s in best],
+    )
+    marks: list[fig.Mark] = [
+        *([fig.Boxes(ends, (row - 0.35, row + 0.35), colours)] if best else []),
+        fig.Words(np.maximum(gains, 0.0), row, [rounded(float(gain)) for gain in gains]),
+        fig.upright(needed, _BEFORE, 1.2, "dashed", f"needed to be added: {needed:g}"),
+        fig.upright(0.0),
     ]
     names = [score_label(score) for score in best]
     return _bars(marks, names, "log10 of the Bayes factor", 0.9 + 0.24 * max(len(best), 1), 0.16)
 
 
-def learned_figure(added: AddedEffect, unit: str) -> Figure:
+def learned_figure(added: AddedEffect, unit: str) -> fig.Figure:
     """The functions of an effect without a name over the range seen, each with its 95 % band.
 
     One of two variables is drawn over the first, at three values of the other.
@@ -130,33 +121,33 @@ def learned_figure(added: AddedEffect, unit: str) -> Figure:
     """
     panels = []
     for curve in added.hypothesis.curves:
-        marks: list[Mark] = [level(0.0)]
+        marks: list[fig.Mark] = [fig.level(0.0)]
         for k, value in enumerate(curve.levels):
-            colour = (AFTER, INK, BEFORE)[k % 3]
+            colour = (_AFTER, fig.INK, _BEFORE)[k % 3]
             label = f"{curve.other} = {rounded(float(value), 2)}" if curve.other else "learned"
             half = NORMAL_95 * curve.sd[k]
-            marks.append(Band(curve.x, curve.mean[k] - half, curve.mean[k] + half, colour))
-            marks.append(Line(curve.x, curve.mean[k], colour, label, 1.2))
+            marks.append(fig.Band(curve.x, curve.mean[k] - half, curve.mean[k] + half, colour))
+            marks.append(fig.Line(curve.x, curve.mean[k], colour, label, 1.2))
         turning = f", times the sign of {curve.turning}" if curve.turning else ""
         title = f"over {curve.variable}{turning}"
-        panels.append(Panel(marks, curve.variable, f"effort, {unit}", title))
-    return Figure([panels], 2.6, key=True)
+        panels.append(fig.Panel(marks, curve.variable, f"effort, {unit}", title))
+    return fig.Figure([panels], 2.6, key=True)
 
 
-def _bars(marks: Sequence[Mark], names: Sequence[str], x_name: str, height: float, room: float) -> Figure:
+def _bars(marks: Sequence[fig.Mark], names: Sequence[str], x_name: str, height: float, room: float) -> fig.Figure:
     """Bars below each other, with room for words beside them, as a share."""
     count = max(len(names), 1)
     ticks = np.arange(len(names)), names
-    panel = Panel(
+    panel = fig.Panel(
         marks, x_name, y_limits=(-0.6, count - 0.4), y_ticks=ticks, grid="x", margins=(room, 0.0), downwards=True
     )
-    return Figure([[panel]], height, key=True)
+    return fig.Figure([[panel]], height, key=True)
 
 
 # ---------------------------------------------------------------------------------------------------------------
 # Several logs
 # ---------------------------------------------------------------------------------------------------------------
-def timeline_figure(comparison: LogComparison) -> Figure:
+def timeline_figure(comparison: LogComparison) -> fig.Figure:
     """Each parameter that moved, with 95 % intervals, over days since the first log or, without dates, its logs' order.
 
     Those that moved most come first. The last panel has the changes of all others in their standard deviations.
@@ -177,10 +168,12 @@ def timeline_figure(comparison: LogComparison) -> Figure:
     room = 0.12 * float(np.ptp(x))
     limits = (float(x.min()) - room, float(x.max()) + room) if room else None
     ticks = None if by_date(comparison) else (x, [f"{place:.0f}" for place in x])
-    panels = [Panel(marks, y_name=name, title=title, x_limits=limits, x_ticks=ticks) for marks, name, title in drawn]
-    grid = rows_of(panels, min(2, len(panels)))
+    panels = [
+        fig.Panel(marks, y_name=name, title=title, x_limits=limits, x_ticks=ticks) for marks, name, title in drawn
+    ]
+    grid = fig.rows_of(panels, min(2, len(panels)))
     x_name = "days since the first log" if by_date(comparison) else "log"
-    return Figure(grid, 1.75 * len(grid) + 0.3, x_name=x_name)
+    return fig.Figure(grid, 1.75 * len(grid) + 0.3, x_name=x_name)
 
 
 def by_date(comparison: LogComparison) -> bool:
@@ -194,14 +187,14 @@ def instants(comparison: LogComparison) -> Array:
     return comparison.dates.days if by_date(comparison) else np.arange(1.0, len(comparison.logs) + 1.0)
 
 
-def _followed(x: Array, value: Array, sd: Array) -> list[Mark]:
+def _followed(x: Array, value: Array, sd: Array) -> list[fig.Mark]:
     known = np.isfinite(sd) & np.isfinite(value)
-    return means(x[known], value[known], NORMAL_95 * sd[known], AFTER, 4.0)
+    return fig.means(x[known], value[known], NORMAL_95 * sd[known], _AFTER, 4.0)
 
 
-def _flat(x: Array, z: Array) -> list[Mark]:
+def _flat(x: Array, z: Array) -> list[fig.Mark]:
     """(K, C) changes in standard deviations, in grey; none of the first log."""
     drawn = z.copy()
     drawn[0] = 0.0
     known = np.isfinite(drawn)
-    return [Line(x[here], one[here], INK, "", 0.8, 0.5) for one, here in zip(drawn.T, known.T, strict=True)]
+    return [fig.Line(x[here], one[here], fig.INK, "", 0.8, 0.5) for one, here in zip(drawn.T, known.T, strict=True)]

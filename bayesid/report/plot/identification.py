@@ -11,28 +11,8 @@ import numpy as np
 from bayesid.arrays import Array
 from bayesid.identification.identification import Identification
 from bayesid.report.findings import Findings, find_findings, read_findings
+from bayesid.report.plot import figure as fig
 from bayesid.report.plot.drawing import chosen_joints, draw
-from bayesid.report.plot.figure import (
-    BLUE,
-    INK,
-    MAGENTA,
-    NO_TICKS,
-    ORANGE,
-    WIDE,
-    Band,
-    Boxes,
-    Dots,
-    Figure,
-    Line,
-    Mark,
-    Panel,
-    Strokes,
-    level,
-    means,
-    rows_of,
-    thinned,
-    upright,
-)
 from bayesid.report.tuning import TUNING
 
 if TYPE_CHECKING:
@@ -72,19 +52,19 @@ def torques(
     """
     findings = findings_of(result)
     panels = [torque_panel(findings, joint) for joint in chosen_joints(findings.n_joints, joints)]
-    return draw(Figure(rows_of(panels, 1), 2.6 * len(panels), WIDE, key=key), axes)
+    return draw(fig.Figure(fig.rows_of(panels, 1), 2.6 * len(panels), fig.WIDE, key=key), axes)
 
 
-def torque_panel(findings: Findings, joint: int, most: int = TUNING.curve) -> Panel:
+def torque_panel(findings: Findings, joint: int, most: int = TUNING.curve) -> fig.Panel:
     """Of `torques`, for a joint from 1; curves of at most about so many points each."""
     samples, j = findings.samples, joint - 1
     hidden = joint not in findings.summary.signed_joints
     curves = [
-        Line(samples.t, samples.recorded[:, j], INK, "recorded, without sign", 1.1, 0.9, "dotted"),
-        Line(samples.t, samples.signed[:, j], INK, "with signs" if hidden else "recorded", 1.6, 0.9),
-        Line(samples.t, samples.predicted[:, j], MAGENTA, "model", 1.0),
+        fig.Line(samples.t, samples.recorded[:, j], fig.INK, "recorded, without sign", 1.1, 0.9, "dotted"),
+        fig.Line(samples.t, samples.signed[:, j], fig.INK, "with signs" if hidden else "recorded", 1.6, 0.9),
+        fig.Line(samples.t, samples.predicted[:, j], fig.MAGENTA, "model", 1.0),
     ]
-    lines = thinned(curves if hidden else curves[1:], most)
+    lines = fig.thinned(curves if hidden else curves[1:], most)
     return _over_time(findings, joint, samples.t, [*_signs(findings, j), *lines])
 
 
@@ -101,43 +81,43 @@ def validation(
     if findings.prediction is None:
         raise ValueError("nothing was validated: use Findings.with_validation(result.validate(log))")
     panels = [validation_panel(findings, joint) for joint in chosen_joints(findings.n_joints, joints)]
-    return draw(Figure(rows_of(panels, 1), 2.6 * len(panels), WIDE, key=key), axes)
+    return draw(fig.Figure(fig.rows_of(panels, 1), 2.6 * len(panels), fig.WIDE, key=key), axes)
 
 
-def validation_panel(findings: Findings, joint: int, most: int = TUNING.curve) -> Panel:
+def validation_panel(findings: Findings, joint: int, most: int = TUNING.curve) -> fig.Panel:
     """Of `validation`, for a joint from 1; curves of at most about so many points each."""
     prediction, j = findings.prediction, joint - 1
     assert prediction is not None
     t = prediction.t
     curves = (
-        Band(t, prediction.lower[:, j], prediction.upper[:, j], BLUE, "95 % band"),
-        Line(t, prediction.measured[:, j], INK, "measured", 1.6, 0.9),
-        Line(t, prediction.predicted[:, j], MAGENTA, "predicted", 1.0),
+        fig.Band(t, prediction.lower[:, j], prediction.upper[:, j], fig.BLUE, "95 % band"),
+        fig.Line(t, prediction.measured[:, j], fig.INK, "measured", 1.6, 0.9),
+        fig.Line(t, prediction.predicted[:, j], fig.MAGENTA, "predicted", 1.0),
     )
-    marks = thinned(curves, most)
+    marks = fig.thinned(curves, most)
     return _over_time(findings, joint, prediction.t, marks)
 
 
-def _over_time(findings: Findings, joint: int, t: Array, marks: Sequence[Mark]) -> Panel:
+def _over_time(findings: Findings, joint: int, t: Array, marks: Sequence[fig.Mark]) -> fig.Panel:
     y_name = f"joint {joint}: effort, {findings.effort_unit[joint - 1]}"
-    return Panel(marks, "time, s", y_name, x_limits=(float(t[0]), float(t[-1])))
+    return fig.Panel(marks, "time, s", y_name, x_limits=(float(t[0]), float(t[-1])))
 
 
-def _signs(findings: Findings, j: int) -> list[Boxes]:
+def _signs(findings: Findings, j: int) -> list[fig.Boxes]:
     """Behind the curves, a box for each segment with its sign above."""
     table = findings.segments
     boxes = []
-    for sign, colour, name in ((1, BLUE, "+"), (-1, ORANGE, "\N{MINUS SIGN}")):
+    for sign, colour, name in ((1, fig.BLUE, "+"), (-1, fig.ORANGE, "\N{MINUS SIGN}")):
         here = np.flatnonzero((table.joint == j) & (table.sign == sign))
         alpha = 0.05 + 0.29 * (2.0 * table.confidence[here] - 1.0)  # a guess hardly shows, certainty hides no curve
         letters = [f"{name}?" if table.ambiguous[k] else name for k in here]
         details = [f"{table.confidence[k]:.2f}" for k in here]
         ends = table.start[here], table.end[here]
         if len(here):
-            boxes.append(Boxes(ends, None, colour, f"sign {name}", alpha, letters=letters, details=details))
+            boxes.append(fig.Boxes(ends, None, colour, f"sign {name}", alpha, letters=letters, details=details))
     doubtful = (table.joint == j) & table.ambiguous
     if doubtful.any():
-        boxes.append(Boxes((table.start[doubtful], table.end[doubtful]), None, INK, "ambiguous", hatched=True))
+        boxes.append(fig.Boxes((table.start[doubtful], table.end[doubtful]), None, fig.INK, "ambiguous", hatched=True))
     return boxes
 
 
@@ -160,20 +140,20 @@ def residuals(
         raise ValueError(f"{variable!r} is none of {', '.join(VARIABLES)}")
     findings = findings_of(result)
     panels = [residual_panel(findings, joint, variable) for joint in chosen_joints(findings.n_joints, joints)]
-    return draw(Figure(rows_of(panels, 1), 2.1 * len(panels)), axes)
+    return draw(fig.Figure(fig.rows_of(panels, 1), 2.1 * len(panels)), axes)
 
 
-def residual_panel(findings: Findings, joint: int, variable: str, most: int = TUNING.scatter) -> Panel:
+def residual_panel(findings: Findings, joint: int, variable: str, most: int = TUNING.scatter) -> fig.Panel:
     """Of `residuals`, for a joint from 1; at most so many dots."""
     centre, mean, error = findings.trend(joint - 1, variable)
     position = findings.position_unit[joint - 1]
     x_name = {"t": "time, s", "velocity": f"velocity, {position}/s", "position": f"position, {position}"}[variable]
     marks = (
-        Dots(*findings.scatter(joint - 1, variable, most), BLUE, size=2.0, alpha=0.4),
-        level(0.0),
-        *means(centre, mean, 2.0 * error, ORANGE),
+        fig.Dots(*findings.scatter(joint - 1, variable, most), fig.BLUE, size=2.0, alpha=0.4),
+        fig.level(0.0),
+        *fig.means(centre, mean, 2.0 * error, fig.ORANGE),
     )
-    return Panel(marks, x_name, f"residual {joint}, {findings.effort_unit[joint - 1]}")
+    return fig.Panel(marks, x_name, f"residual {joint}, {findings.effort_unit[joint - 1]}")
 
 
 def autocorrelation(
@@ -189,19 +169,19 @@ def autocorrelation(
     """
     findings = findings_of(result)
     panels = [autocorrelation_panel(findings, joint) for joint in chosen_joints(findings.n_joints, joints)]
-    return draw(Figure(rows_of(panels, 1), 2.1 * len(panels)), axes)
+    return draw(fig.Figure(fig.rows_of(panels, 1), 2.1 * len(panels)), axes)
 
 
-def autocorrelation_panel(findings: Findings, joint: int) -> Panel:
+def autocorrelation_panel(findings: Findings, joint: int) -> fig.Panel:
     """Of `autocorrelation`, for a joint from 1."""
     table = findings.correlation
     bound = float(table.bound[joint - 1])
     marks = (
-        Boxes(None, ([-bound], [bound]), INK, "white noise", 0.25),
-        level(0.0),
-        Line(table.lag, table.value[joint - 1], BLUE, "autocorrelation"),
+        fig.Boxes(None, ([-bound], [bound]), fig.INK, "white noise", 0.25),
+        fig.level(0.0),
+        fig.Line(table.lag, table.value[joint - 1], fig.BLUE, "autocorrelation"),
     )
-    return Panel(marks, "lag, s", f"autocorrelation {joint}")
+    return fig.Panel(marks, "lag, s", f"autocorrelation {joint}")
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -221,27 +201,30 @@ def coefficients(result: Source, ax: Axes | None = None) -> Axes:
     table = findings.coefficients
     place, (means_, lows, highs, nominals) = np.arange(len(table.mean)), table.bar
     beyond = 2.5  # sizes: what is known so badly needs no more room
-    marks: list[Mark] = []
-    for chosen, colour, name in ((table.by_data, BLUE, "decided by data"), (~table.by_data, ORANGE, "by the prior")):
+    marks: list[fig.Mark] = []
+    for chosen, colour, name in (
+        (table.by_data, fig.BLUE, "decided by data"),
+        (~table.by_data, fig.ORANGE, "by the prior"),
+    ):
         if chosen.any():
             row, mean = place[chosen], means_[chosen]
             low, high = lows[chosen].clip(-beyond, beyond), highs[chosen].clip(-beyond, beyond)
             ends = np.minimum(mean, 0.0), np.maximum(mean, 0.0)
-            marks += [Boxes(ends, (row - 0.3, row + 0.3), colour, name, 0.35)]
-            marks += [Strokes((low, high), (row, row), colour, width=2.0)]
+            marks += [fig.Boxes(ends, (row - 0.3, row + 0.3), colour, name, 0.35)]
+            marks += [fig.Strokes((low, high), (row, row), colour, width=2.0)]
     known = np.isfinite(nominals)
     if known.any():
         nominal, row = nominals[known].clip(-beyond, beyond), place[known]
-        marks.append(Strokes((nominal, nominal), (row - 0.4, row + 0.4), INK, "nominal", 1.6))
-    panel = Panel(
-        [*marks, upright(0.0)],
+        marks.append(fig.Strokes((nominal, nominal), (row - 0.4, row + 0.4), fig.INK, "nominal", 1.6))
+    panel = fig.Panel(
+        [*marks, fig.upright(0.0)],
         "value over its size",
         y_limits=(-0.6, len(place) - 0.4),
         y_ticks=(place, table.name),
         grid="x",
         downwards=True,
     )
-    return draw(Figure([[panel]], 1.0 + 0.19 * len(place), key=True), ax)[0]
+    return draw(fig.Figure([[panel]], 1.0 + 0.19 * len(place), key=True), ax)[0]
 
 
 def alternatives(result: Source, ax: Axes | None = None) -> Axes:
@@ -257,30 +240,30 @@ def alternatives(result: Source, ax: Axes | None = None) -> Axes:
     return draw(alternatives_figure(findings_of(result)), ax)[0]
 
 
-def alternatives_figure(findings: Findings) -> Figure:
+def alternatives_figure(findings: Findings) -> fig.Figure:
     """Of `alternatives`."""
     search = findings.summary.search
     if search.lower_bound is None or search.cost is None:
         raise ValueError("nothing has been proven about the signs")
     above = (findings.alternatives.cost - search.cost)[: TUNING.bars]
     count = max(1, len(above))
-    marks: list[Mark] = []
+    marks: list[fig.Mark] = []
     if search.certified:
         within = search.within or 0.0
-        marks.append(Boxes(([within], [max(1.6 * within, 1.0)]), None, INK, "all others", 0.18))
-        marks.append(upright(within, width=1.2, style="dashed"))
+        marks.append(fig.Boxes(([within], [max(1.6 * within, 1.0)]), None, fig.INK, "all others", 0.18))
+        marks.append(fig.upright(within, width=1.2, style="dashed"))
     else:
         open_costs = [search.lower_bound - search.cost], [0.0]
-        marks.append(Boxes(open_costs, None, MAGENTA, "not ruled out", 0.25))
+        marks.append(fig.Boxes(open_costs, None, fig.MAGENTA, "not ruled out", 0.25))
     if len(above) > 1:
-        marks.append(Dots(above[1:], np.arange(1, count), ORANGE, "alternative", 7.0))
-    marks.append(Dots([0.0], [0.0], BLUE, "best found", 8.0))
-    panel = Panel(
+        marks.append(fig.Dots(above[1:], np.arange(1, count), fig.ORANGE, "alternative", 7.0))
+    marks.append(fig.Dots([0.0], [0.0], fig.BLUE, "best found", 8.0))
+    panel = fig.Panel(
         marks,
         "cost above that of the best assignment",
         y_limits=(-0.6, count - 0.4),
-        y_ticks=NO_TICKS,
+        y_ticks=fig.NO_TICKS,
         grid="x",
         downwards=True,
     )
-    return Figure([[panel]], 1.1 + 0.22 * count, key=True)
+    return fig.Figure([[panel]], 1.1 + 0.22 * count, key=True)

@@ -12,23 +12,8 @@ from numpy.typing import ArrayLike
 from bayesid.arrays import Array
 from bayesid.excitation.design import ExcitationDesign
 from bayesid.motion import Motion
+from bayesid.report.plot import figure as fig
 from bayesid.report.plot.drawing import SIZE, draw, draw_panel, handle, new_figure
-from bayesid.report.plot.figure import (
-    BLUE,
-    INK,
-    MAGENTA,
-    ORANGE,
-    Band,
-    Boxes,
-    Dots,
-    Figure,
-    Line,
-    Mark,
-    Panel,
-    Strokes,
-    Style,
-    level,
-)
 from bayesid.report.thinning import evenly
 from bayesid.report.tuning import TUNING
 from bayesid.robot import Robot
@@ -39,9 +24,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure as MatplotlibFigure
 
-_LOOKS: tuple[tuple[str, Style], ...] = (
-    *((colour, "solid") for colour in (BLUE, ORANGE, MAGENTA, INK)),
-    *((colour, "dashed") for colour in (BLUE, ORANGE, MAGENTA)),
+_LOOKS: tuple[tuple[str, fig.Style], ...] = (
+    *((colour, "solid") for colour in (fig.BLUE, fig.ORANGE, fig.MAGENTA, fig.INK)),
+    *((colour, "dashed") for colour in (fig.BLUE, fig.ORANGE, fig.MAGENTA)),
 )
 """Colour and line of the poses."""
 
@@ -74,38 +59,41 @@ def excitation_figure(design: ExcitationDesign) -> MatplotlibFigure:
     return cast("MatplotlibFigure", excitation(design)[0].figure)
 
 
-def _excitation(design: ExcitationDesign) -> Figure:
+def _excitation(design: ExcitationDesign) -> fig.Figure:
     n, t = design.model.robot.n_joints, design.motion.t
     shares, shown = design.of_limits, evenly(len(design.motion), TUNING.curve)
-    within = Boxes(None, ([-1.0], [1.0]), INK, "", 0.1)
+    within = fig.Boxes(None, ([-1.0], [1.0]), fig.INK, "", 0.1)
     ends = float(t[0]), float(t[-1])
-    rows: list[list[Panel | None]] = []
+    rows: list[list[fig.Panel | None]] = []
     for name, values in (("position", shares.q), ("velocity", shares.dq), ("acceleration", shares.ddq)):
         rows.append([])
         for j in range(n):
             title = f"joint {j + 1}" if name == "position" else ""
-            marks = within, Line(t[shown], values[shown, j], BLUE, "", 1.0)
+            marks = within, fig.Line(t[shown], values[shown, j], fig.BLUE, "", 1.0)
             y_name = f"{name} / limit" if j == 0 else ""
-            rows[-1].append(Panel(marks, "", y_name, title, x_limits=ends, y_limits=(-1.1, 1.1)))
+            rows[-1].append(fig.Panel(marks, "", y_name, title, x_limits=ends, y_limits=(-1.1, 1.1)))
     rows.append([_expected(design, j) for j in range(n)])
-    return Figure(rows, 6.4, max(3.0, 1.7 * n), key=True)
+    return fig.Figure(rows, 6.4, max(3.0, 1.7 * n), key=True)
 
 
-def _expected(design: ExcitationDesign, joint: int) -> Panel:
+def _expected(design: ExcitationDesign, joint: int) -> fig.Panel:
     """|effort|, those of weak segments in orange."""
     quality, t = design.reached, design.motion.t
     segments, magnitude = quality.segments, quality.magnitude[:, joint]
     here = np.flatnonzero(segments.joint == joint)
     lines = []
-    for weak, colour, label in ((False, BLUE, "expected |effort|"), (True, ORANGE, "its sign is easily mistaken")):
+    for weak, colour, label in (
+        (False, fig.BLUE, "expected |effort|"),
+        (True, fig.ORANGE, "its sign is easily mistaken"),
+    ):
         curve = np.full(len(t), np.nan)
         for k in here[quality.weak[here] == weak]:
             rows = slice(segments.start[k], segments.end[k] + 1)  # to the next one's first sample
             curve[rows] = magnitude[rows]
-        lines.append(Line(t, curve, colour, label, 1.2))
+        lines.append(fig.Line(t, curve, colour, label, 1.2))
     most = 1.05 * float(magnitude.max()) or 1.0
     y_name = "|effort|, N m (N)" if joint == 0 else ""
-    return Panel(lines, "time, s", y_name, x_limits=(float(t[0]), float(t[-1])), y_limits=(0.0, most))
+    return fig.Panel(lines, "time, s", y_name, x_limits=(float(t[0]), float(t[-1])), y_limits=(0.0, most))
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -203,12 +191,12 @@ def planned_motion(picture: MotionPicture) -> MatplotlibFigure:
             draw_panel(ax, _curve(motion.t, values[:, j], low[:, j], high[:, j], (lower[j], upper[j]), x_name))
             ax.tick_params(labelsize=SIZE - 2.5)
             _say_use(ax, float(low[:, j].min()), float(high[:, j].max()), lower[j], upper[j], values is motion.q)
-        column[0].set_title(title, fontsize=SIZE, color=INK, pad=16.0)  # a line of words fits between
+        column[0].set_title(title, fontsize=SIZE, color=fig.INK, pad=16.0)  # a line of words fits between
     for j, ax in enumerate(axes[:, 0]):
-        _say(ax, f"{j + 1}  {picture.joint_names[j]}", 0.0, color=INK, weight="bold")
+        _say(ax, f"{j + 1}  {picture.joint_names[j]}", 0.0, color=fig.INK, weight="bold")
     _foot(parts[1], picture)
     duration = float(motion.t[-1] - motion.t[0])
-    figure.suptitle(f"{picture.robot}, planned motion of {duration:.4g} s", fontsize=SIZE + 1.0, color=INK)
+    figure.suptitle(f"{picture.robot}, planned motion of {duration:.4g} s", fontsize=SIZE + 1.0, color=fig.INK)
     return figure
 
 
@@ -244,18 +232,18 @@ def extreme_poses(robot: Robot, motion: Motion, distance: Array | None = None, f
     return Poses(np.stack([skeleton_line(robot, motion.q[row]) for row in named]), labels, tip, floor)
 
 
-def _curve(t: Array, curve: Array, low: Array, high: Array, ends: tuple[float, float], x_name: str) -> Panel:
+def _curve(t: Array, curve: Array, low: Array, high: Array, ends: tuple[float, float], x_name: str) -> fig.Panel:
     shown = np.union1d(evenly(len(t), TUNING.curve), [np.argmin(curve), np.argmax(curve)])
     lines = [end for end in ends if np.isfinite(end)]
-    marks: list[Mark] = [Line(t[shown], curve[shown], BLUE, "curve", 1.0)]
+    marks: list[fig.Mark] = [fig.Line(t[shown], curve[shown], fig.BLUE, "curve", 1.0)]
     if (low < high).any():
-        marks.append(Band(t[shown], low[shown], high[shown], BLUE, "band", 0.3))
+        marks.append(fig.Band(t[shown], low[shown], high[shown], fig.BLUE, "band", 0.3))
     if lines:
-        marks.append(Strokes(None, (lines, lines), ORANGE, "limit"))
+        marks.append(fig.Strokes(None, (lines, lines), fig.ORANGE, "limit"))
     values = np.array([low.min(), high.max(), *lines])
     room = 0.12 * (np.ptp(values) or 1.0)
     y_limits = float(values.min() - room), float(values.max() + room)
-    return Panel(marks, x_name, x_limits=(float(t[0]), float(t[-1])), y_limits=y_limits)
+    return fig.Panel(marks, x_name, x_limits=(float(t[0]), float(t[-1])), y_limits=y_limits)
 
 
 def _say(ax: Axes, text: str, right: float, **look: Any) -> None:
@@ -274,7 +262,7 @@ def _say_use(ax: Axes, low: float, high: float, lower: float, upper: float, posi
     else:
         share = max(-low, high) / upper
         beyond, text = share > 1.0, f"{100.0 * share:.0f} % of the limit"
-    _say(ax, text, 1.0, color=MAGENTA if beyond else INK, weight="bold" if beyond else "normal")
+    _say(ax, text, 1.0, color=fig.MAGENTA if beyond else fig.INK, weight="bold" if beyond else "normal")
 
 
 def _foot(figure: Any, picture: MotionPicture) -> None:
@@ -284,49 +272,54 @@ def _foot(figure: Any, picture: MotionPicture) -> None:
     for ax, view in zip(axes, views, strict=False):
         draw_panel(ax, view)
         ax.set_aspect("equal")
-    look: dict[str, Any] = {"ncols": 4, "frameon": False, "fontsize": SIZE - 1.0, "labelcolor": INK}
+    look: dict[str, Any] = {"ncols": 4, "frameon": False, "fontsize": SIZE - 1.0, "labelcolor": fig.INK}
     handles = [handle(mark) for mark in views[0].labelled.values()]
     figure.legend(handles, list(views[0].labelled), loc="outside lower left", **look)
     if picture.distance is None:
         axes[2].set_axis_off()
-        axes[2].text(0.5, 0.5, picture.not_checked, ha="center", va="center", wrap=True, fontsize=SIZE, color=INK)
+        axes[2].text(0.5, 0.5, picture.not_checked, ha="center", va="center", wrap=True, fontsize=SIZE, color=fig.INK)
     else:
         draw_panel(axes[2], _distance(picture, picture.distance))
 
 
-def _views(poses: Poses) -> list[Panel]:
+def _views(poses: Poses) -> list[fig.Panel]:
     """All poses from the side and from above, at one scale, with the floor."""
     known = np.concatenate([poses.points.reshape(-1, 3), poses.tip, [[0.0, 0.0, poses.floor or 0.0]]])
     lowest, highest = np.nanmin(known, axis=0), np.nanmax(known, axis=0)
     middle, half = (lowest + highest) / 2.0, (0.5 + 0.06) * float((highest - lowest).max() or 1.0)
     panels = []
     for title, right, up in (("from the side", 0, 2), ("from above", 0, 1)):
-        marks: list[Mark] = []
+        marks: list[fig.Mark] = []
         if poses.floor is not None and up == 2:  # seen from above it is everywhere
             below = [middle[up] - 2.0 * half], [poses.floor]
-            marks += [level(poses.floor, INK, 1.5, label="floor"), Boxes(None, below, INK, "", 0.15)]
-        marks.append(Line(poses.tip[:, right], poses.tip[:, up], INK, "way of the tip", 0.8, 0.6))
+            marks += [fig.level(poses.floor, fig.INK, 1.5, label="floor"), fig.Boxes(None, below, fig.INK, "", 0.15)]
+        marks.append(fig.Line(poses.tip[:, right], poses.tip[:, up], fig.INK, "way of the tip", 0.8, 0.6))
         for line, label, (colour, style) in zip(poses.points, poses.labels, cycle(_LOOKS), strict=False):
-            marks.append(Line(line[:, right], line[:, up], colour, label, 2.4, 0.85, style))
-            marks.append(Dots(line[:, right], line[:, up], colour))
+            marks.append(fig.Line(line[:, right], line[:, up], colour, label, 2.4, 0.85, style))
+            marks.append(fig.Dots(line[:, right], line[:, up], colour))
         ends = [(float(middle[k] - half), float(middle[k] + half)) for k in (right, up)]
         names = f"{'xyz'[right]}, m", f"{'xyz'[up]}, m"
-        panels.append(Panel(marks, *names, title, x_limits=ends[0], y_limits=ends[1]))
+        panels.append(fig.Panel(marks, *names, title, x_limits=ends[0], y_limits=ends[1]))
     return panels
 
 
-def _distance(picture: MotionPicture, distance: Array) -> Panel:
+def _distance(picture: MotionPicture, distance: Array) -> fig.Panel:
     """The least distance over time with its margin."""
     t, margin, least = picture.motion.t, picture.margin, int(np.argmin(distance))
     shown = np.union1d(evenly(len(t), TUNING.curve), [least])
     title = f"least distance {1e3 * distance[least]:.0f} mm, at {t[least]:.3g} s"
     lowest, highest = min(0.0, float(distance.min())), max(float(distance.max()), margin or 0.0)
-    marks: list[Mark] = [Line(t[shown], distance[shown], BLUE, "distance", 1.2)]
-    marks.append(Dots([t[least]], [distance[least]], BLUE, "least", 5.0))
+    marks: list[fig.Mark] = [fig.Line(t[shown], distance[shown], fig.BLUE, "distance", 1.2)]
+    marks.append(fig.Dots([t[least]], [distance[least]], fig.BLUE, "least", 5.0))
     if margin is not None:
-        marks += [level(margin, ORANGE, 1.2, label="margin"), Boxes(None, ([lowest], [margin]), ORANGE, "", 0.12)]
+        marks += [
+            fig.level(margin, fig.ORANGE, 1.2, label="margin"),
+            fig.Boxes(None, ([lowest], [margin]), fig.ORANGE, "", 0.12),
+        ]
         title += f"; margin {1e3 * margin:.0f} mm"
     beyond = margin is not None and distance[least] < margin
     room = 0.12 * (highest - lowest or 1.0)
     y_name = "distance to itself and the floor, m"
-    return Panel(marks, "time, s", y_name, title, MAGENTA if beyond else INK, y_limits=(lowest, highest + room))
+    return fig.Panel(
+        marks, "time, s", y_name, title, fig.MAGENTA if beyond else fig.INK, y_limits=(lowest, highest + room)
+    )

@@ -13,24 +13,8 @@ from bayesid.identification.prediction import NORMAL_95
 from bayesid.monitor.changes import Alarm
 from bayesid.monitor.kinds import CONTACT, PAYLOAD
 from bayesid.monitor.replay import Replay
+from bayesid.report.plot import figure as fig
 from bayesid.report.plot.drawing import draw
-from bayesid.report.plot.figure import (
-    BLUE,
-    INK,
-    MAGENTA,
-    ORANGE,
-    WIDE,
-    Band,
-    Boxes,
-    Figure,
-    Line,
-    Mark,
-    Panel,
-    Words,
-    rows_of,
-    thinned,
-    upright,
-)
 from bayesid.report.tuning import TUNING
 
 if TYPE_CHECKING:
@@ -46,37 +30,37 @@ def stream_figure(streamed: Replay) -> MatplotlibFigure:
     n = streamed.effort.shape[1]
     panels = [_with_alarms(panel(streamed, j), streamed, j + 1) for j in range(n) for panel in (_efforts, _external)]
     panels[-1] = replace(panels[-1], x_name="time, s")
-    axes = draw(Figure(rows_of(panels, 1), 3.1 * n + 0.6, WIDE, key=True, heights=(1.9, 1.2) * n))
+    axes = draw(fig.Figure(fig.rows_of(panels, 1), 3.1 * n + 0.6, fig.WIDE, key=True, heights=(1.9, 1.2) * n))
     figure: Any = axes[0].figure
     figure.align_ylabels(axes)
     return figure
 
 
-def _efforts(streamed: Replay, j: int) -> Panel:
+def _efforts(streamed: Replay, j: int) -> fig.Panel:
     predicted, half = streamed.predicted[:, j], NORMAL_95 * streamed.predicted_sd[:, j]
     curves = (
-        Band(streamed.t, predicted - half, predicted + half, MAGENTA, "95 % band of the model"),
-        Line(streamed.t, np.nan_to_num(streamed.effort[:, j]), INK, "effort with the stream's signs"),
-        Line(streamed.t, predicted, MAGENTA, "model", 0.9),
+        fig.Band(streamed.t, predicted - half, predicted + half, fig.MAGENTA, "95 % band of the model"),
+        fig.Line(streamed.t, np.nan_to_num(streamed.effort[:, j]), fig.INK, "effort with the stream's signs"),
+        fig.Line(streamed.t, predicted, fig.MAGENTA, "model", 0.9),
     )
-    return Panel(_paused(streamed.t, curves), y_name=f"joint {j + 1}:\neffort, N m")
+    return fig.Panel(_paused(streamed.t, curves), y_name=f"joint {j + 1}:\neffort, N m")
 
 
-def _external(streamed: Replay, j: int) -> Panel:
+def _external(streamed: Replay, j: int) -> fig.Panel:
     external, threshold = streamed.external[:, j], streamed.threshold[:, j]
     curves = (
-        Line(streamed.t, threshold, ORANGE, "threshold of a contact", 0.8, style="dashed"),
-        Line(streamed.t, -threshold, ORANGE, "", 0.8, style="dashed"),
-        Line(streamed.t, external, BLUE, "external torque", 1.1),
+        fig.Line(streamed.t, threshold, fig.ORANGE, "threshold of a contact", 0.8, style="dashed"),
+        fig.Line(streamed.t, -threshold, fig.ORANGE, "", 0.8, style="dashed"),
+        fig.Line(streamed.t, external, fig.BLUE, "external torque", 1.1),
     )
     finite = threshold[np.isfinite(threshold)]
     largest = float(np.abs(external).max(initial=0.0, where=np.isfinite(external)))
     most = 1.15 * max(largest, float(np.median(finite)) if finite.size else 0.0)
     limits = (-most, most) if most > 0.0 else None
-    return Panel(_paused(streamed.t, curves), y_name="external\ntorque, N m", y_limits=limits)
+    return fig.Panel(_paused(streamed.t, curves), y_name="external\ntorque, N m", y_limits=limits)
 
 
-def _with_alarms(panel: Panel, streamed: Replay, joint: int) -> Panel:
+def _with_alarms(panel: fig.Panel, streamed: Replay, joint: int) -> fig.Panel:
     """The panel with the alarms of its joint; a contact is at least so broad that it is seen."""
     if len(streamed.t) < 2:
         return panel
@@ -85,25 +69,25 @@ def _with_alarms(panel: Panel, streamed: Replay, joint: int) -> Panel:
     for alarm in streamed.alarms:
         if alarm.kind == CONTACT and joint in alarm.joints:
             end = alarm.time + max(alarm.duration or 0.0, 0.004 * (last - first))
-            marks.append(Boxes(([alarm.time], [end]), None, BLUE, "contact", 0.3))
+            marks.append(fig.Boxes(([alarm.time], [end]), None, fig.BLUE, "contact", 0.3))
         elif alarm.kind == PAYLOAD or (joint in alarm.joints and alarm.kind != CONTACT):  # a payload changes all joints
             marks += _change(alarm, top)
     return replace(panel, marks=marks, x_limits=(first, last), y_limits=panel.limits[1])
 
 
-def _change(alarm: Alarm, top: float) -> list[Mark]:
+def _change(alarm: Alarm, top: float) -> list[fig.Mark]:
     """Of a lasting change: from when on it is there, when it was said, and its kind."""
     kind = "unknown change" if alarm.kind == "unknown" else alarm.kind
     return [
-        upright(alarm.raised, ORANGE, 1.6, label="change, when it was said"),
-        Boxes(([alarm.time], [alarm.raised]), None, ORANGE, "change, not yet said", 0.2),
-        Words([alarm.raised], [0.85 * top], [kind]),
+        fig.upright(alarm.raised, fig.ORANGE, 1.6, label="change, when it was said"),
+        fig.Boxes(([alarm.time], [alarm.raised]), None, fig.ORANGE, "change, not yet said", 0.2),
+        fig.Words([alarm.raised], [0.85 * top], [kind]),
     ]
 
 
-def _paused(t: Array, curves: Sequence[Line | Band]) -> list[Mark]:
+def _paused(t: Array, curves: Sequence[fig.Line | fig.Band]) -> list[fig.Mark]:
     """Thinned curves, interrupted where no sample came for five steps, so that no line crosses a pause."""
-    shown = thinned(curves, TUNING.curve)
+    shown = fig.thinned(curves, TUNING.curve)
     if len(t) < 3:
         return list(shown)
     pause = np.flatnonzero(np.diff(t) > 5.0 * np.median(np.diff(t)))
@@ -115,7 +99,7 @@ def _paused(t: Array, curves: Sequence[Line | Band]) -> list[Mark]:
 
     return [
         replace(one, x=x, low=broken(one.low), high=broken(one.high))
-        if isinstance(one, Band)
+        if isinstance(one, fig.Band)
         else replace(one, x=x, y=broken(one.y))
         for one in shown
     ]
