@@ -28,98 +28,56 @@ from bayesid.report.tuning import TUNING
 
 @dataclass(frozen=True)
 class Samples:
-    """The log and the model's efforts at N instants, in actuator coordinates.
+    """The log and the model's efforts at N instants, in actuator coordinates."""
 
-    Attributes:
-        t: (N,) s since the recording began; logs that were joined come one after the other.
-        position: (N, n) rad, or m.
-        velocity: (N, n) rad/s, or m/s.
-        recorded: (N, n) efforts as they were recorded, absolute values where the sign is hidden, N m.
-        signed: (N, n) the same with their likelier signs, lightly filtered, N m.
-        predicted: (N, n) the model's efforts, N m.
-        residual: (N, n) recorded efforts with their likelier signs less predicted ones, N m.
-        probability: (N, n) P(sign = +).
-        used: (N, n) samples in motion, which are fitted.
-        every: of how many samples of the log one stands here.
-    """
-
-    t: Array
-    position: Array
-    velocity: Array
-    recorded: Array
-    signed: Array
-    predicted: Array
-    residual: Array
-    probability: Array
-    used: Mask
-    every: int
+    t: Array  #: (N,) s since the recording began; logs that were joined come one after the other
+    position: Array  #: (N, n) rad, or m
+    velocity: Array  #: (N, n) rad/s, or m/s
+    recorded: Array  #: (N, n) efforts as they were recorded, absolute values where the sign is hidden, N m
+    signed: Array  #: (N, n) the same with their likelier signs, lightly filtered, N m
+    predicted: Array  #: (N, n) the model's efforts, N m
+    residual: Array  #: (N, n) recorded efforts with their likelier signs less predicted ones, N m
+    probability: Array  #: (N, n) P(sign = +)
+    used: Mask  #: (N, n) samples in motion, which are fitted
+    every: int  #: of how many samples of the log one stands here
 
 
 @dataclass(frozen=True)
 class SegmentTable:
-    """S segments.
+    """S segments."""
 
-    Attributes:
-        joint: (S,) from 0.
-        start: (S,) s, on the samples' clock.
-        end: (S,) s.
-        sign: (S,) +1 or -1.
-        confidence: (S,) expected share of the segment's energy whose sign is right.
-        moving: (S,) whether the actuator moves.
-        ambiguous: (S,) confidence below `TUNING.ambiguous`.
-    """
-
-    joint: Integers
-    start: Array
-    end: Array
-    sign: Integers
-    confidence: Array
-    moving: Mask
-    ambiguous: Mask
+    joint: Integers  #: (S,) from 0
+    start: Array  #: (S,) s, on the samples' clock
+    end: Array  #: (S,) s
+    sign: Integers  #: (S,) +1 or -1
+    confidence: Array  #: (S,) expected share of the segment's energy whose sign is right
+    moving: Mask  #: (S,) whether the actuator moves
+    ambiguous: Mask  #: (S,) confidence below `TUNING.ambiguous`
 
 
 @dataclass(frozen=True)
 class Correlation:
-    """Autocorrelation of the residual in motion.
+    """Autocorrelation of the residual in motion."""
 
-    Attributes:
-        lag: (L,) s.
-        value: (n, L).
-        bound: (n,) within which 95 % of the values of white noise lie.
-    """
-
-    lag: Array
-    value: Array
-    bound: Array
+    lag: Array  #: (L,) s
+    value: Array  #: (n, L)
+    bound: Array  #: (n,) within which 95 % of the values of white noise lie
 
 
 @dataclass(frozen=True)
 class CoefficientTable:
-    """r base coefficients; NaN where something is not known.
+    """r base coefficients; NaN where something is not known."""
 
-    Attributes:
-        name: (r,) parameter that each is built on.
-        expression: (r,) in the standard parameters.
-        unit: (r,).
-        mean: (r,).
-        sd: (r,) inf where the log does not excite a coefficient.
-        low: (r,) lower end of the 95 % interval.
-        high: (r,) its upper end.
-        prior_sd: (r,) what the prior alone knew.
-        nominal: (r,) by the parameters known beforehand.
-        by_data: (r,) whether the data decide it, not the prior.
-    """
-
-    name: tuple[str, ...]
-    expression: tuple[str, ...]
-    unit: tuple[str, ...]
-    mean: Array
-    sd: Array
-    low: Array
-    high: Array
-    prior_sd: Array
-    nominal: Array
-    by_data: Mask
+    name: tuple[str, ...]  #: (r,) parameter that each is built on
+    expression: tuple[str, ...]  #: (r,) in the standard parameters
+    unit: tuple[str, ...]  #: (r,)
+    mean: Array  #: (r,)
+    sd: Array  #: (r,) inf where the log does not excite a coefficient
+    low: Array  #: (r,) lower end of the 95 % interval
+    high: Array  #: (r,) its upper end
+    prior_sd: Array  #: (r,) what the prior alone knew
+    nominal: Array  #: (r,) by the parameters known beforehand
+    by_data: Mask  #: (r,) whether the data decide it, not the prior
 
     @property
     def bar(self) -> tuple[Array, Array, Array, Array]:
@@ -137,73 +95,36 @@ class CoefficientTable:
 
 @dataclass(frozen=True)
 class Alternatives:
-    """B assignments of signs that the proof could not rule out, the best one first, and where they differ from it.
+    """B assignments of signs that the proof could not rule out, the best one first, and where they differ from it."""
 
-    Attributes:
-        cost: (B,) of each.
-        mass: (B,) posterior probability, NaN where no posterior was sampled.
-        branch: (D,) index of the assignment of each difference.
-        joint: (D,) from 0.
-        start: (D,) s.
-        end: (D,) s.
-    """
-
-    cost: Array
-    mass: Array
-    branch: Integers
-    joint: Integers
-    start: Array
-    end: Array
+    cost: Array  #: (B,) of each
+    mass: Array  #: (B,) posterior probability, NaN where no posterior was sampled
+    branch: Integers  #: (D,) index of the assignment of each difference
+    joint: Integers  #: (D,) from 0
+    start: Array  #: (D,) s
+    end: Array  #: (D,) s
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """The model on a log that it has not seen, at M instants.
+    """The model on a log that it has not seen, at M instants."""
 
-    Attributes:
-        source: the log.
-        t: (M,) s.
-        measured: (M, n) efforts with their likelier signs, lightly filtered, N m.
-        predicted: (M, n) N m.
-        lower: (M, n) lower end of the 95 % band of an unfiltered effort, N m.
-        upper: (M, n) its upper end, N m.
-        rms_error: (n,) in motion, N m.
-        relative_residual: (n,) the same over the RMS of the effort.
-        coverage: (n,) share of the unfiltered efforts in motion that lie in the band.
-        band: what the band accounts for.
-        seen: whether the model was identified from this log: then it is no validation.
-    """
-
-    source: str
-    t: Array
-    measured: Array
-    predicted: Array
-    lower: Array
-    upper: Array
-    rms_error: Array
-    relative_residual: Array
-    coverage: Array
-    band: str
-    seen: bool = False
+    source: str  #: the log
+    t: Array  #: (M,) s
+    measured: Array  #: (M, n) efforts with their likelier signs, lightly filtered, N m
+    predicted: Array  #: (M, n) N m
+    lower: Array  #: (M, n) lower end of the 95 % band of an unfiltered effort, N m
+    upper: Array  #: (M, n) its upper end, N m
+    rms_error: Array  #: (n,) in motion, N m
+    relative_residual: Array  #: (n,) the same over the RMS of the effort
+    coverage: Array  #: (n,) share of the unfiltered efforts in motion that lie in the band
+    band: str  #: what the band accounts for
+    seen: bool = False  #: whether the model was identified from this log: then it is no validation
 
 
 @dataclass(frozen=True)
 class Findings:
     """All that is shown of an identification.
-
-    Attributes:
-        summary: its numbers.
-        effort_unit: (n,) "N m", or "N".
-        position_unit: (n,) "rad", or "m".
-        samples: the log, signed, and the model.
-        segments: their signs.
-        correlation: of the residual.
-        coefficients: with their uncertainty.
-        prior_parameters: names of the parameters that the prior decides.
-        alternatives: to the signs that were found.
-        draws: (E, D, r) of the coefficients, sweep after sweep of each of E ensembles; None if none were sampled.
-        prediction: of another log, or None.
-        folder: that holds the result; empty where it is in none.
 
     Example:
         >>> findings = bayesid.find_findings(result)
@@ -211,18 +132,19 @@ class Findings:
         ((301, 3), 21)
     """
 
-    summary: Summary
-    effort_unit: tuple[str, ...]
-    position_unit: tuple[str, ...]
-    samples: Samples
-    segments: SegmentTable
-    correlation: Correlation
-    coefficients: CoefficientTable
-    prior_parameters: tuple[str, ...]
-    alternatives: Alternatives
+    summary: Summary  #: its numbers
+    effort_unit: tuple[str, ...]  #: (n,) "N m", or "N"
+    position_unit: tuple[str, ...]  #: (n,) "rad", or "m"
+    samples: Samples  #: the log, signed, and the model
+    segments: SegmentTable  #: their signs
+    correlation: Correlation  #: of the residual
+    coefficients: CoefficientTable  #: with their uncertainty
+    prior_parameters: tuple[str, ...]  #: names of the parameters that the prior decides
+    alternatives: Alternatives  #: to the signs that were found
+    #: (E, D, r) of the coefficients, sweep after sweep of each of E ensembles; None if none were sampled
     draws: Array | None = None
-    prediction: Prediction | None = None
-    folder: str = field(default="", compare=False)
+    prediction: Prediction | None = None  #: of another log, or None
+    folder: str = field(default="", compare=False)  #: that holds the result; empty where it is in none
 
     def __repr__(self) -> str:
         drawn = "no draws" if self.draws is None else f"draws of {self.n_ensembles} ensembles"

@@ -49,10 +49,6 @@ class Tuning:
     """Probability below which it is mentioned; a round number."""
     set_listed: float = 0.01
     """Probability from which on a set of effects is listed; for display."""
-    same_gap: float = 0.98
-    """Share of a gap from which on it has not fallen: 2 % hardly show in two digits."""
-    mostly: float = 0.5
-    """Share of a joint's excess from which on most of it is explained."""
 
     # Whether separate runs agree
     level: float = 0.01

@@ -47,23 +47,14 @@ _ALTERNATIVES = "see below where they differ; the posterior weighs them"
 
 @dataclass(frozen=True)
 class Check:
-    """One traffic light.
+    """One traffic light."""
 
-    Attributes:
-        name: of what was checked.
-        state: how it stands.
-        message: what was seen, one sentence.
-        remedy: what to do about it; empty where nothing is to be done.
-        value: that was judged; None where it is no number.
-        limit: up to which, or from which on, it is good.
-    """
-
-    name: str
-    state: State
-    message: str
-    remedy: str = ""
-    value: float | None = None
-    limit: float | None = None
+    name: str  #: of what was checked
+    state: State  #: how it stands
+    message: str  #: what was seen, one sentence
+    remedy: str = ""  #: what to do about it; empty where nothing is to be done
+    value: float | None = None  #: that was judged; None where it is no number
+    limit: float | None = None  #: up to which, or from which on, it is good
 
 
 def graded(

@@ -29,37 +29,22 @@ Row = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Agreement:
-    """C coefficients as K separate runs have them; NaN where nothing can be said.
+    """C coefficients as K separate runs have them; NaN where nothing can be said."""
 
-    Attributes:
-        n_runs: K.
-        names: (C,) parameter that each is built on.
-        expressions: (C,) in the standard parameters; the same name with another expression is another coefficient.
-        units: (C,).
-        shared: (C,) whether every run's model has it.
-        runs: (C,) k, how many runs decide it: their standard deviation is finite.
-        mean: (C,) over these runs, weighted with 1 / sd^2, in the coefficient's unit.
-        sd: (C,) of that mean, if the runs' standard deviations are right: (sum of 1 / sd^2)^-1/2; inf if k = 0.
-        spread: (C,) sample standard deviation of the runs' means (divided by k - 1); needs k >= 2, as all below.
-        typical_sd: (C,) root mean square of the runs' standard deviations.
-        chi_square: (C,) Cochran's Q, the sum of (mean of a run - weighted mean)^2 / sd^2.
-        dof: (C,) its degrees of freedom, k - 1, and 0 if k = 0.
-        p: (C,) probability that chance alone gives so large a chi-square, the standard deviations being right.
-    """
-
-    n_runs: int
-    names: tuple[str, ...]
+    n_runs: int  #: K
+    names: tuple[str, ...]  #: (C,) parameter that each is built on
+    #: (C,) in the standard parameters; the same name with another expression is another coefficient
     expressions: tuple[str, ...]
-    units: tuple[str, ...]
-    shared: Mask
-    runs: Integers
-    mean: Array
-    sd: Array
-    spread: Array
-    typical_sd: Array
-    chi_square: Array
-    dof: Integers
-    p: Array
+    units: tuple[str, ...]  #: (C,)
+    shared: Mask  #: (C,) whether every run's model has it
+    runs: Integers  #: (C,) k, how many runs decide it: their standard deviation is finite
+    mean: Array  #: (C,) over these runs, weighted with 1 / sd^2, in the coefficient's unit
+    sd: Array  #: (C,) of that mean, if the runs' standard deviations are right: (sum of 1 / sd^2)^-1/2; inf if k = 0
+    spread: Array  #: (C,) sample standard deviation of the runs' means (divided by k - 1); needs k >= 2, as all below
+    typical_sd: Array  #: (C,) root mean square of the runs' standard deviations
+    chi_square: Array  #: (C,) Cochran's Q, the sum of (mean of a run - weighted mean)^2 / sd^2
+    dof: Integers  #: (C,) its degrees of freedom, k - 1, and 0 if k = 0
+    p: Array  #: (C,) probability that chance alone gives so large a chi-square, the standard deviations being right
 
     def __len__(self) -> int:
         return len(self.names)

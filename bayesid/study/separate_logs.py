@@ -34,25 +34,15 @@ _REMEDY = "give `folder` a new folder"
 
 @dataclass(frozen=True)
 class Run:
-    """What became of one log.
+    """What became of one log."""
 
-    Attributes:
-        log: its file.
-        folder: its result folder.
-        error: why there is none, in the words of the command line, as runs.csv has it; empty if there is.
-        bad_input: whether that is a fault of the log or an option.
-        figures: for runs.csv.
-        coefficients: rows of its coefficients.csv.
-        warnings: what the user should know.
-    """
-
-    log: Path
-    folder: Path
-    error: str = ""
-    bad_input: bool = False
-    figures: Mapping[str, Any] = field(default_factory=dict)
-    coefficients: Sequence[Mapping[str, Any]] = ()
-    warnings: Sequence[str] = ()
+    log: Path  #: its file
+    folder: Path  #: its result folder
+    error: str = ""  #: why there is none, in the words of the command line, as runs.csv has it; empty if there is
+    bad_input: bool = False  #: whether that is a fault of the log or an option
+    figures: Mapping[str, Any] = field(default_factory=dict)  #: for runs.csv
+    coefficients: Sequence[Mapping[str, Any]] = ()  #: rows of its coefficients.csv
+    warnings: Sequence[str] = ()  #: what the user should know
 
 
 @dataclass(frozen=True)

@@ -109,8 +109,7 @@ def test_extreme_poses_of_a_robot():
     robot, t = bayesid.load_robot("ur10e"), np.linspace(0.0, 3.0, 301)
     q = np.array([0.3, -1.2, 1.0, -0.4, 0.6, 0.2]) + np.outer(np.sin(t), [0.8, 0.5, -0.9, 0.3, 0.2, 0.1])
     tip = np.stack([pose(robot, row).flange[:3, 3] for row in q])
-    poses = extreme_poses(robot, Motion(t, q, 0.0 * q, 0.0 * q), np.abs(t - 1.234) + 0.1, -0.5)
-    assert poses.floor == -0.5
+    poses = extreme_poses(robot, Motion(t, q, 0.0 * q, 0.0 * q), np.abs(t - 1.234) + 0.1)
     ends = {label: line[~np.isnan(line[:, 0])][-1] for label, line in zip(poses.labels, poses.points, strict=True)}
     said = {name: next(end for label, end in ends.items() if name in label) for name in EXTREMES}
     np.testing.assert_allclose(said["start"], tip[0], atol=1e-12)
@@ -121,11 +120,4 @@ def test_extreme_poses_of_a_robot():
     np.testing.assert_array_equal(poses.points[0], skeleton_line(robot, q[0]))
     _, (side, _, distance) = drawn(picture(poses=poses))
     np.testing.assert_array_equal(lines(side, poses.labels[0])[0], poses.points[0][:, [0, 2]])
-    assert (lines(side, "floor")[0][:, 1] == -0.5).all()
     assert lines(distance, "least")[0][0, 1] == DISTANCE.min()
-
-
-def test_what_does_not_fit_the_motion_is_refused():
-    for what in ({"effort": EFFORT[1:]}, {"effort_band": (BAND[0], BAND[1][:, :2])}, {"distance": DISTANCE[1:]}):
-        with pytest.raises(ValueError, match="motion"):
-            picture(**what)

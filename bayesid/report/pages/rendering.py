@@ -29,21 +29,13 @@ NONE = Markup('<span class="none">&ndash;</span>')
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure on a page.
+    """A figure on a page."""
 
-    Attributes:
-        name: its identifier.
-        data: what `figures.js` draws.
-        caption: below it.
-        alt: what it shows, for those who do not see it.
-        group: name of the figures that share the range of their x axes; empty if it stands by itself.
-    """
-
-    name: str
-    data: Mapping[str, Any]
-    caption: str
-    alt: str
-    group: str = ""
+    name: str  #: its identifier
+    data: Mapping[str, Any]  #: what `figures.js` draws
+    caption: str  #: below it
+    alt: str  #: what it shows, for those who do not see it
+    group: str = ""  #: name of the figures that share the range of their x axes; empty if it stands by itself
 
 
 def picture(figure: Figure, name: str, caption: str, alt: str = "", group: str = "") -> Picture:

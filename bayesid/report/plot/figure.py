@@ -55,27 +55,16 @@ class Band:
 
 @dataclass(frozen=True)
 class Boxes:
-    """K rectangles: bars, or shaded ranges of an axis.
+    """K rectangles: bars, or shaded ranges of an axis."""
 
-    Attributes:
-        x: ends to the left and the right.
-        y: ends below and above.
-        colour: of all, or of each.
-        label: in the legend.
-        alpha: opacity of all, or of each.
-        hatched: instead of filled.
-        letters: K texts above the panel, each shown if it is narrower than its box; none by default.
-        details: K texts that a page adds to a letter under the pointer.
-    """
-
-    x: Ends
-    y: Ends
-    colour: str | Sequence[str]
-    label: str = ""
-    alpha: ArrayLike = 1.0
-    hatched: bool = False
-    letters: Sequence[str] = ()
-    details: Sequence[str] = ()
+    x: Ends  #: ends to the left and the right
+    y: Ends  #: ends below and above
+    colour: str | Sequence[str]  #: of all, or of each
+    label: str = ""  #: in the legend
+    alpha: ArrayLike = 1.0  #: opacity of all, or of each
+    hatched: bool = False  #: instead of filled
+    letters: Sequence[str] = ()  #: K texts above the panel, each shown if it is narrower than its box; none by default
+    details: Sequence[str] = ()  #: K texts that a page adds to a letter under the pointer
 
 
 @dataclass(frozen=True)
@@ -116,35 +105,20 @@ Mark = Line | Band | Boxes | Strokes | Dots | Words
 
 @dataclass(frozen=True)
 class Panel:
-    """One pair of axes.
+    """One pair of axes."""
 
-    Attributes:
-        marks: what is drawn, the first one lowest.
-        x_name: of the x axis, with its unit.
-        y_name: of the y axis, with its unit.
-        title: above.
-        title_colour: of the title.
-        x_limits: ends of the x axis; None: those of the data with a margin.
-        y_limits: ends of the y axis, the lower one first.
-        x_ticks: what stands at the x axis.
-        y_ticks: what stands at the y axis.
-        grid: along which axes' numbers there are lines.
-        margins: of x and y, as a share of what the data take.
-        downwards: whether y grows downwards.
-    """
-
-    marks: Sequence[Mark]
-    x_name: str = ""
-    y_name: str = ""
-    title: str = ""
-    title_colour: str = INK
-    x_limits: tuple[float, float] | None = None
-    y_limits: tuple[float, float] | None = None
-    x_ticks: Ticks = None
-    y_ticks: Ticks = None
-    grid: Literal["both", "x"] = "both"
-    margins: tuple[float, float] = (0.05, 0.05)
-    downwards: bool = False
+    marks: Sequence[Mark]  #: what is drawn, the first one lowest
+    x_name: str = ""  #: of the x axis, with its unit
+    y_name: str = ""  #: of the y axis, with its unit
+    title: str = ""  #: above
+    title_colour: str = INK  #: of the title
+    x_limits: tuple[float, float] | None = None  #: ends of the x axis; None: those of the data with a margin
+    y_limits: tuple[float, float] | None = None  #: ends of the y axis, the lower one first
+    x_ticks: Ticks = None  #: what stands at the x axis
+    y_ticks: Ticks = None  #: what stands at the y axis
+    grid: Literal["both", "x"] = "both"  #: along which axes' numbers there are lines
+    margins: tuple[float, float] = (0.05, 0.05)  #: of x and y, as a share of what the data take
+    downwards: bool = False  #: whether y grows downwards
 
     @property
     def limits(self) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -172,23 +146,14 @@ class Panel:
 
 @dataclass(frozen=True)
 class Figure:
-    """Panels in rows, None where there is none.
+    """Panels in rows, None where there is none."""
 
-    Attributes:
-        panels: rows of equally many.
-        height: in.
-        width: in.
-        x_name: below all.
-        key: whether a legend says what is drawn.
-        heights: of the rows, over each other; all the same by default.
-    """
-
-    panels: Sequence[Sequence[Panel | None]]
-    height: float
-    width: float = WIDTH
-    x_name: str = ""
-    key: bool = False
-    heights: Sequence[float] | None = None
+    panels: Sequence[Sequence[Panel | None]]  #: rows of equally many
+    height: float  #: in
+    width: float = WIDTH  #: in
+    x_name: str = ""  #: below all
+    key: bool = False  #: whether a legend says what is drawn
+    heights: Sequence[float] | None = None  #: of the rows, over each other; all the same by default
 
     @property
     def shown(self) -> list[Panel]:

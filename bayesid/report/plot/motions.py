@@ -101,56 +101,29 @@ def _expected(design: ExcitationDesign, joint: int) -> fig.Panel:
 # ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Poses:
-    """Poses of a robot, and the way of its tip.
+    """Poses of a robot, and the way of its tip."""
 
-    Attributes:
-        points: (K, F, 3) the skeleton in each pose as one line, m, in the base's frame; a row of nan breaks the line.
-        labels: K of them, what each pose is.
-        tip: (N, 3) the way of the tip, m.
-        floor: height of the floor, m; None where there is none.
-    """
-
+    #: (K, F, 3) the skeleton in each pose as one line, m, in the base's frame; a row of nan breaks the line
     points: Array
-    labels: tuple[str, ...]
-    tip: Array
-    floor: float | None = None
+    labels: tuple[str, ...]  #: K of them, what each pose is
+    tip: Array  #: (N, 3) the way of the tip, m
 
 
 @dataclass(frozen=True)
 class MotionPicture:
-    """What `planned_motion` draws.
+    """What `planned_motion` draws."""
 
-    Attributes:
-        robot: its name.
-        joint_names: n of them.
-        motion: N instants of n joints.
-        limits: of the joints; infinite where there is none.
-        effort: (N, n) expected efforts, N m (N).
-        effort_band: (N, n) lower and (N, n) upper ends of the efforts' band.
-        poses: extreme ones.
-        distance: (N,) least distance to itself and the floor, m; None if nothing was checked.
-        margin: that the distance has to keep, m; None if there is none.
-        not_checked: what is said in the place of the distance.
-    """
-
-    robot: str
-    joint_names: tuple[str, ...]
-    motion: Motion
-    limits: MotionLimits
-    effort: Array
-    effort_band: tuple[Array, Array]
-    poses: Poses
-    distance: Array | None = None
-    margin: float | None = None
+    robot: str  #: its name
+    joint_names: tuple[str, ...]  #: n of them
+    motion: Motion  #: N instants of n joints
+    limits: MotionLimits  #: of the joints; infinite where there is none
+    effort: Array  #: (N, n) expected efforts, N m (N)
+    effort_band: tuple[Array, Array]  #: (N, n) lower and (N, n) upper ends of the efforts' band
+    poses: Poses  #: extreme ones
+    distance: Array | None = None  #: (N,) least distance to itself and the floor, m; None if nothing was checked
+    margin: float | None = None  #: that the distance has to keep, m; None if there is none
+    #: what is said in the place of the distance
     not_checked: str = "Distances to itself and to the floor were not checked."
-
-    def __post_init__(self) -> None:
-        shape = self.motion.q.shape
-        arrays = [self.effort, *self.effort_band]
-        if any(np.shape(one) != shape for one in arrays) or len(self.joint_names) != shape[1]:
-            raise ValueError("efforts and names must be of the motion's joints and instants")
-        if self.distance is not None and np.shape(self.distance) != shape[:1]:
-            raise ValueError("there must be a distance for each instant of the motion")
 
 
 def planned_motion(picture: MotionPicture) -> MatplotlibFigure:
@@ -206,14 +179,13 @@ def skeleton_line(robot: Robot, q: ArrayLike) -> Array:
     return np.concatenate([part for line in pose(robot, q).lines for part in (line, broken)])
 
 
-def extreme_poses(robot: Robot, motion: Motion, distance: Array | None = None, floor: float | None = None) -> Poses:
+def extreme_poses(robot: Robot, motion: Motion, distance: Array | None = None) -> Poses:
     """The start and the poses in which the tip is lowest, highest and farthest out, and that of the least distance.
 
     Args:
         robot: whose joints move.
         motion: N instants of them.
         distance: (N,) least distances, m; none by default.
-        floor: height of the floor, m; none by default.
     """
     rows = evenly(len(motion), TUNING.poses)
     tip = np.stack([pose(robot, q).flange[:3, 3] for q in motion.q[rows]])
@@ -229,7 +201,7 @@ def extreme_poses(robot: Robot, motion: Motion, distance: Array | None = None, f
     for label, row in found.items():
         named.setdefault(int(row), []).append(label)
     labels = tuple(f"{', '.join(names)} ({motion.t[row]:.3g} s)" for row, names in named.items())
-    return Poses(np.stack([skeleton_line(robot, motion.q[row]) for row in named]), labels, tip, floor)
+    return Poses(np.stack([skeleton_line(robot, motion.q[row]) for row in named]), labels, tip)
 
 
 def _curve(t: Array, curve: Array, low: Array, high: Array, ends: tuple[float, float], x_name: str) -> fig.Panel:
@@ -283,17 +255,13 @@ def _foot(figure: Any, picture: MotionPicture) -> None:
 
 
 def _views(poses: Poses) -> list[fig.Panel]:
-    """All poses from the side and from above, at one scale, with the floor."""
-    known = np.concatenate([poses.points.reshape(-1, 3), poses.tip, [[0.0, 0.0, poses.floor or 0.0]]])
+    """All poses from the side and from above, at one scale."""
+    known = np.concatenate([poses.points.reshape(-1, 3), poses.tip, np.zeros((1, 3))])
     lowest, highest = np.nanmin(known, axis=0), np.nanmax(known, axis=0)
     middle, half = (lowest + highest) / 2.0, (0.5 + 0.06) * float((highest - lowest).max() or 1.0)
     panels = []
     for title, right, up in (("from the side", 0, 2), ("from above", 0, 1)):
-        marks: list[fig.Mark] = []
-        if poses.floor is not None and up == 2:  # seen from above it is everywhere
-            below = [middle[up] - 2.0 * half], [poses.floor]
-            marks += [fig.level(poses.floor, fig.INK, 1.5, label="floor"), fig.Boxes(None, below, fig.INK, "", 0.15)]
-        marks.append(fig.Line(poses.tip[:, right], poses.tip[:, up], fig.INK, "way of the tip", 0.8, 0.6))
+        marks: list[fig.Mark] = [fig.Line(poses.tip[:, right], poses.tip[:, up], fig.INK, "way of the tip", 0.8, 0.6)]
         for line, label, (colour, style) in zip(poses.points, poses.labels, cycle(_LOOKS), strict=False):
             marks.append(fig.Line(line[:, right], line[:, up], colour, label, 2.4, 0.85, style))
             marks.append(fig.Dots(line[:, right], line[:, up], colour))
