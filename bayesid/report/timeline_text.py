@@ -16,7 +16,7 @@ from bayesid.effects.effect import Effect, ReadableUnit
 from bayesid.identification.identification import KNOWN
 from bayesid.report.discrepancy_verdicts import discrepancy_checks
 from bayesid.report.tuning import TUNING
-from bayesid.report.words import joints_in_words, label, listed, quantity, rounded, upper
+from bayesid.report.words import counted, joints_in_words, label, listed, quantity, rounded, upper
 
 SECTIONS: Mapping[str, str] = {
     CHANGED: "Changed since the first log",
@@ -37,6 +37,7 @@ class Moved:
 
     place: int  # among all that are tracked
     name: str  # in words, with its joint
+    of_links: bool  # whether it is a coefficient of links
     symbol: str  # the sum of parameters that it is
     unit: str  # in which people read it
     value: tuple[float, ...]  # (K,) in that unit, without a payload
@@ -51,14 +52,8 @@ class Moved:
 def moved_parameters(comparison: LogComparison) -> list[Moved]:
     """Those that moved in any log, by joint; coefficients of links last."""
     line = comparison.timeline
-    places = np.flatnonzero(line.moved.any(axis=0)).tolist()
-    rows = [_moved(comparison, place) for place in places]
-    return sorted(rows, key=lambda row: _order(line.tracked[row.place]))
-
-
-def _order(one: TrackedParameter) -> tuple[bool, int]:
-    """Links last, by joint."""
-    return one.effect == RigidBody.name, one.joint
+    rows = [_moved(comparison, place) for place in np.flatnonzero(line.moved.any(axis=0)).tolist()]
+    return sorted(rows, key=lambda row: (row.of_links, line.tracked[row.place].joint))
 
 
 def _moved(comparison: LogComparison, place: int) -> Moved:
@@ -74,6 +69,7 @@ def _moved(comparison: LogComparison, place: int) -> Moved:
     return Moved(
         place=place,
         name=name,
+        of_links=one.effect == RigidBody.name,
         symbol=one.expression,
         unit=people.unit,
         value=tuple(value.tolist()),
@@ -125,31 +121,33 @@ def _change(change: float, first: float, sd: float, unit: str) -> str:
 # ---------------------------------------------------------------------------------------------------------------
 def columns(comparison: LogComparison) -> dict[str, list[str]]:
     """What to say under `CHANGED`, `ALL_ALONG`, `GONE` and `UNDECIDED`, a line each."""
-    links = [row.symbol for row in _other_changes(comparison) if _of_links(comparison, row)]
+    rows = _other_changes(comparison)
     changed = [_came(comparison, one) for one in _new(comparison)]
-    changed += [upper(row.text) for row in _other_changes(comparison) if not _of_links(comparison, row)]
+    changed += [upper(row.text) for row in rows if not row.of_links]
+    links = [row.symbol for row in rows if row.of_links]
     if links:
-        them = f"{len(links)} coefficient{'s' * (len(links) > 1)} of the links"
-        changed.append(
-            f"{them}: {listed(links)}. Links do not wear: a body came elsewhere, or the model lacks something"
-        )
+        why = "Links do not wear: a body came elsewhere, or the model lacks something"
+        changed.append(f"{counted(len(links), 'link coefficient')}: {listed(links)}. {why}")
+    undecided: dict[str, list[str]] = {}
+    for one in comparison.of(UNDECIDED):
+        undecided.setdefault(_why_open(comparison, one), []).append(effect_name(one.effect))
     return {
         CHANGED: changed,
         ALL_ALONG: [f"{upper(effect_name(one.effect))}{_sizes(comparison, one)}" for one in comparison.of(ALL_ALONG)],
-        GONE: [f"{upper(effect_name(one.effect))}: {_why_gone(comparison, one)}" for one in comparison.of(GONE)],
-        UNDECIDED: _undecided(comparison),
+        GONE: [f"{upper(effect_name(one.effect))}: {_by_log(comparison, one, ABSENT)}" for one in comparison.of(GONE)],
+        UNDECIDED: [f"{upper('; '.join(names))}: {reason}" for reason, names in undecided.items()],
     }
 
 
 def changes_lead(comparison: LogComparison) -> str:
     """The same in short: as many as a sentence holds."""
+    rows = _other_changes(comparison)
+    links = sum(row.of_links for row in rows)
     changed = [effect_name(one.effect) for one in _new(comparison)]
-    changed += [row.text for row in _other_changes(comparison) if not _of_links(comparison, row)]
-    links = sum(_of_links(comparison, row) for row in _other_changes(comparison))
-    changed += [f"{links} coefficient{'s' * (links > 1)} of the links"] if links else []
-    named = {CHANGED: changed} | {
-        which: [effect_name(one.effect) for one in comparison.of(which)] for which in (ALL_ALONG, GONE)
-    }
+    changed += [row.text for row in rows if not row.of_links]
+    changed += [counted(links, "link coefficient")] if links else []
+    others = {which: [effect_name(one.effect) for one in comparison.of(which)] for which in (ALL_ALONG, GONE)}
+    named = {CHANGED: changed} | others
     parts = [f"{SECTIONS[which]}: {_first_few(texts)}" for which, texts in named.items() if texts]
     nothing = "Nothing has changed since the first log, and nothing was missing, as far as these logs show"
     return f"{'. '.join(parts) or nothing}."
@@ -168,16 +166,13 @@ def _other_changes(comparison: LogComparison) -> list[Moved]:
     """Parameters that moved, but those of what came or went, which are told with that."""
     tracked = comparison.timeline.tracked
     told = [one.effect for one in (*_new(comparison), *comparison.of(GONE))]
-    return [row for row in moved_parameters(comparison) if not any(_owns(one, tracked[row.place]) for one in told)]
 
+    def belongs(effect: Effect, one: TrackedParameter) -> bool:
+        same = effect.effect == one.effect.partition(".")[0]
+        return same and (not effect.joints or one.joint in effect.joints)
 
-def _of_links(comparison: LogComparison, row: Moved) -> bool:
-    return comparison.timeline.tracked[row.place].effect == RigidBody.name
-
-
-def _owns(effect: Effect, one: TrackedParameter) -> bool:
-    same = effect.effect == one.effect.partition(".")[0]
-    return same and (not effect.joints or one.joint in effect.joints)
+    rows = moved_parameters(comparison)
+    return [row for row in rows if not any(belongs(effect, tracked[row.place]) for effect in told)]
 
 
 def effect_name(effect: Effect) -> str:
@@ -189,35 +184,35 @@ def effect_name(effect: Effect) -> str:
 
 def _came(comparison: LogComparison, history: EffectHistory) -> str:
     """An effect that came, with its size, and the logs that have it."""
-    told = _message(comparison, history) or upper(effect_name(history.effect))
-    return told if len(comparison.logs) == 2 else f"{told.rstrip('.')} ({_in_logs(comparison, history)})"
-
-
-def _why_gone(comparison: LogComparison, history: EffectHistory) -> str:
-    """As in a.csv shows it, b.csv and c.csv do not."""
-    names = names_of(comparison.logs)
-    others = [name for name, what in zip(names, history.by_log, strict=True) if what.says == ABSENT]
-    return f"{names[0]} shows it, {listed(others)} {'do' if len(others) > 1 else 'does'} not"
-
-
-def _undecided(comparison: LogComparison) -> list[str]:
-    """Effects that no two logs agree on, those with one reason together."""
-    reasons: dict[str, list[str]] = {}
-    for history in comparison.of(UNDECIDED):
-        reasons.setdefault(_why_open(comparison, history), []).append(effect_name(history.effect))
-    return [f"{upper('; '.join(names))}: {reason}" for reason, names in reasons.items()]
-
-
-def _message(comparison: LogComparison, history: EffectHistory) -> str:
     k = max(history.found)
     found = comparison.found[k - 1]
     checks = dict(zip((effect.hypothesis for effect in found.added), discrepancy_checks(found), strict=False))
-    return checks[history.found[k].hypothesis].message if history.found[k].hypothesis in checks else ""
+    check = checks.get(history.found[k].hypothesis)
+    told = upper(effect_name(history.effect)) if check is None else check.message
+    return told if len(comparison.logs) == 2 else f"{told.rstrip('.')} ({_in_logs(comparison, history)})"
 
 
 def _in_logs(comparison: LogComparison, history: EffectHistory) -> str:
     names = names_of(comparison.logs)
     return f"in {listed([names[k] for k in sorted(history.found)])}"
+
+
+def _by_log(comparison: LogComparison, history: EffectHistory, other: str) -> str:
+    """As in a.csv: shown; b.csv and c.csv: not there. Of logs that show it and of the others."""
+    names = names_of(comparison.logs)
+    parts = []
+    for said in (SHOWN, other):
+        logs = [name for name, what in zip(names, history.by_log, strict=True) if what.says == said]
+        parts += [f"{_SAYS[said]} in {listed(logs)}"] if logs else []
+    return ", ".join(parts)
+
+
+def _why_open(comparison: LogComparison, history: EffectHistory) -> str:
+    if any(what.says == SHOWN for what in history.by_log):
+        return _by_log(comparison, history, OPEN)
+    held = not history.by_log and any(effect.hypothesis.changes for effect in history.found.values())
+    what = "of another size" if held else "new"
+    return f"{what} by comparison {_in_logs(comparison, history)}, which no log by itself bears out"
 
 
 def _sizes(comparison: LogComparison, history: EffectHistory) -> str:
@@ -234,19 +229,6 @@ def _sizes(comparison: LogComparison, history: EffectHistory) -> str:
             each = [quantity(value[k], sd[k], people.unit) for k in (shown[0], shown[-1])]
             texts.append(f"{one.name} = {each[0]}, then {each[1]}")
     return f": {'; '.join(texts)}" if texts else ""
-
-
-def _why_open(comparison: LogComparison, history: EffectHistory) -> str:
-    names = names_of(comparison.logs)
-    if not history.by_log:
-        held = any(effect.hypothesis.changes for effect in history.found.values())
-        what = "of another size" if held else "new"
-        return f"{what} by comparison {_in_logs(comparison, history)}, which no log by itself bears out"
-    shown = [name for name, what in zip(names, history.by_log, strict=True) if what.says == SHOWN]
-    others = [name for name, what in zip(names, history.by_log, strict=True) if what.says == OPEN]
-    if not shown:
-        return f"new by comparison {_in_logs(comparison, history)}, which no log by itself bears out"
-    return f"{listed(shown)} {'show' if len(shown) > 1 else 'shows'} it, {listed(others)} cannot tell"
 
 
 def says(what: Standing) -> str:
