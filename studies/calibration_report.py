@@ -14,7 +14,7 @@ from bayesid.studies.preference import CLEARLY
 from bayesid.study.record import Row
 
 if TYPE_CHECKING:
-    from bayesid.report.plot.trials import Figure
+    from bayesid.studies.figures import Figure
 
 EDGES = (0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99, 0.999)
 """Where the bins of confidence begin; the last one ends at 1."""

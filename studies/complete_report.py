@@ -13,7 +13,7 @@ from bayesid.identification.options import Completeness
 from bayesid.study.record import Row
 
 if TYPE_CHECKING:
-    from bayesid.report.plot.trials import Figure
+    from bayesid.studies.figures import Figure
 
 MODES: tuple[Completeness, ...] = ("off", "auto")
 _COLOUR = {"off": "#c0392b", "auto": "#1b7f79"}

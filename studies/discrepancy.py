@@ -33,7 +33,7 @@ from bayesid.study.record import Row
 from bayesid.study.study import Study
 
 if TYPE_CHECKING:
-    from bayesid.report.plot.trials import Figure
+    from bayesid.studies.figures import Figure
 
 _Added = tuple[str, Sequence[int], Sequence[str]]
 """Effect, joints and equivalents of what was added."""
@@ -294,7 +294,7 @@ def count(rows: Sequence[Row], holds: Callable[[Row], object]) -> str:
 
 def draw(rows: Sequence[Row], figure: Figure) -> None:
     """For each effect what was named at which size, and the size at which it is found half of the time."""
-    from bayesid.report.plot.trials import COLOURS
+    from bayesid.studies.figures import COLOURS
 
     single = by_kind(decoded(rows))["single"]
     effects = sorted({row["hidden"][0][0] for row in single})

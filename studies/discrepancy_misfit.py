@@ -27,7 +27,7 @@ from bayesid.study.record import Row
 from bayesid.study.study import Study
 
 if TYPE_CHECKING:
-    from bayesid.report.plot.trials import Figure
+    from bayesid.studies.figures import Figure
 
 _SIZES = (2.0, 5.0)
 """RMS of a hidden effect over that of the noise: clear ones."""
@@ -66,7 +66,7 @@ def report(rows: Sequence[Row]) -> str:
 
 def draw(rows: Sequence[Row], figure: Figure) -> None:
     """Bayes factors of what passes before the holdout is asked, right and false, by kind of trouble."""
-    from bayesid.report.plot.trials import COLOURS
+    from bayesid.studies.figures import COLOURS
 
     rows = decoded(rows)
     figure.set_size_inches(7.5, 3.0)

@@ -41,7 +41,7 @@ from bayesid.study.record import Row
 from bayesid.study.study import Study
 
 if TYPE_CHECKING:
-    from bayesid.report.plot.trials import Figure
+    from bayesid.studies.figures import Figure
 
 NEAR = 0.3
 """Share by which a number of the table may be wrong."""
@@ -268,7 +268,7 @@ def _listed(effects: Sequence[Sequence[Any]]) -> str:
 
 def draw(rows: Sequence[Row], figure: Figure) -> None:
     """The share that is right beside its target."""
-    from bayesid.report.plot.trials import COLOURS
+    from bayesid.studies.figures import COLOURS
 
     rows, shown = decoded(rows), targets()
     figure.set_size_inches(8.0, 0.3 * len(shown) + 1.0)

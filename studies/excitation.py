@@ -10,7 +10,7 @@ from bayesid.studies.sensitivity import Level, Varied, sensitivity
 from bayesid.study.record import Row
 
 if TYPE_CHECKING:
-    from bayesid.report.plot.trials import Figure
+    from bayesid.studies.figures import Figure
 
 
 def _motion(trajectory: str, reach: float, speed: float) -> dict[str, object]:
@@ -31,7 +31,7 @@ VARIED = Varied("excitation", LEVELS, log_x=False)
 
 def draw(rows: Sequence[Row], figure: Figure) -> None:
     """Every log: wrong signs, and errors of predicted efforts, over its condition number."""
-    from bayesid.report.plot.trials import COLOURS, MARKERS, error_axis, wrong_axis
+    from bayesid.studies.figures import COLOURS, MARKERS, error_axis, wrong_axis
 
     panels = figure.subplots(1, 2)
     for ax in panels:

@@ -23,11 +23,11 @@ from bayesid.identification.prediction import NORMAL_95
 from bayesid.log.gains import Gains
 from bayesid.log.log import Log, join_logs
 from bayesid.regression.knowledge import Beliefs
-from bayesid.report.plot.trials import Figure
 from bayesid.robot.inertia import from_pseudo_inertia
 from bayesid.signs.search.certified import Certified
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.trajectories import random_trajectory
+from bayesid.studies.figures import Figure
 from bayesid.studies.simulated import PERIOD, RATE, STRONG, Truth, make_truth
 from bayesid.studies.simulated import Scenario as Made
 from bayesid.study.record import Row

@@ -38,12 +38,12 @@ from bayesid.posterior.sampler import Sampling
 from bayesid.regression.selection.added_effect import AddedEffect
 from bayesid.regression.selection.explanation import LN10
 from bayesid.regression.selection.hypotheses import EffectKey
-from bayesid.report.plot.trials import COLOURS, Figure
 from bayesid.robot import Robot, robot_from_table
 from bayesid.signs.search.certified import Certified
 from bayesid.simulation.logs import SimulatedEffect, simulate, with_effects
 from bayesid.simulation.parameters import random_parameters, rms
 from bayesid.simulation.trajectories import MotionLimits, random_trajectory
+from bayesid.studies.figures import COLOURS, Figure
 from bayesid.studies.simulated import STRONG, make_robot
 from bayesid.study.record import Row
 from bayesid.study.study import Study, in_turn, mixed

@@ -21,7 +21,7 @@ from bayesid.study.record import Row
 from bayesid.study.study import Study, in_turn
 
 if TYPE_CHECKING:
-    from bayesid.report.plot.trials import Figure
+    from bayesid.studies.figures import Figure
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ def _spread(values: Sequence[float] | Array, form: str) -> str:
 
 def draw(rows: Sequence[Row], figure: Figure) -> None:
     """Errors of Table II's coefficients: ours with their spread over the seeds, and the paper's."""
-    from bayesid.report.plot.trials import COLOURS
+    from bayesid.studies.figures import COLOURS
 
     nominal = np.array([row.nominal for row in TABLE_II])
     error = np.array([row["estimates"] for row in rows]) - nominal

@@ -44,7 +44,7 @@ from bayesid.study.record import Row
 from bayesid.study.study import Study, in_turn
 
 if TYPE_CHECKING:
-    from bayesid.report.plot.trials import Figure
+    from bayesid.studies.figures import Figure
 
 LOGS = ("ur10e/a_50s", "ur10e/b_20s", "ur10e/c_unloaded", "ur10e/c_loaded", "panda/a", "tx40/a")
 DATA = Path(os.environ.get("BAYESID_DATA", Path(__file__).parents[2] / "shared" / "data"))
@@ -310,7 +310,7 @@ def _prediction(row: Row) -> str:
 
 def draw(rows: Sequence[Row], figure: Figure) -> None:
     """Signs that come back right, joint by joint, beside what the velocity's sign scores."""
-    from bayesid.report.plot.trials import COLOURS
+    from bayesid.studies.figures import COLOURS
 
     ordinary = [row for row in rows if not row["predicts"] and tuple(row["terms"]) == STANDARD]
     ax = figure.subplots()

@@ -25,7 +25,7 @@ from bayesid.study.record import Row
 from bayesid.study.study import Study, in_turn
 
 if TYPE_CHECKING:
-    from bayesid.report.plot.trials import Figure
+    from bayesid.studies.figures import Figure
 
 FRICTIONLESS = ("rigid_body", "torque_offset", "rotor_inertia")
 
@@ -107,7 +107,7 @@ def report(rows: Sequence[Row]) -> str:
 
 def draw(rows: Sequence[Row], figure: Figure) -> None:
     """Gaps of every joint before and after, beside the floor and a signed refit."""
-    from bayesid.report.plot.trials import COLOURS, MARKERS
+    from bayesid.studies.figures import COLOURS, MARKERS
 
     panels = figure.subplots(1, len(rows), squeeze=False)[0]
     for ax, row in zip(panels, rows, strict=True):

@@ -25,7 +25,7 @@ from bayesid.study.record import Row
 from bayesid.study.study import Study
 
 if TYPE_CHECKING:
-    from bayesid.report.plot.trials import Figure
+    from bayesid.studies.figures import Figure
 
 
 @dataclass(frozen=True)

@@ -56,7 +56,7 @@ from bayesid.study.record import Row
 from bayesid.study.study import Study, in_turn
 
 if TYPE_CHECKING:
-    from bayesid.report.plot.trials import Figure
+    from bayesid.studies.figures import Figure
 
 LINKS = Links()
 """What is believed of any link: the default."""
@@ -365,7 +365,7 @@ def _summary(calibration: Calibration) -> list[str]:
 
 def draw(rows: Sequence[Row], figure: Figure) -> None:
     """For every quantity the distribution of its ranks, less the uniform one, in the band of 95 % of such curves."""
-    from bayesid.report.plot.trials import COLOURS
+    from bayesid.studies.figures import COLOURS
 
     count, ax = len(rows), figure.subplots()
     x = np.arange(LAST + 2) / (LAST + 1)

@@ -15,7 +15,7 @@ from bayesid.study.record import Row
 from bayesid.study.study import Study, in_turn
 
 if TYPE_CHECKING:
-    from bayesid.report.plot.trials import Figure
+    from bayesid.studies.figures import Figure
 
 JOINTS = (2, 3, 4, 5, 6, 7)
 DURATIONS = (6.0, 12.0, 24.0, 48.0, 96.0)
@@ -73,7 +73,7 @@ def _seconds(row: Row) -> float:
 
 def draw(rows: Sequence[Row], figure: Figure) -> None:
     """Seconds over the number of segments, a point a log."""
-    from bayesid.report.plot.trials import COLOURS, MARKERS
+    from bayesid.studies.figures import COLOURS, MARKERS
 
     groups = {robot: [row for row in rows if row["robot"] == robot] for robot in LONG}
     groups["panda, 2 to 7 joints"] = [row for row in rows if row["robot"].startswith("panda/")]

@@ -13,7 +13,7 @@ from bayesid.study.record import Row
 from bayesid.study.study import Study, in_turn
 
 if TYPE_CHECKING:
-    from bayesid.report.plot.trials import Figure
+    from bayesid.studies.figures import Figure
 
 USUAL = Scenario()
 GOOD = 0.99
@@ -192,7 +192,7 @@ posterior_columns = {
 # ---------------------------------------------------------------------------------------------------------------
 def draw(varied: Varied, rows: Sequence[Row], figure: Figure) -> None:
     """Wrong signs, and errors of predicted efforts, over what is varied; a line a robot."""
-    from bayesid.report.plot.trials import error_axis, name_ticks, spreads, wrong_axis
+    from bayesid.studies.figures import error_axis, name_ticks, spreads, wrong_axis
 
     panels = figure.subplots(1, 2)
     for ax, key in zip(panels, ("wrong", "torque_error"), strict=True):

@@ -25,7 +25,7 @@ from bayesid.study.record import Row
 from bayesid.study.study import Study, mixed
 
 if TYPE_CHECKING:
-    from bayesid.report.plot.trials import Figure
+    from bayesid.studies.figures import Figure
 
 SURE, SURER = 0.99, 0.999
 MOST_WRONG = 1e-3

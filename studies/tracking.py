@@ -28,11 +28,11 @@ from bayesid.monitor.kinds import CONTACT, FRICTION, GAIN, PAYLOAD
 from bayesid.monitor.tracked import Tracked
 from bayesid.monitor.tracker import SignTracker
 from bayesid.motion import Motion
-from bayesid.report.plot.trials import Figure
 from bayesid.signs.search.certified import Certified
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters
 from bayesid.simulation.trajectories import random_trajectory
+from bayesid.studies.figures import Figure
 from bayesid.studies.simulated import STRONG, make_robot
 from bayesid.study.record import Row
 from bayesid.study.study import Study, in_turn

@@ -22,7 +22,7 @@ from bayesid.study.record import KEY, TIMINGS, MisfitError, Record, Row, read_ro
 from bayesid.study.runner import LostSchedulerError, Outcome, Tally, no_tally, run
 
 if TYPE_CHECKING:
-    from bayesid.report.plot.trials import Figure
+    from bayesid.report.plot.drawing import MatplotlibFigure
 
 Scenario = Any
 """A frozen dataclass whose fields are numbers, texts, or tuples of these: they become columns."""
@@ -54,7 +54,7 @@ class Study:
     plan: Plan
     trial: Callable[[Scenario, int], Row]
     report: Callable[[Sequence[Row]], str]
-    draw: Callable[[Sequence[Row], Figure], None]
+    draw: Callable[[Sequence[Row], MatplotlibFigure], None]
     short: Callable[[Sequence[Row]], list[str]] = lambda rows: []
 
 
@@ -251,7 +251,7 @@ def check_results(folder: Path) -> None:
 
 def save_results(finished: Finished, folder: Path) -> str:
     """Writes report and figure, and returns the report."""
-    from bayesid.report.plot.trials import save_figure  # matplotlib takes a second to import
+    from bayesid.report.plot.drawing import save_figure  # matplotlib takes a second to import
 
     text = finished.report
     replace_file(folder / "report.txt", lambda aside: aside.write_text(f"{text}\n", encoding="utf-8"))

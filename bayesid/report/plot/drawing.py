@@ -4,20 +4,24 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from html import escape
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from bayesid.arrays import Array
 from bayesid.errors import InputError
+from bayesid.files.writing import replace_file
 from bayesid.parallel import ALONE
 from bayesid.report.plot.figure import INK, WIDTH, Band, Boxes, Dots, Figure, Line, Mark, Panel, Strokes, Words, corners
 
 if TYPE_CHECKING:
+    from matplotlib import figure as matplotlib_figure
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure as MatplotlibFigure
+
+    MatplotlibFigure = matplotlib_figure.Figure
 
 SIZE = 10.0
 """Of letters, points."""
@@ -134,6 +138,17 @@ def svg_of(ax: Axes, alt: str) -> str:
     element = re.sub(r"<metadata>.*?</metadata>", "", text.getvalue(), flags=re.DOTALL)
     element = element[element.index("<svg") :].replace(INK, "currentColor")
     return element.replace("<svg ", f'<svg role="img" aria-label="{escape(alt)}" ', 1)
+
+
+def save_figure(fill: Callable[[MatplotlibFigure], None], path: Path) -> None:
+    """Has `fill` draw into a figure and writes it, aside first and without a date."""
+    from matplotlib import rc_context
+    from matplotlib.figure import Figure as MatplotlibFigure
+
+    made = MatplotlibFigure(figsize=(7.5, 3.6), layout="constrained")
+    fill(made)
+    with ALONE, rc_context({"svg.hashsalt": "bayesid"}):
+        replace_file(path, lambda aside: made.savefig(aside, format=path.suffix[1:], metadata={"Date": None}))
 
 
 # ---------------------------------------------------------------------------------------------------------------

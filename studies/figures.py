@@ -1,34 +1,20 @@
-"""Figures of many trials: medians with their spread over what was varied, axes of shares and errors, and the file."""
+"""Figures of many trials: medians with their spread over what was varied, and axes of shares and errors."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import cycle
-from pathlib import Path
 
 import numpy as np
-from matplotlib import rc_context
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Figure
 from matplotlib.ticker import NullLocator
 
 from bayesid.arrays import Array
-from bayesid.files.writing import replace_file
-from bayesid.parallel import ALONE
 
 COLOURS = ("#1b7f79", "#c0392b", "#2c5d9b", "#d08a1d", "#6a4c93", "#555555", "#a0522d")
 """Distinct for people who do not see red and green alike, and in print together with the markers."""
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
-
-
-def save_figure(draw: Callable[[Figure], None], path: Path) -> None:
-    """Has `draw` fill a figure and writes it, aside first."""
-    figure = Figure(figsize=(7.5, 3.6), layout="constrained")
-    FigureCanvasAgg(figure)
-    draw(figure)
-    with ALONE, rc_context({"svg.hashsalt": "bayesid"}):  # and without a date: the same rows, the same file
-        replace_file(path, lambda aside: figure.savefig(aside, format=path.suffix[1:], metadata={"Date": None}))
 
 
 def spreads(axes: Axes, groups: Mapping[str, Sequence[tuple[float, Sequence[float]]]]) -> None:
