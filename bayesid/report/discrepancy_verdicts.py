@@ -30,16 +30,16 @@ _CHANGE = "change of "
 # ---------------------------------------------------------------------------------------------------------------
 def lead(discrepancy: Discrepancy) -> str:
     """What was found, what it explains, and what is left."""
-    left = [_left(discrepancy, joint, ratio) for joint, ratio in discrepancy.unexplained]
+    left, unexplained = _left(discrepancy), {joint for joint, _ in discrepancy.unexplained}
     if not discrepancy.added:
-        return f"{_nothing_found(discrepancy)}{f' {upper(listed(left))}.' if left else ''}"
-    whole = {excess.joint for excess in discrepancy.where} - {joint for joint, _ in discrepancy.unexplained}
-    explained = [f"this explains what showed in {joints_in_words(whole)}"] if whole else []
+        return " ".join([_nothing_found(discrepancy), *left])
+    whole = {excess.joint for excess in discrepancy.where} - unexplained
+    explained = [f"This explains what showed in {joints_in_words(whole)}."] if whole else []
     ratios = discrepancy.after / discrepancy.floor.rms
     worst = int(ratios.argmax()) + 1
     remains = f"{_effort(discrepancy, discrepancy.after[worst - 1], worst)} in joint {worst}"
-    left = left or [f"what remains is at most {ratios.max():.2f} times the noise floor ({remains})"]
-    return f"Found: {'; '.join(_in_brief(discrepancy))}. {upper('; '.join([*explained, *left]))}."
+    left = left or [f"What remains is at most {ratios.max():.2f} times the noise floor ({remains})."]
+    return " ".join([f"Found: {'; '.join(_in_brief(discrepancy))}.", *explained, *left])
 
 
 def _in_brief(discrepancy: Discrepancy) -> Iterator[str]:
@@ -73,12 +73,19 @@ def _known_digits(number: Quantity) -> str:
     return quantity(value, sd, "").split(" +- ")[0].lstrip("(")
 
 
-def _left(discrepancy: Discrepancy, joint: int, ratio: float) -> str:
-    """Joint 4 keeps 0.40 N m that nothing explains: the root of the mean square above the floor's."""
-    if set(discrepancy.unexplained_on[joint]) == {GROWN}:
-        return f"joint {joint} is predicted worse than before on {_data(discrepancy)}"
-    above = float(discrepancy.floor.rms[joint - 1]) * math.sqrt(max(ratio**2 - 1.0, 0.0))
-    return f"joint {joint} keeps {rounded(above, 2)} {unit_of(discrepancy, joint)} above the noise floor"
+def _left(discrepancy: Discrepancy) -> list[str]:
+    """What nothing explains: the root of the mean square above the floor's, and joints that got worse."""
+    above, worse = [], []
+    for joint, ratio in discrepancy.unexplained:
+        if set(discrepancy.unexplained_on[joint]) == {GROWN}:
+            worse.append(joint)
+        else:
+            size = float(discrepancy.floor.rms[joint - 1]) * math.sqrt(max(ratio**2 - 1.0, 0.0))
+            above.append(f"joint {joint}: {rounded(size, 2)} {unit_of(discrepancy, joint)}")
+    return [
+        *([f"Left above the noise floor: {', '.join(above)}."] if above else []),
+        *([f"Predicted worse than before on {_data(discrepancy)}: {joints_in_words(worse)}."] if worse else []),
+    ]
 
 
 def _nothing_found(discrepancy: Discrepancy) -> str:
@@ -148,10 +155,8 @@ def _found(discrepancy: Discrepancy, added: AddedEffect) -> Check:
 
 def _not_learned(discrepancy: Discrepancy, refused: AddedEffect) -> Check:
     assert refused.description is not None
-    message = (
-        f"a function learned in {joints_in_words(refused.joints)} that {refused.description.sentence} was not added: "
-        f"{_data(discrepancy)} does not bear it out"
-    )
+    learned = f"a function learned in {joints_in_words(refused.joints)} that {refused.description.sentence}"
+    message = f"{learned} was not added: not borne out by {_data(discrepancy)}"
     return Check("Effect without a name", "look", message, f"{distinguishing_motions(refused)} would show it")
 
 

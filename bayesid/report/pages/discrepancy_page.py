@@ -105,11 +105,7 @@ def _gaps(discrepancy: Discrepancy) -> html.Section:
         rows.append((str(joint), *efforts, html.number(after[j] / floor.rms[j]), origin, remark))
         sizes = [rounded(float(value[j])) for value in (before, after, floor.rms)]
         bars.append("joint {}: {} before, {} after, floor {}".format(joint, *sizes))
-    caption = (
-        f"Gap on {discrepancy.holdout}: root mean square of what the model leaves of the efforts, as it was and "
-        "extended, the noise floor, which no model can fall below for long, and the part of it that changes from "
-        "sample to sample."
-    )
+    caption = f"Gap on {discrepancy.holdout}: RMS residual of both models, the noise floor, and the floor's white part."
     headings = ["Joint", "As it was", "Extended", "Noise floor", "From sample to sample", "Extended / floor"]
     alt = f"Bars of the gap of each joint in N m: {'; '.join(bars)}"
     drawn = html.picture(gap_figure(discrepancy), "gap-figure", "The same in units of each joint's noise floor.", alt)
@@ -120,11 +116,7 @@ def _gaps(discrepancy: Discrepancy) -> html.Section:
 def _found(discrepancy: Discrepancy) -> html.Section:
     parts = []
     if discrepancy.added:
-        caption = (
-            "Effects that were added, in this order. Bayes factor and probabilities are all given the others that were "
-            "added: of the effect against its absence; and of this effect, of nothing missing in its place, and of an "
-            "effect outside of the catalogue."
-        )
+        caption = "Effects that were added, in this order; Bayes factors and probabilities are given all others."
         headings = ["Effect", "Joints", "Parameters", "log10 Bayes factor", "Probability", "Nothing missing"]
         headings += ["Something else", "Could also be", "What would decide"]
         parts.append(html.table(caption, headings, map(_added, discrepancy.added)))
@@ -135,19 +127,15 @@ def _found(discrepancy: Discrepancy) -> html.Section:
     worth = [row for effect in discrepancy.added for row in _worth(discrepancy, effect)]
     if worth:
         caption = (
-            f"What each is worth, on {discrepancy.holdout}: its own effort in the joint where that is largest, and the "
-            "error of the efforts (root mean square) if it is ignored, all others kept and identified again without "
-            "it, and with it, in the joint where that matters most."
+            f"What each is worth on {discrepancy.holdout}: its own effort, and the RMS error without it (the others "
+            "identified again) and with it, each in the joint where that is largest."
         )
         headings = ["Effect", "Joints", "Largest effort", "RMS effort", "Largest, in %", "Error if ignored"]
         headings += ["In % of RMS effort", "Error with it", "In % of RMS effort"]
         parts.append(html.table(caption, headings, worth))
     sets = [(set_in_words(one), html.probability(one.probability)) for one in listed_sets(discrepancy)]
     if len(sets) > 1:
-        caption = (
-            "Sets of effects that may be what is missing: those that predict the held-back data as well as any, within "
-            "the error, and no part of which does; and how probable each of them is by the log."
-        )
+        caption = "Sets of effects that predict the held-back data equally well, and their probabilities by the log."
         parts.append(html.table(caption, ["Set", "Probability"], sets))
     return html.section("found", "What was found", *parts)
 
@@ -213,14 +201,8 @@ def _where(discrepancy: Discrepancy) -> html.Section:
         size = html.number(excess.excess, unit_of(discrepancy, excess.joint))
         span = Markup("{} to {}").format(html.number(low), html.number(high, unit))
         rows.append((str(excess.joint), size, excess.variable, span))
-    caption = (
-        "Joints in which the model as it was exceeds the noise floor on the log, by how much (root mean square), over "
-        "which variable it shows best, and where most of it lies."
-    )
-    note = (
-        "Points are samples of the log, thinned; the lines are means over equally many samples, with twice their "
-        "standard error (samples taken as independent); the grey band is the noise floor."
-    )
+    caption = "Joints in which the model as it was exceeds the noise floor (RMS), and over which variable most."
+    note = "Points are samples, thinned; lines are means with twice their standard error; grey is the noise floor."
     told_where = html.table(caption, ["Joint", "Excess", "Variable", "Range"], rows)
     drawn = html.figures([_residual_picture(discrepancy, excess) for excess in discrepancy.where])
     return html.section(name, title, told_where, drawn, html.paragraph(note, note=True))
@@ -274,9 +256,8 @@ def _candidates(discrepancy: Discrepancy) -> html.Section:
     ]
     caption = (
         f"The best {min(TUNING.candidates, len(scores))} of {len(scores)} candidates, and all that were added. The "
-        "log10 Bayes factor is of each by itself, added to the model as it was; it says where to begin. To be added an "
-        f"effect needs {needed:g} given the others that were added: what these explain it no longer does, however "
-        "large its own number is here, and what they hide may show later."
+        "log10 Bayes factor is of each by itself, added to the model as it was. To be added an effect needs "
+        f"{needed:g} given the others that were added."
     )
     headings = ["Rank", "Effect", "Joints", "log10 Bayes factor", "What became of it"]
     best = best_first(scores)[: TUNING.bars]
@@ -404,9 +385,8 @@ def _changes(comparison: LogComparison) -> html.Section:
         if one.by_log
     ]
     caption = (
-        "What each log says by itself of effects beyond the terms asked for: shown, if its evidence and held-back "
-        "blocks of it bear the effect out (log10 Bayes factor beside all others); not there, if it speaks decisively "
-        "against the size that another log shows."
+        "What each log says by itself of effects beyond the terms asked for: shown (log10 Bayes factor beside all "
+        "others), not there, or cannot tell."
     )
     headings = ["Effect", "Joints", *log_names(comparison), "So it was"]
     more = [html.table(caption, headings, rows)] if rows else []

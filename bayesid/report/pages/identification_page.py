@@ -168,10 +168,7 @@ def _doubts(findings: Findings) -> html.Section:
         for k in largest
     ]
     which = "Segments" if len(rows) == len(doubtful) else f"The {len(rows)} largest of {len(doubtful)} segments"
-    caption = (
-        f"{which} in motion whose sign is not sure, by their largest |effort|. The sign of a small effort matters "
-        "little to the coefficients: its likelihood is averaged over both."
-    )
+    caption = f"{which} in motion whose sign is not sure, by their largest |effort|; the fit averages over both signs."
     headings = "Joint", "Time", "Likelier sign", "Confidence", "Largest |effort|, of the joint's"
     told = html.table(caption, headings, rows) if rows else html.paragraph("No segment in motion is ambiguous.")
     still = at_standstill(findings)
@@ -206,9 +203,8 @@ def _gains(findings: Findings) -> html.Section | None:
     if not rows:
         return None
     caption = (
-        "Gains as the log leaves them. A ratio is that to all other gains together: data decide it where they leave at "
-        "most a tenth of what was stated (its variance), else what was stated still does. The factor common to all is "
-        "a matter of its own (see the checks)."
+        "Gains as the log leaves them. Data decide a ratio to all other gains where they leave at most a tenth of the "
+        "variance that was stated. The factor common to all is in the checks."
     )
     return html.section("gains", "Gains", html.table(caption, list(map(upper, GAIN_HEADINGS)), rows))
 
@@ -234,16 +230,13 @@ def _coefficients(findings: Findings) -> html.Section:
             )
         )
     caption = (
-        "Base coefficients: the combinations of link parameters that efforts can show. The bar is the mean, the line "
-        "the 95 % interval, and the tick the nominal value, each over the coefficient's own size."
+        "Base coefficients: the combinations of link parameters that efforts can show. Bar: mean; line: 95 % interval; "
+        "tick: nominal value, each over the coefficient's size."
     )
     headings = ["Built on", "Mean and sd", "Relative sd", "95 % interval", *(["Nominal"] if nominal else [])]
     headings += ["Decided by", "From -1 to 1", "Expression"]
     names = ", ".join(findings.prior_parameters)
-    by_prior = (
-        f"Single parameters that the prior decides, not the data: {names}. They are physically feasible, but only "
-        "their combinations above are measured."
-    )
+    by_prior = f"Single parameters that the prior decides, not the data: {names}."
     notes = [html.paragraph(by_prior, note=True)] if names else []
     return html.section("coefficients", "Coefficients", html.table(caption, headings, rows), *notes)
 
@@ -298,9 +291,9 @@ def _posterior(findings: Findings) -> html.Section:
 
 def _residuals(findings: Findings) -> html.Section:
     note = (
-        "What the model leaves of the efforts in motion, signs as found. Blue points are samples, thinned; orange "
-        "lines are means over equally many samples with twice their standard errors: where they leave zero, the model "
-        "lacks something. The autocorrelation of white noise would lie in the grey band."
+        "Recorded effort, with its sign, less the model's. Blue points are samples, thinned; orange lines are means "
+        "with twice their standard errors: where they leave zero, the model lacks something. The autocorrelation of "
+        "white noise lies in the grey band."
     )
     pictures = []
     for joint in range(1, findings.n_joints + 1):
@@ -393,10 +386,7 @@ def _validation(findings: Findings) -> html.Section:
         untried = f"This model has not been tried on a log that it has not seen: {commands.validate(findings)}"
         return html.section(name, title, html.paragraph(untried))
     seen = Markup("<p><strong>This is no validation: the model was identified from this log.</strong></p>")
-    caption = (
-        f"{prediction.source}. The band accounts for {prediction.band}; it should hold 95 % of the efforts. Errors are "
-        "against the measured efforts, noise and all."
-    )
+    caption = f"{prediction.source}: errors against measured efforts. The band of 95 % accounts for {prediction.band}."
     values = zip(prediction.rms_error, prediction.relative_residual, prediction.coverage, strict=True)
     rows = [
         (str(joint), html.number(error, findings.effort_unit[joint - 1]), html.percent(share), html.percent(covered))
