@@ -22,6 +22,7 @@ from scipy.special import bdtrc, chdtrc, chdtri
 from bayesid.arrays import Array, Integers, Mask
 from bayesid.errors import InputError
 from bayesid.report.tuning import TUNING
+from bayesid.report.words import table
 
 Row = Mapping[str, Any]
 """A coefficient of one run, as in coefficients.csv: `name`, `expression`, `unit`, `mean`, `sd`; others are ignored."""
@@ -202,12 +203,13 @@ def text(agreement: Agreement) -> str:
     worst = worst[np.argsort(-agreement.ratio[worst], kind="stable")][: TUNING.worst_coefficients]
     if not len(worst):
         return agreement.sentence
-    named = [f"{agreement.names[c]}, {agreement.units[c]}" for c in worst]
-    width = max(map(len, [*named, "coefficient"]))
-    head = f"{'mean':>10}   {'spread':>9}   {'typical sd':>10}   {'ratio':>5}   {'p':>6}"
-    lines = [agreement.sentence, f"{'coefficient':<{width}}   runs   {head}"]
-    for name, c in zip(named, worst, strict=True):
-        figures = f"{agreement.mean[c]:>10.4g}   {agreement.spread[c]:>9.3g}   {agreement.typical_sd[c]:>10.3g}"
-        verdict = f"{agreement.ratio[c]:>5.1f}   {agreement.p[c]:>6.1g}"
-        lines.append(f"{name:<{width}}   {agreement.runs[c]:>4}   {figures}   {verdict}")
-    return "\n".join(lines)
+    rows = [
+        [
+            *(f"{agreement.names[c]}, {agreement.units[c]}", str(agreement.runs[c]), f"{agreement.mean[c]:.4g}"),
+            *(f"{agreement.spread[c]:.3g}", f"{agreement.typical_sd[c]:.3g}"),
+            *(f"{agreement.ratio[c]:.1f}", f"{agreement.p[c]:.1g}"),
+        ]
+        for c in worst
+    ]
+    headings = ["coefficient", "runs", "mean", "spread", "typical sd", "ratio", "p"]
+    return f"{agreement.sentence}\n{table(headings, rows)}"
