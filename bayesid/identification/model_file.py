@@ -110,7 +110,7 @@ def _stored_covariance(table: dict[str, Any] | None, model: Model, key: str) -> 
 def _stored_draws(model: Model, path: Path) -> ParameterDraws | None:
     if not path.exists():
         return None
-    from bayesid.posterior.netcdf import read_draws  # and xarray, for a posterior alone
+    from bayesid.posterior.inference_data import read_draws  # and xarray, for a posterior alone
 
     return ParameterDraws(*read_draws(path, [parameter.name for parameter in model.parameters]))
 

@@ -24,19 +24,12 @@ from bayesid.regression.moments import Moments
 
 @dataclass(frozen=True)
 class SegmentBlocks:
-    """B stretches of S segments of a log.
+    """B stretches of S segments of a log."""
 
-    Attributes:
-        moments: of the blocks, not scaled, efforts as those of their segments.
-        segment: (B,) the segment that each is a part of.
-        start: (B,) its first sample.
-        end: (B,) the sample after its last one.
-    """
-
-    moments: Moments
-    segment: Integers
-    start: Integers
-    end: Integers
+    moments: Moments  #: of the blocks, not scaled, efforts as those of their segments
+    segment: Integers  #: (B,) the segment that each is a part of
+    start: Integers  #: (B,) its first sample
+    end: Integers  #: (B,) the sample after its last one
 
     def __len__(self) -> int:
         return len(self.segment)
@@ -59,9 +52,7 @@ class SegmentBlocks:
 def divide(segments: Segments, autocorrelation: Array) -> tuple[Segments, Integers]:
     """Segments cut into blocks of about the same length, as if of unknown sign, and the segment that each is a part of.
 
-    Args:
-        segments: S of them.
-        autocorrelation: (n,) integrated autocorrelation time of each joint's residual, samples.
+    By the integrated autocorrelation time (n,) of each joint's residual, samples.
     """
     size = np.maximum(segments.end - segments.start, 0)
     least = np.maximum(
@@ -90,13 +81,9 @@ def agreed_signs(likelihood: Likelihood, theta: Array, log_scale: Array) -> Inte
 def by_blocks(
     blocks: SegmentBlocks, likelihood: Likelihood, theta: Array, log_scale: Array
 ) -> tuple[SegmentBlocks, Likelihood]:
-    """Blocks whose likelihoods multiply to that of the log, and it in terms of them instead of segments.
+    """Blocks whose likelihoods multiply to that of the log, and it in terms of them instead of S segments.
 
-    Args:
-        blocks: of S segments.
-        likelihood: of the same segments.
-        theta: (W, P) draws of the parameters.
-        log_scale: (W, n) of the logarithms of the noise scales.
+    Which those are is decided by draws (W, P) of the parameters and (W, n) of the logarithms of the noise scales.
     """
     agreed = agreed_signs(likelihood, theta, log_scale)
     blocks = blocks.whole(agreed == 0)
@@ -116,13 +103,8 @@ def pointwise(likelihood: Likelihood, moments: Moments, theta: Array, log_scale:
 
     the mean over both signs of the normal density to the power 1 / tau, or s_k w g_k' beta for the last term where the
     sign is fixed. A part that several blocks share has the sum of theirs. The sum over all parts is
-    `likelihood.log_likelihood` less log 2 for each unknown sign and sum_j (n_j / 2) log(2 pi sigma_j^2).
-
-    Args:
-        likelihood: of S blocks.
-        moments: of the same blocks, not scaled.
-        theta: (W, P) parameters.
-        log_scale: (W, n) logarithms of the noise scales.
+    `likelihood.log_likelihood` less log 2 for each unknown sign and sum_j (n_j / 2) log(2 pi sigma_j^2). The moments of
+    the blocks are not scaled; parameters are (W, P), logarithms of noise scales (W, n).
     """
     autocorrelation = autocorrelation_times(likelihood, moments)
     scaled = moments.scaled(likelihood.sigma * np.sqrt(autocorrelation))

@@ -36,41 +36,27 @@ from bayesid.signs.search.result import SearchResult
 
 @dataclass(frozen=True)
 class Posterior:
-    """Draws of parameters and noise scales, and what they say about the signs of S segments.
+    """Draws of parameters and noise scales, and what they say about the signs of S segments."""
 
-    Attributes:
-        target: what was sampled.
-        blocks: of the segments, by which models are compared.
-        noise: the reference noise: sizes, colour, effective samples; at least a thousandth of the efforts.
-        modes: heaviest first; their weights sum to 1.
-        draws: of all modes together, each with its share; diagnostics are the worst of any mode.
-        chosen: index of the mode whose mean the parameters are: the heaviest, unless another one is asked for.
-        shift: (D, E, W, P) by which what the model may lack moves the draws; None where it lacks nothing. It moves no
-            sign of this log and no estimate, but widens what is uncertain in them.
-        plus: (S,) P(sign = +) of each segment, averaged over the draws.
-        branch_mass: (B,) mass of each assignment that the search lists, in its order; empty without a list.
-        elsewhere: mass of all other assignments, by the draws; None without a list.
-        log_gain: (D, E, W, n) logarithms of the gains of each draw, relative to those of the efforts; None where all
-            gains are exact. The draws are moved by them too.
-        excluded: share of a joint's squared effort, of the worst one, to which the draws give signs that the search has
-            excluded; None where it has excluded none.
-        seconds: of wall time.
-        sampling: how it was sampled.
-    """
-
-    target: Target
-    blocks: SegmentBlocks
-    noise: Noise
-    modes: tuple[SampledMode, ...]
-    draws: Draws
-    plus: Array
-    branch_mass: Array
-    elsewhere: float | None
-    seconds: float
-    sampling: Sampling
-    chosen: int = 0
+    target: Target  #: what was sampled
+    blocks: SegmentBlocks  #: of the segments, by which models are compared
+    noise: Noise  #: the reference noise: sizes, colour, effective samples; at least a thousandth of the efforts
+    modes: tuple[SampledMode, ...]  #: heaviest first; their weights sum to 1
+    draws: Draws  #: of all modes together, each with its share; diagnostics are the worst of any mode
+    plus: Array  #: (S,) P(sign = +) of each segment, averaged over the draws
+    branch_mass: Array  #: (B,) mass of each assignment that the search lists, in its order; empty without a list
+    elsewhere: float | None  #: mass of all other assignments, by the draws; None without a list
+    seconds: float  #: of wall time
+    sampling: Sampling  #: how it was sampled
+    chosen: int = 0  #: index of the mode whose mean the parameters are: the heaviest, unless another one is asked for
+    #: (D, E, W, P) by which what the model may lack moves the draws; None where it lacks nothing. It moves no sign of
+    #: this log and no estimate, but widens what is uncertain in them.
     shift: Array | None = None
+    #: share of a joint's squared effort, of the worst one, to which the draws give signs that the search has excluded;
+    #: None where it has excluded none
     excluded: float | None = None
+    #: (D, E, W, n) logarithms of the gains of each draw, relative to those of the efforts; None where all gains are
+    #: exact. The draws are moved by them too.
     log_gain: Array | None = None
 
     def __repr__(self) -> str:

@@ -1,4 +1,4 @@
-"""The posterior as ArviZ takes it: groups of named arrays, which posterior.nc holds too.
+"""The posterior as ArviZ takes it, groups of named arrays, and posterior.nc, the netCDF file that holds them.
 
 Groups and their dimensions, every one with named coordinates:
 
@@ -29,6 +29,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -38,15 +39,20 @@ from xarray import Dataset, DataTree
 from bayesid.arrays import Array, Integers
 from bayesid.effects.coefficients import BaseCoefficients
 from bayesid.effects.parameters import Parameter
+from bayesid.errors import InputError
 from bayesid.parallel import one_at_a_time, quiet
 from bayesid.posterior.blocks import SegmentBlocks, autocorrelation_times, by_blocks, pointwise, sums
 from bayesid.posterior.likelihood import Likelihood
-from bayesid.posterior.netcdf import LIBRARY
 from bayesid.posterior.sampler import Draws
 from bayesid.posterior.target import Target
 from bayesid.posterior.tuning import TUNING
 from bayesid.regression.moments import Moments
 
+_LIBRARY = "bayesid"
+"""What the file names as the library that made its draws."""
+_DIMENSIONS = {"theta": "parameter", "noise": "joint", "log_gain": "joint", "beta": "coefficient"}
+"""The last dimension of each variable of draws, behind chain and draw."""
+_REMEDY = "give the posterior that bayesid wrote, or identify again to write it anew"
 _EFFORT = {"units": "N m"}
 _SAMPLED = ("chain", "draw")
 _POINTWISE = (
@@ -57,32 +63,21 @@ _POINTWISE = (
 
 @dataclass(frozen=True)
 class Labels:
-    """What things are called, when samples were taken, and what has no draws.
+    """What things are called, when samples were taken, and what has no draws."""
 
-    Attributes:
-        coefficients: the r base coefficients; their names, units and expressions.
-        parameters: (P,) with names and units.
-        joints: (n,) one each, all different.
-        time: (N,) s, of the samples that blocks count.
-        nuisance: effects that were summed out, with their joints, and their likely sizes.
-    """
-
-    coefficients: BaseCoefficients
-    parameters: Sequence[Parameter]
-    joints: Sequence[str]
-    time: Array
+    coefficients: BaseCoefficients  #: the r base coefficients; their names, units and expressions
+    parameters: Sequence[Parameter]  #: (P,) with names and units
+    joints: Sequence[str]  #: (n,) one each, all different
+    time: Array  #: (N,) s, of the samples that blocks count
+    #: effects that were summed out, with their joints, and their likely sizes
     nuisance: Mapping[str, float] = field(default_factory=dict)
 
 
 class Moved(NamedTuple):
-    """What moves draws beyond the sampling.
+    """What moves draws beyond the sampling."""
 
-    Attributes:
-        shift: (D, E, W, P) of the parameters: by what the model may lack, and by gains that are unknowns.
-        log_gain: (D, E, W, n) logarithms of these gains, relative to those of the efforts; None where all are exact.
-    """
-
-    shift: Array
+    shift: Array  #: (D, E, W, P) of the parameters: by what the model may lack, and by gains that are unknowns
+    #: (D, E, W, n) logarithms of these gains, relative to those of the efforts; None where all are exact
     log_gain: Array | None = None
 
 
@@ -115,11 +110,9 @@ def keep(
     Args:
         draws: from the target.
         target: the posterior that they are of.
-        blocks: of the S segments in the target's likelihood. Each part of their Hessian takes 4 bytes a draw:
-            `moments.compact` bounds their number.
+        blocks: of the S segments in the target's likelihood. Each part of their Hessian takes 4 bytes a draw.
         labels: names, units and times.
-        attributes: of the run: model, noise assumption, versions, seed, diagnostics. True and False become 1 and 0,
-            what is neither text nor a number becomes JSON.
+        attributes: of the run. True and False become 1 and 0, what is neither text nor a number becomes JSON.
         most: draws to keep in all. Whole sweeps are left out, evenly, but never all of them.
         mode: (D, E, W) index of the mode that each draw is from; by default there is but one.
         moved: what moves the draws of `theta` and `beta` besides; `lp` and `effort` are theirs before.
@@ -169,7 +162,7 @@ def _run(draws: Draws, every: int) -> dict[str, object]:
     """Attributes of the sampling, of which each so many sweeps are kept."""
     _, ensembles, walkers = draws.log_density.shape
     return {
-        "inference_library": LIBRARY,
+        "inference_library": _LIBRARY,
         "ensembles": ensembles,
         "walkers": walkers,
         "sweeps": draws.sweeps,
@@ -318,3 +311,70 @@ def _constants(target: Target, moments: Moments, labels: Labels) -> Dataset:
 def _nuisance(scales: Mapping[str, float]) -> Dataset:
     about = {"long_name": "likely size, relative to what is usual; of kinematics, to the stated tolerance"}
     return Dataset({"scale": ("effect", np.array(list(scales.values())), about)}, {"effect": list(scales)})
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# posterior.nc
+# ---------------------------------------------------------------------------------------------------------------
+@one_at_a_time
+def write(kept: xarray.DataTree, path: Path | str) -> None:
+    """Writes netCDF, compressed, over whatever is there."""
+    packed = {"zlib": True, "complevel": 4, "shuffle": True}  # unshuffled, the bytes of floats hardly shrink
+    encoding = {
+        group: {
+            name: {"_FillValue": None, **(packed if one.size > 1 else {})}
+            for name, one in node.variables.items()
+            if one.dtype.kind in "fi"
+        }
+        for group, node in kept.children.items()
+    }
+    kept.to_netcdf(path, engine="h5netcdf", encoding={f"/{group}": given for group, given in encoding.items()})
+
+
+def read_draws(path: Path | str, parameters: Sequence[str] | None = None) -> tuple[Array, Array, Array | None]:
+    """Of all K draws in a file, chain after chain, parameters, noise and gains.
+
+    Returns:
+        (K, P) parameters theta, (K, n) noise, N m, and (K, n) logarithms of the gains; None where gains were exact.
+
+    Raises:
+        InputError: if the file is missing, damaged, not a posterior of bayesid, or of a model with other parameters.
+    """
+    posterior = _read(path, ("theta", "noise"), ("log_gain",))
+    if parameters is not None and posterior["parameter"].values.tolist() != list(parameters):
+        raise InputError("the posterior of another model, with other parameters", str(path), _REMEDY)
+    flat = {name: draws.values.reshape(-1, draws.shape[2]) for name, draws in posterior.data_vars.items()}
+    return flat["theta"], flat["noise"], flat.get("log_gain")
+
+
+def read_coefficients(path: Path | str) -> Array:
+    """(E, D W, r) coefficients of all draws in a file, in the order of sweeps, see `Draws.kept_coefficients`.
+
+    Raises:
+        InputError: if the file is missing, damaged or not a posterior of bayesid.
+    """
+    posterior = _read(path, ("beta",))
+    beta, walkers = posterior["beta"].values, int(posterior.attrs["walkers"])
+    by_walker = beta.reshape(len(beta), walkers, -1, beta.shape[2])
+    return np.ascontiguousarray(np.moveaxis(by_walker, 2, 1)).reshape(beta.shape)
+
+
+@one_at_a_time
+def _read(path: Path | str, wanted: Sequence[str], optional: Sequence[str] = ()) -> xarray.Dataset:
+    """Draws (E, D, ...) of the posterior in a file, with names of their last dimensions and the file's attributes."""
+    where = str(path)
+    if not Path(path).is_file():
+        raise InputError("there is no such file", where, _REMEDY)
+    try:
+        with xarray.open_dataset(path, engine="h5netcdf") as file:
+            attributes = file.attrs
+        with xarray.open_dataset(path, group="posterior", engine="h5netcdf") as group:
+            draws = group[[*wanted, *(name for name in optional if name in group)]].load().assign_attrs(attributes)
+    except Exception as error:  # HDF5 raises anything at all at a damaged file
+        raise InputError("not the netCDF file of a posterior, or damaged", where, _REMEDY) from error
+    ours = attributes.get("inference_library") == _LIBRARY and "walkers" in attributes
+    if not ours or any(one.dims != ("chain", "draw", _DIMENSIONS[str(name)]) for name, one in draws.data_vars.items()):
+        raise InputError("the posterior of another program", where, _REMEDY)
+    if not all(np.isfinite(one).all() for one in draws.data_vars.values()):
+        raise InputError("some draws are not finite numbers", where, _REMEDY)
+    return draws

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.random import RandomState
 from scipy.special import expit
 
 from bayesid.arrays import Array, Integers
@@ -27,27 +28,16 @@ from bayesid.regression.moments import Moments
 
 @dataclass(frozen=True)
 class Likelihood:
-    """Moments of S segments of n joints, in units of the reference noise.
+    """Moments of S segments of n joints, in units of the reference noise."""
 
-    Attributes:
-        projection: (r, P) B with beta = B theta.
-        hessian: (n, r, r) H_j.
-        energy: (n,) c_j.
-        count: (n,) effective samples.
-        gradient: (S, r) g_k.
-        joint: (S,) 0-based joint of each segment.
-        fixed: (S,) +1 or -1; 0 where the sign is summed out.
-        sigma: (n,) the reference noise, N m.
-    """
-
-    projection: Array
-    hessian: Array
-    energy: Array
-    count: Array
-    gradient: Array
-    joint: Integers
-    fixed: Integers
-    sigma: Array
+    projection: Array  #: (r, P) B with beta = B theta
+    hessian: Array  #: (n, r, r) H_j
+    energy: Array  #: (n,) c_j
+    count: Array  #: (n,) effective samples
+    gradient: Array  #: (S, r) g_k
+    joint: Integers  #: (S,) 0-based joint of each segment
+    fixed: Integers  #: (S,) +1 or -1; 0 where the sign is summed out
+    sigma: Array  #: (n,) the reference noise, N m
 
     @property
     def n_joints(self) -> int:
@@ -76,9 +66,6 @@ class Likelihood:
         """(w, n) 1 where the unknown segment belongs to the joint."""
         return (self.joint[self.unknown][:, None] == np.arange(self.n_joints)).astype(float)
 
-    # -----------------------------------------------------------------------------------------------------------
-    # Densities
-    # -----------------------------------------------------------------------------------------------------------
     def log_likelihood(self, theta: Array, log_scale: Array) -> Array:
         """(W,) log L (:eq:`marginal-likelihood`) of parameters theta (W, P) and logarithms of noise scales (W, n)."""
         beta = theta @ self.projection.T
@@ -115,9 +102,6 @@ class Likelihood:
         of_fixed = np.einsum("wj,wjr->wr", weight, self.settled - self.apply(beta))
         return of_fixed + (signs * weight[:, self.joint[self.unknown]]) @ self.open_gradient
 
-    # -----------------------------------------------------------------------------------------------------------
-    # Signs
-    # -----------------------------------------------------------------------------------------------------------
     def push(self, theta: Array, log_scale: Array) -> Array:
         """(W, S) w g_k' beta: half the log odds of a plus."""
         return theta @ self.projection.T @ self.gradient.T * np.exp(-2.0 * log_scale)[:, self.joint]
@@ -133,8 +117,9 @@ class Likelihood:
         """(W, w) the likelier signs of the unknown segments."""
         return np.where(self.push(theta, log_scale)[:, self.unknown] >= 0.0, 1.0, -1.0)
 
-    def draw_signs(self, beta: Array, log_scale: Array, uniform: Array) -> Array:
-        """(W, w) signs of the unknown segments given all else, from uniform variables (W, w)."""
+    def draw_signs(self, beta: Array, log_scale: Array, random: RandomState) -> Array:
+        """(W, w) signs of the unknown segments given all else."""
+        uniform = random.random_sample((len(beta), len(self.unknown)))
         push = beta @ self.open_gradient.T * np.exp(-2.0 * log_scale)[:, self.joint[self.unknown]]
         return np.where(uniform < expit(2.0 * push), 1.0, -1.0)
 

@@ -16,8 +16,8 @@ The prior's normalisation is left out: it is the same for all modes.
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -25,46 +25,28 @@ from numpy.random import RandomState
 from scipy.linalg import solve_triangular
 from scipy.special import expit, gammaln, logsumexp
 
-from bayesid.arrays import TINY, Array, Integers, Mask
+from bayesid.arrays import Array, Integers, Mask
 from bayesid.errors import SolverError
-from bayesid.posterior.moves import Conditional, sweep
-from bayesid.posterior.region import Region
+from bayesid.posterior.moves import Conditional, noise_scales, sweep
+from bayesid.posterior.region import Region, barrier_minimum
 from bayesid.posterior.sampler import Draws
-from bayesid.posterior.start import barrier_minimum, body_blocks
 from bayesid.posterior.target import Target
 from bayesid.posterior.tuning import TUNING
 
 
-@dataclass(frozen=True)
-class MarginalLikelihood:
-    """The mass of a mode.
-
-    Attributes:
-        log_value: of the integral of exp(target.log_density).
-        standard_error: of log_value.
-        log_share: of the normal distribution's mass inside the region.
-        levels: of the splitting.
-        seconds: of wall time.
-    """
+class MarginalLikelihood(NamedTuple):
+    """The mass of a mode: log of the integral of exp(target.log_density), and its standard error."""
 
     log_value: float
     standard_error: float
-    log_share: float
-    levels: int
-    seconds: float
 
 
 @dataclass(frozen=True)
 class Normal:
-    """The density exp(-theta' A theta / 2 + b' theta), not normalised.
+    """The density exp(-theta' A theta / 2 + b' theta), not normalised."""
 
-    Attributes:
-        precision: (P, P) A, positive definite.
-        linear: (P,) b.
-    """
-
-    precision: Array
-    linear: Array
+    precision: Array  #: (P, P) A, positive definite
+    linear: Array  #: (P,) b
 
     @property
     def log_integral(self) -> float:
@@ -100,60 +82,43 @@ class Normal:
         return theta
 
 
-@dataclass(frozen=True)
-class TruncatedNormal:
-    """A normal distribution restricted to a region, by G groups of walkers.
-
-    Attributes:
-        theta: (G, W, P) draws.
-        log_mass: (G,) each group's estimate of the log of the integral over the region.
-        levels: of the splitting.
-    """
-
-    theta: Array
-    log_mass: Array
-    levels: int
-
-
 def integrate(
     target: Target, draws: Draws, seed: int = 0, groups: int = TUNING.mass_groups, walkers: int = TUNING.mass_walkers
 ) -> MarginalLikelihood:
-    """The mass of a mode from its draws.
-
-    Args:
-        target: the posterior.
-        draws: of the mode.
-        seed: of all random numbers.
-        groups: of walkers; at least 2.
-        walkers: in each group.
+    """The mass of a mode from its draws, by at least 2 groups of walkers.
 
     Raises:
         SolverError: the levels do not come to an end.
     """
-    began = time.perf_counter()
-    random = np.random.RandomState(seed)
+    random = RandomState(seed)
     centre, scale = target.split(draws.coordinates.mean(axis=0))
     signs = target.likelihood.likelier_signs(centre[None], scale[None])
     normal = Normal(*target.quadratic(centre, scale))
     truncated = truncate(target.prior.region, normal, target.prior.inside, random, groups, walkers)
+    likelihood = target.likelihood
+
+    def residual(theta: Array) -> Array:
+        return likelihood.residual(theta @ likelihood.projection.T, signs)
 
     def log_ratio(coordinates: Array) -> Array:
         theta, log_scale = target.split(coordinates)
-        return target.log_density(coordinates) - normal.log_density(theta) - _log_noise(target, theta, log_scale, signs)
+        noise = _log_noise(0.5 * likelihood.count, residual(theta), log_scale)
+        return target.log_density(coordinates) - normal.log_density(theta) - noise
 
     joined = np.concatenate([draws.theta, draws.log_scale], axis=-1)
     parts = np.array_split(np.moveaxis(joined, 0, 2).reshape(-1, joined.shape[-1]), groups)
     values = []
-    for part, theta, mass in zip(parts, truncated.theta, truncated.log_mass, strict=True):
-        proposed = np.concatenate([theta, _draw_noise(target, theta, signs, random)], axis=1)
-        values.append(mass + bridge(log_ratio(part), log_ratio(proposed)))
-    return MarginalLikelihood(
-        log_value=float(np.mean(values)),
-        standard_error=float(np.std(values, ddof=1) / np.sqrt(len(values))),
-        log_share=float(np.mean(truncated.log_mass)) - normal.log_integral,
-        levels=truncated.levels,
-        seconds=time.perf_counter() - began,
-    )
+    for part, theta, mass in zip(parts, *truncated, strict=True):
+        log_scale = noise_scales(0.5 * likelihood.count, residual(theta), random)
+        values.append(mass + bridge(log_ratio(part), log_ratio(np.concatenate([theta, log_scale], axis=1))))
+    return MarginalLikelihood(float(np.mean(values)), float(np.std(values, ddof=1) / np.sqrt(len(values))))
+
+
+def _log_noise(shape: Array, residual: Array, log_scale: Array) -> Array:
+    """(W,) log density of `noise_scales` (W, n)."""
+    constant = np.log(2.0) + shape * np.log(0.5 * residual) - gammaln(shape)
+    value: Array = np.sum(constant - 2.0 * shape * log_scale - 0.5 * residual * np.exp(-2.0 * log_scale), axis=1)
+    return value
 
 
 def mode_weights(log_values: Array) -> Array:
@@ -161,21 +126,12 @@ def mode_weights(log_values: Array) -> Array:
     return np.exp(log_values - logsumexp(log_values))
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# The normal distribution inside the region
-# ---------------------------------------------------------------------------------------------------------------
 def truncate(
     region: Region, normal: Normal, inner: Array, random: RandomState, groups: int, walkers: int
-) -> TruncatedNormal:
-    """Draws of a normal distribution inside the region, and its integral over it.
+) -> tuple[Array, Array]:
+    """(G, W, P) draws of a normal distribution inside the region, and (G,) estimates of the log of its integral there.
 
-    Args:
-        region: convex.
-        normal: the distribution; nearly all of it may lie outside.
-        inner: (P,) a point strictly inside the region.
-        random: the random state.
-        groups: G of walkers.
-        walkers: W in each group.
+    Nearly all of it may lie outside; `inner` (P,) lies strictly inside.
 
     Raises:
         SolverError: the levels do not come to an end.
@@ -183,9 +139,8 @@ def truncate(
     centre = barrier_minimum(region, normal.precision, normal.linear, inner)
     precision = np.linalg.inv(centre.covariance)
     first = Normal(0.5 * (precision + precision.T), precision @ centre.theta)
-    fitting = truncate_by_splitting(region, first, centre.theta, random, groups, walkers)
-    lines = Conditional(centre.covariance, body_blocks(region))
-    theta, log_mass, current = fitting.theta, fitting.log_mass, first
+    theta, log_mass = truncate_by_splitting(region, first, centre.theta, random, groups, walkers)
+    lines, current = Conditional(centre.covariance, region.blocks), first
     for k in range(TUNING.mass_steps):
         following = first.toward(normal, (k + 1) / TUNING.mass_steps)
         moved = following.move(region, theta.reshape(-1, region.size), lines, TUNING.step_sweeps, random)
@@ -195,17 +150,17 @@ def truncate(
             for pair in zip(moved, theta, strict=True)
         ]
         theta, log_mass, current = moved, log_mass + np.array(ratio), following
-    return TruncatedNormal(theta, log_mass, fitting.levels)
+    return theta, log_mass
 
 
 def truncate_by_splitting(
     region: Region, normal: Normal, inner: Array, random: RandomState, groups: int, walkers: int
-) -> TruncatedNormal:
+) -> tuple[Array, Array]:
     """The same by splitting alone, whose price grows with the log of the share; `inner` is best deep inside."""
-    block, most_levels = body_blocks(region), 2000  # each keeps a share of 0.3: masses down to 1e-1000
+    most_levels = 2000  # each keeps a share of 0.3: masses down to 1e-1000
     theta = normal.draw(groups * walkers, random)
     log_share = np.zeros(groups)
-    for level in range(1, most_levels + 1):
+    for _ in range(most_levels):
         excess = region.excess(theta.T, inner).reshape(groups, -1)
         second = float(np.sort(excess, axis=1)[:, 1].max())  # two walkers of each group stay at least
         relaxation = max(float(np.quantile(excess, TUNING.mass_share)), second, 0.0)
@@ -213,11 +168,10 @@ def truncate_by_splitting(
         log_share += np.log(stays.mean(axis=1))
         theta = theta[_resample(stays, random)]
         relaxed = region.relaxed(relaxation * (1.0 + 1e-9), inner)  # rounding must not shut out the last one that stays
-        lines = Conditional(barrier_minimum(relaxed, normal.precision, normal.linear, inner).covariance, block)
+        lines = Conditional(barrier_minimum(relaxed, normal.precision, normal.linear, inner).covariance, region.blocks)
         theta = normal.move(relaxed, theta, lines, TUNING.level_sweeps, random)
         if relaxation == 0.0:
-            shape = (groups, walkers, region.size)
-            return TruncatedNormal(theta.reshape(shape), log_share + normal.log_integral, level)
+            return theta.reshape(groups, walkers, region.size), log_share + normal.log_integral
     status = f"{most_levels} levels do not reach the mass inside the region"
     raise SolverError("marginal likelihoods of the modes", status)
 
@@ -233,33 +187,10 @@ def _resample(stays: Mask, random: RandomState) -> Integers:
     return np.concatenate(chosen)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Noise scales and bridge
-# ---------------------------------------------------------------------------------------------------------------
-def _draw_noise(target: Target, theta: Array, signs: Array, random: RandomState) -> Array:
-    """(W, n) noise scales u given theta (W, P) and the unknown signs (1, w), without their prior."""
-    likelihood = target.likelihood
-    residual = likelihood.residual(theta @ likelihood.projection.T, signs)
-    gamma = random.standard_gamma(0.5 * likelihood.count, residual.shape)
-    return -0.5 * np.log(np.maximum(gamma, TINY) / (0.5 * residual))
-
-
-def _log_noise(target: Target, theta: Array, log_scale: Array, signs: Array) -> Array:
-    """(W,) log density of these draws."""
-    likelihood = target.likelihood
-    residual = likelihood.residual(theta @ likelihood.projection.T, signs)
-    shape = 0.5 * likelihood.count
-    constant = np.log(2.0) + shape * np.log(0.5 * residual) - gammaln(shape)
-    value: Array = np.sum(constant - 2.0 * shape * log_scale - 0.5 * residual * np.exp(-2.0 * log_scale), axis=1)
-    return value
-
-
 def bridge(of_target: Array, of_other: Array) -> float:
     """Log of the ratio of two integrals, target over other: Meng and Wong's optimal bridge, as Bennett's equation.
 
-    Args:
-        of_target: (M,) log(target / other) at draws of the target.
-        of_other: (N,) the same at draws of the other.
+    From log(target / other) at (M,) draws of the target, and at (N,) of the other.
     """
     shift = np.log(len(of_target) / len(of_other))
 

@@ -12,46 +12,34 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from bayesid.arrays import Array, Integers
-from bayesid.posterior.diagnostics import Diagnostics
 from bayesid.posterior.marginal_likelihood import MarginalLikelihood, integrate, mode_weights
-from bayesid.posterior.sampler import Draws, Sampling, nominal_sweep, sample
-from bayesid.posterior.start import find_centre
+from bayesid.posterior.sampler import Diagnostics, Draws, Sampling, nominal_sweep, sample
 from bayesid.posterior.target import Target
 from bayesid.posterior.tuning import TUNING
 from bayesid.progress import Progress
 from bayesid.regression.knowledge import Information
 from bayesid.regression.moments import Moments
-from bayesid.regression.solver import ConeLeastSquares, PreparedLeastSquares
+from bayesid.regression.solver import ConeLeastSquares
 from bayesid.signs.search.result import SearchResult
 
 
-@dataclass(frozen=True)
-class Mode:
-    """Where walkers start.
+class Mode(NamedTuple):
+    """Where walkers start."""
 
-    Attributes:
-        theta: (P,) centre, strictly inside the region.
-        signs: (S,) the signs that lead there.
-        log_density: of the target at the centre, noise scales as in the reference.
-    """
-
-    theta: Array
-    signs: Integers
-    log_density: float
+    theta: Array  #: (P,) centre, strictly inside the region
+    signs: Integers  #: (S,) the signs that lead there
+    log_density: float  #: of the target at the centre, noise scales as in the reference
 
 
 def find_modes(target: Target, moments: Moments, solver: ConeLeastSquares, search: SearchResult) -> tuple[Mode, ...]:
     """The modes that matter, the densest first.
 
-    Args:
-        target: the posterior.
-        moments: in units of the target's reference noise.
-        solver: for these moments and the target's information, added.
-        search: the result of the search for signs.
+    Moments are in units of the target's reference noise; the solver is for them and the target's information, added.
 
     Raises:
         SolverError: a cone problem could not be solved.
@@ -77,40 +65,34 @@ def starting_points(
     Raises:
         SolverError: a cone problem could not be solved.
     """
+    prepared, of_information = solver.prepared(), 0.0 if information is None else information.gradient
+
+    def gradient(signs: Integers) -> Array:
+        return signs @ moments.gradient + of_information
+
+    def settled(signs: Integers) -> Integers:
+        """Signs that their best parameters predict, after a few rounds of adapting one to the other."""
+        for _ in range(TUNING.sign_rounds):
+            theta = prepared.solve(gradient(signs)).theta
+            predicted = np.where(moments.gradient @ prepared.project(theta) >= 0.0, 1, -1)
+            before, signs = signs, np.where(moments.known != 0, moments.known, predicted)
+            if np.array_equal(signs, before):
+                break
+        return signs
+
     starts = [branch.signs for branch in search.branches[: TUNING.most_branches]] or [search.signs]
-    prepared = solver.prepared()
     for joint in np.unique(moments.joint[moments.known == 0]):
         of_joint = (moments.joint == joint) & (moments.known == 0)
-        starts.append(_settle(moments, information, prepared, np.where(of_joint, -search.signs, search.signs)))
+        starts.append(settled(np.where(of_joint, -search.signs, search.signs)))
     distinct = {signs.tobytes(): signs for signs in starts}.values()
-    fits = [(signs, prepared.solve_precisely(_gradient(moments, information, signs))) for signs in distinct]
+    fits = [(signs, prepared.solve_precisely(gradient(signs))) for signs in distinct]
     most = min(fit.cost for _, fit in fits) + 2.0 * TUNING.hopeless
     return [(signs, fit.theta) for signs, fit in fits if fit.lower_bound <= most]
 
 
-def _gradient(moments: Moments, information: Information | None, signs: Integers) -> Array:
-    """(r,) of everything: the moments under these signs, and the information besides."""
-    gradient: Array = signs @ moments.gradient
-    return gradient if information is None else gradient + information.gradient
-
-
-def _settle(
-    moments: Moments, information: Information | None, prepared: PreparedLeastSquares, signs: Integers
-) -> Integers:
-    """Signs that their best parameters predict, after a few rounds of adapting one to the other."""
-    for _ in range(TUNING.sign_rounds):
-        theta = prepared.solve(_gradient(moments, information, signs)).theta
-        predicted = np.where(moments.gradient @ prepared.project(theta) >= 0.0, 1, -1)
-        settled = np.where(moments.known != 0, moments.known, predicted)
-        if np.array_equal(settled, signs):
-            break
-        signs = settled
-    return signs
-
-
 def _mode(target: Target, signs: Integers, theta: Array) -> Mode:
     scale = np.zeros(target.likelihood.n_joints)
-    centre = find_centre(target, theta, scale).theta
+    centre = target.centre(theta, scale).theta
     return Mode(centre, signs, float(target.log_density(np.append(centre, scale))[0]))
 
 
@@ -131,19 +113,12 @@ def _valley(target: Target, mode: Mode, other: Mode) -> float:
 # ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class SampledMode:
-    """One mode and its draws.
+    """One mode and its draws."""
 
-    Attributes:
-        mode: where the walkers started.
-        draws: of this mode alone.
-        marginal_likelihood: its mass; None where there is but one mode.
-        weight: its share of all modes' mass.
-    """
-
-    mode: Mode
-    draws: Draws
-    marginal_likelihood: MarginalLikelihood | None
-    weight: float
+    mode: Mode  #: where the walkers started
+    draws: Draws  #: of this mode alone
+    marginal_likelihood: MarginalLikelihood | None  #: its mass; None where there is but one mode
+    weight: float  #: its share of all modes' mass
 
 
 def sample_modes(
@@ -151,14 +126,8 @@ def sample_modes(
 ) -> tuple[SampledMode, ...]:
     """The modes with draws and, where there are several, with their weights, heaviest first.
 
-    Each mode has its share of the budget that remains, for its draws and its mass.
-
-    Args:
-        target: the posterior.
-        modes: where walkers start.
-        sampling: for all modes together.
-        began: when the time limit began, on the clock of `time.perf_counter`.
-        progress: called as progress(stage, sweeps done, sweeps expected).
+    Each mode has its share of the budget that remains, for its draws and its mass. The time limit of `sampling` counts
+    from `began`, on the clock of `time.perf_counter`.
 
     Raises:
         SolverError: the mass of a mode could not be computed.
@@ -172,7 +141,7 @@ def sample_modes(
         left = len(modes) - k
         on_the_clock = max(0.0, sampling.time_limit - (time.perf_counter() - began)) / left
         share = replace(sampling, budget=max(0.0, remaining / left), time_limit=on_the_clock)
-        of_all = f" of mode {k + 1} of {len(modes)}" if len(modes) > 1 else ""
+        of_all = f" of mode {k + 1} of {len(modes)}" if several else ""
         progress(f"warm-up{of_all}", 0, 1)
         draws.append(sample(target, mode.theta, share, progress.steps(f"posterior{of_all}"), mass))
         remaining -= draws[-1].spent + mass
@@ -181,13 +150,6 @@ def sample_modes(
             masses.append(integrate(target, draws[-1], sampling.seed))
     if not masses:
         return (SampledMode(modes[0], draws[0], None, 1.0),)
-    return weigh(modes, draws, masses)
-
-
-def weigh(
-    modes: Sequence[Mode], draws: Sequence[Draws], masses: Sequence[MarginalLikelihood]
-) -> tuple[SampledMode, ...]:
-    """Several modes with their weights, heaviest first."""
     weights = mode_weights(np.array([mass.log_value for mass in masses])).tolist()
     weighed = [SampledMode(*columns) for columns in zip(modes, draws, masses, weights, strict=True)]
     return tuple(sorted(weighed, key=lambda sampled: -sampled.weight))
@@ -201,17 +163,17 @@ def pool(modes: tuple[SampledMode, ...]) -> Draws:
     """
     if len(modes) == 1:
         return modes[0].draws
-    heavy, place = _pooled(modes)
+    heavy, every, place = _heavy(modes), [sampled.draws for sampled in modes], _places(_heavy(modes))
     names = "theta", "log_scale", "beta", "log_density"
     return replace(
-        heavy[0],
-        **{name: np.concatenate([getattr(draws, name) for draws in heavy])[place] for name in names},
-        diagnostics=_worst([sampled.draws.diagnostics for sampled in modes]),
-        parameters=_worst([sampled.draws.parameters for sampled in modes]),
-        converged=all(sampled.draws.converged for sampled in modes),
-        seconds=sum(sampled.draws.seconds for sampled in modes),
-        spent=sum(sampled.draws.spent for sampled in modes),
-        timed_out=any(sampled.draws.timed_out for sampled in modes),
+        heavy[0].draws,
+        **{name: np.concatenate([getattr(sampled.draws, name) for sampled in heavy])[place] for name in names},
+        diagnostics=_worst([draws.diagnostics for draws in every]),
+        parameters=_worst([draws.parameters for draws in every]),
+        converged=all(draws.converged for draws in every),
+        seconds=sum(draws.seconds for draws in every),
+        spent=sum(draws.spent for draws in every),
+        timed_out=any(draws.timed_out for draws in every),
     )
 
 
@@ -219,23 +181,21 @@ def mode_of_draws(modes: tuple[SampledMode, ...]) -> Integers:
     """(D, E, W) index of the mode that each pooled draw is from."""
     if len(modes) == 1:
         return np.zeros(modes[0].draws.log_density.shape, dtype=np.int64)
-    heavy, place = _pooled(modes)
-    first = np.cumsum([draws.sweeps for draws in heavy])
-    return np.searchsorted(first, place[0], side="right")
+    first = np.cumsum([sampled.draws.sweeps for sampled in _heavy(modes)])
+    return np.searchsorted(first, _places(_heavy(modes))[0], side="right")
 
 
-def _pooled(modes: tuple[SampledMode, ...]) -> tuple[list[Draws], tuple[Integers, ...]]:
-    """The draws of all modes that count, and the places of the pooled ones among them."""
-    heavy = [sampled for sampled in modes if sampled.weight >= TUNING.negligible_mode]
-    weights = np.array([sampled.weight for sampled in heavy])
-    return [sampled.draws for sampled in heavy], _places([sampled.draws for sampled in heavy], weights)
+def _heavy(modes: tuple[SampledMode, ...]) -> list[SampledMode]:
+    """Those that leave draws."""
+    return [sampled for sampled in modes if sampled.weight >= TUNING.negligible_mode]
 
 
-def _places(heavy: Sequence[Draws], weight: Array) -> tuple[Integers, ...]:
+def _places(heavy: Sequence[SampledMode]) -> tuple[Integers, ...]:
     """Indices (sweep, ensemble, walker) of the pooled draws among those of all modes, one mode's after the other's."""
-    sweeps = np.array([draws.sweeps for draws in heavy])
+    sweeps = np.array([sampled.draws.sweeps for sampled in heavy])
+    weight = np.array([sampled.weight for sampled in heavy])
     total = max(1, int(np.min(sweeps * weight.sum() / weight)))
-    ensembles, walkers = heavy[0].log_density.shape[1:]
+    ensembles, walkers = heavy[0].draws.log_density.shape[1:]
     late = (np.arange(ensembles * walkers).reshape(walkers, ensembles).T + 0.5) / (ensembles * walkers)
     shares = np.cumsum(np.append(0.0, weight / weight.sum()))
     bounds = np.floor(total * shares[:, None, None] + late).astype(int)  # where each walker's modes begin and end

@@ -18,36 +18,12 @@ from numpy.random import RandomState
 from scipy.special import wrightomega
 
 from bayesid.arrays import TINY, Array, Integers
-from bayesid.posterior.region import Region, draw_on_line
+from bayesid.posterior.region import Centre, Region, draw_on_line, factor
 from bayesid.posterior.target import Target
 from bayesid.posterior.tuning import TUNING
 
 if TYPE_CHECKING:
     from emcee.state import State
-
-
-# ---------------------------------------------------------------------------------------------------------------
-# Directions
-# ---------------------------------------------------------------------------------------------------------------
-def factor(matrix: Array) -> Array:
-    """(P, P) lower triangular L with L L' = matrix but for rounding.
-
-    Args:
-        matrix: (P, P) positive definite, in mixed units: its rows may differ by many orders of magnitude.
-
-    Raises:
-        LinAlgError: it is singular by more than rounding.
-    """
-    scale = np.sqrt(np.diag(matrix))
-    scaled, ridge = matrix / np.outer(scale, scale), 0.0
-    while True:
-        try:
-            lower: Array = scale[:, None] * np.linalg.cholesky(scaled + ridge * np.eye(len(matrix)))
-            return lower
-        except np.linalg.LinAlgError:
-            if ridge >= 1e-9:
-                raise
-        ridge = max(1e-15, 10.0 * ridge)  # from four roundings on
 
 
 @dataclass(frozen=True)
@@ -57,14 +33,10 @@ class Conditional:
     Column k moves the k-th parameter of that order and, as far as they depend on it, those after it; in a normal
     distribution a sweep over all columns draws afresh. Blocks keep together, so that later columns move few bodies:
     the others do not cut such a line short. This is what mixes in the corner of the cone.
-
-    Attributes:
-        covariance: (P, P).
-        block: (P,) label of each parameter's block.
     """
 
-    covariance: Array
-    block: Integers
+    covariance: Array  #: (P, P)
+    block: Integers  #: (P,) label of each parameter's block
 
     def draw(self, random: RandomState) -> Array:
         """(P, P)."""
@@ -76,9 +48,6 @@ class Conditional:
         return columns
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Moves
-# ---------------------------------------------------------------------------------------------------------------
 class GibbsMove(ABC):
     """A move that draws from conditional distributions: every walker accepts."""
 
@@ -96,15 +65,11 @@ class GibbsMove(ABC):
         return moved, np.ones(len(coordinates), dtype=bool)
 
 
+@dataclass(frozen=True)
 class InTurn(GibbsMove):
-    """Several such moves, one after the other.
+    """Several such moves, one after the other."""
 
-    Args:
-        moves: the moves.
-    """
-
-    def __init__(self, moves: Sequence[GibbsMove]) -> None:
-        self.moves = tuple(moves)
+    moves: Sequence[GibbsMove]
 
     def update(self, coordinates: Array, random: RandomState) -> Array:
         """See GibbsMove."""
@@ -113,27 +78,20 @@ class InTurn(GibbsMove):
         return coordinates
 
 
+@dataclass(frozen=True)
 class HitAndRun(GibbsMove):
-    """Draws theta along many lines in turn, given signs and noise scales (:eq:`chord`).
+    """Draws theta along many lines in turn, given signs and noise scales (:eq:`chord`)."""
 
-    Args:
-        target: the posterior.
-        directions: the lines.
-        temperature: draws from the conditional density to the power of one over this.
-    """
-
-    def __init__(self, target: Target, directions: Conditional, temperature: float = 1.0) -> None:
-        self.target = target
-        self.directions = directions
-        self.temperature = temperature
+    target: Target
+    directions: Conditional  #: the lines
+    temperature: float = 1.0  #: draws from the conditional density to the power of one over this
 
     def update(self, coordinates: Array, random: RandomState) -> Array:
         """See GibbsMove."""
         likelihood, prior, information = self.target.likelihood, self.target.prior, self.target.information
         theta, log_scale = self.target.split(coordinates)
         beta = theta @ likelihood.projection.T
-        signs = likelihood.draw_signs(beta, log_scale, random.random_sample((len(theta), len(likelihood.unknown))))
-        pull = likelihood.pull(beta, log_scale, signs)
+        pull = likelihood.pull(beta, log_scale, likelihood.draw_signs(beta, log_scale, random))
         if information is not None:
             pull += information.gradient - beta @ information.hessian
         gradient = pull @ likelihood.projection + prior.precision * (prior.mean - theta)
@@ -179,6 +137,7 @@ def sweep(
     return steps
 
 
+@dataclass(frozen=True)
 class NoiseScales(GibbsMove):
     """Draws every joint's noise scale, given theta and the signs (:eq:`noise-scale`).
 
@@ -186,26 +145,44 @@ class NoiseScales(GibbsMove):
     the prior's. With the tangent of the log prior at the mode u* in its place, exp(-u u* / sd^2), it is a gamma density
     of w. That is proposed, and corrected by what is left of the prior, exp(-(u - u*)^2 / (2 sd^2)) (Metropolis,
     independent proposals): no walker sticks, however far u* lies from the prior's mean.
-
-    Args:
-        target: the posterior.
     """
 
-    def __init__(self, target: Target) -> None:
-        self.target = target
+    target: Target
 
     def update(self, coordinates: Array, random: RandomState) -> Array:
         """See GibbsMove."""
         likelihood, variance = self.target.likelihood, self.target.prior.log_scale_sd**2
         theta, log_scale = self.target.split(coordinates)
         beta = theta @ likelihood.projection.T
-        signs = likelihood.draw_signs(beta, log_scale, random.random_sample((len(theta), len(likelihood.unknown))))
+        signs = likelihood.draw_signs(beta, log_scale, random)
         residual = np.maximum(likelihood.residual(beta, signs), TINY)  # none of a joint whose efforts are all in fault
         # the mode u*: n + u* / sd^2 = R exp(-2 u*)
         tilted = wrightomega(2.0 * variance * likelihood.count + np.log(2.0 * variance * residual)) / (2.0 * variance)
         mode = variance * (tilted - likelihood.count)
-        gamma = random.standard_gamma(0.5 * tilted, residual.shape)
-        proposed = -0.5 * np.log(np.maximum(gamma, TINY) / (0.5 * residual))
+        proposed = noise_scales(0.5 * tilted, residual, random)
         log_ratio = 0.5 * ((log_scale - mode) ** 2 - (proposed - mode) ** 2) / variance
         accepted = np.log1p(-random.random_sample(log_ratio.shape)) < log_ratio
         return np.concatenate([theta, np.where(accepted, proposed, log_scale)], axis=1)
+
+
+def noise_scales(shape: Array, residual: Array, random: RandomState) -> Array:
+    """(W, n) draws u with exp(-2 u) of a gamma density of this shape and the rate residual (W, n) / 2."""
+    gamma = random.standard_gamma(shape, residual.shape)
+    return -0.5 * np.log(np.maximum(gamma, TINY) / (0.5 * residual))
+
+
+def spread_walkers(target: Target, centre: Centre, directions: Conditional, walkers: int, random: RandomState) -> Array:
+    """(W, P + n) starting points, spread wider than the posterior: a few sweeps at a higher temperature.
+
+    They begin inside the ellipsoid that the barrier's Hessian spans about the centre, which lies in the region
+    (Nesterov and Nemirovskii 1994, 2.1.1).
+    """
+    root = factor(centre.covariance)
+    noise = random.standard_normal((walkers, len(root)))
+    radius = random.random_sample((walkers, 1)) / np.linalg.norm(noise, axis=1, keepdims=True)
+    theta = centre.theta + TUNING.reach * radius * noise @ root.T
+    coordinates = np.concatenate([theta, np.zeros((walkers, target.likelihood.n_joints))], axis=1)
+    hot = InTurn([HitAndRun(target, directions, TUNING.hot), NoiseScales(target)])
+    for _ in range(TUNING.hot_sweeps):
+        coordinates = hot.update(coordinates, random)
+    return coordinates

@@ -39,21 +39,13 @@ _VISIBLE = 1e-12
 
 @dataclass(frozen=True)
 class Window:
-    """A bound on what the cone leaves open: a quantity of the P parameters, of which 0 to 1 lies inside.
+    """A bound on what the cone leaves open: a quantity of the P parameters, of which 0 to 1 lies inside."""
 
-    Attributes:
-        name: of the quantity, in words.
-        part: (P,) row of its numerator.
-        constant: added to the numerator.
-        whole: (P,) row of its denominator, which is positive inside the cone.
-        bound: added to the denominator.
-    """
-
-    name: str
-    part: Array
-    constant: float
-    whole: Array
-    bound: float
+    name: str  #: of the quantity, in words
+    part: Array  #: (P,) row of its numerator
+    constant: float  #: added to the numerator
+    whole: Array  #: (P,) row of its denominator, which is positive inside the cone
+    bound: float  #: added to the denominator
 
     def share(self, theta: Array) -> Array:
         """(...) of theta (..., P): from 0, far inside, to 1, on the edge."""
@@ -63,27 +55,14 @@ class Window:
 
 @dataclass(frozen=True)
 class Prior:
-    """A normal distribution inside a region, and one of the noise scales.
+    """A normal distribution inside a region, and one of the noise scales."""
 
-    Attributes:
-        region: of the P parameters.
-        mean: (P,).
-        sd: (P,).
-        log_scale_sd: (n,) sd of the logarithm of each joint's noise over the reference one.
-        inside: (P,) some point well inside the region.
-        windows: that cut the cone; they are in the region.
-    """
-
-    region: Region
-    mean: Array
-    sd: Array
-    log_scale_sd: Array
-    inside: Array
-    windows: tuple[Window, ...] = ()
-
-    def __post_init__(self) -> None:
-        if not self.region.contains(self.inside[:, None]).all():
-            raise ValueError("the prior's inner point lies outside of its region")
+    region: Region  #: of the P parameters
+    mean: Array  #: (P,)
+    sd: Array  #: (P,)
+    log_scale_sd: Array  #: (n,) sd of the logarithm of each joint's noise over the reference one
+    inside: Array  #: (P,) some point well inside the region
+    windows: tuple[Window, ...] = ()  #: that cut the cone; they are in the region
 
     @cached_property
     def precision(self) -> Array:
@@ -103,18 +82,12 @@ def make_prior(
     likelihood: Likelihood,
     links: Links,
     nominal: Nominal | None = None,
-    log_scale_sd: float = TUNING.log_scale_sd,
     information: Information | None = None,
 ) -> Prior:
-    """The stated prior for a model.
+    """The stated prior for the P parameters of a model.
 
-    Args:
-        cone: of the model's P parameters.
-        likelihood: what sets the sizes of friction, rotor inertia and offsets; only its H_j and c_j are used.
-        links: what is believed of any link.
-        nominal: what is stated of the parameters.
-        log_scale_sd: of the logarithm of each joint's noise.
-        information: of an earlier log; it sets the sizes of what this one does not show, and is no part of the prior.
+    The likelihood's H_j and c_j set the sizes of friction, rotor inertia and offsets. The information of an earlier
+    log, which is no part of the prior, sets those of what this log does not show.
     """
     mean, sd = np.zeros(cone.size), _sizes(likelihood, information)
     for body in cone.bodies:
@@ -125,7 +98,7 @@ def make_prior(
     windows = _windows(cone, links)
     rows = np.array([window.whole - window.part for window in windows]).reshape(-1, cone.size)
     region = Region.of(cone, rows, np.array([window.bound - window.constant for window in windows]))
-    scales = np.full(likelihood.n_joints, log_scale_sd)
+    scales = np.full(likelihood.n_joints, TUNING.log_scale_sd)
     return Prior(region, mean, sd, scales, _inner_point(cone, links, sd), windows)
 
 
@@ -185,14 +158,7 @@ def usual_links(robot: Robot, motion: Motion, coefficients: BaseCoefficients, co
 
     with H and c of all joints, in N m: gravity's torques over lengths and, where there is no gravity, those of the
     accelerations. Friction is in c too, so that the prior is rather wider than narrower. Scale a robot's masses,
-    lengths and efforts, and its prior scales with them.
-
-    Args:
-        robot: whose lengths count, and of its sliding joints the way they went.
-        motion: of the log.
-        coefficients: the r base coefficients.
-        cone: of the P parameters.
-        moments: of the log, in N m and N, not scaled.
+    lengths and efforts, and its prior scales with them. The moments of the log are not scaled, in N m and N.
     """
     sliding = np.array([joint.prismatic for joint in robot.joints])
     span = robot.stretched + float(np.ptp(motion.q, axis=0)[sliding].sum())

@@ -1,7 +1,16 @@
-"""Where the parameters may lie: a convex region, and the draws along a line through it.
+"""Where the parameters may lie: a convex region, its centre, and draws along a line through it.
 
 The region is an intersection of half spaces, rows theta + offset >= 0, and of positive definite 4 x 4 matrices that are
 affine in theta (the pseudo-inertias). Everything is vectorised over W walkers, the last axis of every array.
+
+The best parameters sit on the region's edge, where nothing can be read off. The minimum of the same quadratic function
+with a logarithmic barrier,
+
+    phi(theta) = theta' A theta / 2 - b' theta - sum log slack - sum log det P,
+
+lies about as deep inside as the posterior does, and the inverse of phi's Hessian there is near the posterior's
+covariance: one unit of the barrier is what a wall costs a density that may not cross it. phi is self-concordant, so
+Newton's method with a line search finds its minimum from any inner point (Boyd and Vandenberghe 2004, 9.6).
 
 A line through a convex region meets it in an interval. So a Gaussian along the line is drawn *exactly* inside it
 without the interval's ends: draw on a bracket that covers the interval; a draw outside of the region moves the
@@ -16,6 +25,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.random import RandomState
+from scipy.linalg import cho_solve
 from scipy.special import log_ndtr, ndtri_exp
 
 from bayesid.arrays import Array, Integers, Mask
@@ -33,19 +43,12 @@ _BASIS = np.array([PSEUDO_INERTIA_BASIS[:, i, j] for i, j in _TRIANGLE])
 
 @dataclass(frozen=True)
 class Region:
-    """A convex region of P parameters.
+    """A convex region of P parameters."""
 
-    Attributes:
-        rows: (m, P) of the half spaces, the diagonals of the matrices among them.
-        offset: (m,) rows theta + offset >= 0.
-        entries: (10, b, P) the lower triangles of b matrices, by column.
-        constant: (10, b) their part that does not depend on theta.
-    """
-
-    rows: Array
-    offset: Array
-    entries: Array
-    constant: Array
+    rows: Array  #: (m, P) of the half spaces, the diagonals of the matrices among them
+    offset: Array  #: (m,) rows theta + offset >= 0
+    entries: Array  #: (10, b, P) the lower triangles of b matrices, by column
+    constant: Array  #: (10, b) their part that does not depend on theta
 
     @classmethod
     def of(cls, cone: Cone, rows: Array | None = None, offset: Array | None = None) -> Region:
@@ -82,7 +85,7 @@ class Region:
         needed = -np.min(self.slack(theta) / self.slack(inner[:, None]), axis=0, initial=np.inf)
         if self.entries.shape[1] == 0:
             return needed
-        root = np.linalg.inv(np.linalg.cholesky(self.full(self.matrices(inner[:, None])[..., 0])))
+        root = self._white(inner)
         matrices = self.full(np.moveaxis(self.matrices(theta), 2, 0))  # (W, b, 4, 4)
         least = np.linalg.eigvalsh(root @ matrices @ root.swapaxes(1, 2))[..., 0]
         return np.maximum(needed, -least.min(axis=1))
@@ -108,6 +111,18 @@ class Region:
             matrices[..., i, j] = matrices[..., j, i] = triangles[..., k, :]
         return matrices
 
+    def _white(self, theta: Array) -> Array:
+        """(b, 4, 4) inverse Cholesky factors of the matrices of theta (P,), which lies inside."""
+        return np.linalg.inv(np.linalg.cholesky(self.full(self.matrices(theta[:, None])[..., 0])))
+
+    @cached_property
+    def blocks(self) -> Integers:
+        """(P,) the matrix in which each parameter shows; one more label for those that show in none."""
+        shows = np.any(self.entries != 0.0, axis=0)
+        if not len(shows):
+            return np.zeros(self.size, dtype=np.int64)
+        return np.where(shows.any(axis=0), shows.argmax(axis=0), len(shows))
+
     @property
     def nonnegative(self) -> Mask:
         """(P,) whether a parameter cannot be negative by itself."""
@@ -117,19 +132,30 @@ class Region:
 
     def contains(self, theta: Array) -> Mask:
         """(W,) whether theta (P, W) lies strictly inside."""
-        inside: Mask = np.all(self.slack(theta) > 0.0, axis=0) & positive_definite(self.matrices(theta))
-        return inside
+        inside: Mask = np.all(self.slack(theta) > 0.0, axis=0)
+        if self.entries.shape[1] == 0:
+            return inside
+        with np.errstate(all="ignore"):
+            return inside & _positive_definite(self.matrices(theta))
+
+    def barrier(self, theta: Array) -> float:
+        """Minus the logs of slack and determinants at theta (P,); inf outside."""
+        if not self.contains(theta[:, None])[0]:
+            return np.inf
+        logs = np.linalg.slogdet(self.full(self.matrices(theta[:, None])[..., 0]))[1]
+        return -float(np.log(self.slack(theta[:, None])).sum() + logs.sum())
+
+    def barrier_derivatives(self, theta: Array) -> tuple[Array, Array]:
+        """Gradient (P,) and Hessian (P, P) of the barrier at theta (P,), which lies inside."""
+        scaled, root = self.rows / self.slack(theta[:, None]), self._white(theta)
+        white = root[:, None] @ self.basis @ root.swapaxes(1, 2)[:, None]  # (b, P, 4, 4), symmetric
+        slope = -scaled.sum(axis=0) - np.einsum("bpii->p", white)
+        flat = white.swapaxes(0, 1).reshape(len(theta), -1)
+        return slope, scaled.T @ scaled + flat @ flat.T  # sums of squares: positive semidefinite however rounding goes
 
 
-def positive_definite(triangles: Array) -> Mask:
-    """(W,) whether all b matrices are positive definite, from their lower triangles (10, b, W): pivots of L D L'."""
-    if triangles.shape[1] == 0:
-        return np.ones(triangles.shape[2], dtype=bool)
-    with np.errstate(all="ignore"):  # after a pivot that is not positive, what follows does not matter
-        return _all_pivots_positive(triangles)
-
-
-def _all_pivots_positive(triangles: Array) -> Mask:
+def _positive_definite(triangles: Array) -> Mask:
+    """(W,) of lower triangles (10, b, W): pivots of L D L'. After one that is not positive, nothing else matters."""
     a = triangles[1:4]
     factor = a / triangles[0]
     second = triangles[4:7] - factor * a[0]
@@ -144,6 +170,73 @@ def _all_pivots_positive(triangles: Array) -> Mask:
     return positive
 
 
+# ---------------------------------------------------------------------------------------------------------------
+# The centre
+# ---------------------------------------------------------------------------------------------------------------
+@dataclass(frozen=True)
+class Centre:
+    """The minimum of phi."""
+
+    theta: Array  #: (P,) strictly inside the region
+    covariance: Array  #: (P, P) inverse of phi's Hessian there
+
+
+def barrier_minimum(region: Region, precision: Array, linear: Array, start: Array) -> Centre:
+    """Minimum of phi for A (P, P), positive definite, and b (P,), from a start (P,) strictly inside.
+
+    Raises:
+        LinAlgError: the Hessian is singular but for rounding.
+    """
+
+    def phi(theta: Array) -> float:
+        return float(0.5 * theta @ precision @ theta - linear @ theta + region.barrier(theta))
+
+    theta, value = start, phi(start)
+    for _ in range(300):  # Newton's method needs some tens
+        slope, curvature = region.barrier_derivatives(theta)
+        gradient = precision @ theta - linear + slope
+        step = -_inverse(precision + curvature) @ gradient
+        decrement = -float(gradient @ step)
+        if decrement < 1e-6:  # twice the distance from the minimum, nats (Boyd and Vandenberghe 2004, 9.6.3)
+            break
+        length, lower = 1.0, phi(theta + step)
+        while lower > value - 0.25 * length * decrement and length > 1e-12:
+            length *= 0.5
+            lower = phi(theta + length * step)
+        if lower >= value:
+            break  # rounding
+        theta, value = theta + length * step, lower
+    return Centre(theta, _inverse(precision + region.barrier_derivatives(theta)[1]))
+
+
+def factor(matrix: Array) -> Array:
+    """(P, P) lower triangular L with L L' = matrix but for rounding.
+
+    The matrix is positive definite, in mixed units: its rows may differ by many orders of magnitude.
+
+    Raises:
+        LinAlgError: it is singular by more than rounding.
+    """
+    scale = np.sqrt(np.diag(matrix))
+    scaled, ridge = matrix / np.outer(scale, scale), 0.0
+    while True:
+        try:
+            lower: Array = scale[:, None] * np.linalg.cholesky(scaled + ridge * np.eye(len(matrix)))
+            return lower
+        except np.linalg.LinAlgError:
+            if ridge >= 1e-9:
+                raise
+        ridge = max(1e-15, 10.0 * ridge)  # from four roundings on
+
+
+def _inverse(matrix: Array) -> Array:
+    inverse: Array = cho_solve((factor(matrix), True), np.eye(len(matrix)))
+    return 0.5 * (inverse + inverse.T)
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Lines
+# ---------------------------------------------------------------------------------------------------------------
 def draw_on_line(
     slack: Array,
     matrices: Array,
@@ -175,9 +268,9 @@ def draw_on_line(
     if not len(bodies):
         return step
     walkers, t = np.arange(len(slope)), step  # those that have not moved yet, and what they try
-    with np.errstate(all="ignore"):  # as in `positive_definite`
+    with np.errstate(all="ignore"):  # as in `contains`
         for _ in range(TUNING.most_tries):
-            (outside,) = np.nonzero(~_all_pivots_positive(current + t * change))
+            (outside,) = np.nonzero(~_positive_definite(current + t * change))
             walkers = walkers[outside]
             if len(walkers) <= idle * len(slope):
                 break
@@ -202,12 +295,10 @@ class Brackets:
 
     Where t = 0 would lie in its right half, the line is turned round: no share of the left half is rounded to one, so
     that draws are exact however far in a tail.
-
-    Attributes:
-        values: (7, W) ends of the interval of the line turned, the logs of the standard normal's shares below them, the
-            place of t = 0 on that normal, the sd, and +1 or -1 where it is turned.
     """
 
+    #: (7, W) ends of the interval of the line turned, the logs of the standard normal's shares below them, the place of
+    #: t = 0 on that normal, the sd, and +1 or -1 where it is turned
     values: Array
 
     @classmethod

@@ -3,31 +3,30 @@
 Several ensembles start apart and never exchange anything; only the lines' covariance, fixed before the first draw that
 counts, is common to them. Half of the ensembles sit in one emcee sampler, whose moves treat each walker by itself, and
 half in another: two processors sweep side by side. More and smaller parts would cost one processor much more, for numpy
-is as good as its arrays are long.
+is as good as its arrays are long. Convergence is judged by ArviZ: R-hat between ensembles, effective sample sizes over
+walkers.
 """
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import TypeVar
+from typing import NamedTuple
 
 import numpy as np
+from numpy.random import RandomState
 
 from bayesid.arrays import Array, Integers
 from bayesid.errors import InputError
-from bayesid.parallel import in_parallel
-from bayesid.posterior.diagnostics import Diagnostics, diagnose
-from bayesid.posterior.moves import Conditional, HitAndRun, InTurn, NoiseScales
-from bayesid.posterior.start import Centre, body_blocks, find_centre, spread_walkers
+from bayesid.parallel import in_parallel, one_at_a_time
+from bayesid.posterior.moves import Conditional, HitAndRun, InTurn, NoiseScales, spread_walkers
+from bayesid.posterior.region import Centre
 from bayesid.posterior.target import Target
 from bayesid.posterior.tuning import TUNING
 from bayesid.progress import Steps, no_steps
-
-Result = TypeVar("Result")
+from bayesid.signs.search.protocol import check_limits
 
 
 @dataclass(frozen=True)
@@ -76,12 +75,7 @@ class Sampling:
             raise InputError(
                 f"there is no mode {self.mode}", field="Sampling.mode", remedy="give 1, the heaviest, or 2, 3, .."
             )
-        if not 0.0 <= self.budget < np.inf:
-            raise InputError(f"a budget of {self.budget:g} s", field="Sampling.budget", remedy="give 0 or more seconds")
-        if not self.time_limit >= 0.0:
-            raise InputError(
-                f"a time limit of {self.time_limit:g} s", field="Sampling.time_limit", remedy="give 0 or more seconds"
-            )
+        check_limits(self, self.budget, self.time_limit)
 
     @property
     def wanted_ess(self) -> float:
@@ -89,33 +83,80 @@ class Sampling:
         return max(self.min_ess, self.per_walker * self.ensembles * self.walkers)
 
 
+# ---------------------------------------------------------------------------------------------------------------
+# Convergence
+# ---------------------------------------------------------------------------------------------------------------
+@dataclass(frozen=True)
+class Diagnostics:
+    """Of K quantities."""
+
+    #: (K,) rank-normalised split R-hat (Vehtari et al. 2021), the larger of bulk and tail, between ensembles: every
+    #: ensemble's walkers together are a chain, split into its earlier and its later half
+    rhat: Array
+    #: (K,) effective sample size of the bulk; every walker is a chain, so that walkers which do not mix count; at most
+    #: the number of draws, which it is for a constant
+    bulk: Array
+    tail: Array  #: (K,) the smaller one of the 5 % and 95 % quantiles
+
+    @property
+    def max_rhat(self) -> float:
+        """The worst R-hat."""
+        return float(np.max(self.rhat))
+
+    @property
+    def min_ess(self) -> float:
+        """The worst effective sample size, of bulk or tail."""
+        return float(min(np.min(self.bulk), np.min(self.tail)))
+
+    def passes(self, max_rhat: float, min_ess: float) -> bool:
+        """Whether all quantities have converged this far; NaN has not."""
+        return self.max_rhat <= max_rhat and self.min_ess >= min_ess
+
+
+@one_at_a_time  # ArviZ changes warnings as it goes
+def diagnose(draws: Array) -> Diagnostics:
+    """Diagnostics of draws (D, E, W, K): D sweeps of E ensembles of W walkers; D >= 4.
+
+    A constant counts as converged. Draws that are not finite give NaN, which passes no test. Of an odd number of sweeps
+    R-hat leaves out the middle one, which ArviZ would cut in two; of one ensemble it compares quarters, not halves.
+    """
+    from arviz_stats.base import array_stats  # takes a second, for a posterior alone
+
+    sweeps, ensembles = draws.shape[:2]
+    count = float(draws[..., 0].size)
+    finite = np.isfinite(draws).all(axis=(0, 1, 2))
+    moving = finite & (np.ptp(draws, axis=(0, 1, 2)) > 0.0)
+    rhat = np.where(finite, 1.0, np.nan)
+    bulk, tail = np.where(finite, [[count], [count]], np.nan)
+    halves = np.r_[: sweeps // 2, sweeps - sweeps // 2 : sweeps]
+    for k in np.flatnonzero(moving).tolist():
+        by_walker = draws[..., k].transpose(1, 2, 0).reshape(-1, sweeps)
+        by_ensemble = draws[halves, ..., k].swapaxes(0, 1).reshape(max(ensembles, 2), -1)
+        with np.errstate(divide="ignore", invalid="ignore"):  # infinite where no ensemble moves
+            rhat[k] = array_stats.rhat(by_ensemble)
+        bulk[k] = array_stats.ess(by_walker, method="bulk")
+        tail[k] = array_stats.ess(by_walker, method="tail", prob=(0.05, 0.95))
+    return Diagnostics(rhat, np.minimum(bulk, count), np.minimum(tail, count))  # of few sweeps, estimates exceed it
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Draws
+# ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Draws:
-    """Draws of E ensembles of W walkers.
+    """Draws of E ensembles of W walkers."""
 
-    Attributes:
-        theta: (D, E, W, P) parameters.
-        log_scale: (D, E, W, n) logarithms of the noise scales.
-        beta: (D, E, W, r) coefficients.
-        log_density: (D, E, W) of the target, not normalised.
-        diagnostics: of the r coefficients, the n noise scales and the log density, in this order.
-        parameters: of the P parameters: where data decide little they mix slowest, and no run waits for them.
-        converged: whether every R-hat and effective sample size of `diagnostics` is as wanted.
-        seconds: on the clock.
-        spent: nominal seconds of the budget.
-        timed_out: whether the time limit ended the run before it converged.
-    """
-
-    theta: Array
-    log_scale: Array
-    beta: Array
-    log_density: Array
-    diagnostics: Diagnostics
+    theta: Array  #: (D, E, W, P) parameters
+    log_scale: Array  #: (D, E, W, n) logarithms of the noise scales
+    beta: Array  #: (D, E, W, r) coefficients
+    log_density: Array  #: (D, E, W) of the target, not normalised
+    diagnostics: Diagnostics  #: of the r coefficients, the n noise scales and the log density, in this order
+    #: of the P parameters: where data decide little they mix slowest, and no run waits for them
     parameters: Diagnostics
-    converged: bool
-    seconds: float
-    spent: float = 0.0
-    timed_out: bool = False
+    converged: bool  #: whether every R-hat and effective sample size of `diagnostics` is as wanted
+    seconds: float  #: on the clock
+    spent: float = 0.0  #: nominal seconds of the budget
+    timed_out: bool = False  #: whether the time limit ended the run before it converged
 
     @property
     def sweeps(self) -> int:
@@ -162,6 +203,24 @@ class Draws:
         return np.ascontiguousarray(beta).reshape(beta.shape[0], -1, beta.shape[3])
 
 
+# ---------------------------------------------------------------------------------------------------------------
+# Sampling
+# ---------------------------------------------------------------------------------------------------------------
+class _Walkers(NamedTuple):
+    """Walkers (W, P + n) of half of the ensembles, and random numbers of their own."""
+
+    coordinates: Array
+    random: RandomState
+
+
+class _Stretch(NamedTuple):
+    """Sweeps of half of the ensembles: coordinates (D, W, P + n), log densities (D, W), and where they end."""
+
+    chain: Array
+    log_density: Array
+    end: _Walkers
+
+
 def sample(
     target: Target, theta: Array, sampling: Sampling = Sampling(), steps: Steps = no_steps, leave: float = 0.0
 ) -> Draws:
@@ -174,8 +233,7 @@ def sample(
         steps: called as steps(sweeps done, sweeps expected); to look at them counts as one more.
         leave: nominal seconds of the budget to leave for what comes after.
     """
-    walkers = sampling.ensembles * sampling.walkers
-    clock = _Clock(sampling, nominal_sweep(target, walkers), leave)
+    clock = _Clock(sampling, nominal_sweep(target, sampling.ensembles * sampling.walkers), leave)
     moves, halves = _warmed_up(target, theta, sampling, clock)
     drawn: list[list[_Stretch]] = []
     next_check, sweeps = min(sampling.first_look, clock.allowed), 0
@@ -186,7 +244,13 @@ def sample(
             halves, sweeps = [stretch.end for stretch in drawn[-1]], sweeps + count
             clock.swept(count)
             steps(sweeps, next_check + 1)
-        theta, log_scale, beta, log_density = _chains(target, drawn, sampling, _too_early(sweeps, sampling))
+        # what takes long to converge takes long to forget where it began: it is left out besides the warm-up
+        early = max(0, math.ceil(TUNING.early * (sampling.warm_up + sweeps)) - sampling.warm_up)
+        shape = (-1, sampling.ensembles, sampling.walkers)
+        chain = np.concatenate([np.concatenate([half.chain for half in both], axis=1) for both in drawn])[early:]
+        density = np.concatenate([np.concatenate([half.log_density for half in both], axis=1) for both in drawn])
+        theta, log_scale = target.split(chain.reshape(*shape, chain.shape[-1]))
+        beta, log_density = theta @ target.likelihood.projection.T, density[early:].reshape(shape)
         diagnostics = diagnose(np.concatenate([beta, log_scale, log_density[..., None]], axis=-1))
         enough = sweeps >= sampling.first_look  # fewer sweeps can look like anything
         converged = enough and diagnostics.passes(sampling.max_rhat, sampling.wanted_ess)
@@ -220,17 +284,7 @@ def nominal_sweep(target: Target, walkers: int) -> float:
 
 
 class _Clock:
-    """The sweeps that a run may make, and the time limit on the clock.
-
-    Args:
-        sampling: its budget and time limit.
-        sweep: nominal seconds of a sweep of all walkers.
-        leave: nominal seconds of the budget to leave for what comes after.
-
-    Attributes:
-        allowed: sweeps after the warm-up that the budget and `most_sweeps` allow.
-        timed_out: whether the time limit ends the run before that.
-    """
+    """The sweeps after the warm-up that the budget and `most_sweeps` allow, and the time limit on the clock."""
 
     def __init__(self, sampling: Sampling, sweep: float, leave: float) -> None:
         began_with = TUNING.hot_sweeps + sampling.warm_up
@@ -241,7 +295,6 @@ class _Clock:
 
     @property
     def seconds(self) -> float:
-        """On the clock, since it began."""
         return time.perf_counter() - self._began
 
     @property
@@ -250,45 +303,24 @@ class _Clock:
         return (1.0 + TUNING.diagnostics_work) * self._sweep * self._done
 
     def swept(self, sweeps: int) -> None:
-        """Counts sweeps, and looks at the clock."""
         self._done += sweeps
         self.timed_out = self.timed_out or self.seconds > self._limit
 
 
-@dataclass(frozen=True)
-class _Walkers:
-    """Walkers (W, P + n) of half of the ensembles, and random numbers of their own."""
-
-    coordinates: Array
-    random: np.random.RandomState
-
-
-@dataclass(frozen=True)
-class _Stretch:
-    """Sweeps of half of the ensembles: coordinates (D, W, P + n), log densities (D, W), and where they end."""
-
-    chain: Array
-    log_density: Array
-    end: _Walkers
-
-
 def _warmed_up(target: Target, theta: Array, sampling: Sampling, clock: _Clock) -> tuple[InTurn, list[_Walkers]]:
     """Moves, and the walkers after the warm-up; halfway the lines are chosen anew, for the noise of the walkers."""
-    block = body_blocks(target.prior.region)
-    centre = find_centre(target, theta, np.zeros(target.likelihood.n_joints))
-    lines = Conditional(centre.covariance, block)
+    centre = target.centre(theta, np.zeros(target.likelihood.n_joints))
     first = sampling.ensembles // 2
     walkers = [sampling.walkers * count for count in (sampling.ensembles - first, first) if count]
-    randoms = [np.random.RandomState([sampling.seed, half]) for half in range(len(walkers))]
-    spread = [
-        partial(_spread, target, centre, lines, count, random) for count, random in zip(walkers, randoms, strict=True)
-    ]
+    randoms = [RandomState([sampling.seed, half]) for half in range(len(walkers))]
+    spread = [partial(_spread, target, centre, *half) for half in zip(walkers, randoms, strict=True)]
     halves = in_parallel(spread)
-    moves, done, halfway = _moves(target, lines), 0, sampling.warm_up // 2
+    moves, done, halfway = _moves(target, centre), 0, sampling.warm_up // 2
     while done < sampling.warm_up:
         if done == halfway:
-            centre = find_centre(target, *target.split(np.concatenate([h.coordinates for h in halves]).mean(axis=0)))
-            moves = _moves(target, Conditional(centre.covariance, block))
+            moves = _moves(
+                target, target.centre(*target.split(np.concatenate([h.coordinates for h in halves]).mean(axis=0)))
+            )
         count = min((halfway if done < halfway else sampling.warm_up) - done, TUNING.sweeps_at_once)
         halves = in_parallel([partial(_move, moves, half, count) for half in halves])
         done += count
@@ -298,9 +330,13 @@ def _warmed_up(target: Target, theta: Array, sampling: Sampling, clock: _Clock) 
     return moves, halves
 
 
-def _spread(
-    target: Target, centre: Centre, lines: Conditional, walkers: int, random: np.random.RandomState
-) -> _Walkers:
+def _moves(target: Target, centre: Centre) -> InTurn:
+    lines = Conditional(centre.covariance, target.prior.region.blocks)
+    return InTurn([HitAndRun(target, lines), NoiseScales(target)])
+
+
+def _spread(target: Target, centre: Centre, walkers: int, random: RandomState) -> _Walkers:
+    lines = Conditional(centre.covariance, target.prior.region.blocks)
     return _Walkers(spread_walkers(target, centre, lines, walkers, random), random)
 
 
@@ -321,23 +357,3 @@ def _draw(target: Target, moves: InTurn, walkers: _Walkers, sweeps: int) -> _Str
     end = sampler.run_mcmc(start, sweeps, skip_initial_state_check=True)
     walkers.random.set_state(end.random_state)
     return _Stretch(sampler.get_chain(), sampler.get_log_prob(), _Walkers(end.coords, walkers.random))
-
-
-def _moves(target: Target, directions: Conditional) -> InTurn:
-    return InTurn([HitAndRun(target, directions), NoiseScales(target)])
-
-
-def _too_early(sweeps: int, sampling: Sampling) -> int:
-    """Sweeps to leave out besides the warm-up: what takes long to converge takes long to forget where it began."""
-    return max(0, math.ceil(TUNING.early * (sampling.warm_up + sweeps)) - sampling.warm_up)
-
-
-def _chains(
-    target: Target, drawn: Sequence[Sequence[_Stretch]], sampling: Sampling, early: int
-) -> tuple[Array, Array, Array, Array]:
-    """Parameters, noise scales, coefficients (D, E, W, ...) and log densities (D, E, W), the early sweeps left out."""
-    shape = -1, sampling.ensembles, sampling.walkers
-    chain = np.concatenate([np.concatenate([half.chain for half in halves], axis=1) for halves in drawn])
-    density = np.concatenate([np.concatenate([half.log_density for half in halves], axis=1) for halves in drawn])
-    theta, log_scale = target.split(chain[early:].reshape(*shape, chain.shape[-1]))
-    return theta, log_scale, theta @ target.likelihood.projection.T, density[early:].reshape(shape)

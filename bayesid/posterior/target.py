@@ -17,6 +17,7 @@ from bayesid.effects.parameters import Cone
 from bayesid.posterior.blocks import SegmentBlocks
 from bayesid.posterior.likelihood import Likelihood, make_likelihood
 from bayesid.posterior.prior import Prior, make_prior
+from bayesid.posterior.region import Centre, barrier_minimum
 from bayesid.posterior.tuning import TUNING
 from bayesid.regression.knowledge import Information, Links, Nominal
 from bayesid.regression.moments import Moments
@@ -26,17 +27,11 @@ from bayesid.regression.solver import ConeLeastSquares
 
 @dataclass(frozen=True)
 class Target:
-    """The posterior of one branch, over P parameters and n logarithms of noise scales.
-
-    Attributes:
-        prior: of both.
-        likelihood: of both.
-        information: of the coefficients, from an earlier log; its H is positive semidefinite.
-    """
+    """The posterior of one branch, over P parameters and n logarithms of noise scales."""
 
     prior: Prior
     likelihood: Likelihood
-    information: Information | None = None
+    information: Information | None = None  #: of the coefficients, from an earlier log; its H is positive semidefinite
 
     @property
     def n_parameters(self) -> int:
@@ -65,13 +60,9 @@ class Target:
         return value
 
     def quadratic(self, theta: Array, log_scale: Array) -> tuple[Array, Array]:
-        """A (P, P) and b (P,) of log p = -theta' A theta / 2 + b' theta + const, given noise scales and all signs.
+        """A (P, P) and b (P,) of log p = -theta' A theta / 2 + b' theta + const (:eq:`posterior-precision`).
 
-        A is that of :eq:`posterior-precision`.
-
-        Args:
-            theta: (P,) whose predictions decide the unknown signs.
-            log_scale: (n,) the noise scales u.
+        Given noise scales u (n,) and the signs that theta (P,) predicts for the unknown segments.
         """
         likelihood, prior = self.likelihood, self.prior
         scale = log_scale[None]
@@ -83,28 +74,26 @@ class Target:
         precision = likelihood.projection.T @ hessian @ likelihood.projection + np.diag(prior.precision)
         return 0.5 * (precision + precision.T), likelihood.projection.T @ data + prior.precision * prior.mean
 
+    def centre(self, theta: Array, log_scale: Array) -> Centre:
+        """The region's centre for the same signs and noise scales; theta need not be feasible.
+
+        Raises:
+            LinAlgError: the Hessian is singular but for rounding.
+        """
+        return barrier_minimum(self.prior.region, *self.quadratic(theta, log_scale), self.prior.inside)
+
 
 @dataclass(frozen=True)
 class PosteriorProblem:
-    """All that decides a posterior but the signs.
+    """All that decides a posterior but the signs."""
 
-    Attributes:
-        blocks: of S segments, efforts in expected signs relative to their segment's.
-        coefficients: the r base coefficients.
-        cone: of the P parameters.
-        noise: of the efforts; the reference of the noise scales.
-        links: what is believed of any link.
-        nominal: what is stated of the parameters.
-        information: of the r coefficients, from an earlier log. Its c says what effort it explains: sizes are judged
-            by it.
-    """
-
-    blocks: SegmentBlocks
-    coefficients: BaseCoefficients
-    cone: Cone
-    noise: Noise
-    links: Links
-    nominal: Nominal | None = None
+    blocks: SegmentBlocks  #: of S segments, efforts in expected signs relative to their segment's
+    coefficients: BaseCoefficients  #: the r base coefficients
+    cone: Cone  #: of the P parameters
+    noise: Noise  #: of the efforts; the reference of the noise scales
+    links: Links  #: what is believed of any link
+    nominal: Nominal | None = None  #: what is stated of the parameters
+    #: of the r coefficients, from an earlier log; its c says what effort it explains: sizes are judged by it
     information: Information | None = None
 
     def with_least_noise(self) -> PosteriorProblem:

@@ -406,6 +406,6 @@ def _part(name: str, arrays: Mapping[str, Any]) -> Any:
 def _draws(path: Path) -> Array | None:
     if not path.exists():
         return None
-    from bayesid.posterior.netcdf import read_coefficients
+    from bayesid.posterior.inference_data import read_coefficients
 
     return read_coefficients(path)

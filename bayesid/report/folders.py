@@ -254,7 +254,7 @@ def _write_identification(
         with _without(place / name, missing):
             (place / name).write_text(export(identification.model, identification.theta), encoding="utf-8")
     if identification.posterior is not None:
-        from bayesid.posterior.netcdf import write as write_draws
+        from bayesid.posterior.inference_data import write as write_draws
 
         with _without(place / "posterior.nc", missing):
             write_draws(kept_draws(identification), place / "posterior.nc")

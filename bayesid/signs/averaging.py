@@ -25,8 +25,8 @@ from bayesid.progress import SILENT, Progress
 from bayesid.regression.least_squares import Fit, fit_signed
 from bayesid.regression.moments import Moments, moments
 from bayesid.regression.solver import ConeLeastSquares
-from bayesid.signs.search.protocol import Search
-from bayesid.signs.settling import Settled, settle_signs
+from bayesid.signs.search.protocol import Search, SignProblem
+from bayesid.signs.settling import Settled, nats_gained, settle_signs
 from bayesid.signs.tuning import TUNING
 
 
@@ -117,7 +117,7 @@ def evidence_gain(rival: Settled, asked: Settled) -> float:
     """
     time = np.maximum(rival.fit.residual.autocorrelation, asked.fit.residual.autocorrelation)
     count = np.minimum(asked.evidence.fitted.sum(axis=0), rival.evidence.fitted.sum(axis=0)) / time
-    gain = float(count @ (2.0 * np.log(asked.fit.residual.sigma / rival.fit.residual.sigma)))
+    gain = 2.0 * nats_gained(rival.fit, asked.fit, count)
     more = len(rival.evidence.coefficients) - len(asked.evidence.coefficients)
     return gain - more * float(np.log(count.sum()))
 
@@ -177,12 +177,11 @@ def other_side(settled: Settled, effort: Array) -> Array:
 
     Of the joint where it is largest, for those sets of joints turned together that need least.
     """
-    evidence, segments = settled.evidence, settled.signs.segments[settled.signs.segments.fitted]
+    evidence, segments = settled.evidence, settled.signs.fitted
     motion, efforts = evidence.signals.motion, evidence.signals.effort
     raw = moments(evidence.model, evidence.coefficients, motion, efforts, segments, most_individual=1)
     scaled, n = raw.scaled(settled.signs.weights), len(effort)
-    hessian, energy = scaled.hessian.total(), float(scaled.energy.sum())
-    solver = ConeLeastSquares(evidence.model.cone, evidence.coefficients, hessian, energy)
+    solver = SignProblem(scaled, evidence.model.cone, evidence.coefficients).solver()
     count = np.bincount(scaled.joint, weights=scaled.count, minlength=n)
     unit = settled.signs.weights / np.sqrt(np.maximum(count, 1.0)) / np.maximum(effort, TINY)
     needed = np.full(n, np.inf)

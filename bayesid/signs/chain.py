@@ -5,9 +5,9 @@ at standstill, where it must hold all of the static friction. `bayesid.signs.smo
 (Rabiner 1989, eqs. 19 to 27), `bayesid.signs.filtering` from the past.
 
 A step of one chain is too small a thing to do by itself. So chains are cut into pieces of equal length, and a step of
-all pieces is one product of matrices. With which belief a piece is entered is not known yet: it starts from what the
-last samples before it say by themselves, and once the piece before it has an end, it is mended from its first sample
-on, up to where that changes nothing any more, for chains forget. What comes out is what one run from end to end gives.
+all pieces is one product of matrices. With which belief a piece is entered is known once the piece before it has an
+end. So all pieces are run, and again those that are entered otherwise than they were run, until none is: chains forget,
+so that few runs give what one from end to end would.
 
 In motion a chain stays near zero, so that most pieces are smoothed in the middle of the grid alone. Where a belief
 leans against the end of that, which is seen, the piece needs the whole grid.
@@ -18,12 +18,13 @@ Beliefs are in single precision: sums of positive numbers keep their seven digit
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bayesid.arrays import Array, Integers, Mask
+from bayesid.regression.noise import Noise
 from bayesid.signs.tuning import TUNING
 
 Single = NDArray[np.float32]
@@ -41,48 +42,15 @@ _BOTH = np.float32(2.0**-98)
 _SAME = np.float32(1e-4)
 """Relative difference up to which weights are the same, however small they are: what comes may favour the smallest."""
 
-
-# ---------------------------------------------------------------------------------------------------------------
-# The process
-# ---------------------------------------------------------------------------------------------------------------
-def error_grid(largest: Array) -> Array:
-    """(n, G) values of b, N m, for processes whose largest sd is (n,), N m."""
-    grid: Array = (TUNING.grid_reach * largest)[:, None] * np.linspace(-1.0, 1.0, TUNING.grid)
-    return grid
-
-
-def stationary(grid: Array, sd: Array) -> Array:
-    """(n, G) normal distribution on the grid."""
-    density = np.exp(-0.5 * (grid / sd[:, None]) ** 2)
-    normal: Array = density / density.sum(axis=1, keepdims=True)
-    return normal
-
-
-def spread(grid: Array, sd: Array, memory: Array) -> Array:
-    """(n,) sd of an Ornstein-Uhlenbeck process's step, no less than the grid can show."""
-    spread: Array = np.maximum(sd * np.sqrt(1.0 - memory**2), TUNING.finest_step * (grid[:, 1] - grid[:, 0]))
-    return spread
-
-
-def transitions(grid: Array, sd: Array, memory: Array) -> Array:
-    """(n, G, G) rows of p(b' | b) of an Ornstein-Uhlenbeck process."""
-    distance = grid[:, None, :] - memory[:, None, None] * grid[:, :, None]
-    density = np.exp(-0.5 * (distance / spread(grid, sd, memory)[:, None, None]) ** 2)
-    density += 1e-30  # beliefs must not die out where model and effort contradict each other
-    return density / density.sum(axis=2, keepdims=True)
-
-
-# ---------------------------------------------------------------------------------------------------------------
-# Smoothing
-# ---------------------------------------------------------------------------------------------------------------
 Weigh = Callable[[Integers, slice], tuple[Single, Single]]
 """From pieces and values of the grid to two arrays (L, G', R): likelihoods, up to a factor, and a share of each."""
 
 
 @dataclass(frozen=True)
 class Chain:
-    """A hidden Markov chain on G values."""
+    """The error of one joint's model, on G values."""
 
+    grid: Array  # (G,) the values, N m
     moving: Single  # (G, G) rows of transition probabilities in motion
     resting: Single  # (G, G) the same at standstill
     afresh: Single  # (G,) distribution from which it may start afresh at standstill
@@ -92,7 +60,7 @@ class Chain:
     @property
     def whole(self) -> slice:
         """All values."""
-        return slice(0, len(self.start))
+        return slice(0, len(self.grid))
 
     def smooth(self, weigh: Weigh, turns: Single, chains: int, wide: Mask) -> tuple[Array, Mask]:
         """(L, B, K) posterior mean of a share of the likelihood, and which of B pieces turn out to need the whole grid.
@@ -109,11 +77,10 @@ class Chain:
             _Part.of(np.flatnonzero(which), window, weigh, turns, chains) for which, window in groups if which.any()
         ]
         ones = np.ones_like(self.start)
-        forwards = _Pass(parts, _Step(self.moving.T, self.resting.T, ones, self.afresh), self.start, chains, rows)
-        backwards = _Pass(parts, _Step(self.moving, self.resting, self.afresh, ones), ones, -chains, rows)
-        beliefs, futures = forwards.messages(), backwards.messages()
+        forwards = _Pass(_Step(self.moving.T, self.resting.T, ones, self.afresh), self.start, chains, rows)
+        backwards = _Pass(_Step(self.moving, self.resting, self.afresh, ones), ones, -chains, rows)
         mean, leans = np.empty((length, rows)), np.zeros(rows, dtype=bool)
-        for part, belief, future in zip(parts, beliefs, futures, strict=True):
+        for part, belief, future in zip(parts, forwards.messages(parts), backwards.messages(parts), strict=True):
             both = np.multiply(belief[:-1], _BOTH, out=belief[:-1])
             both *= future[-2::-1]
             share = np.einsum("lgr,lgr->lr", both, part.share)
@@ -122,10 +89,50 @@ class Chain:
             mean[:, part.rows] = share / total
             if part.window != self.whole:
                 end = both[:, : TUNING.window_end].sum(axis=1) + both[:, -TUNING.window_end :].sum(axis=1)
-                leans[part.rows] = np.any(end > TUNING.leaning * total, axis=0) | (
-                    forwards.left_out(part) > TUNING.leaning
-                )
+                at_end, left_out = np.any(end > TUNING.leaning * total, axis=0), forwards.left_out(part)
+                leans[part.rows] = at_end | (left_out > TUNING.leaning)
         return mean.reshape(length, pieces, chains), np.any(leans.reshape(pieces, chains), axis=1)
+
+
+def error_chains(noise: Noise, at_rest: Array, rate: float) -> list[Chain]:
+    """One for each joint of a model whose residual has a noise, and is (n,) N m wide at standstill, at a rate, Hz."""
+    resting_memory, wide = float(np.exp(-1.0 / (TUNING.rest_time * rate))), np.maximum(at_rest, noise.coloured)
+    chains = []
+    for sd, rest, correlation in zip(noise.coloured, wide, noise.correlation, strict=True):
+        grid = TUNING.grid_reach * rest * np.linspace(-1.0, 1.0, TUNING.grid)
+        memory = np.exp(-1.0 / (correlation * rate))
+        centre, spacing = len(grid) // 2, grid[1] - grid[0]
+        reach = _spread(grid, sd, memory) / np.sqrt(1.0 - memory**2)
+        half = min(int(TUNING.middle * reach / spacing) + TUNING.middle_margin, centre)
+        chain = Chain(
+            grid=grid,
+            moving=_transitions(grid, sd, memory).astype(np.float32),
+            resting=_transitions(grid, rest, resting_memory).astype(np.float32),
+            afresh=_normal(grid, rest).astype(np.float32),
+            start=_normal(grid, sd).astype(np.float32),
+            middle=slice(centre - half, centre + half + 1),
+        )
+        chains.append(chain)
+    return chains
+
+
+def _normal(grid: Array, sd: float) -> Array:
+    density = np.exp(-0.5 * (grid / sd) ** 2)
+    normal: Array = density / density.sum()
+    return normal
+
+
+def _spread(grid: Array, sd: float, memory: float) -> float:
+    """Sd of an Ornstein-Uhlenbeck process's step, no less than the grid can show."""
+    return max(sd * np.sqrt(1.0 - memory**2), TUNING.finest_step * (grid[1] - grid[0]))
+
+
+def _transitions(grid: Array, sd: float, memory: float) -> Array:
+    """(G, G) rows of p(b' | b) of an Ornstein-Uhlenbeck process."""
+    distance = grid[None, :] - memory * grid[:, None]
+    density = np.exp(-0.5 * (distance / _spread(grid, sd, memory)) ** 2)
+    density += 1e-30  # beliefs must not die out where model and effort contradict each other
+    return density / density.sum(axis=1, keepdims=True)
 
 
 @dataclass(frozen=True)
@@ -143,8 +150,7 @@ class _Part:
     def of(cls, pieces: Integers, window: slice, weigh: Weigh, turns: Single, chains: int) -> _Part:
         """Pieces of all chains."""
         rows = (pieces[:, None] * chains + np.arange(chains)).ravel()
-        next_piece = np.append(turns[0, 1:], np.float32(0.0))
-        after = np.concatenate([turns[1:], next_piece[None]])
+        after = np.append(turns.T.ravel()[1:], np.float32(0.0)).reshape(turns.T.shape).T
         before, after = (np.repeat(values[:, pieces], chains, axis=1) for values in (turns, after))
         likelihood, share = weigh(pieces, window)
         return cls(window, rows, likelihood, share, before, after)
@@ -174,89 +180,70 @@ class _Step:
         out *= _SUM / out.sum(axis=0)
 
 
-@dataclass
 class _Pass:
-    """What is passed on from sample to sample, forwards, or backwards where the shift is negative."""
+    """What is passed on from sample to sample, forwards, or backwards where the shift is negative.
 
-    parts: list[_Part]  # of all rows
-    step: _Step  # from one sample to the next
-    first: Single  # (G,) with what chains are entered
-    shift: int  # from a row to that of the next piece in this direction
-    n_rows: int  # of all parts
-    ends: Single = field(init=False)  # (G, n_rows) what each row passes on to the next piece
+    Args:
+        step: from one sample to the next.
+        first: (G,) with what chains are entered.
+        shift: from a row to that of the next piece in this direction.
+        n_rows: of all parts.
+    """
 
-    def __post_init__(self) -> None:
-        self.ends = np.zeros((len(self.first), self.n_rows), dtype=np.float32)
+    def __init__(self, step: _Step, first: Single, shift: int, n_rows: int) -> None:
+        self.step, self.first, self.shift = step, first, shift
+        self.ends = np.zeros((len(first), n_rows), dtype=np.float32)  # what each row passes on to the next piece
 
-    def messages(self) -> list[Single]:
+    def messages(self, parts: list[_Part]) -> list[Single]:
         """Of every part (L + 1, G', R): before each sample, in the order of this direction, and after the last one."""
-        for part in self.parts:
-            self._run(part, np.repeat(_scaled(self.first[part.window, None]), len(part.rows), axis=1), TUNING.run_in)
-        states = [self._run(part, self._entries(part, part.rows), len(part.likelihood)) for part in self.parts]
-        late = self._next(np.arange(self.n_rows))
-        while late.size:
-            changed = [self._mend(part, state, late) for part, state in zip(self.parts, states, strict=True)]
-            late = self._next(np.concatenate(changed))
+        states = [np.empty((len(part.turns) + 1, *part.likelihood.shape[1:]), dtype=np.float32) for part in parts]
+        late = [np.arange(len(part.rows)) for part in parts]
+        for part, state in zip(parts, states, strict=True):
+            state[0] = _scaled(self.first[part.window, None])
+        while any(which.size for which in late):
+            for part, state, which in zip(parts, states, late, strict=True):
+                self._run(part, state, which)
+            late = [self._entered_anew(part, state) for part, state in zip(parts, states, strict=True)]
         return states
+
+    def _run(self, part: _Part, states: Single, which: Integers) -> None:
+        """Passes on what some of a part's rows are entered with."""
+        turns, likelihood, passed = part.turns_after, part.likelihood, states
+        if self.shift < 0:
+            turns, likelihood = part.turns[::-1], part.likelihood[::-1]
+        if 2 * len(which) > len(part.rows):
+            which = np.arange(len(part.rows))  # to run all takes less than to pick those that are late
+        else:
+            turns, likelihood, passed = turns[:, which], likelihood[:, :, which], states[:, :, which]
+        step, weighed = self.step.within(part.window), np.empty_like(passed[0])
+        for i in range(len(turns)):
+            np.multiply(passed[i], likelihood[i], out=weighed)
+            step(weighed, turns[i], passed[i + 1])
+        self.ends[part.window, part.rows[which]] = passed[-1]
+        if passed is not states:
+            states[:, :, which] = passed
+
+    def _entered_anew(self, part: _Part, states: Single) -> Integers:
+        """Rows of a part that are entered otherwise than they were run; from now on as they should be."""
+        before, exists = self._before(part)
+        entries = self.ends[part.window, before]
+        entries[:, ~exists] = self.first[part.window, None]
+        entries, earlier = _scaled(entries), states[0]
+        late = np.flatnonzero((np.abs(entries - earlier) > _SAME * np.minimum(entries, earlier)).any(axis=0))
+        earlier[:, late] = entries[:, late]
+        return late
+
+    def _before(self, part: _Part) -> tuple[Integers, Mask]:
+        """(R,) the rows of the pieces before, and whether there is one."""
+        before, most = part.rows - self.shift, self.ends.shape[1] - 1
+        return np.clip(before, 0, most), (before >= 0) & (before <= most)
 
     def left_out(self, part: _Part) -> Array:
         """(R,) share of what rows are entered with that a part of the grid leaves out."""
-        entered = self.ends[:, np.clip(part.rows - self.shift, 0, self.n_rows - 1)]
+        before, exists = self._before(part)
+        entered = self.ends[:, before]
         share: Array = 1.0 - entered[part.window].sum(axis=0) / entered.sum(axis=0)
-        return np.where(self._exist(part.rows - self.shift), share, 0.0)
-
-    def _exist(self, rows: Integers) -> Mask:
-        exist: Mask = (rows >= 0) & (rows < self.n_rows)
-        return exist
-
-    def _next(self, rows: Integers) -> Integers:
-        following = rows + self.shift
-        return following[self._exist(following)]
-
-    def _entries(self, part: _Part, rows: Integers) -> Single:
-        """(G', R) what rows are entered with."""
-        before = rows - self.shift
-        entries = self.ends[part.window, np.clip(before, 0, self.n_rows - 1)]
-        entries[:, ~self._exist(before)] = self.first[part.window, None]
-        return _scaled(entries)
-
-    def _in_order(self, part: _Part) -> tuple[Single, Single]:
-        """(L, G', R) likelihoods and (L, R) probabilities that follow them, in the order of this direction."""
-        if self.shift > 0:
-            return part.likelihood, part.turns_after
-        return part.likelihood[::-1], part.turns[::-1]
-
-    def _run(self, part: _Part, state: Single, samples: int) -> Single:
-        """(samples + 1, G', R) what is passed on over the last samples of all rows of a part."""
-        likelihood, turns = (values[-samples:] for values in self._in_order(part))
-        states = np.empty((len(turns) + 1, *state.shape), dtype=np.float32)
-        step, weighed = self.step.within(part.window), np.empty_like(state)
-        states[0] = state
-        for i in range(len(turns)):
-            np.multiply(states[i], likelihood[i], out=weighed)
-            step(weighed, turns[i], states[i + 1])
-        self.ends[part.window, part.rows] = states[-1]
-        return states
-
-    def _mend(self, part: _Part, states: Single, late: Integers) -> Integers:
-        """Rows whose end changes once those that are late are entered with what is before them."""
-        likelihood, turns = self._in_order(part)
-        step = self.step.within(part.window)
-        at = np.flatnonzero(np.isin(part.rows, late))
-        state = self._entries(part, part.rows[at])
-        for i in range(len(states)):
-            if i % TUNING.compared_every == 0 or i == len(turns):
-                earlier = states[i][:, at]
-                other = (np.abs(state - earlier) > _SAME * np.minimum(state, earlier)).any(axis=0)
-                at, state = at[other], state[:, other]
-                if not at.size:
-                    return at
-            states[i][:, at] = state
-            if i < len(turns):
-                weighed = state * likelihood[i][:, at]
-                step(weighed, turns[i, at], state)
-        self.ends[part.window, part.rows[at]] = state
-        return part.rows[at]
+        return np.where(exists, share, 0.0)
 
 
 def _scaled(columns: Single) -> Single:

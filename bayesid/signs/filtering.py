@@ -8,13 +8,12 @@ wait for L samples has their likelihoods too, passed backwards (Rabiner 1989, se
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
 from bayesid.arrays import Array, Mask, every
 from bayesid.regression.noise import Noise
-from bayesid.signs.chain import TAILS, Single, error_grid, stationary, transitions
+from bayesid.signs.chain import TAILS, Single, error_chains
 from bayesid.signs.tuning import TUNING
 
 _ONE = np.float32(1.0)
@@ -43,19 +42,17 @@ class SignFilter:
         """Of a model whose residual has a noise, and is (n,) N m wide at standstill, at a rate, Hz."""
         stride = max(1, int(rate / TUNING.fastest_filter))
         steps = rate / stride
-        at_rest = np.maximum(at_rest, noise.coloured)
-        grid = error_grid(at_rest)
-        moving = transitions(grid, noise.coloured, np.exp(-1.0 / (noise.correlation * steps)))
-        resting = transitions(grid, at_rest, np.full(len(at_rest), np.exp(-1.0 / (TUNING.rest_time * steps))))
+        chains = error_chains(noise, at_rest, steps)
+        moving, resting = (_single([getattr(chain, name) for chain in chains]) for name in ("moving", "resting"))
         return cls(
-            grid=_single(grid),
+            grid=_single([chain.grid for chain in chains]),
             white=noise.white,
             forwards=_single(moving.swapaxes(1, 2)),
-            backwards=_single(moving),
+            backwards=moving,
             rest_forwards=_single(resting.swapaxes(1, 2)),
-            rest_backwards=_single(resting),
-            afresh=_single(stationary(grid, at_rest)),
-            start=_single(stationary(grid, noise.coloured)),
+            rest_backwards=resting,
+            afresh=_single([chain.afresh for chain in chains]),
+            start=_single([chain.start for chain in chains]),
             turns=1.0 - (1.0 - TUNING.turns_at_rest) ** (1.0 / max(1.0, TUNING.rest_time * steps)),
             stride=stride,
             look_ahead=look_ahead,
@@ -97,7 +94,7 @@ class SignFilter:
 
     def _weigh(self, reading: Array, predicted: Array, sd: Array) -> tuple[Single, Single]:
         """(n, G) likelihoods of b by the positive sign, and by both, up to a factor."""
-        scale = np.maximum(np.sqrt(TAILS * (self._white_square + sd * sd)), self._finest)
+        scale = np.maximum(np.sqrt(TAILS * (self.white * self.white + sd * sd)), TUNING.finest_noise * self.grid[:, -1])
         known = np.isfinite(reading)
         all_known = every(known)
         size = reading if all_known else np.where(known, reading, 0.0)
@@ -117,25 +114,21 @@ class SignFilter:
             likelihood[~known] = 1.0
         return plus, likelihood
 
-    @cached_property
-    def _white_square(self) -> Array:
-        """(n,) variance of the white noise, (N m)^2."""
-        return self.white * self.white
-
-    @cached_property
-    def _finest(self) -> Array:
-        """(n,) least scale of the white noise, N m."""
-        finest: Array = (TUNING.finest_noise * self.grid[:, -1]).astype(float)
-        return finest
-
     def _step(self, weights: Single, moves: Mask) -> Single:
         """(n, G) weights one step later."""
         after: Single = np.matmul(self.forwards, weights[:, :, None])[:, :, 0]
-        if not every(moves):
-            for j in np.flatnonzero(~moves).tolist():
-                stays = self.rest_forwards[j] @ weights[j]
-                after[j] = (1.0 - self.turns) * stays + self.turns * self.afresh[j] * weights[j].sum()
+        for j in () if every(moves) else np.flatnonzero(~moves).tolist():
+            stays = self.rest_forwards[j] @ weights[j]
+            after[j] = (1.0 - self.turns) * stays + self.turns * self.afresh[j] * weights[j].sum()
         return after
+
+    def _back(self, future: Single, moves: Mask) -> Single:
+        """(n, G) what is passed backwards over a step."""
+        before: Single = np.matmul(self.backwards, future[:, :, None])[:, :, 0]
+        for j in () if every(moves) else np.flatnonzero(~moves).tolist():
+            stays = self.rest_backwards[j] @ future[j]
+            before[j] = (1.0 - self.turns) * stays + self.turns * (self.afresh[j] @ future[j])
+        return before
 
     def _looked_back(self, belief: Belief) -> Array:
         """(n,) P(sign = +) of the oldest reading that is kept."""
@@ -154,17 +147,8 @@ class SignFilter:
         share: Array = np.minimum((both * belief.plus[oldest]).sum(axis=1) / total, _ONE).astype(float)
         return share
 
-    def _back(self, future: Single, moves: Mask) -> Single:
-        """(n, G) what is passed backwards over a step."""
-        before: Single = np.matmul(self.backwards, future[:, :, None])[:, :, 0]
-        if not every(moves):
-            for j in np.flatnonzero(~moves).tolist():
-                stays = self.rest_backwards[j] @ future[j]
-                before[j] = (1.0 - self.turns) * stays + self.turns * (self.afresh[j] @ future[j])
-        return before
 
-
-def _single(values: Array) -> Single:
+def _single(values: Array | Single | list[Array] | list[Single]) -> Single:
     return np.ascontiguousarray(values, dtype=np.float32)
 
 

@@ -42,6 +42,11 @@ class SegmentSigns:
     # the best assignment and others that cost at most 20 nats more, by the weights of the final fit
     near: tuple[Branch, ...] = ()
 
+    @property
+    def fitted(self) -> Segments:
+        """The segments that the search has signed."""
+        return self.segments[self.segments.fitted]
+
 
 @dataclass(frozen=True)
 class SignSearch:
@@ -65,12 +70,12 @@ class SignSearch:
             sigma = TUNING.first_noise * raw.rms_effort(self._n) if sigma is None else sigma
             steps = self.progress.steps(f"search, round {rounds}")
             searched.append(self.search.find(self._problem(fitted, raw.scaled(sigma), searched), steps))
-            cuts, sigma = self._crossings(fitted, searched[-1]), self._noise(fitted, raw, searched[-1])
+            cuts, sigma = self._cuts_and_noise(fitted, raw, searched[-1])
             last = rounds == TUNING.search_rounds
             if last or not cuts:
                 searched.append(self.search.conclude(self._problem(fitted, raw.scaled(sigma), searched), self.progress))
                 turned = not np.array_equal(searched[-1].signs, searched[-2].signs)
-                cuts = self._crossings(fitted, searched[-1])
+                cuts, _ = self._cuts_and_noise(fitted, raw, searched[-1])
                 if last or not cuts or searched[-1].certified or not turned:
                     break
             segments = segments.split(cuts)
@@ -84,7 +89,7 @@ class SignSearch:
         without a proof the cheaper signs take its place. Where it does not, a segment stays settled if turning it, or
         its joint, still costs more than Delta.
         """
-        result, fitted = searched.search, searched.segments[searched.segments.fitted]
+        result, fitted = searched.search, searched.fitted
         if np.all(fitted.known != 0):
             return searched
         raw = self._moments(fitted)
@@ -94,11 +99,8 @@ class SignSearch:
         if result.settled is None:
             if not found.changed:
                 return searched
-            best = replace(  # costs by other weights do not compare: of those by the new ones nothing is proven
-                result,
-                signs=found.best.signs,
-                theta=found.best.theta,
-                cost=found.best.cost,
+            best = result.with_best(  # costs by other weights do not compare: of the new ones nothing is proven
+                found.best,
                 lower_bound=None if result.lower_bound is None else 0.0,
                 pull=None,
                 ways=(*result.ways, Way("final noise weights", found.best.cost)),
@@ -126,19 +128,22 @@ class SignSearch:
     def _n(self) -> int:
         return self.model.robot.n_joints
 
-    def _noise(self, segments: Segments, raw: Moments, result: SearchResult) -> Array:
-        """(n,) noise of each joint's effort, N m: sd of the residual times the root of its autocorrelation time."""
-        signs = segments.per_sample(result.signs, *self.signals.effort.shape)
-        predicted = self.model.effort(self.signals.motion, result.theta)
-        used = signs != 0.0
-        noise = residual_noise(np.where(used, signs * self.signals.effort - predicted, 0.0), used, self.signals.rate)
-        return np.maximum(noise.sigma * np.sqrt(noise.autocorrelation), TUNING.least_noise * raw.rms_effort(self._n))
+    def _cuts_and_noise(
+        self, segments: Segments, raw: Moments, result: SearchResult
+    ) -> tuple[list[tuple[int, int]], Array]:
+        """Where to cut, and (n,) noise, N m: sd of the residual times the root of its autocorrelation time.
 
-    def _crossings(self, segments: Segments, result: SearchResult) -> list[tuple[int, int]]:
+        Cuts are by the median |residual| as a normal's sd, which a segment of mixed sign does not inflate.
+        """
         effort = self.signals.effort
-        predicted = self.model.effort(self.signals.motion, result.theta)
-        sigma = _typical_residual(segments.per_sample(result.signs, *effort.shape), effort, predicted)
-        return crossings(segments, predicted, effort, sigma)
+        signs = segments.per_sample(result.signs, *effort.shape)
+        predicted, used = self.model.effort(self.signals.motion, result.theta), signs != 0.0
+        residual = signs * effort - predicted
+        shown = np.where(used, np.abs(residual), np.where(used.any(axis=0), np.nan, 0.0))
+        cuts = crossings(segments, predicted, effort, 1.4826 * np.nanmedian(shown, axis=0))
+        noise = residual_noise(np.where(used, residual, 0.0), used, self.signals.rate)
+        least = TUNING.least_noise * raw.rms_effort(self._n)
+        return cuts, np.maximum(noise.sigma * np.sqrt(noise.autocorrelation), least)
 
 
 def crossings(segments: Segments, predicted: Array, effort: Array, sigma: Array) -> list[tuple[int, int]]:
@@ -159,13 +164,6 @@ def crossings(segments: Segments, predicted: Array, effort: Array, sigma: Array)
             between = effort[a + clear[i] : a + clear[i + 1] + 1, j]
             cuts.append((int(j), int(a + clear[i] + np.argmin(between))))
     return [(j, at) for j, at in cuts if not np.any((segments.joint == j) & (segments.start == at))]
-
-
-def _typical_residual(signs: Array, effort: Array, predicted: Array) -> Array:
-    """(n,) median |residual| as a normal's sd, which a segment of mixed sign does not inflate; 0 without samples."""
-    used = signs != 0.0
-    residual = np.where(used, np.abs(signs * effort - predicted), np.nan)
-    return 1.4826 * np.nanmedian(np.where(used.any(axis=0), residual, 0.0), axis=0)
 
 
 @dataclass(frozen=True)
@@ -196,21 +194,17 @@ def rivals(problem: SignProblem, result: SearchResult, steps: Steps = no_steps) 
         """Precisely, where it may come near."""
         return inner.price(roughly.signs) if roughly.lower_bound <= best.cost + far else roughly
 
-    def settled(start: Branch) -> list[Branch]:
-        """What settling from a start leads to, and the start."""
-        return [start, priced(inner.settle(known, start.theta))]
+    def settled(start: Callable[[], Branch]) -> list[Branch]:
+        """A start, and what settling from it leads to."""
+        begun = start()
+        return [begun, priced(inner.settle(known, begun.theta))]
 
-    def near_to(signs: Integers) -> list[Branch]:
-        return settled(priced(inner.complete(signs, best.theta)))
+    def near_to(signs: Integers) -> Branch:
+        return priced(inner.complete(signs, best.theta))
 
-    def by_search() -> list[Branch]:
-        return settled(candidate(inner))
-
-    def from_best() -> list[Branch]:
-        return settled(best)[1:]
-
-    ways: list[Callable[[], list[Branch]]] = [from_best] if result.settled is None else [by_search, from_best]
-    ways += [partial(near_to, signs) for signs in (*listed, *around)]
+    starts: list[Callable[[], Branch]] = [] if result.settled is None else [partial(candidate, inner)]
+    starts += [lambda: best, *(partial(near_to, signs) for signs in (*listed, *around))]
+    ways = [partial(settled, start) for start in starts]
     everything = [branch for found in in_parallel(ways, steps) for branch in found]
     limit = min(branch.cost for branch in [best, *everything]) + result.within
     alike = [branch.signs == best.signs for branch in everything if branch.cost <= limit]

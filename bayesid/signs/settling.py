@@ -16,13 +16,12 @@ from bayesid.log.signals import Signals, signed_effort
 from bayesid.parallel import in_parallel
 from bayesid.progress import SILENT, Progress
 from bayesid.regression.evidence import Evidence
-from bayesid.regression.knowledge import Information, Knowledge
+from bayesid.regression.knowledge import Knowledge
 from bayesid.regression.least_squares import Fit, fit_signed
 from bayesid.regression.noise import residual_noise
-from bayesid.regression.solver import ConeLeastSquares
 from bayesid.signs.rounds import SegmentSigns, SignSearch
-from bayesid.signs.search.protocol import Search
-from bayesid.signs.search.result import Branch
+from bayesid.signs.search.protocol import Search, SignProblem
+from bayesid.signs.search.result import Branch, SearchResult
 from bayesid.signs.smoothing import sign_probabilities
 from bayesid.signs.tuning import TUNING
 
@@ -52,7 +51,8 @@ class Settled:
     @cached_property
     def alternatives(self) -> tuple[Alternative, ...]:
         """Other assignments that neither a proof nor 20 nats exclude and that differ in much, the likeliest first."""
-        return _alternatives(self)
+        listed = _listed(self)
+        return (*listed, *_turned_joints(self, [one.probability for one in listed]))
 
     @property
     def mixed(self) -> Array:
@@ -96,7 +96,7 @@ def settle_signs(
     begun: Settled | None = None,
     also: Sequence[Array] = (),
 ) -> Settled:
-    """Searches the signs under a model, smooths them and fits the model to them.
+    """Searches the signs of segments under a model, smooths them and fits the model to them.
 
     Args:
         model: robot and terms.
@@ -112,15 +112,10 @@ def settle_signs(
         SolverError: an optimisation failed.
     """
     plain = base_coefficients(model)
-    sign_search = SignSearch(
-        model,
-        plain,
-        signals,
-        search,
-        progress,
-        () if begun is None else (2.0 * begun.probability - 1.0, *also),
-        0.5 if begun is None else begun.signs.search.unseen,
-    )
+    sign_search = SignSearch(model, plain, signals, search, progress)
+    if begun is not None:
+        likely = (2.0 * begun.probability - 1.0, *also)
+        sign_search = replace(sign_search, likely=likely, unseen=begun.signs.search.unseen)
     searched = sign_search.run(segments)
     progress("fit", 0, 1)
     settled = _fitted_to(plain, model, signals, searched)
@@ -132,16 +127,36 @@ def settle_signs(
     settled = replace(settled, signs=searched)
     if earlier is None:
         return settled
-    evidence, probability, fitted = settled.evidence, settled.probability, settled.evidence.fitted
     coefficients = earlier.knowledge.coefficients(model)
     information = earlier.knowledge.information(model, coefficients)
-    evidence = replace(evidence, coefficients=coefficients, information=information)
-    start = model.effort(signals.motion, earlier.theta)
-    candidates = in_parallel([partial(_agreed, evidence, probability), partial(_agreed_about, evidence, start)])
+    evidence = replace(settled.evidence, coefficients=coefficients, information=information)
+
+    def by_search() -> tuple[Array, Fit]:
+        return _agreed(evidence, settled.probability)
+
+    def by_earlier() -> tuple[Array, Fit]:
+        return _agreed(evidence, _smoothed(evidence, model.effort(signals.motion, earlier.theta)))
+
+    candidates = in_parallel([by_search, by_earlier])
     time = np.max([fit.residual.autocorrelation for _, fit in candidates], axis=0)
-    count = fitted.sum(axis=0) / time  # the same for both: wrong signs last, and would count for little
-    probability, fit = min(candidates, key=lambda candidate: _disagreement(candidate[1], count, information))
+    count = evidence.fitted.sum(axis=0) / time  # the same for both: wrong signs last, and would count for little
+    first = candidates[0][1]
+
+    def disagreement(fit: Fit) -> float:
+        """Minus the logarithm of how probable residuals and parameters are, up to a constant."""
+        return 0.5 * information.misfit(fit.beta) - nats_gained(fit, first, count)
+
+    probability, fit = min(candidates, key=lambda candidate: disagreement(candidate[1]))
     return Settled(evidence, searched, probability, fit)
+
+
+def nats_gained(fit: Fit, other: Fit, count: Array) -> float:
+    """By how much likelier the residuals of a fit are than those of another one, each by its own noise, nats.
+
+    Of (n,) effective samples of each joint.
+    """
+    left, before = (np.maximum(one.residual.sigma, TINY) for one in (fit, other))
+    return float(count @ np.log(before / left))
 
 
 def _fitted_to(coefficients: BaseCoefficients, model: Model, signals: Signals, searched: SegmentSigns) -> Settled:
@@ -151,39 +166,41 @@ def _fitted_to(coefficients: BaseCoefficients, model: Model, signals: Signals, s
         for which in (searched.segments.moving, searched.segments.fitted)
     )
     evidence = Evidence(model, coefficients, signals, moving, fitted)
-    signs = searched.segments[searched.segments.fitted].per_sample(searched.search.signs, *moving.shape)
-    predicted = model.effort(signals.motion, searched.search.theta)
-    probability = _smoothed(evidence, predicted, signed_effort(signals, signs, filtered=False))
+    probability = _smoothed_by(evidence, searched.fitted, searched.search)
     return Settled(evidence, searched, probability, fit_signed(evidence, 2.0 * probability - 1.0))
 
 
-def _alternatives(settled: Settled) -> tuple[Alternative, ...]:
+# ---------------------------------------------------------------------------------------------------------------
+# Other assignments
+# ---------------------------------------------------------------------------------------------------------------
+def _listed(settled: Settled) -> list[Alternative]:
     """Of what comes near the best assignment that which differs from it, and among itself, in much of a joint's energy.
 
     Odds are those of unfiltered efforts, in the signs that their samples are expected to have: a low-pass rounds off
     where |effort| touches zero, which looks like a little negative friction and favours the wrong side of a near tie.
     The best assignment keeps half of the probability at least.
     """
-    search, shape = settled.signs.search, settled.probability.shape
-    segments = settled.signs.segments[settled.signs.segments.fitted]
+    segments = settled.signs.fitted
     energy = segments.sums(settled.evidence.signals.effort**2) * (segments.known == 0)
-    joints = (np.arange(shape[1])[:, None] == segments.joint) * energy
+    joints = (np.arange(settled.probability.shape[1])[:, None] == segments.joint) * energy
     share = joints / np.maximum(joints.sum(axis=1, keepdims=True), TINY)
-    distinct = [search.signs]
-    chosen = list[Branch]()
+    distinct, chosen = [settled.signs.search.signs], list[Branch]()
     for branch in sorted(settled.signs.near, key=lambda branch: branch.cost):
-        if (
-            all(np.any(share @ (branch.signs != other) > TUNING.different_signs) for other in distinct)
-            and len(chosen) < TUNING.most_alternatives
+        if len(chosen) < TUNING.most_alternatives and all(
+            np.any(share @ (branch.signs != other) > TUNING.different_signs) for other in distinct
         ):
             distinct.append(branch.signs)
             chosen.append(branch)
     rises = _rises(settled, segments, distinct) if chosen else []
-    listed = [
-        Alternative(float(np.exp(-0.5 * max(rise, 0.0))), _probability(settled, segments, branch))
+    return [
+        Alternative(_odds(rise), _smoothed_by(settled.evidence, segments, branch))
         for rise, branch in zip(rises, chosen, strict=True)
     ]
-    return (*listed, *_turned_joints(settled, [one.probability for one in listed]))
+
+
+def _odds(rise: float) -> float:
+    """Against the best assignment, by how much more another one costs."""
+    return float(np.exp(-0.5 * max(rise, 0.0)))
 
 
 def _turned_joints(settled: Settled, listed: Sequence[Array]) -> list[Alternative]:
@@ -194,11 +211,11 @@ def _turned_joints(settled: Settled, listed: Sequence[Array]) -> list[Alternativ
     by the shorter of its two autocorrelation times.
     """
     evidence, unknown = settled.evidence, np.flatnonzero(~settled.evidence.signals.signed)
-    count, best = evidence.fitted.sum(axis=0), settled.fit.residual
+    count = evidence.fitted.sum(axis=0)
 
     def rise_of(fit: Fit) -> float:
-        time = np.minimum(fit.residual.autocorrelation, best.autocorrelation)
-        return 2.0 * float((count / time) @ np.log(np.maximum(fit.residual.sigma, TINY) / np.maximum(best.sigma, TINY)))
+        time = np.minimum(fit.residual.autocorrelation, settled.fit.residual.autocorrelation)
+        return -2.0 * nats_gained(fit, settled.fit, count / time)
 
     def around(joint: int) -> tuple[float, Array]:
         probability = settled.probability.copy()
@@ -216,7 +233,7 @@ def _turned_joints(settled: Settled, listed: Sequence[Array]) -> list[Alternativ
         different = [np.sum(share * ((probability >= 0.5) != (one >= 0.5)), axis=0).max() for one in known]
         if rise <= TUNING.near and min(different) > TUNING.different_signs:
             known.append(probability)
-            found.append(Alternative(float(np.exp(-0.5 * max(rise, 0.0))), probability))
+            found.append(Alternative(_odds(rise), probability))
     return found
 
 
@@ -225,20 +242,10 @@ def _rises(settled: Settled, segments: Segments, assignments: Sequence[Integers]
     evidence, expected = settled.evidence, 2.0 * settled.probability - 1.0
     orientation = segments.per_sample(assignments[0], *expected.shape)
     raw = evidence.moments(expected, segments, TUNING.most_individual, orientation, summed_out=False)
-    scaled = raw.scaled(_weights(settled.fit))
-    hessian, energy = scaled.hessian.total(), float(scaled.energy.sum())
-    solver = ConeLeastSquares(evidence.model.cone, evidence.coefficients, hessian, energy)
-    prepared = solver.prepared()
-    costs = [prepared.solve_precisely(signs @ scaled.gradient).cost for signs in assignments]
+    problem = SignProblem(raw.scaled(_weights(settled.fit)), evidence.model.cone, evidence.coefficients)
+    prepared = problem.solver().prepared()
+    costs = [prepared.solve_precisely(signs @ problem.moments.gradient).cost for signs in assignments]
     return [cost - costs[0] for cost in costs[1:]]
-
-
-def _probability(settled: Settled, segments: Segments, branch: Branch) -> Array:
-    """(N, n) P(sign = +) of every sample under another assignment."""
-    signals = settled.evidence.signals
-    predicted = settled.model.effort(signals.motion, branch.theta)
-    signs = segments.per_sample(branch.signs, *settled.probability.shape)
-    return _smoothed(settled.evidence, predicted, signed_effort(signals, signs, filtered=False))
 
 
 def _weights(fit: Fit) -> Array:
@@ -253,7 +260,7 @@ def settled_again(settled: Settled, signals: Signals, predicted: Array) -> Settl
     `signals` holds the log with other efforts.
     """
     evidence = replace(settled.evidence, signals=signals)
-    probability = _smoothed(evidence, predicted, signals.nearest(predicted))
+    probability = _smoothed(evidence, predicted)
     fit = fit_signed(evidence, 2.0 * probability - 1.0)
     return replace(settled, evidence=evidence, probability=probability, fit=fit)
 
@@ -269,25 +276,23 @@ def restored(model: Model, signals: Signals) -> Signals:
 def _agreed(evidence: Evidence, probability: Array) -> tuple[Array, Fit]:
     """Signs and fit, settled once more under the fit to them and to what is known."""
     predicted = fit_signed(evidence, 2.0 * probability - 1.0, most_corrected=0).predicted
-    probability = _smoothed(evidence, predicted, evidence.signals.nearest(predicted))
+    probability = _smoothed(evidence, predicted)
     return probability, fit_signed(evidence, 2.0 * probability - 1.0)
 
 
-def _agreed_about(evidence: Evidence, predicted: Array) -> tuple[Array, Fit]:
-    """The same from the signs under a model's efforts (N, n), N m."""
-    return _agreed(evidence, _smoothed(evidence, predicted, evidence.signals.nearest(predicted)))
+def _smoothed_by(evidence: Evidence, segments: Segments, found: Branch | SearchResult) -> Array:
+    """(N, n) P(sign = +) of every sample under an assignment of the segments' signs."""
+    signs = segments.per_sample(found.signs, *evidence.moving.shape)
+    predicted = evidence.model.effort(evidence.signals.motion, found.theta)
+    return _smoothed(evidence, predicted, signed_effort(evidence.signals, signs, filtered=False))
 
 
-def _disagreement(fit: Fit, count: Array, information: Information) -> float:
-    """Minus the logarithm of how probable residuals and parameters are, up to a constant; of (n,) effective samples."""
-    return float(count @ np.log(fit.residual.sigma)) + 0.5 * information.misfit(fit.beta)
-
-
-def _smoothed(evidence: Evidence, predicted: Array, signed: Array) -> Array:
-    """(N, n) P(sign = +) of every sample, from the model's efforts (N, n) and the signed ones.
+def _smoothed(evidence: Evidence, predicted: Array, signed: Array | None = None) -> Array:
+    """(N, n) P(sign = +) of every sample, from the model's efforts (N, n) and the signed ones, by default the nearest.
 
     The noise is that of the samples that are fitted, but the model holds for all in motion.
     """
     signals, fitted = evidence.signals, evidence.fitted
+    signed = signals.nearest(predicted) if signed is None else signed
     noise = residual_noise(np.where(fitted, signed - predicted, 0.0), fitted, signals.rate)
     return sign_probabilities(signals, predicted, evidence.moving & signals.inner, noise)

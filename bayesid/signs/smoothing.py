@@ -23,7 +23,7 @@ b; in return it fluctuates by itself: its noise there is n's.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -35,7 +35,7 @@ from bayesid.log.signals import Signals
 from bayesid.parallel import in_parallel
 from bayesid.progress import Steps, no_steps
 from bayesid.regression.noise import Noise
-from bayesid.signs.chain import TAILS, Chain, Single, error_grid, spread, stationary, transitions
+from bayesid.signs.chain import TAILS, Chain, Single, error_chains
 from bayesid.signs.tuning import TUNING, Tuning
 
 _FARTHEST = 1e15
@@ -77,7 +77,7 @@ def smooth(
     The efforts are as they were read: those that have passed a low-pass after the rectifier as well.
     """
     draws = predicted if predicted.ndim == 3 else predicted[:, :, None]
-    processes = _processes(effort, draws.mean(axis=2), moving, noise, rate, after)
+    processes = _joints(effort, draws.mean(axis=2), moving, noise, rate, after)
     moves = moving.copy()
     moves[1:] &= moving[:-1]  # a standstill is left as it is entered: by a wide step
     turns = _turns(moves)
@@ -100,34 +100,24 @@ class _Joint:
     """The hidden process of one joint."""
 
     chain: Chain
-    grid: Array  # (G,) values of b, N m
     white: float  # scale of the white noise, N m
     after: AfterRectifier | None  # what |effort| has passed after the rectifier
     taken: float  # sd of the noise that it took, N m
     rate: float  # of the samples, Hz
 
 
-def _processes(
+def _joints(
     effort: Array, predicted: Array, moving: Mask, noise: Noise, rate: float, after: AfterRectifier | None
 ) -> list[_Joint]:
     seen = np.abs(predicted) if after is None else after.readings(predicted, rate)
-    rest = np.maximum(_doubt_at_rest(effort - seen, predicted, moving), noise.coloured)
-    grid = error_grid(rest)
-    memory = np.exp(-1.0 / (noise.correlation * rate))
-    at_rest = np.full(len(rest), np.exp(-1.0 / (TUNING.rest_time * rate)))
-    steps = transitions(grid, noise.coloured, memory), transitions(grid, rest, at_rest)
-    chains = [*steps, stationary(grid, rest), stationary(grid, noise.coloured)]
-    reach = spread(grid, noise.coloured, memory) / np.sqrt(1.0 - memory**2)
-    joints, centre = [], grid.shape[1] // 2
-    for j, points in enumerate(grid):
-        half = int(TUNING.middle * reach[j] / (points[1] - points[0])) + TUNING.middle_margin
-        whole = after is not None or half >= centre
-        window = slice(0, len(points)) if whole else slice(centre - half, centre + half + 1)
-        moving_step, resting, afresh, start = (np.ascontiguousarray(part[j], dtype=np.float32) for part in chains)
-        chain = Chain(moving_step, resting, afresh, start, window)
-        taken = 0.0 if after is None else float(after.noise[j])
-        joints.append(_Joint(chain, points, float(noise.white[j]), after, taken, rate))
-    return joints
+    chains = error_chains(noise, _doubt_at_rest(effort - seen, predicted, moving), rate)
+    if after is not None:  # readings tell of b from all around
+        chains = [replace(chain, middle=chain.whole) for chain in chains]
+    taken = np.zeros(len(chains)) if after is None else after.noise
+    return [
+        _Joint(chain, white, after, by_low_pass, rate)
+        for chain, white, by_low_pass in zip(chains, noise.white.tolist(), taken.tolist(), strict=True)
+    ]
 
 
 def _turns(moves: Mask) -> Array:
@@ -208,10 +198,10 @@ class _Readings:
     @classmethod
     def of(cls, effort: Array, predicted: Array, joint: _Joint, length: int) -> _Readings:
         """Of |effort| (N,) and predictions (N, K)."""
-        scale = max(np.sqrt(TAILS) * joint.white, TUNING.finest_noise * joint.grid[-1])
+        scale = max(np.sqrt(TAILS) * joint.white, TUNING.finest_noise * joint.chain.grid[-1])
         signed = [np.clip((sign * effort[:, None] - predicted) / scale, -_FARTHEST, _FARTHEST) for sign in (1.0, -1.0)]
         up, down = (_cut(values, length) for values in signed)
-        return cls(up, down, (joint.grid / scale).astype(np.float32), -len(effort) % length)
+        return cls(up, down, (joint.chain.grid / scale).astype(np.float32), -len(effort) % length)
 
     def weigh(self, pieces: Integers, window: slice) -> tuple[Single, Single]:
         """(L, G', R) likelihoods of b (:eq:`sample-likelihood`), up to a factor, and the share of sign +."""
@@ -259,7 +249,8 @@ class _FilteredReadings:
     def of(cls, effort: Array, predicted: Array, joint: _Joint, length: int) -> _FilteredReadings:
         """Of |effort| (N,) as it was read, and predictions (N, K)."""
         assert joint.after is not None
-        mean, spacing = predicted[..., None] + joint.grid, joint.grid[1] - joint.grid[0]
+        grid = joint.chain.grid
+        mean, spacing = predicted[..., None] + grid, grid[1] - grid[0]
         readings = joint.after.low_pass.apply(mean_magnitude(mean, joint.taken), joint.rate)
         follows = np.clip(np.gradient(readings, axis=2) / spacing, -1.0, 1.0)
         least = max(joint.white, 0.5 * spacing)  # the grid tells no finer

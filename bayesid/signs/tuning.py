@@ -161,10 +161,6 @@ class Tuning:
     """Samples of the pieces that run side by side."""
     side_by_side: int = 24_000
     """Samples times draws that run side by side, if one draw has not more."""
-    run_in: int = 24
-    """Samples before a piece by which it is entered at first: most chains have forgotten all else. Costs time alone."""
-    compared_every: int = 4
-    """Samples after which it is looked whether a mended piece is as it was. It costs time alone."""
     fastest_filter: float = 125.0
     """Hz; steps of b in a filter: between them, at higher rates, b is constant. A round number; not studied."""
 

@@ -18,7 +18,7 @@ Its samplers:
                     data know, nearly linear in the parameters, stays nearly linear. It is what makes NUTS a rival. A
                     chain that sticks in a tail for a while spoils its smallest ESS: runs differ severalfold.
 
-Each starts from the same points: `bayesid.posterior.start.spread_walkers`; their covariance is the first mass matrix
+Each starts from the same points: `bayesid.posterior.moves.spread_walkers`; their covariance is the first mass matrix
 of NUTS. NUTS samples for `--seconds` after its warm-up, the stretch move for `--seconds` in all; looks at their
 diagnostics cost them nothing, bayesid's count. So does everyone's warm-up; the figures without it stand beside. The
 compilation by jax is not counted. Everything runs on one thread; where other processes share the machine, seconds of
@@ -52,10 +52,8 @@ from bayesid.effects.parameters import Cone
 from bayesid.identification.identification import Identification
 from bayesid.identification.pipeline import identify
 from bayesid.log.reading import read_log
-from bayesid.posterior.diagnostics import Diagnostics, diagnose
-from bayesid.posterior.moves import Conditional
-from bayesid.posterior.sampler import Sampling, sample
-from bayesid.posterior.start import body_blocks, find_centre, spread_walkers
+from bayesid.posterior.moves import Conditional, spread_walkers
+from bayesid.posterior.sampler import Diagnostics, Sampling, diagnose, sample
 from bayesid.posterior.target import Target
 from bayesid.posterior.tuning import TUNING
 from bayesid.robot import load_robot
@@ -101,8 +99,8 @@ class Problem:
 
     def starts(self, walkers: int) -> Array:
         """(W, P + n) where bayesid's walkers start as well."""
-        centre = find_centre(self.target, self.theta, np.zeros(self.target.likelihood.n_joints))
-        lines = Conditional(centre.covariance, body_blocks(self.target.prior.region))
+        centre = self.target.centre(self.theta, np.zeros(self.target.likelihood.n_joints))
+        lines = Conditional(centre.covariance, self.target.prior.region.blocks)
         return spread_walkers(self.target, centre, lines, walkers, np.random.RandomState(0))
 
 

@@ -4,7 +4,7 @@ import arviz
 import numpy as np
 import pytest
 
-from bayesid.posterior.diagnostics import diagnose
+from bayesid.posterior.sampler import diagnose
 
 
 def alone(values):

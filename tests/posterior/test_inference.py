@@ -6,10 +6,9 @@ from posterior_logs import FEW, Enumerated, cells, errors, infer_from, make_log,
 from scipy.special import expit
 
 from bayesid.errors import InputError
-from bayesid.posterior.diagnostics import Diagnostics
 from bayesid.posterior.marginal_likelihood import MarginalLikelihood
 from bayesid.posterior.modes import Mode, SampledMode, pool
-from bayesid.posterior.sampler import Draws, Sampling, nominal_sweep
+from bayesid.posterior.sampler import Diagnostics, Draws, Sampling, nominal_sweep
 from bayesid.progress import Progress
 from bayesid.signs.search.beam import beam
 from bayesid.signs.search.result import Branch, SearchResult
@@ -186,7 +185,7 @@ def given(weight, side, sweeps, walkers=8, converged=True):
     theta = np.stack([np.full(sweep.shape, side), sweep, ensemble * walkers + walker], axis=-1).astype(float)
     good = Diagnostics(np.full(1, 1.0 + 0.001 * side), np.full(1, 500.0 + side), np.full(1, 600.0))
     draws = Draws(theta, -theta[..., 1:2], 2.0 * theta, theta[..., 1], good, good, converged, 2.0)
-    mass = MarginalLikelihood(0.0, 0.1, 0.0, 1, 0.1)
+    mass = MarginalLikelihood(0.0, 0.1)
     return SampledMode(Mode(theta[0, 0, 0], np.ones(1, dtype=int), 0.0), draws, mass, weight)
 
 

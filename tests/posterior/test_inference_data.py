@@ -14,11 +14,9 @@ from bayesid.effects.coefficients import BaseCoefficients
 from bayesid.effects.parameters import Parameter
 from bayesid.errors import InputError
 from bayesid.posterior.blocks import pointwise
-from bayesid.posterior.diagnostics import Diagnostics
-from bayesid.posterior.inference_data import Labels, as_inference_data, keep
+from bayesid.posterior.inference_data import Labels, as_inference_data, keep, read_coefficients, read_draws, write
 from bayesid.posterior.likelihood import make_likelihood
-from bayesid.posterior.netcdf import read_coefficients, read_draws, write
-from bayesid.posterior.sampler import Draws
+from bayesid.posterior.sampler import Diagnostics, Draws
 from bayesid.regression.knowledge import Information
 
 JOINTS = ("A1", "A2", "A3")

@@ -9,13 +9,12 @@ from posterior_problems import whole_space
 from scipy.stats import norm, truncnorm
 
 from bayesid.effects.parameters import Cone
-from bayesid.posterior.diagnostics import Diagnostics
 from bayesid.posterior.inference import Posterior, widened
 from bayesid.posterior.likelihood import Likelihood
 from bayesid.posterior.modes import Mode, SampledMode
 from bayesid.posterior.prior import Prior
 from bayesid.posterior.region import Region
-from bayesid.posterior.sampler import Draws, Sampling
+from bayesid.posterior.sampler import Diagnostics, Draws, Sampling
 from bayesid.posterior.target import Target
 
 

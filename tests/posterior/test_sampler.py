@@ -5,8 +5,8 @@ import pytest
 from posterior_problems import disc, quadrature, simulate, target_in
 
 from bayesid.errors import InputError
+from bayesid.posterior.region import barrier_minimum
 from bayesid.posterior.sampler import Sampling, sample
-from bayesid.posterior.start import barrier_derivatives, barrier_minimum, barrier_value, find_centre
 
 FEW = Sampling(walkers=16)
 
@@ -50,19 +50,18 @@ def test_a_long_run_forgets_its_first_quarter(rng):
 
 def test_barrier_has_the_right_derivatives():
     region, theta = disc(), np.array([0.3, 0.4])
-    slope, curvature = barrier_derivatives(region, theta)
-    zero = np.zeros((2, 2))
+    slope, curvature = region.barrier_derivatives(theta)
     step = 1e-5 * np.eye(2)
-    value = [[barrier_value(region, zero, zero[0], theta + sign * e) for sign in (1, -1)] for e in step]
+    value = [[region.barrier(theta + sign * e) for sign in (1, -1)] for e in step]
     assert np.allclose(slope, np.diff(value)[:, 0] / -2e-5, rtol=1e-6)
-    slopes = [[barrier_derivatives(region, theta + sign * e)[0] for sign in (1, -1)] for e in step]
+    slopes = [[region.barrier_derivatives(theta + sign * e)[0] for sign in (1, -1)] for e in step]
     numeric = [(after - before) / 2e-5 for after, before in slopes]
     assert np.allclose(curvature, numeric, rtol=1e-6)
 
 
 def test_centre_is_inside_however_far_outside_the_optimum(rng):
     target = small(rng, rows=4000, noise=0.01)
-    centre = find_centre(target, np.array([5.0, -3.0]), np.zeros(2))
+    centre = target.centre(np.array([5.0, -3.0]), np.zeros(2))
     assert target.prior.region.contains(centre.theta[:, None])[0]
     precision = 1e8 * np.eye(2)
     centre = barrier_minimum(disc(), precision, precision @ np.array([4.0, 3.0]), np.zeros(2))

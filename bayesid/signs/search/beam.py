@@ -23,7 +23,7 @@ from bayesid.regression.moments import Moments
 from bayesid.regression.solver import ConeLeastSquares
 from bayesid.signs.search.bounds import UnconstrainedBound
 from bayesid.signs.search.local import searched_locally
-from bayesid.signs.search.protocol import Budget, NodeCost, NodeCostFactory, Search, SignProblem
+from bayesid.signs.search.protocol import Budget, NodeCost, NodeCostFactory, Search, SignProblem, check_limits
 from bayesid.signs.search.result import Branch, Pruning, SearchResult, listed_without_proof
 from bayesid.signs.tuning import TUNING
 
@@ -54,12 +54,7 @@ class Beam(Search):
     time_limit: float = 600.0
 
     def __post_init__(self) -> None:
-        if not self.budget >= 0.0:
-            raise InputError(f"a budget of {self.budget:g} s", field="Beam.budget", remedy="give 0 or more seconds")
-        if not self.time_limit >= 0.0:
-            raise InputError(
-                f"a time limit of {self.time_limit:g} s", field="Beam.time_limit", remedy="give 0 or more seconds"
-            )
+        check_limits(self, self.budget, self.time_limit, endless=True)
         if self.width < 1:
             raise InputError(f"a beam of width {self.width}", field="Beam.width", remedy="give at least 1")
         if not 1 <= self.initial_segments <= TUNING.most_initial:

@@ -32,7 +32,7 @@ from bayesid.signs.search.combinations import TooManyError, combinations, combin
 from bayesid.signs.search.local import searched_locally
 from bayesid.signs.search.patterns import LOG2, Keep
 from bayesid.signs.search.problem import OutOfTimeError, Problem
-from bayesid.signs.search.protocol import Budgeted, Search, SignProblem
+from bayesid.signs.search.protocol import Search, SignProblem, check_limits
 from bayesid.signs.search.result import Branch, SearchResult, Way
 from bayesid.signs.search.tree import Proof, prove, settled
 from bayesid.signs.tuning import TUNING, Tuning
@@ -67,14 +67,7 @@ class Certified(Search):
         if not self.fallback.any_model:
             remedy = "search with a beam to price nodes otherwise"
             raise InputError("a certificate holds for least squares in the cone only", "node_cost", remedy)
-        if not 0.0 <= self.budget < np.inf:
-            raise InputError(
-                f"a budget of {self.budget:g} s", field="Certified.budget", remedy="give 0 or more seconds"
-            )
-        if not self.time_limit >= 0.0:
-            raise InputError(
-                f"a time limit of {self.time_limit:g} s", field="Certified.time_limit", remedy="give 0 or more seconds"
-            )
+        check_limits(self, self.budget, self.time_limit)
         if not 0.0 < self.missed_mass < 1.0:
             raise InputError(f"a missed mass of {self.missed_mass:g}", "missed_mass", "give a number between 0 and 1")
 
@@ -106,10 +99,8 @@ class Certified(Search):
         if problem.starts:
             return searched_locally(problem, [result], TUNING.failures_on_the_way, self._left(result))
         result = searched_locally(problem, [result], TUNING.failures, self._left(result))
-        fallback = self.fallback
-        if isinstance(fallback, Budgeted):
-            left = max(min(TUNING.fallback_share * self.budget, self.budget - result.spent), 0.0)
-            fallback = fallback.limited(left, self._left(result))
+        left = max(min(TUNING.fallback_share * self.budget, self.budget - result.spent), 0.0)
+        fallback = self.fallback.limited(left, self._left(result))
         other = fallback.find(replace(problem, earlier=result), progress.steps("search, beam"))
         return searched_locally(problem, [result, other], TUNING.failures_on_the_way, self._left(result, other))
 

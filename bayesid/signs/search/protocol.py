@@ -12,18 +12,19 @@ which its result then says.
 from __future__ import annotations
 
 import time
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol, runtime_checkable
+from typing import Protocol
 
 import numpy as np
 
 from bayesid.arrays import Array, Integers
 from bayesid.effects.coefficients import BaseCoefficients
 from bayesid.effects.parameters import Cone
+from bayesid.errors import InputError
 from bayesid.progress import SILENT, Progress, Steps, no_steps
 from bayesid.regression.moments import Moments
 from bayesid.regression.solver import ConeLeastSquares, Solution
@@ -66,7 +67,7 @@ class SignProblem:
         return bool(np.any(residual >= REGRESSION.poor_fit * self.moments.rms_effort(n_joints)))
 
 
-class Search(Protocol):
+class Search(ABC):
     """A method of finding signs; best a frozen dataclass, whose `repr` then says in a result how it was searched.
 
     A search of your own derives from this class and defines `find`.
@@ -84,6 +85,20 @@ class Search(Protocol):
     def any_model(self) -> bool:
         """Whether it can search under another model than the one asked for, as a second opinion or completed."""
         return True
+
+    @property
+    def budget(self) -> float:
+        """Nominal seconds of work that all its runs in an identification share; without an end by default."""
+        return np.inf
+
+    @property
+    def time_limit(self) -> float:
+        """Seconds on the clock that they may take."""
+        return np.inf
+
+    def limited(self, budget: float, time_limit: float) -> Search:
+        """The same search with another budget, nominal seconds, and time limit, seconds; by default as it is."""
+        return self
 
     @abstractmethod
     def find(self, problem: SignProblem, steps: Steps = no_steps) -> SearchResult:
@@ -127,20 +142,17 @@ class Search(Protocol):
         return problem.earlier.without_work()
 
 
-@runtime_checkable
-class Budgeted(Protocol):
-    """A search that ends when its budget is spent."""
+def check_limits(options: object, budget: float, time_limit: float, *, endless: bool = False) -> None:
+    """Refuses a budget or a time limit, among some options, that is no number of seconds.
 
-    @property
-    def budget(self) -> float:
-        """Nominal seconds of work that all its runs in an identification share."""
-
-    @property
-    def time_limit(self) -> float:
-        """Seconds on the clock that they may take."""
-
-    def limited(self, budget: float, time_limit: float) -> Search:
-        """The same search with another budget, nominal seconds, and time limit, seconds."""
+    Raises:
+        InputError: says so.
+    """
+    of, remedy = type(options).__name__, "give 0 or more seconds"
+    if not (budget >= 0.0 and (endless or budget < np.inf)):
+        raise InputError(f"a budget of {budget:g} s", field=f"{of}.budget", remedy=remedy)
+    if not time_limit >= 0.0:
+        raise InputError(f"a time limit of {time_limit:g} s", field=f"{of}.time_limit", remedy=remedy)
 
 
 class Budget:
@@ -155,7 +167,7 @@ class Budget:
         timed_out: whether the time limit has ended it before the work was done.
     """
 
-    def __init__(self, seconds: float, coefficients: int, time_limit: float = np.inf) -> None:
+    def __init__(self, seconds: float = np.inf, coefficients: int = 0, time_limit: float = np.inf) -> None:
         self.seconds, self.timed_out = seconds, False
         self._ends, self._coefficients = time.perf_counter() + time_limit, coefficients
         self._steps = self._choices = self._solved = self._pairs = 0
@@ -195,9 +207,6 @@ class OneBudget(Search):
     """A search whose runs share one budget, for all rounds and models of an identification.
 
     What follows once it is spent shares a fifth of it: the sum stays within what was asked for and that.
-
-    Args:
-        search: whose budget it is; one without a budget goes on as it is.
     """
 
     def __init__(self, search: Search) -> None:
@@ -218,14 +227,10 @@ class OneBudget(Search):
 
     @property
     def _left(self) -> Search:
-        if not isinstance(self._search, Budgeted):
-            return self._search
-        whole = self._search.budget
-        left = whole - self._spent
-        on_the_clock = max(self._search.time_limit - (time.perf_counter() - self._began), 0.0)
-        return self._search.limited(
-            left if left > 0.0 else max(left + TUNING.budget_afterwards * whole, 0.0), on_the_clock
-        )
+        left = self._search.budget - self._spent
+        if left <= 0.0:
+            left = max(left + TUNING.budget_afterwards * self._search.budget, 0.0)
+        return self._search.limited(left, max(self._search.time_limit - (time.perf_counter() - self._began), 0.0))
 
     def _counted(self, result: SearchResult) -> SearchResult:
         self._spent += result.spent

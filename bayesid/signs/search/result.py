@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 
@@ -112,6 +113,10 @@ class SearchResult:
     ways: tuple[Way, ...] = ()  #: what each way of searching has found, in the order in which they were tried
     #: probability that an assignment which nobody has looked at is the right one; 0 where a proof excludes it
     unseen: float = 0.5
+
+    def with_best(self, branch: Branch, **changes: Any) -> SearchResult:
+        """The result with other signs, and other changes."""
+        return replace(self, signs=branch.signs, theta=branch.theta, cost=branch.cost, **changes)
 
     def with_work_of(self, others: Iterable[SearchResult]) -> SearchResult:
         """The result with nodes, solves and pruning of other searches counted too."""
