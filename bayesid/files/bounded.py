@@ -136,8 +136,3 @@ def check_name(path: str | Path) -> Path:
         said = f"cannot be the name of a file ({_said(error)})"
         raise InputError(said, printable(str(path))[:200], "give another path") from None
     return Path(path)
-
-
-def fits_memory(n_values: int, n_bytes: int = 8) -> bool:
-    """Whether so many values of so many bytes are no more than `MOST_UNPACKED`."""
-    return n_values * n_bytes <= MOST_UNPACKED

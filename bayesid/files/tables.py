@@ -29,19 +29,13 @@ def write_rows(path: Path, header: Sequence[str], rows: Iterable[Iterable[object
 
 def write_table(path: Path, rows: Sequence[dict[str, object]]) -> None:
     """Writes a CSV file, one column a key; floats to nine digits."""
-
-    def text(value: object) -> object:
-        return f"{value:.9g}" if isinstance(value, float) else value
-
-    write_rows(path, list(rows[0]), ([text(row[key]) for key in rows[0]] for row in rows))
+    table = ([row[key] for key in rows[0]] for row in rows)
+    texts = ([f"{one:.9g}" if isinstance(one, float) else one for one in row] for row in table)
+    write_rows(path, list(rows[0]), texts)
 
 
 def save_table(path: Path, rows: Sequence[dict[str, object]]) -> None:
-    """`write_table`, aside first and then renamed.
-
-    Raises:
-        InputError: the file cannot be written.
-    """
+    """`write_table`, aside first and then renamed; InputError where it cannot be written."""
     replace_file(path, lambda aside: write_table(aside, rows))
 
 
@@ -105,11 +99,7 @@ def plain(value: Any) -> Any:
 
 
 def typed(content: Any, kind: type[Kind]) -> Kind:
-    """What JSON holds, as a type that msgspec knows: a dataclass, for one; what that does not know is left out.
-
-    Raises:
-        ValueError: it is something else.
-    """
+    """What JSON holds, as a type that msgspec knows; what that does not know is left out. ValueError: it is none."""
     return msgspec.convert(content, kind)
 
 

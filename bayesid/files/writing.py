@@ -19,10 +19,9 @@ from bayesid.files.bounded import check_name
 
 
 def replace_file(path: Path, write: Callable[[Path], object]) -> None:
-    """Has `write` fill a file beside the target, then renames it; folders above it are made as needed.
+    """Has `write` fill a file beside the target, then renames it; InputError where it cannot be written.
 
-    Raises:
-        InputError: the file cannot be written.
+    Folders above it are made as needed.
     """
     aside = path.with_name(f".{path.name}-{os.getpid()}")
     with _input_error(path):

@@ -21,11 +21,6 @@ from bayesid.log.gains import Gains
 from bayesid.log.tuning import TUNING
 from bayesid.motion import check_label, labels, unlabelled
 
-_ROUNDING = 0.01
-"""Share of a period by which an instant of an even grid may miss the row it belongs to; far above the rounding of times
-that count from 1970 (2.4e-7 s), far below half a period."""
-
-
 GIVEN = "the motion"
 """What messages call a motion that is no file."""
 
@@ -157,8 +152,8 @@ class Log:
             >>> [piece.payload for piece in both.pieces]
             ['', 'tool1']
         """
-        pieces = self.pieces or (Piece(self.source, 0, len(self), self.t),)
-        return replace(self, pieces=tuple(replace(piece, payload=check_label(label)) for piece in pieces))
+        check_label(label)
+        return replace(self, pieces=tuple(replace(piece, payload=label) for piece in _pieces(self, 0)))
 
     @property
     def payload(self) -> Labels:
@@ -189,7 +184,7 @@ class Log:
             ([0, 1], [0.0, 6.0])
         """
         place, time = np.full(len(t), -1 if self.pooled else 0), np.array(t, dtype=float)
-        slack = _ROUNDING * self.period
+        slack = 0.01 * self.period  # far more than the rounding of times since 1970, far less than half a period
         for k, piece in enumerate(self.pieces if self.pooled else ()):
             first, last = self.t[[piece.start_row, piece.stop_row - 1]]
             inside = (t >= first - slack) & (t <= last + slack)
@@ -230,7 +225,7 @@ def join_logs(logs: Sequence[Log]) -> Log:
     for log in logs[1:]:
         _check_fit(first, log)
     pause = max(TUNING.joined_pause, TUNING.joined_pause_periods * max(log.period for log in logs))
-    times, pieces = [first.t], list(_pieces(first, 0))
+    times, pieces = [first.t], [*_pieces(first, 0)]
     for log in logs[1:]:
         times.append(log.t - log.t[0] + (times[-1][-1] + pause))
         pieces += _pieces(log, pieces[-1].stop_row)
@@ -265,8 +260,9 @@ def _check_fit(first: Log, log: Log) -> None:
     if (log.dq is None) != (first.dq is None):
         said = f"only one of it and {first.source} has measured velocities"
         raise InputError(said, log.source, "leave the columns dq1..dqn out of the other")
-    if _as_text(log.gains) != _as_text(first.gains):
-        said = f"was read with gains {_as_text(log.gains)}, {first.source} with {_as_text(first.gains)}"
+    gains, expected_gains = ("that are exact" if one.gains is None else one.gains.text for one in (log, first))
+    if gains != expected_gains:
+        said = f"was read with gains {gains}, {first.source} with {expected_gains}"
         raise InputError(said, log.source, "read both with the same `gains`")
     rate, expected = 1.0 / log.period, 1.0 / first.period
     if abs(rate / expected - 1.0) > TUNING.same_rate:
@@ -283,10 +279,6 @@ def check_exact_gains(log: Log) -> None:
     if log.gains is not None:
         remedy = "read it with the earlier result's own, as in bayesid.read_log(file, gains=result.gains.found)"
         raise InputError(f"was read with uncertain gains {log.gains.text}", log.source, remedy)
-
-
-def _as_text(gains: Gains | None) -> str:
-    return "that are exact" if gains is None else gains.text
 
 
 def write_log(path: str | Path, log: Log) -> None:

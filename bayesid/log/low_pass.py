@@ -33,14 +33,12 @@ class LowPass:
 
     def apply(self, values: Array, rate: float) -> Array:
         """What becomes of (N, ...) values at a rate, Hz; it is at rest before the first one and after the last."""
-        once = self._causal(values, rate)
-        return self._causal(once[::-1], rate)[::-1] if self.zero_phase else once
-
-    def _causal(self, values: Array, rate: float) -> Array:
         above, below = scipy.signal.butter(self.order, self.cutoff, fs=rate)
-        at_rest = scipy.signal.lfilter_zi(above, below).reshape(-1, *[1] * (values.ndim - 1)) * values[:1]
-        filtered: Array = scipy.signal.lfilter(above, below, values, axis=0, zi=at_rest)[0]
-        return filtered
+        for _ in range(1 + self.zero_phase):
+            at_rest = scipy.signal.lfilter_zi(above, below).reshape(-1, *[1] * (values.ndim - 1)) * values[:1]
+            values = scipy.signal.lfilter(above, below, values, axis=0, zi=at_rest)[0]
+            values = values[::-1] if self.zero_phase else values
+        return values
 
     def autocovariance(self, memory: float, lags: int, rate: float) -> Array:
         """(lags,) of noise of variance 1 that has passed it; the noise's correlation from sample to sample is given."""

@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from glob import glob
-from itertools import chain
+from itertools import chain, pairwise
 from pathlib import Path
 from typing import TypeAlias
 
@@ -92,7 +92,6 @@ def read_log(
     for note in table.notes:
         warnings.warn(note, stacklevel=2)
     np.abs(effort, out=effort, where=~signed)
-    uncertain = None if made_with.exact.all() else made_with
     recordings = [
         Log(
             t=table.t[rows],
@@ -101,7 +100,7 @@ def read_log(
             signed=signed,
             dq=dq if dq is None else _part(dq, rows),
             source=name,
-            gains=uncertain,
+            gains=None if made_with.exact.all() else made_with,
         )
         for name, rows in _recordings(table)
     ]
@@ -133,13 +132,12 @@ def _recordings(table: Table) -> list[tuple[str, slice]]:
     starts = table.starts
     if len(starts) == 1:
         return [(table.source, slice(None))]
-    label = table.columns["part"].label
-    parts = [slice(*ends) for ends in zip(starts, [*starts[1:], len(table.t)], strict=True)]
-    long = [rows for rows in parts if rows.stop - rows.start >= TUNING.fewest_rows]
+    part = table.columns["part"]
+    long = [slice(*ends) for ends in pairwise([*starts, len(table.t)]) if ends[1] - ends[0] >= TUNING.fewest_rows]
     if not long:
-        said = f"holds {len(parts)} recordings of {label}, none with {TUNING.fewest_rows} rows"
+        said = f"holds {len(starts)} recordings of {part.label}, none with {TUNING.fewest_rows} rows"
         raise InputError(said, table.source, "record longer ones")
-    return [(f"{table.source}, {label} {table.columns['part'].values[rows.start]:g}", rows) for rows in long]
+    return [(f"{table.source}, {part.label} {part.values[rows.start]:g}", rows) for rows in long]
 
 
 def _part(values: Array, rows: slice) -> Array:
@@ -233,13 +231,9 @@ def gains_of_table(table: Table, stated: Sequence[float] | Gains | str | None) -
         pattern = pattern_of(table.columns["tau1"].label)
         remedy = f'drop `gains`, or give `columns` i="{pattern}" if they are currents'
         raise InputError("gains are given but the log holds torques tau1..taun", where, remedy)
-    return replace(gains_of(stated, n), of_torques=torques, unit="N m" if torques else _unit_of_currents(table))
-
-
-def _unit_of_currents(table: Table) -> str:
-    """A, unless the header says another unit that is none of currents: %, counts."""
-    unit = split_brackets(table.columns["i1"].label)[1]
-    return "A" if unit is None or factor_of("i", unit) is not None else unit
+    unit = None if torques else split_brackets(table.columns["i1"].label).unit
+    known = unit is None or factor_of("i", unit) is not None  # else the header says another one: %, counts
+    return replace(gains_of(stated, n), of_torques=torques, unit="N m" if torques else "A" if known else str(unit))
 
 
 def _check_lists(**given: object) -> None:
@@ -355,19 +349,15 @@ def _check_velocities(t: Array, q: Array, dq: Array, source: str) -> None:
         factor = float(both / power)
         if not 1.0 / TUNING.another_unit < factor < TUNING.another_unit:
             said = f"the velocity of joint {j} is {factor:.3g} times the change of its position"
-            raise InputError(said, source, _remedy_of_units(factor))
+            remedy = "say the units of time, positions and velocities in the header, as in t[ms] or dq1[rpm]"
+            if abs(factor * DEGREE - 1.0) < TUNING.named_unit:
+                remedy = "if velocities are in degrees/s, name them dq1[deg/s] and so on"
+            elif abs(factor / DEGREE - 1.0) < TUNING.named_unit:
+                remedy = "if positions are in degrees, name them q1[deg] and so on"
+            raise InputError(said, source, f"{remedy}, or leave the velocities out")
 
 
 def _over_window(values: Array) -> Array:
     window = min(TUNING.speed_window, len(values) - 1)
     change: Array = values[window:] - values[:-window]
     return change
-
-
-def _remedy_of_units(factor: float) -> str:
-    other = "or leave the velocities out"
-    if abs(factor * DEGREE - 1.0) < TUNING.named_unit:
-        return f"if velocities are in degrees/s, name them dq1[deg/s] and so on, {other}"
-    if abs(factor / DEGREE - 1.0) < TUNING.named_unit:
-        return f"if positions are in degrees, name them q1[deg] and so on, {other}"
-    return f"say the units of time, positions and velocities in the header, as in t[ms] or dq1[rpm], {other}"

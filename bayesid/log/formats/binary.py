@@ -103,7 +103,7 @@ def _check_parquet(file: parquet.ParquetFile, names: Sequence[str], where: str) 
         chunks = (group.column(j) for j in range(group.num_columns))
         used = [chunk for chunk in chunks if chunk.path_in_schema.partition(".")[0] in names]
         size += sum(max(8 * chunk.num_values, 8 * group.num_rows, chunk.total_uncompressed_size) for chunk in used)
-    if not bounded.fits_memory(size, 1) or metadata.num_rows < 0:
+    if size > bounded.MOST_UNPACKED or metadata.num_rows < 0:
         said = f"its columns unpack to more than {bounded.MOST_UNPACKED >> 30} GiB"
         raise InputError(said, where, "cut it into shorter logs and give all of them")
 
@@ -245,5 +245,5 @@ def _check_hdf5(file: h5py.File, names: Sequence[str]) -> None:
             waiting += [(item, inner, depth + 1) for inner in item]
             continue
         size += math.prod(item.shape or ()) * item.dtype.itemsize
-        if not bounded.fits_memory(size, 1):
+        if size > bounded.MOST_UNPACKED:
             raise ValueError("its arrays are too large")

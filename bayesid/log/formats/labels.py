@@ -19,18 +19,8 @@ _ANGLES |= dict.fromkeys(("rev", "turn", "turns", "U", "Umdr"), 2.0 * pi)
 _LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 _NEWTON_METRES = {"Nm": 1.0, "N m": 1.0, "N*m": 1.0, "N·m": 1.0, "N.m": 1.0}
 UNITS: dict[str, dict[str, float]] = {
-    "t": {
-        "s": 1.0,
-        "ms": 1e-3,
-        "us": 1e-6,
-        "ns": 1e-9,
-        "sec": 1.0,
-        "msec": 1e-3,
-        "usec": 1e-6,
-        "µs": 1e-6,  # noqa: RUF001  the micro sign, beside the Greek letter
-        "μs": 1e-6,
-        "min": 60.0,
-    },
+    "t": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "sec": 1.0, "msec": 1e-3, "usec": 1e-6}
+    | {"\N{MICRO SIGN}s": 1e-6, "\N{GREEK SMALL LETTER MU}s": 1e-6, "min": 60.0},
     "q": _ANGLES | _LENGTHS,
     "dq": {f"{angle}{per}": factor for per in ("/s", "_s", "", "/sec") for angle, factor in _ANGLES.items()}
     | {"rpm": 6.0 * DEGREE, "1/min": 6.0 * DEGREE, "U/min": 6.0 * DEGREE}

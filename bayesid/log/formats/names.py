@@ -142,17 +142,13 @@ def _families(
     known = {*closed, *named, *(kind for kind in WORDS if own[kind])}
     if {"t", "q"} <= known and known & set(EFFORTS):
         return [own[kind] for kind in ("t", "q", effort, "dq") if kind is not None and own[kind]]
-    found: list[_Family] = []
-    for kind in ("q", "t", "dq"):
-        if kind not in closed and (own[kind] or kind not in named):
-            prefix = next((one.prefix for family in found for one in family.values()), None)
-            found.append(own[kind] or _other_family(readings, kind, where, prefix))
-    if effort is not None:
-        found.append(own[effort])
-    elif "tau" not in closed:
-        prefix = next((one.prefix for family in found for one in family.values()), None)
-        found.append(_other_family(readings, first, where, prefix) or _other_family(readings, second, where, prefix))
-    return [family for family in found if family]
+    found: dict[str, _Family] = {kind: own[kind] for kind in ("q", "t", "dq", effort) if kind is not None}
+    for kind in ("q", "t", "dq", *((first, second) if effort is None else ())):
+        if kind in closed or kind in named or found.get(kind) or (kind == second and found.get(first)):
+            continue
+        prefix = next((one.prefix for one in found["q"].values()), "")
+        found[kind] = _other_family(readings, kind, where, prefix)
+    return [family for family in found.values() if family]
 
 
 def _own_family(readings: Sequence[Reading], kind: str, where: str) -> _Family:
@@ -170,7 +166,7 @@ def _own_family(readings: Sequence[Reading], kind: str, where: str) -> _Family:
     return family
 
 
-def _other_family(readings: Sequence[Reading], kind: str, where: str, prefix: str | None) -> _Family:
+def _other_family(readings: Sequence[Reading], kind: str, where: str, prefix: str) -> _Family:
     """The columns of a kind that go by one other word, of several that of the least rank, and behind a prefix."""
     others = [one for one in readings if one.kind == kind and one.rank >= OTHER]
     others = [one for one in others if one.rank == min(other.rank for other in others)]

@@ -19,7 +19,7 @@ import numpy as np
 
 from bayesid.arrays import Array
 from bayesid.errors import InputError
-from bayesid.files.bounded import MOST_DIGITS, fits_memory
+from bayesid.files import bounded
 from bayesid.log.formats import Format
 from bayesid.log.formats.table import Column, Options, Table, seconds
 
@@ -154,7 +154,7 @@ def _names(messages: Sequence[_Message], joints: Sequence[str] | None, where: st
         if set(message.names) != set(first):
             said = f"there are messages of {', '.join(first)}, and of {', '.join(message.names)}"
             raise InputError(said, where, "say which joints with `joints`, from base to tip")
-    digits = re.compile(rf"[0-9]{{1,{MOST_DIGITS}}}")
+    digits = re.compile(rf"[0-9]{{1,{bounded.MOST_DIGITS}}}")
     return tuple(sorted(first, key=lambda name: [*map(int, digits.findall(name))])) if _numbered(first) else first
 
 
@@ -225,5 +225,5 @@ def _check_unpacked(packed: bytes | Path, codec: str) -> None:
         size = 0
         while part := unpacking.read(1 << 20):
             size += len(part)
-            if not fits_memory(size, 1):
+            if size > bounded.MOST_UNPACKED:
                 raise ValueError("unpacks to too much")

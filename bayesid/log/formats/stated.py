@@ -12,7 +12,6 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import NamedTuple
 
 from bayesid.errors import InputError
@@ -25,7 +24,7 @@ EXAMPLE = 't="Zeit [ms]",q="Achse{} [Grad]",i="Strom{} [A]"'
 UNNAMED = "NAME{}"
 """What stands for columns of which there are none."""
 EFFORTS = "tau", "i"
-_KEY = re.compile(r"(?P<kind>t|q|dq|tau|i)(?P<joint>(?<!t)[1-9][0-9]{0,2})?")
+_KEY = re.compile(r"t|(q|dq|tau|i)([1-9][0-9]{0,2})?")
 _PLACEHOLDER = re.compile(r"\{(?:(?P<first>[0-9]{1,3})-(?P<last>[0-9]{1,3}))?\}")
 _SEPARATOR = re.compile(r"[\s_.-]+")
 _NEXT = re.compile(r",\s*(?=(?:t|(?:q|dq|tau|i)[0-9]*)\s*=)")
@@ -37,7 +36,7 @@ _CURRENT = re.compile("curr|strom|amp", re.IGNORECASE)
 
 
 class _Match(NamedTuple):
-    """A column that a pattern fits: its place, the number in its name, and its unit as text."""
+    """A column that a pattern fits: its place, the number in its name, from 1 in a range, and its unit as text."""
 
     place: int
     number: int | None
@@ -47,7 +46,8 @@ class _Match(NamedTuple):
 def parse_columns(text: str) -> dict[str, str]:
     """What the command line says of columns, as in `t="Zeit [ms]",q="Achse{}"`, or the TOML file that says it."""
     if "=" not in text:
-        return _read(Path(text))
+        where, remedy = f"{OPTION} {text}", f"give {EXAMPLE}, or a TOML file with such lines"
+        return check_columns(toml_of(read_source(text, remedy, where), where, remedy))
     columns: dict[str, str] = {}
     for part in _NEXT.split(text):
         key, _, pattern = (word.strip() for word in part.partition("="))
@@ -67,48 +67,40 @@ def check_columns(columns: Mapping[str, str]) -> dict[str, str]:
         if not isinstance(pattern, str) or not pattern.strip():
             raise InputError(f"{key} has no name of a column", field="columns", remedy=f"give it as in {EXAMPLE}")
         if len(_PLACEHOLDER.findall(pattern)) > 1:
-            raise InputError(
-                f"{pattern} has more than one number", field="columns", remedy=f"put one {{}} into it, as in {EXAMPLE}"
-            )
-    if {_kind(key) for key in columns} >= {"tau", "i"}:
+            remedy = f"put one {{}} into it, as in {EXAMPLE}"
+            raise InputError(f"{pattern} has more than one number", field="columns", remedy=remedy)
+    if set(map(kind_part, columns)) >= set(EFFORTS):
         raise InputError("tau and i are both given", field="columns", remedy="give torques or currents")
     return dict(columns)
-
-
-def _read(path: Path) -> dict[str, str]:
-    remedy = f"give {EXAMPLE}, or a TOML file with such lines"
-    return check_columns(toml_of(read_source(path, remedy, f"{OPTION} {path}"), f"{OPTION} {path}", remedy))
 
 
 def stated_columns(header: Sequence[str], columns: Mapping[str, str], where: str, found: str) -> list[SourceColumn]:
     """The columns of a header that a user has named, their joints counted from 1; `found` is for messages."""
     chosen: dict[str, SourceColumn] = {}
-    for key in sorted(
-        check_columns(columns), key=lambda key: key != _kind(key)
-    ):  # a joint's own comes last, and counts
-        kind, pattern = _kind(key), columns[key]
+    for key in sorted(check_columns(columns), key=lambda key: key != kind_part(key)):  # a joint's own counts
+        kind, pattern = kind_part(key), columns[key]
         matches = [match for place, label in enumerate(header) if (match := _match(kind, pattern, label, place))]
         if not matches:
             raise InputError(f"no column is called {pattern}{found}", where, f"give {OPTION} a name that is there")
-        joints = [None] if kind == "t" or key != kind else _joints(matches, pattern)
-        names = [key] if joints == [None] else [f"{kind}{joint}" for joint in joints]
+        names = [key]
+        if kind != "t" and key == kind:
+            from_zero = any(match.number == 0 for match in matches)
+            names = [f"{kind}{1 if match.number is None else match.number + from_zero}" for match in matches]
         if len(set(names)) < len(matches):
             both = " and ".join(header[match.place] for match in matches)
             raise InputError(f"columns {both} are both {pattern}", where, f"give {OPTION} the name of one of them")
         for name, match in zip(names, matches, strict=True):
-            unit = _factor(kind, match.unit, header[match.place], where)
-            chosen[name] = SourceColumn(name, match.place, header[match.place], unit)
+            label, factor = header[match.place], None if match.unit is None else factor_of(kind, match.unit)
+            if match.unit is not None and factor is None and kind != "i":  # gains turn any unit of currents into N m
+                said = f"column {label} is in {match.unit}, which is no known unit of {kind}"
+                raise InputError(said, where, f"give it in {', '.join(UNITS[kind])}")
+            chosen[name] = SourceColumn(name, match.place, label, factor)
     return list(chosen.values())
 
 
 def fits(kind: str, pattern: str, header: Sequence[str]) -> bool:
     """Whether a header has a column of a pattern."""
     return any(_match(kind, pattern, label, place) is not None for place, label in enumerate(header))
-
-
-def _kind(key: str) -> str:
-    match = _KEY.fullmatch(key)
-    return key if match is None else match["kind"]
 
 
 def _match(kind: str, pattern: str, label: str, place: int) -> _Match | None:
@@ -123,7 +115,7 @@ def _match(kind: str, pattern: str, label: str, place: int) -> _Match | None:
     if number is not None and span is not None and span["first"] is not None:
         if not int(span["first"]) <= number <= int(span["last"]):
             return None
-        number -= int(span["first"]) - 1
+        number -= int(span["first"]) - 1  # the range begins with joint 1
     return _Match(place, number, seen.unit or wanted.unit or _unit_at_end(kind, label))
 
 
@@ -148,30 +140,6 @@ def _expression(pattern: str) -> re.Pattern[str]:
 
 def _fixed(text: str) -> str:
     return r"\s*".join(re.escape(word) for word in text.split())
-
-
-def _joints(matches: Sequence[_Match], pattern: str) -> list[int | None]:
-    """The joints, from 1, of the numbers in the names: these begin with 0 or 1, or with what the pattern says."""
-    numbers = [match.number for match in matches if match.number is not None]
-    if len(numbers) < len(matches):
-        return [1] * len(matches)
-    shift = 1 if 0 in numbers and not _given_first(pattern) else 0
-    return [number + shift for number in numbers]
-
-
-def _given_first(pattern: str) -> bool:
-    match = _PLACEHOLDER.search(pattern)
-    return match is not None and match["first"] is not None
-
-
-def _factor(kind: str, unit: str | None, label: str, where: str) -> float | None:
-    if unit is None:
-        return None
-    factor = factor_of(kind, unit)
-    if factor is None and kind != "i":  # gains turn any unit of currents into N m
-        said = f"column {label} is in {unit}, which is no known unit of {kind}"
-        raise InputError(said, where, f"give it in {', '.join(UNITS[kind])}")
-    return factor
 
 
 def described(header: Sequence[str], found: Mapping[str, SourceColumn] | None = None) -> str:

@@ -29,24 +29,16 @@ _DAY = re.compile(r"(\d{1,4})([./-])(\d{1,2})\2(\d{1,4})[T ,]+(.+)")
 _TIME = re.compile(
     r"(?:(?P<hours>\d{1,2}):)?(?P<minutes>\d{1,4}):(?P<seconds>\d{1,2}(?:[.,:]\d+)?)\s*(?P<half>[AP]M)?", re.IGNORECASE
 )
-
-
 _SEPARATORS = ",", ";", "\t", "|", " "
 """What may be between two columns; spaces count in any number."""
-_QUOTED = re.compile(r'"[^"]*"')
 _WESTERN = re.compile(rb"[\t-\r\x20-\x7e\x80\x82-\x8c\x8e\x91-\x9c\x9e-\xfe]*")
 """Bytes of a text in cp1252, the encoding of Western Windows: no control characters, none that it does not have."""
 _COMMENTS = "#", "%"
 """What a line of remarks among the values begins with."""
-_MINUS = "\u2212"
-"""The sign of mathematics, which word processors put in place of a hyphen."""
-_AGAIN = "remove the row or, if another recording begins there, cut the log into two files and give both"
 _THOUSANDS = re.compile(r"[-+]?\d{1,3}(?:[.,'\u00a0\u202f ]\d{3})+(?:[.,]\d*)?")
 """What is no number, but would be one without the separators of its thousands."""
 _NO_VALUE = "#", "nan", "NaN", "NULL", "null", "None", "N/A", "n/a", "-", "?"
 """How a cell without a value begins: errors of spreadsheets, and words for nothing."""
-_CONTROLS = re.compile(rb"[\0-\x08\x0e-\x1f]")
-"""Bytes that stand in no text."""
 _BOMS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
 
 
@@ -157,13 +149,13 @@ class Layout:
 
     def _line(self, line: str) -> str:
         empty = line.startswith(_COMMENTS) or not line.strip(f'{self.separator}" \t\r\n')  # as spreadsheets end
-        line = "\n" if empty else line.replace(_MINUS, "-")
+        line = "\n" if empty else line.replace("\N{MINUS SIGN}", "-")  # of word processors
         if self.quoted_lines:
             line = _unquoted(line)
         if not self.decimal_comma:
             return line
         if self.separator == ",":  # those in quotes are the decimal ones
-            return _QUOTED.sub(lambda quoted: quoted[0].replace(",", "."), line)
+            return re.sub('"[^"]*"', lambda quoted: quoted[0].replace(",", "."), line)
         return line.replace(",", ".")
 
 
@@ -195,7 +187,11 @@ def _look(content: bytes, encoding: str) -> Layout:
     separator = _separator(line, beneath)
     header, values, rows = _names(line, separator), _split(beneath, separator), row + 1
     if _are_units(values, header):
-        header, rows = [_joined(*pair) for pair in zip(header, values, strict=True)], lines.index(beneath, row + 1) + 1
+        rows = lines.index(beneath, row + 1) + 1
+        header = [
+            f"{name} [{_bare_unit(unit)}]" if unit and name and split_brackets(name).unit is None else name
+            for name, unit in zip(header, values, strict=True)
+        ]
         values = _split(_two(lines, rows - 1)[1], separator)
     if len(values) == len(header) + 1 and not values[-1]:  # every row ends with a separator, but the header
         header = [*header, ""]
@@ -208,7 +204,7 @@ def select_columns(layout: Layout, source: str, options: Options) -> tuple[Chose
     where, remedy = f"{source}, row {layout.header_row}", "begin it with t,q1..qn,tau1..taun"
     if not any(layout.header):
         raise InputError("does not begin with a header", source, remedy)
-    if all(map(_is_value, layout.header)):
+    if all(map(_is_number, layout.header)):
         raise InputError("holds numbers, not the names of the columns", where, remedy)
     selected = choose(layout.header, where, options)
     chosen = tuple(sorted(selected.columns, key=lambda source: source.place))  # the first bad one is named
@@ -219,7 +215,7 @@ def select_columns(layout: Layout, source: str, options: Options) -> tuple[Chose
 
 def _not_text(path: Path, undecoded: bool) -> InputError:
     """Of bytes that are no text, or one whose letters are not known."""
-    if undecoded and not _CONTROLS.search(path.read_bytes()):
+    if undecoded and not re.search(rb"[\0-\x08\x0e-\x1f]", path.read_bytes()):  # bytes that stand in no text
         remedy = "save it as UTF-8, as in: iconv -f SHIFT_JIS -t UTF-8 FILE > NEW"
         return InputError("is text in an encoding that is not known", str(path), remedy)
     return InputError("is not text", str(path), "give a CSV log (save a spreadsheet as CSV)")
@@ -274,18 +270,14 @@ def _is_header(line: str, beneath: str) -> bool:
     """Whether a line names columns, and the next has as many values, or their units: above may stand anything."""
     separator = _separator(line, beneath)
     names, cells = _names(line, separator), _split(beneath, separator)
-    if len(names) < 3 or len(cells) not in (len(names), len(names) + 1) or any(map(_is_value, names)):
+    if len(names) < 3 or len(cells) not in (len(names), len(names) + 1) or any(map(_is_number, names)):
         return False
-    return any(map(_is_value, cells)) or _are_units(cells, names)
+    return any(map(_is_number, cells)) or _are_units(cells, names)
 
 
 def _names(line: str, separator: str) -> list[str]:
     """The names of a header, before which a sign of a comment may stand."""
     return _split(line.lstrip("#% "), separator)
-
-
-def _is_value(cell: str) -> bool:
-    return _is_number(cell.replace(",", "."))
 
 
 def _separator(line: str, first: str) -> str:
@@ -305,16 +297,16 @@ def _split(line: str, separator: str) -> list[str]:
 
 def _are_units(cells: Sequence[str], header: Sequence[str]) -> bool:
     """Whether a row beneath the header holds units, and no value."""
-    inner = [_unit_of(cell) for cell in cells]
-    return len(cells) == len(header) and any(map(is_unit, inner)) and not any(map(_is_number, inner))
+    inner = [_bare_unit(cell) for cell in cells]
+    return (
+        len(cells) == len(header)
+        and any(map(is_unit, inner))
+        and not any(_is_number(one, comma=False) for one in inner)
+    )
 
 
-def _unit_of(cell: str) -> str:
+def _bare_unit(cell: str) -> str:
     return cell[1:-1].strip() if cell[:1] + cell[-1:] in ("[]", "()") else cell
-
-
-def _joined(name: str, unit: str) -> str:
-    return f"{name} [{_unit_of(unit)}]" if unit and name and split_brackets(name).unit is None else name
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -367,25 +359,25 @@ def _first_bad_row(path: Path, layout: Layout, used: list[int], clock: int | Non
                 continue
             cells, where = _split(line, layout.separator), f"{path}, row {number}"
             if tuple(cells) == layout.header:
-                return InputError("holds the header again", where, _AGAIN)
+                remedy = (
+                    "remove the row or, if another recording begins there, cut the log into two files and give both"
+                )
+                return InputError("holds the header again", where, remedy)
             if len(cells) != len(layout.header):
                 said = f"holds {len(cells)} values, the header names {len(layout.header)}"
                 remedy = _semicolons(layout, len(cells)) if number == layout.rows + 1 else ""
                 truncated = "remove the row (a truncated last row is common) or complete it"
                 return InputError(said, where, remedy or truncated)
             for i in used:
-                if not (is_clock if i == clock else _is_number)(cells[i]):
+                if not (is_clock(cells[i]) if i == clock else _is_number(cells[i], comma=False)):
                     said = f"column {layout.header[i]} holds {cells[i]!r}, not a {'time' if i == clock else 'number'}"
-                    return InputError(said, where, _correction(cells[i]))
+                    remedy = "correct the value"
+                    if _THOUSANDS.fullmatch(cells[i]):
+                        remedy = "write numbers without separators of thousands"
+                    elif not cells[i] or cells[i].startswith(_NO_VALUE):
+                        remedy = "remove the row (the log may have gaps), or give the value"
+                    return InputError(said, where, remedy)
     return InputError("cannot be read as a table of numbers", str(path), "give a comma-separated file")
-
-
-def _correction(cell: str) -> str:
-    if _THOUSANDS.fullmatch(cell):
-        return "write numbers without separators of thousands"
-    if not cell or cell.startswith(_NO_VALUE):
-        return "remove the row (the log may have gaps), or give the value"
-    return "correct the value"
 
 
 def _semicolons(layout: Layout, cells: int) -> str:
@@ -394,9 +386,10 @@ def _semicolons(layout: Layout, cells: int) -> str:
     return "if its numbers have decimal commas, write the table with semicolons between the columns" if doubled else ""
 
 
-def _is_number(cell: str) -> bool:
+def _is_number(cell: str, comma: bool = True) -> bool:
+    """With a decimal point or, perhaps, a comma."""
     try:
-        float(cell)
+        float(cell.replace(",", ".") if comma else cell)
     except ValueError:
         return False
     return "_" not in cell
