@@ -16,8 +16,18 @@ from bayesid.identification.payload import PayloadReading
 from bayesid.identification.prediction import PredictedEfforts, Validation
 from bayesid.report.payload import HEADINGS, payload_checks, payload_rows
 from bayesid.report.summary import Summary, summarise
-from bayesid.report.tables import EFFECT_HEADINGS, GAIN_HEADINGS, effect_rows, gain_rows
-from bayesid.report.verdicts import Check, beyond_the_terms, gains, intervals, proof, sampling
+from bayesid.report.verdicts import (
+    EFFECT_HEADINGS,
+    GAIN_HEADINGS,
+    Check,
+    beyond_the_terms,
+    effect_rows,
+    gain_rows,
+    gains,
+    intervals,
+    proof,
+    sampling,
+)
 from bayesid.report.words import quantity
 from bayesid.study.agreement import text as agreement_text
 from bayesid.study.separate_logs import Separate

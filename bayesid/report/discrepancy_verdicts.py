@@ -335,20 +335,16 @@ def _lasting_floor(discrepancy: Discrepancy) -> list[Check]:
     """In joints 4 and 6 the noise floor is the earlier model's own error, or noise that a filter has smoothed."""
     floor, whose = discrepancy.floor, dict[str, list[int]]()
     for j in np.flatnonzero(floor.lasting).tolist():
-        whose.setdefault(floor.origin[j], []).append(j)
-    checks = []
-    for origin, joints in whose.items():
-        most = sorted(joints, key=lambda j: -float(floor.rms[j] / floor.white[j]))[: TUNING.joints_named]
-        sizes = [
-            f"{rounded(float(floor.white[j]))} of {_effort(discrepancy, floor.rms[j], j + 1)} in joint {j + 1}"
-            for j in most
-        ]
-        message = (
-            f"In {joints_in_words(j + 1 for j in joints)} the noise floor is the {_WHOSE[origin]} own error, or "
-            f"smoothed noise: only {listed(sizes)} change{'s' if len(sizes) == 1 else ''} from sample to sample"
+        whose.setdefault(floor.origin[j], []).append(j + 1)
+    return [
+        Check(
+            "Noise floor",
+            "look",
+            f"In {joints_in_words(joints)} the noise floor is the {_WHOSE[origin]} own error, or smoothed noise",
+            "a log that repeats its motion shows what is noise",
         )
-        checks.append(Check("Noise floor", "look", message, "a log that repeats its motion shows what is noise"))
-    return checks
+        for origin, joints in whose.items()
+    ]
 
 
 def _all_along(discrepancy: Discrepancy) -> list[Check]:

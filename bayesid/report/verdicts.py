@@ -5,15 +5,14 @@ A check is `good`, to be `looked at`, `bad`, or `not done`. Its limits stand in 
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
-from bayesid.effects.catalogue import noun, phrase_of
-from bayesid.effects.effect import ReadableUnit
+from bayesid.arrays import TINY
+from bayesid.effects.catalogue import noun
 from bayesid.identification.gains import BY_DATA, BY_PRIOR, GIVEN
 from bayesid.identification.identification import SURE, sure_share_of
 from bayesid.identification.tuning import TUNING as IDENTIFICATION
@@ -35,7 +34,7 @@ from bayesid.identification.warnings import (
 from bayesid.regression.tuning import TUNING as REGRESSION
 from bayesid.report import commands
 from bayesid.report.findings import Findings
-from bayesid.report.summary import EffectSummary, Numbers, Summary
+from bayesid.report.summary import Numbers, Summary
 from bayesid.report.tuning import TUNING
 from bayesid.report.words import in_percent, joints_in_words, label, listed, quantity, rounded
 
@@ -314,37 +313,38 @@ def beyond_the_terms(summary: Summary) -> list[Check]:
         return [Check(name, "not done", message, "leave out --complete to add detected effects")]
     if not complete.effects:
         return [Check(name, "good", "no additional effects detected")]
-    errors = complete.held_back_error
-    forms = {effect.form for effect in complete.effects}
-    parts = [_of_form([effect for effect in complete.effects if effect.form == form]) for form in sorted(forms)]
+    errors, named = complete.held_back_error, [label(one.form, one.joints) for one in complete.effects]
     before, after = (_relative(values, errors.effort) for values in (errors.before, errors.after))
     fall = f"held-back torque error {100 * before:.1f} -> {100 * after:.1f} % of the effort"
-    return [Check(name, "good", f"{'; '.join(parts)}; {fall}")]
+    return [Check(name, "good", f"added: {'; '.join(named)}; {fall}")]
 
 
 def _relative(error: Numbers, effort: Numbers) -> float:
-    shares = np.array(error, dtype=float) / np.maximum(np.array(effort, dtype=float), np.finfo(float).tiny)
+    shares = np.array(error, dtype=float) / np.maximum(np.array(effort, dtype=float), TINY)
     return float(np.sqrt(np.mean(shares**2)))
 
 
-def _of_form(effects: Sequence[EffectSummary]) -> str:
-    """Load-dependent friction in joints 2 (6 %) and 3 (12 %)."""
-    plain = label(effects[0].form)
-    if not effects[0].joints:
-        return f"{plain}{_size(effects[0])}"
-    joints = [f"{', '.join(map(str, effect.joints))}{_size(effect)}" for effect in effects]
-    return f"{plain} in joint{'s' if len(joints) > 1 else ''} {listed(joints)}"
+EFFECT_HEADINGS = ("beyond the terms", "log10 Bayes factor", "size and sd", "not told from")
+"""Of `effect_rows`."""
 
 
-def _size(effect: EffectSummary) -> str:
-    """Its number, in brackets, where it has but one."""
-    if len(effect.parameters) != 1:
-        return ""
-    ((name, number),) = effect.parameters.items()
-    units = phrase_of(effect.form).units
-    people = next((units[s] for s in units if name.startswith(s)), ReadableUnit(number["unit"]))
-    value, sd = number["value"], math.nan if number["sd"] is None else number["sd"]
-    return f" ({quantity(people.factor * (value - people.neutral), people.factor * sd, people.unit)})"
+def effect_rows(summary: Summary) -> list[tuple[str, str, str, str]]:
+    """The effects that came on top of the terms: which, its evidence, its numbers, what could stand in its place."""
+    effects = () if summary.complete is None else summary.complete.effects
+    return [
+        (
+            label(effect.form, effect.joints),
+            f"{effect.log10_bayes_factor or 0.0:.1f}",
+            "; ".join(_number(name, value) for name, value in effect.parameters.items()),
+            ", ".join(label(other) for other in effect.equivalent),
+        )
+        for effect in effects
+    ]
+
+
+def _number(name: str, number: Mapping[str, Any]) -> str:
+    sd = np.nan if number["sd"] is None else number["sd"]
+    return f"{name} {quantity(number['value'], sd, number['unit'].removeprefix('1'))}"
 
 
 def gains(summary: Summary) -> list[Check]:
@@ -377,6 +377,30 @@ def gains(summary: Summary) -> list[Check]:
         parts.append(f"load-dependent friction in {whose} would explain the log as well")
     look = unknown_scale or of_log.like_friction
     return [Check(name, "look" if look else "good", "; ".join(parts), FACTOR_REMEDY if unknown_scale else "")]
+
+
+GAIN_HEADINGS = ("gain of joint", "stated", "value and sd", "95 % interval", "ratio to others known to", "decided by")
+"""Of `gain_rows`."""
+
+
+def gain_rows(summary: Summary) -> list[tuple[str, ...]]:
+    """Gains that were unknowns: as stated, as found, the interval, how well its ratio to others is known, by what."""
+    of_log = summary.gains
+    if of_log is None:
+        return []
+    stated = of_log.stated.split(",")
+    columns = (stated, of_log.mean, of_log.sd, of_log.lower, of_log.upper, of_log.ratio_sd, of_log.decided_by)
+    return [
+        (
+            str(joint),
+            said,
+            quantity(mean or 0.0, sd or 0.0, of_log.unit),
+            f"{rounded(lower or 0.0)} to {rounded(upper or 0.0)}",
+            "" if by == GIVEN else in_percent(ratio or 0.0),
+            by,
+        )
+        for joint, (said, mean, sd, lower, upper, ratio, by) in enumerate(zip(*columns, strict=True), start=1)
+    ]
 
 
 def intervals(summary: Summary) -> Check:

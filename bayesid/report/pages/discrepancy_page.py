@@ -210,17 +210,10 @@ def _where(discrepancy: Discrepancy) -> html.Section:
 
 def _nowhere(discrepancy: Discrepancy) -> str:
     """What it means that the model as it was exceeds the floor in no joint of the log."""
-    plain = (
-        "In no joint does it leave so much more than the noise floor that chance, or the floor's own error, could not"
-    )
+    plain = "In no joint of the log is the residual surely above the noise floor."
     if discrepancy.added:
-        return (
-            f"{plain}: on the log the gap alone would not show that anything is missing. What was added shows in the "
-            "shape of what is left, by its Bayes factor, and on the data that score."
-        )
-    if discrepancy.unexplained:
-        return f"{plain}. It is the data that score that show that something is missing: see the gap."
-    return f"{plain}."
+        return f"{plain} What was added shows in the shape of what is left, and on the data that score."
+    return f"{plain} The data that score show that something is missing." if discrepancy.unexplained else plain
 
 
 def _efforts(discrepancy: Discrepancy) -> html.Section:
@@ -275,19 +268,8 @@ def _became(discrepancy: Discrepancy, score: Score, place: int | None) -> str:
     if score.key in discrepancy.vetoed:
         return "left out: see below"
     if score.gain >= discrepancy.thresholds.log10_bayes_factor * LN10:
-        return _outdone(discrepancy, score) if discrepancy.added else "not worth adding"
+        return "not needed beside those that were added" if discrepancy.added else "not worth adding"
     return "this log could not show it" if score.key in discrepancy.not_testable else "too weak"
-
-
-def _outdone(discrepancy: Discrepancy, score: Score) -> str:
-    """By which added effect, the others that were added given, and by how much; as far as that is known."""
-    said = "not needed, given those that were added"
-    pairs = [(rival.gain, added) for added in discrepancy.added for rival in added.rivals if rival.key == score.key]
-    gain, added = max(pairs, key=lambda pair: pair[0], default=(np.inf, None))
-    if added is None or gain >= added.gain:
-        return said
-    place, has = label(added.effect, added.joints), rounded(added.log10_bayes_factor)
-    return f"{said}: in place of {place}, it has {rounded(gain / LN10)}, that {has}"
 
 
 def _left_out(discrepancy: Discrepancy) -> html.Section | None:

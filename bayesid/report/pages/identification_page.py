@@ -27,10 +27,19 @@ from bayesid.report.plot.identification import (
 )
 from bayesid.report.plot.posterior import forest_figure, pair_figure, rank_figure, trace_figure
 from bayesid.report.summary import SearchSummary
-from bayesid.report.tables import EFFECT_HEADINGS, GAIN_HEADINGS, effect_rows, gain_rows
 from bayesid.report.tuning import TUNING
-from bayesid.report.verdicts import State, at_standstill, check_findings, sure_share, worst
-from bayesid.report.words import listed, quantity, upper
+from bayesid.report.verdicts import (
+    EFFECT_HEADINGS,
+    GAIN_HEADINGS,
+    State,
+    at_standstill,
+    check_findings,
+    effect_rows,
+    gain_rows,
+    sure_share,
+    worst,
+)
+from bayesid.report.words import counted, listed, quantity, upper
 
 _NOTEBOOK: Mapping[State, str] = {"good": "#1f7a3d", "look": "#8a5a00", "bad": "#b3261e", "not done": "#59636e"}
 """Colours as in style.css; a notebook has no style of ours."""
@@ -308,7 +317,9 @@ def _proof(findings: Findings) -> html.Section | None:
     search, count = findings.summary.search, len(findings.alternatives.cost)
     if not findings.summary.hidden_joints:
         return None
-    parts = [html.paragraph(_search_text(search))]
+    parts = [
+        html.table("How the signs were searched, and what is proven about them.", ["What", "Value"], _search(search))
+    ]
     if search.lower_bound is not None:
         caption = "Costs of the assignments that remain."
         parts.append(html.figures([html.picture(alternatives_figure(findings), "alternatives", caption)]))
@@ -322,43 +333,25 @@ def _proof(findings: Findings) -> html.Section | None:
     return html.section("proof", "The proof", *parts)
 
 
-def _search_text(search: SearchSummary) -> str:
-    text = (
-        f"Search: {search.method}. It weighed {search.nodes} partial assignments by lower bounds of their cost, "
-        f"solved {search.sdp_solves} least-squares problems over the feasible parameters, and took "
-        f"{search.seconds:.1f} s in {search.rounds} round{'s' * (search.rounds != 1)}. The best assignment costs "
-        f"{search.cost:.6g}."
-    )
-    if search.beam_nodes is not None:
-        nodes = search.beam_nodes
-        text += (
-            f" The beam grew {nodes['grown']} nodes; {nodes['by_bound']} were pruned by the bound, {nodes['by_cone']} "
-            f"by their cost in the cone, and {nodes['leaves']} survived the last step."
-        )
-        if undecided := nodes.get("undecided", 0):
-            text += (
-                f" Its time was up before it came to {undecided} segments: it predicted their signs from the others."
-            )
+def _search(search: SearchSummary) -> Iterator[tuple[str, str]]:
+    """What was done, and what it found."""
+    nodes = search.beam_nodes
+    yield "Method", search.method
+    yield "Effort", f"{search.seconds:.1f} s in {counted(search.rounds, 'round')}"
+    yield "Partial assignments bounded", str(search.nodes)
+    yield "Least-squares problems in the cone", str(search.sdp_solves)
+    if nodes is not None:
+        yield "Nodes of the beam", ", ".join(f"{name.replace('_', ' ')}: {count}" for name, count in nodes.items())
     if search.unseen:
         starts = [f" ({way['starts']} starts)" if way["starts"] else "" for way in search.ways]
-        tried = ", ".join(f"{way['name']}{count}" for way, count in zip(search.ways, starts, strict=True))
-        text += (
-            f" Ways of the last search: {tried}. One more start would lead to a better assignment with probability "
-            f"{search.unseen:.1%}; confidences allow for it."
-        )
-    if search.lower_bound is None:
-        return f"{text} Nothing is proven about assignments that the beam has dropped."
-    text += (
-        " No assignment costs less: every one was either weighed or ruled out by a bound."
-        if search.certified
-        else f" Every assignment costs at least {search.lower_bound:.6g}; what lies between is not ruled out."
-    )
+        ways = [f"{way['name']}{count}" for way, count in zip(search.ways, starts, strict=True)]
+        yield "Ways of the last search", ", ".join(ways)
+        yield "Probability of a better assignment", f"{search.unseen:.1%} (confidences allow for it)"
+    yield "Cost of the best assignment", f"{search.cost:.6g}"
+    bound = "nothing proven" if search.lower_bound is None else f"at least {search.lower_bound:.6g}"
+    yield "Cost of every other assignment", "no less" if search.certified else bound
     if search.settled_share is not None and search.within is not None:
-        text += (
-            f" {search.settled_share:.1%} of the samples have the same sign in all assignments that cost at most "
-            f"{search.within:.1f} more, which is {np.exp(-search.within / 2.0):.1g} of the best one's probability."
-        )
-    return text
+        yield f"Samples whose sign is settled up to {search.within:.1f} more", f"{search.settled_share:.1%}"
 
 
 def _others(findings: Findings) -> Iterator[tuple[str, ...]]:
