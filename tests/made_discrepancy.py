@@ -8,9 +8,9 @@ from conftest import smooth_motion
 
 from bayesid.discrepancy.case import Excess, NoiseFloor, Trial
 from bayesid.discrepancy.workflow import Discrepancy
-from bayesid.effects.coulomb_friction import CoulombFriction
-from bayesid.effects.payload import Payload
-from bayesid.effects.torque_offset import TorqueOffset
+from bayesid.effects.bodies import Payload
+from bayesid.effects.drive import TorqueOffset
+from bayesid.effects.friction import CoulombFriction
 from bayesid.log.signals import Signals
 from bayesid.regression.selection.added_effect import AddedEffect
 from bayesid.regression.selection.columns import Columns

@@ -33,8 +33,8 @@ from bayesid.discrepancy.tuning import TUNING
 from bayesid.discrepancy.workflow import Discrepancy, find_discrepancy
 from bayesid.effects import STANDARD, Distortion, Term
 from bayesid.effects.catalogue import of_shape
-from bayesid.effects.coulomb_friction import DryTerm
 from bayesid.effects.effect import Effect
+from bayesid.effects.friction import DryTerm
 from bayesid.effects.model import Model
 from bayesid.errors import InputError
 from bayesid.identification.identification import Identification
@@ -308,7 +308,7 @@ def _payload(found: Discrepancy) -> Array | None:
 
 def _carrying(term: Term, body: Array | None) -> Term:
     """A term whose load is that of the links, which may carry a body now."""
-    if body is None or "links" not in term.given:
+    if body is None or not term.shape.get("links"):
         return term
     links = np.array(term.shape["links"])
     links[-10:] += body

@@ -1,23 +1,23 @@
-"""What acts on a robot's joints, terms and distortions, each in a file of this folder; and models made of them."""
+"""What acts on a robot's joints, terms and distortions, by kind; and models made of them."""
 
 from __future__ import annotations
 
-from bayesid.effects.coulomb_friction import CoulombFriction
+from bayesid.effects.bodies import RigidBody
 from bayesid.effects.distortion import Distortion
-from bayesid.effects.effect import Scene
-from bayesid.effects.parameters import Cone, Parameter
-from bayesid.effects.rigid_body import RigidBody
-from bayesid.effects.rotor_inertia import RotorInertia
+from bayesid.effects.drive import RotorInertia, TorqueOffset
+from bayesid.effects.effect import Effect, Scene
+from bayesid.effects.friction import CoulombFriction, ViscousFriction
+from bayesid.effects.parameters import Coefficient, Cone, Parameter
 from bayesid.effects.term import ActuatorTerm, Term, WholeRobotTerm
-from bayesid.effects.torque_offset import TorqueOffset
-from bayesid.effects.viscous_friction import ViscousFriction
 
 __all__ = [
     "STANDARD",
     "ActuatorTerm",
+    "Coefficient",
     "Cone",
     "CoulombFriction",
     "Distortion",
+    "Effect",
     "Parameter",
     "RigidBody",
     "RotorInertia",

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import importlib
 import inspect
-from collections.abc import Iterable, Mapping
+import pkgutil
+from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
@@ -12,16 +14,28 @@ import numpy as np
 
 from bayesid import effects
 from bayesid.effects.distortion import Distortion
-from bayesid.effects.effect import Effect, Phrase, effect_of, named_classes
+from bayesid.effects.effect import Effect, Phrase, effect_of
+from bayesid.effects.parameters import Coefficient
 from bayesid.effects.term import ActuatorTerm, Term
 from bayesid.errors import InputError, near_names
 from bayesid.motion import Motion
 from bayesid.robot import Robot
 
-_OWN = named_classes(effects.__name__, effects.__path__)
-TERMS: Mapping[str, type[Term]] = {name: kind for name, kind in _OWN.items() if issubclass(kind, Term)}
+
+def _own() -> Iterator[type[Effect]]:
+    """The classes in the files of this folder that set a `name` themselves."""
+    for info in pkgutil.iter_modules(effects.__path__):
+        module = importlib.import_module(f"{effects.__name__}.{info.name}")
+        for value in vars(module).values():
+            own = inspect.isclass(value) and value.__module__ == module.__name__
+            if own and issubclass(value, Effect) and "name" in vars(value):
+                yield value
+
+
+_OWN = sorted(_own(), key=lambda kind: effect_of(kind.name))
+TERMS: Mapping[str, type[Term]] = {kind.name: kind for kind in _OWN if issubclass(kind, Term)}
 """Name to class, of every form of every term of ours."""
-DISTORTIONS: Mapping[str, type[Distortion]] = {key: kind for key, kind in _OWN.items() if issubclass(kind, Distortion)}
+DISTORTIONS: Mapping[str, type[Distortion]] = {kind.name: kind for kind in _OWN if issubclass(kind, Distortion)}
 """Name to class, of every form of every distortion of ours."""
 
 
@@ -105,7 +119,7 @@ def make_terms(chosen: Iterable[str | Term], robot: Robot, motion: Motion) -> tu
             suit the robot.
 
     Example:
-        >>> from bayesid.effects.joint_spring import JointSpring
+        >>> from bayesid.effects.springs import JointSpring
         >>> spring = JointSpring(joints=(2,))
         >>> [term.name for term in bayesid.make_terms(["rigid_body", spring], robot, motion)]
         ['rigid_body', 'joint_spring']
@@ -170,15 +184,15 @@ def _check_fit(term: Term, robot: Robot, motion: Motion) -> None:
         raise InputError(f"does not suit the robot ({error})", f"term {term.name}", remedy) from error
 
 
-def owner(symbol: str) -> type[ActuatorTerm]:
-    """The term whose parameter has a symbol.
+def owner(symbol: str) -> tuple[type[ActuatorTerm], Coefficient]:
+    """The term whose parameter has a symbol, and what it says of this parameter.
 
     Example:
-        >>> owner("Fc").name
+        >>> owner("Fc")[0].name
         'coulomb_friction'
     """
-    kinds = [kind for kind in forms().values() if issubclass(kind, ActuatorTerm) and symbol in kind.symbols]
-    return kinds[0]
+    kinds = [kind for kind in forms().values() if issubclass(kind, ActuatorTerm)]
+    return next((kind, one) for kind in kinds for one in kind.coefficients if one.symbol == symbol)
 
 
 def phrase_of(name: str) -> Phrase:
@@ -190,6 +204,3 @@ def noun(name: str) -> str:
     """An effect with its article, any form of it."""
     phrases = [phrase_of(form).noun for form in (name, effect_of(name))]
     return next(filter(None, phrases), name.replace("_", " ").replace(".", ", "))
-
-
-__all__ = ["Effect", "effect_names", "forms", "main_forms", "make_effect", "make_terms", "noun", "owner", "phrase_of"]

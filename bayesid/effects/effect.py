@@ -1,26 +1,65 @@
 """What all effects share, be they terms of the model's sum or distortions of its rows and readings.
 
 Everything downstream asks an effect for its columns, names, phrases and places and never which effect it is, so a new
-effect is a new file in `bayesid/effects` and nothing else.
+effect is a new class in `bayesid/effects` and nothing else.
 """
 
 from __future__ import annotations
 
-import importlib
-import inspect
-import pkgutil
+import dataclasses
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Literal, Self, dataclass_transform
 
 import numpy as np
 
-from bayesid.arrays import Array, Integers
+from bayesid.arrays import Array
 from bayesid.effects.formula import Description
-from bayesid.effects.parameters import Parameter
+from bayesid.effects.parameters import Cone, Parameter, unit_of
 from bayesid.motion import Motion
-from bayesid.robot import Joint, Robot
+from bayesid.robot import Robot
+
+Numbers = tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Number:
+    """What is known of a nonlinear number of an effect, of which each actuator has one.
+
+    Attributes:
+        unit: of a joint that turns, where people want to know the number.
+        name: under which they read it, without the joint; by default that of the field.
+        of_motion: the numbers (m,) that the motion of the m actuators shows.
+        tried: the numbers worth trying in one actuator, of its motion in a log.
+        given: whether it comes with the model, so that no log is asked for it.
+        tuned: whether the first amplitudes of the effect are changes of these numbers.
+        count: how many there are, where they are not one an actuator.
+        of_links: whether there are ten a link.
+    """
+
+    unit: str = ""
+    name: str = ""
+    of_motion: Callable[[Motion], Array] | None = None
+    tried: Callable[[Motion], Iterable[float]] | None = None
+    given: bool = False
+    tuned: bool = False
+    count: int = 0
+    of_links: bool = False
+
+    @property
+    def told(self) -> bool:
+        """Whether no log is asked for it: the model or the motion tell it."""
+        return self.given or (self.of_motion is not None and self.tried is None)
+
+    def size(self, acting: int, n_joints: int) -> int:
+        """How many numbers an effect in some of n joints has."""
+        return 10 * n_joints if self.of_links else self.count or acting
+
+
+def number(unit: str = "", *, default: Any = dataclasses.MISSING, **about: Any) -> Any:
+    """A field for a nonlinear number of an effect; the other arguments are those of `Number`."""
+    return dataclasses.field(default=default, metadata={"number": Number(unit, **about)})
 
 
 @dataclass(frozen=True)
@@ -46,9 +85,10 @@ class Scene:
     links: Array
     effort_with: Callable[[Robot, Motion], Array]
 
-    def actuator(self, joint: int) -> Motion:
-        """The motion of one (0-based) actuator alone."""
-        return self._each[joint]
+    @cached_property
+    def each(self) -> list[Motion]:
+        """The motion of each actuator alone."""
+        return [self.actuators.joints([j]) for j in range(self.actuators.n_joints)]
 
     @cached_property
     def effort_as_told(self) -> Array:
@@ -59,10 +99,6 @@ class Scene:
     def link_effort(self) -> Array:
         """(N, n) effort of the links alone, N m."""
         return self.robot.inverse_dynamics(self.motion, self.links)
-
-    @cached_property
-    def _each(self) -> list[Motion]:
-        return [self.actuators.joints([j]) for j in range(self.actuators.n_joints)]
 
 
 @dataclass(frozen=True)
@@ -95,12 +131,16 @@ class Phrase:
     opposite: str = ""
     detail: str = ""
     brief: str = ""
-    units: Mapping[str, ReadableUnit] = field(default_factory=dict)
+    units: Mapping[str, ReadableUnit] = dataclasses.field(default_factory=dict)
 
 
+@dataclass_transform(frozen_default=True, kw_only_default=True, field_specifiers=(number,))
 @dataclass(frozen=True, kw_only=True)
 class Effect:
-    """One form of a physical effect; a subclass is a frozen dataclass whose fields are tuples, one number an actuator.
+    """One form of a physical effect; each subclass is a frozen dataclass, its fields are made by `number`.
+
+    A class says of itself what stands below; all but the first two have defaults. Its docstring holds the equation, one
+    sentence of physics and the source.
 
     Args:
         joints: the actuators (from 1) in which it acts; all of them if empty.
@@ -110,59 +150,43 @@ class Effect:
 
     name: ClassVar[str]
     """In the catalogue; a second form of the same effect is named effect.form."""
-    physics: ClassVar[str]
-    """One sentence: what happens."""
-    reference: ClassVar[str]
-    """Where the equation comes from."""
-    variable: ClassVar[str]
-    """Over what the effect shows best: velocity, position, acceleration, load or time."""
     shown_by: ClassVar[str]
     """The motion that shows it, and no other effect."""
     phrase: ClassVar[Phrase] = Phrase()
     """How people speak of it; without one, by its name and numbers."""
+    linear: ClassVar[bool]
+    """Whether it is a term: the efforts are linear in its amplitudes wherever it is looked at."""
+    acts_on: ClassVar[Literal["joint", "robot", "either"]] = "joint"
+    """Where it is sought and said to be. Of the whole robot alone, it cannot act in some of the joints."""
     memory: ClassVar[bool] = False
     """Whether a row depends on other instants too."""
-    by_joint: ClassVar[bool] = True
-    """Whether it can act in some of the joints alone."""
-    whole_robot: ClassVar[bool] = False
-    """Whether it is sought in the whole robot at once, and so is said of the robot where a log cannot show it."""
     can_be_missing: ClassVar[bool] = True
     """Whether a model may lack it."""
-    linear: ClassVar[bool] = True
-    """Whether the efforts are linear in its amplitudes wherever it is looked at."""
-    of_effort: ClassVar[bool] = False
-    """Whether what it does depends on the whole effort, with that of the terms beside it."""
-    reveals: ClassVar[bool] = False
-    """Whether its rows show parameters of other effects that no log without it could show."""
-    adds_to: ClassVar[Mapping[str, str]] = {}
-    """Symbols of its parameters to those of another effect's that they add to, joint by joint, where a model has it."""
-    needs_earlier: ClassVar[bool] = False
-    """Whether only what an earlier log has shown tells it from the model's own parameters."""
     refines: ClassVar[bool] = False
     """Whether it is but a finer form of a standard term: completes a model, but is nothing that could be missing."""
-    of_sensor: ClassVar[bool] = False
-    """Whether it changes what is read of the efforts, not what makes them."""
-    of_clock: ClassVar[bool] = False
-    """Whether it changes only when they are read."""
+    needs_earlier: ClassVar[bool] = False
+    """Whether only what an earlier log has shown tells it from the model's own parameters."""
+    of_effort: ClassVar[bool] = False
+    """Whether what it does depends on the whole effort, with that of the terms beside it."""
     of_table: ClassVar[bool] = False
     """Whether it is an error of the robot's table, which one of another row may look like."""
-    shape_units: ClassVar[Mapping[str, str]] = {}
-    """Of the fields with nonlinear numbers that people want to know."""
-    given: ClassVar[tuple[str, ...]] = ()
-    """Fields whose numbers come with the motion or the model; no log is asked for them."""
-    words: ClassVar[tuple[str, ...]] = ()
-    """Fields that hold words in the place of numbers; they are given too."""
-    counts: ClassVar[Mapping[str, int]] = {}
-    """Numbers in a field, where they are not one an actuator."""
-    amplitudes: ClassVar[str] = ""
-    """The field, if any, whose numbers its first amplitudes change."""
-    typical: ClassVar[tuple[float, ...]] = ()
+    reveals: ClassVar[bool] = False
+    """Whether its rows show parameters of other effects that no log without it could show."""
+    typical: ClassVar[Numbers] = ()
     """Prior standard deviations of the amplitudes, one for all or one each; if empty, a usual share of the effort."""
-    typical_scales: ClassVar[tuple[float, ...]] = (1.0,)
+    typical_scales: ClassVar[Numbers] = (1.0,)
     """Factors of `typical`, each of which is tried."""
+
+    def __init_subclass__(cls) -> None:
+        dataclass(frozen=True, kw_only=True)(cls)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "joints", tuple(int(j) for j in self.joints))
+
+    @classmethod
+    def number_fields(cls) -> Mapping[str, Number]:
+        """Its nonlinear numbers by field."""
+        return {one.name: one.metadata["number"] for one in dataclasses.fields(cls) if "number" in one.metadata}
 
     @property
     def effect(self) -> str:
@@ -172,13 +196,13 @@ class Effect:
     @property
     def shape(self) -> Mapping[str, list[Any]]:
         """The fields by name, what model.toml keeps; `joints` only if they are named."""
-        values = {entry.name: list(getattr(self, entry.name)) for entry in fields(self)}
-        return {key: value for key, value in values.items() if key != "joints" or value}
+        named = {"joints": list(self.joints)} if self.joints else {}
+        return {**named, **{key: list(getattr(self, key)) for key in self.number_fields()}}
 
     @property
     def sought(self) -> tuple[str, ...]:
         """The fields whose numbers only a comparison with a log can show."""
-        return tuple(key for key in self.shape if key not in ("joints", *self.given, *self.words))
+        return tuple(key for key, number in self.number_fields().items() if not number.told)
 
     def acting(self, n_joints: int) -> list[int]:
         """The (0-based) actuators in which it acts."""
@@ -189,30 +213,30 @@ class Effect:
         acting = self.acting(n_joints)
         if len(set(acting)) < len(acting) or not all(0 <= j < n_joints for j in acting):
             raise ValueError(f"joints {list(self.joints)} are not joints of the robot")
-        for key, values in self.shape.items():
-            expected = self.counts.get(key, len(acting))
-            if key != "joints" and len(values) != expected:
+        for key, number in self.number_fields().items():
+            values, expected = getattr(self, key), number.size(len(acting), n_joints)
+            if len(values) != expected:
                 raise ValueError(f"{key} has {len(values)} numbers, expected {expected}")
-        if self.joints and not self.by_joint:
+        if self.joints and self.acts_on == "robot":
             raise ValueError(f"{self.name} acts in all joints")
 
     def in_joints(self, joints: tuple[int, ...], n_joints: int) -> Self:
         """The same effect with its own numbers, in some of its joints only."""
         acting = self.acting(n_joints)
         chosen = [acting.index(j - 1) for j in joints]
-        shape = {key: tuple(values) for key, values in self.shape.items() if key != "joints"}
-        one_each = {key: len(values) == len(acting) and key not in self.counts for key, values in shape.items()}
-        kept = {key: tuple(v[i] for i in chosen) if one_each[key] else v for key, v in shape.items()}
-        return type(self)(joints=joints, **kept)
+        one_each = [key for key, number in self.number_fields().items() if not (number.count or number.of_links)]
+        kept: Any = {key: tuple(getattr(self, key)[i] for i in chosen) for key in one_each}
+        return replace(self, joints=joints, **kept)
 
     def numbers(self, robot: Robot) -> Mapping[str, tuple[float, str]]:
         """Name, with the joint, to value and unit of the nonlinear numbers that people want to know."""
-        acting = self.acting(robot.n_joints)
-        return {
-            f"{key}{j + 1}": (float(value), _unit_in(robot.joints[j], unit))
-            for key, unit in self.shape_units.items()
-            for j, value in zip(acting, getattr(self, key), strict=True)
-        }
+        told = {}
+        for key, number in self.number_fields().items():
+            places = range(number.count) if number.count else self.acting(robot.n_joints)
+            for j, value in zip(places, getattr(self, key), strict=True) if number.unit else ():
+                unit = number.unit if number.count else unit_of(robot, j, number.unit)
+                told[f"{number.name or key}{j + 1}"] = float(value), unit
+        return told
 
     @classmethod
     def variants(cls, scene: Scene) -> Iterable[Self]:
@@ -223,6 +247,15 @@ class Effect:
         """The parameters that it adds to a model."""
         return ()
 
+    def cone(self, robot: Robot) -> Cone:
+        """The cone of these p parameters; free by default."""
+        return Cone.free(len(self.parameters(robot)))
+
+    @property
+    def adds_to(self) -> Mapping[str, str]:
+        """Symbols of its parameters to those of another effect's that they add to, joint by joint."""
+        return {}
+
     def readable(self, values: Array) -> Mapping[str, tuple[Array, str]]:
         """What people read in place of its parameters (..., p): name to (...) values and unit; by default nothing."""
         return {}
@@ -230,10 +263,6 @@ class Effect:
     def description(self, robot: Robot, theta: Array) -> Description | None:
         """Words for an effect without a name, with parameters theta (p,); None of those that have one."""
         return None
-
-    def one_sided(self, robot: Robot) -> Integers:
-        """Indices of the amplitudes that cannot be negative."""
-        return np.empty(0, dtype=np.int64)
 
     def change(self, scene: Scene) -> tuple[Array, Array]:
         """(N, n) change of the scene's effort, N m, and its derivatives (N, n, p) by the p amplitudes."""
@@ -252,34 +281,13 @@ class Effect:
 
     def moved(self, step: Array) -> Self:
         """The effect with its own numbers changed by the first entries of the amplitudes step (p,)."""
-        if not self.amplitudes:
-            return self
-        values = np.array(getattr(self, self.amplitudes))
-        changed: Any = {self.amplitudes: tuple((values + step[: len(values)]).tolist())}
-        return replace(self, **changed)
+        for key in (key for key, number in self.number_fields().items() if number.tuned):
+            values = np.array(getattr(self, key))
+            changed: Any = {key: tuple((values + step[: len(values)]).tolist())}
+            return replace(self, **changed)
+        return self
 
 
 def effect_of(name: str) -> str:
     """Name of the effect of which a name in the catalogue is a form."""
     return name.split(".")[0]
-
-
-def named_classes(package: str, folders: Iterable[str]) -> dict[str, Any]:
-    """Name to class, of all classes in the modules of a package that set a `name` themselves.
-
-    Args:
-        package: its full name, as in sys.modules.
-        folders: in which its modules are, its `__path__`.
-    """
-    classes = {}
-    for info in pkgutil.iter_modules(folders):
-        module = importlib.import_module(f"{package}.{info.name}")
-        for value in vars(module).values():
-            if inspect.isclass(value) and value.__module__ == module.__name__ and "name" in vars(value):
-                classes[vars(value)["name"]] = value
-    return classes
-
-
-def _unit_in(joint: Joint, unit: str) -> str:
-    """A unit of a joint that turns, for a joint that may slide."""
-    return unit.replace("N m", "N").replace("rad", "m") if joint.prismatic else unit

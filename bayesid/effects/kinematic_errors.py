@@ -1,39 +1,104 @@
-"""Errors of a robot's Denavit-Hartenberg table: one number of a joint's row is off, and a part of the robot moved."""
+"""A base mounted otherwise, and errors of a robot's Denavit-Hartenberg table: one number of a joint's row is off."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import ClassVar, Self
 
 import numpy as np
 import scipy
 
 from bayesid.arrays import Array
-from bayesid.effects.distortion import Direction, Distortion, Rows
-from bayesid.effects.effect import Phrase, ReadableUnit, Scene
+from bayesid.effects.distortion import Direction, RobotDistortion
+from bayesid.effects.effect import Numbers, Phrase, ReadableUnit, Scene, number
 from bayesid.effects.tuning import TUNING
-from bayesid.motion import Motion
 from bayesid.robot import Joint, Robot
 from bayesid.robot.kinematics import nearest_points
 
-_STEP = 1e-5
-"""m and rad, of the differences: their error is of this size, relative to the effort, and rounding 1e-11 of it."""
 _SAME = 1e-9
 """m and rad up to which two frames are one: rounding."""
 _MILLIMETRES, _DEGREES = ReadableUnit("mm", 1e3), ReadableUnit("degrees", 180.0 / math.pi)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Displacement(Distortion):
-    """Base of errors of one number of a table's rows.
+class BaseTilt(RobotDistortion):
+    """Gravity turned, as the base sees it, about two axes across its nominal direction: the base is mounted otherwise.
+
+    The first is the base's axis that is furthest from gravity, made perpendicular to it; the second is perpendicular to
+    both: x and y of a base that stands upright. Newton-Euler with the base accelerated against gravity (Luh, Walker,
+    Paul 1980).
+
+    Args:
+        angle: (2,) rad, about the first and the second of these axes.
+    """
+
+    angle: Numbers = number("rad", name="tilt", tuned=True, count=2)
+
+    name = "base_tilt"
+    shown_by = "turning the first joint through its whole range with the arm stretched"
+    phrase = Phrase(
+        "The base is tilted by {tilt1} and {tilt2}, about two axes across gravity as the model has it.",
+        "a base tilt",
+        units={"tilt1": _DEGREES, "tilt2": _DEGREES},
+    )
+    acts_on = "robot"
+    typical = (0.1, 0.1, 0.5, 0.5)
+    reveals = True
+    step = 1e-4
+    largest = 1.0
+    """rad; far beyond any floor's."""
+
+    @classmethod
+    def variants(cls, scene: Scene) -> Iterator[Self]:
+        """Neutral."""
+        yield cls(angle=(0.0, 0.0))
+
+    def building(self, robot: Robot) -> Robot:
+        """Under the gravity that the base sees."""
+        turned = scipy.spatial.transform.Rotation.from_rotvec(np.array(self.angle) @ _across(robot.gravity))
+        return replace(robot, gravity=turned.as_matrix() @ robot.gravity)
+
+    def change(self, scene: Scene) -> tuple[Array, Array]:
+        """With what the first link weighs."""
+        shift, columns = super().change(scene)
+        return shift, np.concatenate([columns, _first_link(scene)], axis=2)
+
+    def of_magnitude(self, magnitude: float, direction: Direction, scene: Scene) -> Self:
+        """Turned by an angle, rad."""
+        return self.moved(magnitude * np.array([np.cos(direction.angle), np.sin(direction.angle)]))
+
+
+def _first_link(scene: Scene) -> Array:
+    """(N, n, 2) sine and cosine of the first joint.
+
+    Where gravity lies along its axis, only a tilt shows the weight of link 1; how large it is, no earlier log shows.
+    Zero where the first joint is mounted otherwise.
+    """
+    joint, columns = scene.robot.joints[0], np.zeros((*scene.effort.shape, 2))
+    along = joint.placement[:3, :3] @ joint.axis
+    if not joint.prismatic and np.linalg.norm(np.cross(along, scene.robot.gravity)) < TUNING.parallel:
+        columns[:, 0] = np.stack([np.sin(scene.motion.q[:, 0]), np.cos(scene.motion.q[:, 0])], axis=1)
+    return columns
+
+
+def _across(gravity: Array) -> Array:
+    """(2, 3) unit axes across gravity."""
+    down = gravity / (float(np.linalg.norm(gravity)) or 1.0)
+    first = np.eye(3)[np.argmin(np.abs(down))]
+    first = first - first @ down * down
+    first = first / np.linalg.norm(first)
+    return np.stack([first, np.cross(first, down)])
+
+
+class Displacement(RobotDistortion):
+    """Base of errors of one number of a table's rows (Denavit and Hartenberg 1955).
 
     Args:
         error: (m,) by how much the number is larger than the table has it, m or rad.
     """
 
-    error: tuple[float, ...]
+    error: Numbers = number(tuned=True)
 
     symbol: ClassVar[str]
     """Of the number."""
@@ -41,11 +106,8 @@ class Displacement(Distortion):
     """Whether it is an angle."""
     of_normal: ClassVar[bool]
     """Whether it moves along or about the common normal of two axes (a, alpha), not a joint's axis (d, theta)."""
-    reference = "Denavit and Hartenberg, A kinematic notation for lower-pair mechanisms, 1955"
-    variable = "position"
     needs_earlier = True
     of_table = True
-    amplitudes = "error"
 
     @classmethod
     def variants(cls, scene: Scene) -> Iterator[Self]:
@@ -69,51 +131,41 @@ class Displacement(Distortion):
         move = along_normal if self.of_normal else along_axis
         return move(robot, joint, step, turning=self.of_angle)
 
-    def columns(self, rows: Rows, robot: Robot, motion: Motion) -> Array:
-        """Rows of the robot as it is built."""
-        return rows(self.built(robot), motion)
+    def building(self, robot: Robot) -> Robot:
+        """With all of its errors."""
+        for j, step in zip(self.acting(robot.n_joints), self.error, strict=True):
+            robot = self.displaced(robot, j, step) if step else robot
+        return robot
 
     def change(self, scene: Scene) -> tuple[Array, Array]:
-        """Of the whole model's effort; slopes by differences of the links' alone."""
-        built, moved = self._built(scene.robot), np.zeros_like(scene.effort)
-        if any(self.error):
-            moved = scene.effort_with(built, scene.motion) - scene.effort_as_told
+        """Of the whole model's effort; slopes by differences of the links' alone, zero where they are rounding."""
+        built = self.building(scene.robot)
         here = built.inverse_dynamics(scene.motion, scene.links) if any(self.error) else scene.link_effort
-        slopes = [self._slope(scene, built, here, j) for j in self.acting(scene.robot.n_joints)]
-        return moved, np.stack(slopes, axis=2)
+        slopes = []
+        for j in self.acting(scene.robot.n_joints):
+            moved = self.displaced(built, j, self.step).inverse_dynamics(scene.motion, scene.links)
+            slope = (moved - here) / self.step
+            slope[:, np.abs(slope).max(axis=0) < 1e-8 * np.abs(scene.effort).max()] = 0.0
+            slopes.append(slope)
+        return self.effort(scene) - scene.effort_as_told, np.stack(slopes, axis=2)
 
     def numbers(self, robot: Robot) -> Mapping[str, tuple[float, str]]:
         """The errors."""
         pairs = zip(self.acting(robot.n_joints), self.error, strict=True)
         return {f"{self.symbol}{j + 1}": (float(error), "rad" if self.of_angle else "m") for j, error in pairs}
 
-    def of_magnitude(self, magnitude: float, direction: Direction, scene: Scene) -> Self:
-        """Off by a length or an angle, m or rad."""
-        return replace(self, error=(direction.sign * magnitude,))
-
     def largest_magnitude(self, scene: Scene) -> float:
-        """No table is further off."""
-        return TUNING.widest_error if self.of_angle else TUNING.longest_error
-
-    def _built(self, robot: Robot) -> Robot:
-        for j, step in zip(self.acting(robot.n_joints), self.error, strict=True):
-            robot = self.displaced(robot, j, step) if step else robot
-        return robot
-
-    def _slope(self, scene: Scene, built: Robot, here: Array, joint: int) -> Array:
-        """(N, n) by the number of one joint, N m per m or rad; zero where it is rounding."""
-        slope = (self.displaced(built, joint, _STEP).inverse_dynamics(scene.motion, scene.links) - here) / _STEP
-        slope[:, np.abs(slope).max(axis=0) < 1e-8 * np.abs(scene.effort).max()] = 0.0
-        return slope
+        """Rad or m; no table is further off."""
+        return 0.5 if self.of_angle else 0.1
 
 
-@dataclass(frozen=True, kw_only=True)
 class JointZero(Displacement):
-    """The number theta of a joint's row is off."""
+    """The number theta of a joint's row is off: it was mastered elsewhere, or its encoder has slipped.
+
+    Mooring, Roth, Driels, Fundamentals of Manipulator Calibration, 1991.
+    """
 
     name = "joint_zero"
-    physics = "A joint's zero is off: it was mastered elsewhere, or its encoder has slipped."
-    reference = "Mooring, Roth, Driels, Fundamentals of Manipulator Calibration, 1991"
     shown_by = "moving the joints behind it slowly through their ranges, the arm stretched"
     phrase = Phrase(
         "{whose} zero is off: it stands {zero} further than its position says.",
@@ -123,17 +175,13 @@ class JointZero(Displacement):
         units={"zero": _DEGREES},
     )
     typical = (math.radians(1.0),)
-    symbol = "zero"
-    of_angle = True
-    of_normal = False
+    symbol, of_angle, of_normal = "zero", True, False
 
 
-@dataclass(frozen=True, kw_only=True)
 class LinkLength(Displacement):
-    """The number a of a joint's row is off."""
+    """The number a of a joint's row is off: a link is longer or shorter."""
 
     name = "link_length"
-    physics = "A length a of the Denavit-Hartenberg table is off: a link is longer or shorter."
     shown_by = "moving the joints behind the link through their ranges, fast, in several postures"
     phrase = Phrase(
         "{whose} link is {a} longer than the table's a, by the model's masses.",
@@ -143,17 +191,13 @@ class LinkLength(Displacement):
         units={"a": _MILLIMETRES},
     )
     typical = (0.01,)
-    symbol = "a"
-    of_angle = False
-    of_normal = True
+    symbol, of_angle, of_normal = "a", False, True
 
 
-@dataclass(frozen=True, kw_only=True)
 class LinkOffset(Displacement):
-    """The number d of a joint's row is off."""
+    """The number d of a joint's row is off: a link sits further along its axis."""
 
     name = "link_offset"
-    physics = "A length d of the Denavit-Hartenberg table is off: a link sits further along its axis."
     shown_by = "moving the joints before the link through their ranges, fast, in several postures"
     phrase = Phrase(
         "{whose} link sits {d} further along its axis than the table's d, by the model's masses.",
@@ -163,17 +207,13 @@ class LinkOffset(Displacement):
         units={"d": _MILLIMETRES},
     )
     typical = (0.01,)
-    symbol = "d"
-    of_angle = False
-    of_normal = False
+    symbol, of_angle, of_normal = "d", False, False
 
 
-@dataclass(frozen=True, kw_only=True)
 class LinkTwist(Displacement):
-    """The number alpha of a joint's row is off."""
+    """The number alpha of a joint's row is off: two axes stand askew."""
 
     name = "link_twist"
-    physics = "An angle alpha of the Denavit-Hartenberg table is off: two axes stand askew."
     shown_by = "moving the joints on both sides of the link slowly through their ranges"
     phrase = Phrase(
         "{whose} link is twisted by {alpha} more than the table's alpha, by the model's masses.",
@@ -183,9 +223,7 @@ class LinkTwist(Displacement):
         units={"alpha": _DEGREES},
     )
     typical = (math.radians(1.0),)
-    symbol = "alpha"
-    of_angle = True
-    of_normal = True
+    symbol, of_angle, of_normal = "alpha", True, True
 
 
 # ---------------------------------------------------------------------------------------------------------------

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from typing import Self
 
 import numpy as np
 
 from bayesid.arrays import Array
 from bayesid.effects.axes import Axis, Component, Family, Quantity
-from bayesid.effects.effect import Phrase, Scene
+from bayesid.effects.effect import Numbers, Phrase, Scene, number
 from bayesid.effects.formula import Description, described
-from bayesid.effects.parameters import Cone, Parameter
+from bayesid.effects.parameters import Parameter
 from bayesid.effects.term import Term
 from bayesid.motion import Motion
 from bayesid.robot import Robot
+
+_given = partial(number, given=True)
 
 
 def values_of(robot: Robot, motion: Motion, links: Sequence[float] | Array) -> Callable[[Axis], Array]:
@@ -45,7 +46,6 @@ def values_of(robot: Robot, motion: Motion, links: Sequence[float] | Array) -> C
     return values
 
 
-@dataclass(frozen=True, kw_only=True)
 class LearnedEffect(Term):
     """A sum of functions that a log has shown in one joint, linear in their amplitudes.
 
@@ -69,40 +69,23 @@ class LearnedEffect(Term):
         links: (10 n,) parameters of the rigid bodies that make the load, or none where no variable is a load.
     """
 
-    number: tuple[float, ...] = (1.0,)
-    component: tuple[float, ...]
-    quantity: tuple[float, ...]
-    of_joint: tuple[float, ...]
-    family: tuple[float, ...]
-    low: tuple[float, ...]
-    high: tuple[float, ...]
-    order: tuple[float, ...]
-    count: tuple[float, ...]
-    kept: tuple[float, ...]
-    weights: tuple[float, ...]
-    links: tuple[float, ...] = ()
+    number: Numbers = _given(default=(1.0,))
+    component: Numbers = _given()
+    quantity: Numbers = _given()
+    of_joint: Numbers = _given()
+    family: Numbers = _given()
+    low: Numbers = _given()
+    high: Numbers = _given()
+    order: Numbers = _given()
+    count: Numbers = _given()
+    kept: Numbers = _given()
+    weights: Numbers = _given()
+    links: Numbers = _given(default=())
 
     name = "learned_effect"
-    physics = "An effect without a name: a smooth function of the motion, learned from the log."
-    reference = "Solin and Sarkka, Hilbert space methods for reduced-rank GP regression, 2020"
-    variable = "position"
     shown_by = "moving through all values of its variables, one of them at a time"
     phrase = Phrase("{who} needs an effect without a name.", "an effect without a name")
     can_be_missing = False
-    given = (
-        "number",
-        "component",
-        "quantity",
-        "of_joint",
-        "family",
-        "low",
-        "high",
-        "order",
-        "count",
-        "kept",
-        "weights",
-        "links",
-    )
 
     @classmethod
     def of(
@@ -190,10 +173,6 @@ class LearnedEffect(Term):
         bounds = np.cumsum([int(kept) for kept in self.kept])[:-1]
         amplitudes = [c.weights @ part for c, part in zip(self.components, np.split(theta, bounds), strict=True)]
         return described(self.joints[0], self.components, amplitudes, unit)
-
-    def cone(self, robot: Robot) -> Cone:
-        """Free."""
-        return Cone.free(int(sum(self.kept)))
 
     def columns(self, robot: Robot, motion: Motion) -> Array:
         """(N, n, p) combinations of the products, in the row of the joint."""

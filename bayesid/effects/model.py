@@ -11,7 +11,7 @@ from weakref import ref
 import numpy as np
 
 from bayesid.arrays import Array, Integers, Mask
-from bayesid.effects.distortion import Distortion
+from bayesid.effects.distortion import Distortion, SensorDistortion
 from bayesid.effects.effect import Effect, Scene
 from bayesid.effects.parameters import Cone, Parameter
 from bayesid.effects.term import Term
@@ -141,17 +141,17 @@ class Model:
     @property
     def before_sensors(self) -> Model:
         """The model of the efforts themselves, without what sensors make of them."""
-        return replace(self, distortions=tuple(d for d in self.distortions if not d.of_sensor))
+        return replace(self, distortions=tuple(d for d in self.distortions if not isinstance(d, SensorDistortion)))
 
     @property
     def undelayed(self) -> Model:
         """The model of the efforts at the instants of the motion, not some time later, when they are logged."""
-        return replace(self, distortions=tuple(d for d in self.distortions if not d.of_clock))
+        return replace(self, distortions=tuple(d for d in self.distortions if d.late is None))
 
     @property
     def lag(self) -> float:
         """By how much the efforts of all joints lag behind the motion, s."""
-        return sum(distortion.lag_of_all for distortion in self.distortions)
+        return sum(one.late or 0.0 for one in self.distortions if not one.joints)
 
     def parts(self, theta: Array) -> list[tuple[Term, Array]]:
         """The terms, each with its own part of theta (P,)."""

@@ -1,4 +1,4 @@
-"""Parameters of a model, and the cone in which they may lie."""
+"""Parameters of a model and of an actuator, and the cone in which they may lie."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayesid.arrays import Array, Integers
+from bayesid.robot import Robot
 from bayesid.robot.inertia import PSEUDO_INERTIA_BASIS
 
 
@@ -17,6 +18,37 @@ class Parameter:
     name: str
     unit: str
     joint: int
+
+
+@dataclass(frozen=True)
+class Coefficient:
+    """One of the parameters that an effect has in each actuator.
+
+    Attributes:
+        symbol: its name without the joint; one that ends in a digit needs `_` behind it. No other effect has the same.
+        unit: in a joint that turns; of one that slides, N m is N and rad is m.
+        nonnegative: whether it cannot be negative.
+        adds_to: symbol of the parameter of another effect that it adds to, where a model has it.
+        urdf: key under which a URDF keeps it, if any.
+        mjcf: the same of an MJCF.
+    """
+
+    symbol: str
+    unit: str
+    nonnegative: bool = False
+    adds_to: str = ""
+    urdf: str = ""
+    mjcf: str = ""
+
+    def of_joint(self, robot: Robot, joint: int) -> Parameter:
+        """The parameter of a (0-based) joint."""
+        return Parameter(f"{self.symbol}{joint + 1}", unit_of(robot, joint, self.unit), joint + 1)
+
+
+def unit_of(robot: Robot, joint: int, unit: str) -> str:
+    """A unit of a joint that turns, for a (0-based) joint that may slide."""
+    sliding = robot.joints[joint].prismatic
+    return unit.replace("N m", "N").replace("kg m^2", "kg").replace("rad", "m") if sliding else unit
 
 
 @dataclass(frozen=True)

@@ -6,30 +6,29 @@ which physics a column stands for.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, fields
-from typing import Any, ClassVar, Self
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from itertools import product
+from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 
-from bayesid.arrays import Array, Integers
+from bayesid.arrays import Array
 from bayesid.effects.effect import Effect, Scene
-from bayesid.effects.parameters import Cone, Parameter
+from bayesid.effects.parameters import Coefficient, Cone, Parameter
 from bayesid.errors import InputError
 from bayesid.motion import Motion
 from bayesid.robot import Robot
 
 
-@dataclass(frozen=True, kw_only=True)
 class Term(Effect):
     """An effect that is linear in its parameters."""
 
+    linear = True
     of_links: ClassVar[bool] = False
     """Whether its parameters are inertial ones that add to those of links."""
     links_remark: ClassVar[str] = ""
     """What an exported file says of it at its head; {last} is the last link."""
-    places: ClassVar[Mapping[str, tuple[str, ...]]] = {}
-    """Where exported files keep its parameters: by the format (urdf, mjcf), one key for each parameter of a joint."""
 
     @classmethod
     def for_motion(cls, actuators: Motion) -> Self:
@@ -38,26 +37,22 @@ class Term(Effect):
         Raises:
             InputError: the term has numbers that only a comparison with a log can show.
         """
-        shape = cls.shape_of_motion(actuators)
-        if missing := [field.name for field in fields(cls) if field.name not in ("joints", *shape)]:
+        numbers = cls.number_fields()
+        if missing := [key for key, number in numbers.items() if number.of_motion is None]:
             message = f"{cls.name} has numbers that no motion shows ({', '.join(missing)})"
             raise InputError(message, field="terms", remedy="have `bayesid discrepancy` find it")
-        arguments: dict[str, Any] = dict(shape)
-        return cls(**arguments)
+        shape: Any = {key: tuple(one.of_motion(actuators).tolist()) for key, one in numbers.items() if one.of_motion}
+        return cls(**shape)
 
     @property
     def payloads(self) -> tuple[str, ...]:
         """Labels of the payloads in whose rows alone it acts; of most terms none."""
         return ()
 
-    @classmethod
-    def shape_of_motion(cls, actuators: Motion) -> Mapping[str, tuple[float, ...]]:
-        """The nonlinear numbers that a motion shows, by field, one an actuator."""
+    @property
+    def places(self) -> Mapping[str, tuple[str, ...]]:
+        """Where exported files keep its parameters: by the format (urdf, mjcf), one key for each one of a joint."""
         return {}
-
-    def cone(self, robot: Robot) -> Cone:
-        """The cone of the p parameters."""
-        raise NotImplementedError
 
     def columns(self, robot: Robot, motion: Motion) -> Array:
         """(N, n, p) columns Y: actuator efforts, N m, per unit of each parameter."""
@@ -76,53 +71,58 @@ class Term(Effect):
         """(n, 10) what its parameters theta (p,) add to those of the links."""
         return np.zeros((robot.n_joints, 10))
 
-    def one_sided(self, robot: Robot) -> Integers:
-        """Indices of the parameters that cannot be negative."""
-        return self.cone(robot).nonnegative
-
     def change(self, scene: Scene) -> tuple[Array, Array]:
         """No change by itself, and the columns."""
         return np.zeros(scene.effort.shape), self.columns(scene.robot, scene.motion)
 
 
-@dataclass(frozen=True, kw_only=True)
 class ActuatorTerm(Term):
-    """Base of the effects that act in each actuator by itself."""
+    """Base of the effects that act in each actuator by itself: `coefficients` and `unit_efforts` say which."""
 
-    symbols: ClassVar[tuple[str, ...]]
-    """Of the k parameters of an actuator."""
-    units: ClassVar[tuple[tuple[str, str], ...]]
-    """Of each parameter: in a joint that turns, and in one that slides."""
-    nonnegative: ClassVar[bool] = False
+    coefficients: ClassVar[tuple[Coefficient, ...]]
+    """The k parameters of an actuator."""
+
+    def unit_efforts(self, actuators: Motion) -> Array | Sequence[Array]:
+        """(N, m) effort that its m actuators supply per unit of the parameter, from their motion; k of them, in order.
+
+        Of actuators (u = C q), not joints: a coupled wrist needs no special case.
+        """
+        raise NotImplementedError
 
     @classmethod
     def variants(cls, scene: Scene) -> Iterator[Self]:
-        """In each actuator by itself, over its shapes."""
-        for j in range(1, scene.robot.n_joints + 1):
-            for shape in cls.shapes(scene, j - 1):
-                yield cls(joints=(j,), **{key: (value,) for key, value in shape.items()})
-
-    @classmethod
-    def shapes(cls, scene: Scene, joint: int) -> Iterable[Mapping[str, float]]:
-        """Shapes worth trying in a (0-based) joint: one, without numbers, unless a subclass has some."""
-        return ({},)
+        """In each actuator by itself, over the numbers worth trying there."""
+        numbers = cls.number_fields()
+        for j, motion in enumerate(scene.each, start=1):
+            tried = [(one.tried or one.of_motion or _untold)(motion) for one in numbers.values()]
+            for values in product(*tried):
+                shape: Any = {key: (float(value),) for key, value in zip(numbers, values, strict=True)}
+                yield cls(joints=(j,), **shape)
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
-        """As many an actuator as it has symbols, actuator by actuator."""
-        return tuple(
-            Parameter(f"{symbol}{j + 1}", unit[robot.joints[j].prismatic], j + 1)
-            for j in self.acting(robot.n_joints)
-            for symbol, unit in zip(self.symbols, self.units, strict=True)
-        )
+        """Those of its coefficients, actuator by actuator."""
+        return tuple(one.of_joint(robot, j) for j in self.acting(robot.n_joints) for one in self.coefficients)
 
     def cone(self, robot: Robot) -> Cone:
-        """Free or nonnegative, all alike."""
-        size = len(self.acting(robot.n_joints)) * len(self.symbols)
-        return Cone.orthant(size) if self.nonnegative else Cone.free(size)
+        """Nonnegative where the coefficients are."""
+        signs = np.tile([one.nonnegative for one in self.coefficients], len(self.acting(robot.n_joints)))
+        return replace(Cone.free(len(signs)), nonnegative=np.flatnonzero(signs))
+
+    @property
+    def adds_to(self) -> Mapping[str, str]:
+        """As the coefficients say."""
+        return {one.symbol: one.adds_to for one in self.coefficients if one.adds_to}
+
+    @property
+    def places(self) -> Mapping[str, tuple[str, ...]]:
+        """As the coefficients say."""
+        formats: tuple[Literal["urdf", "mjcf"], ...] = ("urdf", "mjcf")
+        places = {form: tuple(getattr(one, form) for one in self.coefficients) for form in formats}
+        return {form: keys for form, keys in places.items() if all(keys)}
 
     def columns(self, robot: Robot, motion: Motion) -> Array:
         """(N, n, m k) columns of its m actuators: k in an actuator's own row."""
-        columns = np.zeros((len(motion), robot.n_joints, len(self.acting(robot.n_joints)) * len(self.symbols)))
+        columns = np.zeros((len(motion), robot.n_joints, len(self.acting(robot.n_joints)) * len(self.coefficients)))
         self.fill(columns, robot, motion)
         return columns
 
@@ -144,41 +144,35 @@ class ActuatorTerm(Term):
         every[:, self.acting(robot.n_joints)] = efforts
         return every
 
-    def own_columns(self, robot: Robot, motion: Motion) -> Array:
-        """(N, m, k) the same without the rows of other actuators."""
+    def own_columns(self, robot: Robot, motion: Motion, own: Motion | None = None) -> Array:
+        """(N, m, k) the same without the rows of other actuators; of `own`, the motion of its actuators, if known."""
+        efforts = self.unit_efforts(self.own_motion(robot, motion) if own is None else own)
+        return efforts[:, :, None] if isinstance(efforts, np.ndarray) else np.stack(efforts, axis=2)
+
+    def own_motion(self, robot: Robot, motion: Motion) -> Motion:
+        """The motion of its m actuators."""
         actuators = robot.actuators(motion)
-        return self._of_each(actuators.joints(self.acting(robot.n_joints)) if self.joints else actuators)
-
-    def own_columns_in(self, scene: Scene, joint: int) -> Array:
-        """(N, k) the same in one (0-based) actuator of a scene, the only one in which it acts."""
-        return self._of_each(scene.actuator(joint))[:, 0]
-
-    def _of_each(self, actuators: Motion) -> Array:
-        """(N, m, k) efforts, whichever shape they are given in."""
-        efforts = self.unit_efforts(actuators)
-        return efforts[:, :, None] if efforts.ndim == 2 else efforts
+        return actuators.joints(self.acting(robot.n_joints)) if self.joints else actuators
 
     def change_by_joint(self, scene: Scene) -> tuple[dict[int, Array], dict[int, Array]]:
         """Of one actuator, without the rows of others; of several as usual."""
         if len(self.acting(scene.robot.n_joints)) > 1:
             return super().change_by_joint(scene)
         (joint,) = self.acting(scene.robot.n_joints)
-        own = self.own_columns_in(scene, joint)
+        own = self.own_columns(scene.robot, scene.motion, scene.each[joint])[:, 0]
         return {}, {joint: own} if np.any(own) else {}
 
-    def unit_efforts(self, actuators: Motion) -> Array:
-        """(N, m) or (N, m, k) effort per unit of each parameter, from the motion of the term's own m actuators."""
-        raise NotImplementedError
+
+def _untold(actuators: Motion) -> Array:
+    raise NotImplementedError("a number needs `tried` or `of_motion`, or the effect `variants` of its own")
 
 
-@dataclass(frozen=True, kw_only=True)
 class WholeRobotTerm(Term):
     """Base of the effects that are the whole robot's."""
 
-    by_joint: ClassVar[bool] = False
-    whole_robot: ClassVar[bool] = True
+    acts_on = "robot"
 
     @classmethod
     def variants(cls, scene: Scene) -> Iterable[Self]:
-        """One."""
-        return (cls(),)
+        """One; none of what no model lacks."""
+        return (cls(),) if cls.can_be_missing else ()

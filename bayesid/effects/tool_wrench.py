@@ -1,13 +1,12 @@
-"""A constant force on the tool."""
+"""A constant force on the tool, and a couple: what the actuators supply against it is -J' F (virtual work)."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import ClassVar
 
 from bayesid.arrays import Array
 from bayesid.effects.effect import Phrase
-from bayesid.effects.parameters import Cone, Parameter
+from bayesid.effects.parameters import Parameter
 from bayesid.effects.term import WholeRobotTerm
 from bayesid.motion import Motion
 from bayesid.robot import Robot
@@ -16,14 +15,10 @@ _FORCE = (("x", "N"), ("y", "N"), ("z", "N"))
 _COUPLE = (("rx", "N m"), ("ry", "N m"), ("rz", "N m"))
 
 
-@dataclass(frozen=True, kw_only=True)
 class ToolWrench(WholeRobotTerm):
-    """A force that the environment applies to the last link's frame, constant along the base's axes; free."""
+    """A force from outside on the last link's frame, such as a hose that pulls, constant along the base's axes."""
 
     name = "tool_wrench"
-    physics = "A constant force from outside on the tool, such as a hose that pulls or a contact."
-    reference = "Principle of virtual work: -J' F"
-    variable = "position"
     shown_by = "moving the tool slowly through space, and turning it in place"
     phrase = Phrase("A force of {wbx}, {wby} and {wbz} along the base's axes acts on the tool.", "a force on the tool")
     in_base: ClassVar[bool] = True
@@ -35,48 +30,38 @@ class ToolWrench(WholeRobotTerm):
         n = robot.n_joints
         return tuple(Parameter(f"{self.symbol}{axis}{n}", unit, n) for axis, unit in self.parts)
 
-    def cone(self, robot: Robot) -> Cone:
-        """Free."""
-        return Cone.free(len(self.parts))
-
     def columns(self, robot: Robot, motion: Motion) -> Array:
         """(N, n, 3 or 6) what the actuators supply against it."""
         return -robot.tool_jacobian(motion, self.in_base).swapaxes(1, 2)[:, :, : len(self.parts)]
 
 
-@dataclass(frozen=True, kw_only=True)
 class BaseWrench(ToolWrench):
-    """A force and a couple along the base's axes; free."""
+    """A force and a couple along the base's axes."""
 
     name = "tool_wrench.couple"
-    physics = "A constant force and couple from outside on the tool, along the axes of the base."
     phrase = Phrase(
         "A force of {wcx}, {wcy} and {wcz} and a couple of {wcrx}, {wcry} and {wcrz} along the base's axes "
         "act on the tool."
     )
-    parts: ClassVar[tuple[tuple[str, str], ...]] = (*_FORCE, *_COUPLE)
-    symbol: ClassVar[str] = "wc"
+    parts = (*_FORCE, *_COUPLE)
+    symbol = "wc"
 
 
-@dataclass(frozen=True, kw_only=True)
 class FollowingForce(ToolWrench):
-    """A force that turns with the tool; free."""
+    """A force that turns with the tool, such as a jet or a preloaded contact."""
 
     name = "tool_wrench.following"
-    physics = "A constant force that turns with the tool, such as a jet or a preloaded contact."
     phrase = Phrase("A force of {wtx}, {wty} and {wtz} acts on the tool and turns with it.")
-    in_base: ClassVar[bool] = False
-    symbol: ClassVar[str] = "wt"
+    in_base = False
+    symbol = "wt"
 
 
-@dataclass(frozen=True, kw_only=True)
 class FollowingWrench(FollowingForce):
-    """A force and a couple that turn with the tool; free."""
+    """A force and a couple that turn with the tool."""
 
     name = "tool_wrench.following_couple"
-    physics = "A constant force and couple that turn with the tool."
     phrase = Phrase(
         "A force of {wfx}, {wfy} and {wfz} and a couple of {wfrx}, {wfry} and {wfrz} act on the tool and turn with it."
     )
-    parts: ClassVar[tuple[tuple[str, str], ...]] = (*_FORCE, *_COUPLE)
-    symbol: ClassVar[str] = "wf"
+    parts = (*_FORCE, *_COUPLE)
+    symbol = "wf"

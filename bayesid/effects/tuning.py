@@ -91,18 +91,6 @@ class Tuning:
     """m/s^2 of gravity across the first axis, below which the first link's weight is taken to have left no trace: that
     of a tilt of 0.6 degrees."""
 
-    # largest simulated distortions
-    steepest_tilt: float = 1.0
-    """rad; a round number, far beyond any floor's."""
-    longest_error: float = 0.1
-    """m, of a length of the table; a round number, far beyond any table's."""
-    widest_error: float = 0.5
-    """rad, of an angle of the table; likewise."""
-    largest_ratio: float = 1.0
-    """Error of a gear ratio: the joint turns twice as far as it says."""
-    largest_gain: float = 2e3
-    """Twice the level that `bayesid.simulation.logs` takes at most: a gain changes efforts in proportion."""
-
     # learned effects
     margin: float = 0.15
     """Share of the range by which the interval of the cosines is longer at either end: they end flat there, and

@@ -95,7 +95,7 @@ def equivalent_classes(found: Sequence[tuple[str, tuple[int, ...], Mapping[str, 
 
 def _placed(effect: str, joints: tuple[int, ...]) -> tuple[int, ...]:
     kind = main_forms().get(effect)
-    return joints if kind is None or kind.by_joint else ()
+    return joints if kind is None or kind.acts_on != "robot" else ()
 
 
 def parse_key(text: str) -> EffectKey:

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from bayesid.arrays import Array, Mask
-from bayesid.effects.load_dependent_friction import LoadDependentFriction
+from bayesid.effects.friction import LoadDependentFriction
 from bayesid.identification.tuning import TUNING
 from bayesid.log.gains import Gains
 from bayesid.log.log import Log

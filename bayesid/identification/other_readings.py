@@ -29,9 +29,9 @@ from scipy.spatial.transform import Rotation
 
 from bayesid.arrays import Array, Integers, Mask
 from bayesid.effects import STANDARD
+from bayesid.effects.bodies import carried_payloads
 from bayesid.effects.catalogue import TERMS
 from bayesid.effects.model import Model
-from bayesid.effects.payload import carried_payloads
 from bayesid.identification.tuning import TUNING
 from bayesid.motion import Motion
 from bayesid.regression.evidence import Evidence

@@ -23,9 +23,9 @@ import numpy as np
 from scipy.special import chdtri, ndtri
 
 from bayesid.arrays import Array, Integers, Mask
+from bayesid.effects.bodies import Payload
 from bayesid.effects.coefficients import base_coefficients, embedding
 from bayesid.effects.model import Model
-from bayesid.effects.payload import Payload
 from bayesid.errors import InputError
 from bayesid.files.bounded import LARGEST
 from bayesid.identification.gains import BY_PRIOR, IdentifiedGains

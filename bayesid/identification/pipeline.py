@@ -16,9 +16,9 @@ import numpy as np
 
 from bayesid.arrays import Array
 from bayesid.effects import STANDARD, Term, catalogue
+from bayesid.effects.bodies import carried_payloads
 from bayesid.effects.coefficients import BaseCoefficients, base_coefficients
 from bayesid.effects.model import Model
-from bayesid.effects.payload import carried_payloads
 from bayesid.errors import InputError
 from bayesid.identification.gains import UnknownGains, widened_by_gains
 from bayesid.identification.identification import Identification

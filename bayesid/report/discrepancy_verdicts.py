@@ -164,10 +164,10 @@ def _below_zero(added: AddedEffect) -> list[str]:
     """What an effect would make negative that cannot be: the friction that it adds to."""
     impossible = []
     for symbol, other in added.hypothesis.source.adds_to.items():
-        term = owner(other)
+        term, coefficient = owner(other)
         for joint in added.joints:
             number = added.parameters.get(f"{other}{joint}", added.parameters.get(f"{symbol}{joint}"))
-            if term.nonnegative and number is not None and number[0] < 0.0:
+            if coefficient.nonnegative and number is not None and number[0] < 0.0:
                 impossible.append(f"the {label(term.name)} of joint {joint}")
     return impossible
 

@@ -91,8 +91,8 @@ def tracked_name(one: TrackedParameter) -> str:
     effect, _, form = one.effect.partition(".")
     kind = forms()[one.effect]
     details = [form.replace("_", " ")] if form else []
-    details += [one.name.rstrip("0123456789")] if len(getattr(kind, "symbols", "")) > 1 else []
-    where = f"joint {one.joint}: " if kind.by_joint else ""
+    details += [one.name.rstrip("0123456789")] if len(getattr(kind, "coefficients", ())) > 1 else []
+    where = f"joint {one.joint}: " if kind.acts_on != "robot" else ""
     return f"{where}{label(effect)}{f' ({listed(details)})' if details else ''}"
 
 

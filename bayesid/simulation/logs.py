@@ -12,7 +12,7 @@ from bayesid.arrays import Array
 from bayesid.effects import RigidBody, Term
 from bayesid.effects.catalogue import main_forms
 from bayesid.effects.coefficients import base_coefficients
-from bayesid.effects.distortion import Direction, Distortion
+from bayesid.effects.distortion import Direction, Distortion, SensorDistortion
 from bayesid.effects.effect import Scene
 from bayesid.effects.model import Model
 from bayesid.errors import InputError, near_names
@@ -173,7 +173,8 @@ def with_effects(
     streams = [np.random.default_rng([seed, k]) for k in range(1, len(added) + 1)]
     pairs = [(effect, rng) for effect, rng in zip(added, streams, strict=True) if effect.level > 0.0]
     drawn = [(_form(effect, scene, rng), effect, rng) for effect, rng in pairs]
-    for form, effect, rng in sorted(drawn, key=lambda each: (isinstance(each[0], Distortion), each[0].of_sensor)):
+    kinds = Distortion, SensorDistortion
+    for form, effect, rng in sorted(drawn, key=lambda each: [isinstance(each[0], kind) for kind in kinds]):
         if isinstance(form, Distortion):
             here = _scene(model, theta, motion)
             model = model.extend(_scaled_distortion(form, effect, model, here, theta, rng))
@@ -249,7 +250,7 @@ def _scaled_distortion(
         if magnitude == 0.0:
             return 0.0
         distortion = distorted(magnitude)
-        sensor = distortion.of_sensor
+        sensor = isinstance(distortion, SensorDistortion)
         after = distortion.measured(before) if sensor else model.extend(distortion).effort(scene.motion, theta)
         return float(rms(after - before)[j] / whole)
 

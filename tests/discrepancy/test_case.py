@@ -7,7 +7,7 @@ from conftest import small_robot, smooth_motion
 
 from bayesid.discrepancy.case import Case, HeldBack
 from bayesid.effects.catalogue import make_terms
-from bayesid.effects.delay import Delay
+from bayesid.effects.drive import Delay
 from bayesid.effects.hysteresis import Hysteresis
 from bayesid.effects.model import Model
 from bayesid.regression.knowledge import KinematicTolerance, Knowledge

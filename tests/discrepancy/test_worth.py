@@ -10,10 +10,9 @@ from made_trials import RATE, made_trial
 from bayesid.discrepancy.case import Case, HeldBack
 from bayesid.discrepancy.sets import costs
 from bayesid.discrepancy.workflow import effort_size, own_effort
-from bayesid.effects.coulomb_friction import CoulombFriction
-from bayesid.effects.gain_error import GainError
+from bayesid.effects.drive import GainError, TorqueOffset
+from bayesid.effects.friction import CoulombFriction
 from bayesid.effects.model import Model
-from bayesid.effects.torque_offset import TorqueOffset
 from bayesid.regression.knowledge import Knowledge
 from bayesid.regression.selection.columns import Columns
 from bayesid.regression.selection.hypotheses import Hypothesis

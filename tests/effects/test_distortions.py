@@ -6,11 +6,12 @@ from distorted_arms import BEGIN, FASTEST, RATE, READ, TABLES, cubics, shared_ar
 from oracles import assert_close
 
 from bayesid.effects.catalogue import DISTORTIONS, make_effect
+from bayesid.effects.distortion import SensorDistortion
 from bayesid.effects.tuning import TUNING
 
 DECAY = 2.0 - np.sqrt(3.0)  # of what a cubic spline's end does, per knot
 NOT_THE_FIRST = slice(20, None)  # at the beginning a delayed motion is not known
-READINGS = [name for name in DISTORTIONS if DISTORTIONS[name].of_sensor]  # change what is read; the others change rows
+READINGS = [name for name, kind in DISTORTIONS.items() if issubclass(kind, SensorDistortion)]  # the others change rows
 OF_TABLE = {"link_length": "a", "link_twist": "alpha", "link_offset": "d", "joint_zero": "zero"}
 OF_ROBOT = ("base_tilt", "gear_ratio", *OF_TABLE)  # what changes the robot or its motion acts in all joints
 TUNED = [name for name in DISTORTIONS if np.any(np.greater(DISTORTIONS[name].typical, 0.0))]

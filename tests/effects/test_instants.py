@@ -5,14 +5,11 @@ import pytest
 from conftest import small_robot, smooth_motion
 
 from bayesid.effects import STANDARD, catalogue
-from bayesid.effects.base_tilt import BaseTilt
-from bayesid.effects.delay import Delay
-from bayesid.effects.gain_error import GainError
+from bayesid.effects.drive import Delay, GainError
+from bayesid.effects.friction import LoadDependentFriction, StribeckFriction
 from bayesid.effects.hysteresis import ElasticHysteresis, Hysteresis, LayeredHysteresis, SmoothHysteresis
-from bayesid.effects.kinematic_errors import LinkLength
-from bayesid.effects.load_dependent_friction import LoadDependentFriction
+from bayesid.effects.kinematic_errors import BaseTilt, LinkLength
 from bayesid.effects.model import Model
-from bayesid.effects.stribeck_friction import StribeckFriction
 from bayesid.motion import Instant, unlabelled
 from bayesid.robot import load_robot
 from bayesid.simulation.parameters import random_parameters

@@ -14,7 +14,7 @@ import bayesid
 from bayesid.cli import main
 from bayesid.effects.catalogue import forms, make_terms, registered_effects
 from bayesid.effects.model import Model
-from bayesid.effects.parameters import Cone
+from bayesid.effects.parameters import Coefficient, Cone
 from bayesid.regression.selection.hypotheses import hypotheses
 from bayesid.robot import load_robot, robot_from_table
 from bayesid.simulation.logs import parse_effect, with_effects
@@ -193,7 +193,7 @@ def test_what_is_no_term_or_does_not_suit_is_refused(arm, log, kinds):
         (broken(unit_efforts=lambda self, actuators: np.nan * actuators.dq), "columns are not finite"),
         (broken(columns=columns_of((2, 3))), r"columns are \(8, 2, 3\), expected \(8, 2, 2\)"),
         (broken(cone=lambda self, robot: Cone.free(5)), "cone is of 5 parameters, it has 2"),
-        (broken(symbols=("m",)), "two terms have a parameter m1"),
+        (broken(coefficients=(Coefficient("m", "N m"),)), "two terms have a parameter m1"),
         (kinds[0], r"give a term: FanDrag\(\)"),
         (3, "neither the name of a term nor a term"),
         (kinds[1](joints=(2,), width=(0.1,)), "neither the name of a term nor a term"),

@@ -8,7 +8,7 @@ from conftest import smooth_motion
 from open_results import TERMS, earlier_motion, open_result
 
 from bayesid.discrepancy.workflow import find_discrepancy
-from bayesid.effects.stribeck_friction import StribeckFriction
+from bayesid.effects.friction import StribeckFriction
 from bayesid.excitation.next_motion import RunSettings, design_next
 from bayesid.excitation.rivals import equivalent_classes
 from bayesid.identification.pipeline import identify

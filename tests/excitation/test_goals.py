@@ -8,7 +8,7 @@ from conftest import smooth_motion
 from open_results import open_known
 
 from bayesid.cli.terminal import in_options
-from bayesid.effects.payload import CarriedPayload
+from bayesid.effects.bodies import CarriedPayload
 from bayesid.errors import InputError
 from bayesid.excitation.goals import CRITERIA, Goal, goal_of, information_gain, open_coefficients, usual_motion
 

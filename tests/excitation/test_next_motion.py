@@ -6,7 +6,7 @@ import pytest
 from open_results import LIMITS, TERMS, earlier_motion, open_result
 
 from bayesid.cli.terminal import in_options
-from bayesid.effects.payload import CarriedPayload
+from bayesid.effects.bodies import CarriedPayload
 from bayesid.errors import InputError
 from bayesid.excitation.next_motion import RunSettings, design_next, slowed
 from bayesid.excitation.tuning import TUNING

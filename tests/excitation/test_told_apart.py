@@ -9,9 +9,9 @@ from open_results import LIMITS, TERMS, earlier_motion, open_known, open_result
 from scipy.stats import multivariate_normal
 
 from bayesid.cli.terminal import in_options
-from bayesid.effects.base_tilt import BaseTilt
-from bayesid.effects.delay import Delay
-from bayesid.effects.stribeck_friction import StribeckFriction
+from bayesid.effects.drive import Delay
+from bayesid.effects.friction import StribeckFriction
+from bayesid.effects.kinematic_errors import BaseTilt
 from bayesid.errors import InputError
 from bayesid.excitation.goals import usual_motion
 from bayesid.excitation.known import known_of

@@ -71,9 +71,9 @@ def made(name, joints, n=3):
     """An effect of a catalogue, on some of the joints."""
     kind = {**TERMS, **DISTORTIONS}[name]
     needed = {one.name for one in fields(kind)} - {"joints", "links"}
-    count = {key: kind.counts.get(key, len(joints)) for key in needed}
+    count = {key: kind.number_fields()[key].count or len(joints) for key in needed}
     shape = {key: [NUMBERS.get(key, 0.37) * (1.0 + i / 7.0) for i in range(count[key])] for key in needed}
-    shape |= {key: ["tool1"] for key in kind.words}
+    shape |= {key: ["tool1"] for key in needed & {"label"}}
     shape |= {"links": np.linspace(-1.0, 2.0, 10 * n).tolist()} if name == "load_dependent_friction" else {}
     if (issubclass(kind, ActuatorTerm) or name in DISTORTIONS) and name != "base_tilt":
         shape["joints"] = joints

@@ -11,9 +11,9 @@ from conftest import small_robot
 from oracles import assert_close
 
 import bayesid
+from bayesid.effects.bodies import CarriedPayload
 from bayesid.effects.catalogue import make_effect, make_terms
 from bayesid.effects.model import Model
-from bayesid.effects.payload import CarriedPayload
 from bayesid.errors import InputError
 from bayesid.identification.model_file import load_model
 from bayesid.log.log import join_logs

@@ -11,10 +11,10 @@ from conftest import real_log, small_robot, smooth_motion
 import bayesid
 from bayesid.effects import STANDARD
 from bayesid.effects.catalogue import make_terms
-from bayesid.effects.clipping import Clipping
 from bayesid.effects.coefficients import base_coefficients
-from bayesid.effects.delay import Delay
+from bayesid.effects.drive import Delay
 from bayesid.effects.model import Model
+from bayesid.effects.sensors import Clipping
 from bayesid.effects.tuning import TUNING
 from bayesid.errors import InputError
 from bayesid.identification.identified_model import IdentifiedModel

@@ -9,7 +9,7 @@ from tracked_arm import RATE, T, changed, identified, right_share, run, stream, 
 
 import bayesid
 from bayesid.effects import RigidBody
-from bayesid.effects.coulomb_friction import CoulombFriction
+from bayesid.effects.friction import CoulombFriction
 from bayesid.effects.model import Model
 from bayesid.errors import InputError
 from bayesid.identification.identification import Identification

@@ -12,7 +12,7 @@ from sign_problems import synthetic
 from bayesid.effects import STANDARD
 from bayesid.effects.catalogue import make_terms
 from bayesid.effects.coefficients import base_coefficients
-from bayesid.effects.load_dependent_friction import LoadDependentFriction
+from bayesid.effects.friction import LoadDependentFriction
 from bayesid.effects.model import Model
 from bayesid.errors import SolverError
 from bayesid.regression.solver import MARGIN, ConeLeastSquares, move_inside, solve_precisely

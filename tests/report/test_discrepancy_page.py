@@ -6,8 +6,8 @@ from html_page import Page
 from made_discrepancy import COULOMB, NOISE, NOTHING, PREDICTED_AFTER, PREDICTED_BEFORE, TRIAL, found, friction, make
 from test_discrepancy_verdicts import BODY, DRIFT, OWN, partly_explained
 
-from bayesid.effects.payload import Payload
-from bayesid.effects.torque_offset import TorqueOffset
+from bayesid.effects.bodies import Payload
+from bayesid.effects.drive import TorqueOffset
 from bayesid.report.discrepancy_verdicts import discrepancy_checks, lead
 from bayesid.report.pages.discrepancy_page import discrepancy_page
 from bayesid.report.pages.rendering import typeset

@@ -9,15 +9,13 @@ from made_discrepancy import FRICTION, NOTHING, floor_of, found, friction, made_
 
 from bayesid import effects
 from bayesid.discrepancy.case import Excess
-from bayesid.effects.base_tilt import BaseTilt
+from bayesid.effects.bodies import CarriedPayload, Payload
 from bayesid.effects.catalogue import forms, make_effect
-from bayesid.effects.coulomb_friction import CoulombFriction
-from bayesid.effects.delay import Delay
-from bayesid.effects.gain_error import GainError
+from bayesid.effects.drive import Delay, GainError, TorqueOffset
+from bayesid.effects.friction import CoulombFriction
+from bayesid.effects.kinematic_errors import BaseTilt
 from bayesid.effects.learned_effect import LearnedEffect
-from bayesid.effects.payload import CarriedPayload, Payload
 from bayesid.effects.thermal_drift import ThermalDrift
-from bayesid.effects.torque_offset import TorqueOffset
 from bayesid.regression.selection.added_effect import Cost, EffortSize
 from bayesid.report.discrepancy_verdicts import discrepancy_checks, lead
 from bayesid.report.words import quantity, rounded
@@ -204,11 +202,12 @@ def test_what_was_found_and_what_is_left_leads():
 
 def numbers_of(kind):
     """Names, without joints, that a form's numbers have in a result."""
+    told = {number.name or key for key, number in kind.number_fields().items() if number.unit}
     if issubclass(kind, effects.Distortion):
-        own = {"base_tilt": {"tilt1", "tilt2"}, "delay": {"lag"}, "gear_ratio": {"ratio"}}
-        return {kind.symbol} if kind.of_table else own.get(kind.name, set(kind.shape_units))
+        own = {"base_tilt": {"tilt1", "tilt2"}, "delay": {"lag"}}
+        return {kind.symbol} if kind.of_table else own.get(kind.name, told)
     if issubclass(kind, effects.ActuatorTerm):
-        return {symbol.rstrip("_") for symbol in kind.symbols} | set(kind.shape_units)
+        return {one.symbol.rstrip("_") for one in kind.coefficients} | told
     if kind is LearnedEffect:  # its formula holds them
         return set()
     if kind is CarriedPayload:

@@ -7,7 +7,7 @@ from scipy import stats
 
 from bayesid.effects import STANDARD, RigidBody, TorqueOffset, ViscousFriction
 from bayesid.effects.catalogue import main_forms, make_terms
-from bayesid.effects.delay import FASTEST_HARMONIC
+from bayesid.effects.drive import FASTEST_HARMONIC
 from bayesid.effects.model import Model
 from bayesid.errors import InputError
 from bayesid.motion import Motion
@@ -156,7 +156,7 @@ def test_a_model_without_bodies_and_a_model_of_one_joint():
 
 
 NAMES = tuple(main_forms())
-OF_ALL = tuple(name for name, kind in main_forms().items() if not kind.by_joint)
+OF_ALL = tuple(name for name, kind in main_forms().items() if kind.acts_on == "robot")
 OF_TABLE = {"link_length": 3, "link_twist": 4, "joint_zero": 2, "gear_ratio": 3, "link_offset": None}
 """Of this joint and those before it; each with the joint in which a table can be as far off as here."""
 

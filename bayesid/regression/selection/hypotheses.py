@@ -11,8 +11,8 @@ import numpy as np
 
 from bayesid.arrays import TINY, Array, Mask
 from bayesid.effects import STANDARD, catalogue
-from bayesid.effects.coulomb_friction import DryTerm
 from bayesid.effects.effect import Effect, Scene, effect_of
+from bayesid.effects.friction import DryTerm
 from bayesid.effects.model import Model
 from bayesid.motion import Motion
 from bayesid.regression.selection.columns import NO_COLUMNS, Columns, stacked
@@ -169,7 +169,7 @@ def _columns(source: Effect, scene: Scene, size: Array, used: Mask, new: bool) -
     else:
         sd = usual_amplitudes(rows, size, used)
     positive = np.zeros(len(sd), dtype=bool)
-    positive[source.one_sided(scene.robot)] = new
+    positive[source.cone(scene.robot).nonnegative] = new
     return Columns(rows, shifts, sd, positive)
 
 

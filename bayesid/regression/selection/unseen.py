@@ -21,7 +21,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import ClassVar
 
 import numpy as np
 import scipy
@@ -46,11 +45,10 @@ KINEMATICS: tuple[str, tuple[int, ...]] = ("kinematics", ())
 """Where effects are named: the robot's geometry."""
 
 
-@dataclass(frozen=True)
 class _Geometry(Effect):
     """The robot's geometry, off its table: always there, and not of the catalogue."""
 
-    name: ClassVar[str] = KINEMATICS[0]
+    name = KINEMATICS[0]
 
 
 @dataclass(frozen=True)

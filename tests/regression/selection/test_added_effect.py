@@ -7,7 +7,7 @@ import pytest
 
 from bayesid.discrepancy.case import NoiseFloor
 from bayesid.effects.catalogue import make_effect
-from bayesid.effects.joint_spring import JointSpring
+from bayesid.effects.springs import JointSpring
 from bayesid.regression.knowledge import Information
 from bayesid.regression.selection.added_effect import all_along, was_there
 from bayesid.regression.selection.columns import NO_COLUMNS, Columns, Whitening

@@ -91,7 +91,7 @@ def test_every_effect_is_tried_wherever_it_may_be():
     expected |= {of_link: alone - {(1,)} for of_link in ("link_length", "link_twist", "link_offset")}
     for name in EFFECTS:
         found = {one.joints for one in case().all() if one.effect == name}
-        by_joint = name in NAMES.split() or main_forms()[name].by_joint
+        by_joint = name in NAMES.split() or main_forms()[name].acts_on != "robot"
         assert found == expected.get(name, alone if by_joint else {()}), name
 
 

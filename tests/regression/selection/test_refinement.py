@@ -11,7 +11,7 @@ from completion_problems import BASE, LAG, MOTION, THETA, TOP, identified, log_w
 
 from bayesid.effects.catalogue import make_effect
 from bayesid.effects.coefficients import base_coefficients
-from bayesid.effects.delay import Delay
+from bayesid.effects.drive import Delay
 from bayesid.log.segments import Cutting, find_segments
 from bayesid.log.signals import prepare
 from bayesid.regression.knowledge import Information

@@ -1,15 +1,14 @@
-"""A body on the last link: one that a model lacks, and one of which logs say that they carry it."""
+"""Rigid bodies: the robot's links, a payload that a model lacks, and payloads that logs say they carry."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 from typing import Self
 
 import numpy as np
 
 from bayesid.arrays import Array
-from bayesid.effects.effect import Phrase, Scene
+from bayesid.effects.effect import Phrase, number
 from bayesid.effects.parameters import Cone, Parameter
 from bayesid.effects.term import WholeRobotTerm
 from bayesid.effects.tuning import TUNING
@@ -19,12 +18,47 @@ from bayesid.robot import Robot
 from bayesid.robot.inertia import NAMES, UNITS, about_centre_of_mass
 
 
-@dataclass(frozen=True, kw_only=True)
-class BodyOnFlange(WholeRobotTerm):
-    """Ten inertial parameters of a body fixed to the last link, in that link's frame."""
+class RigidBody(WholeRobotTerm):
+    """Rigid links: inertia, Coriolis, centrifugal and gravity torques, linear in ten parameters a link.
 
-    reference = "Atkeson, An, Hollerbach, Inertial parameters of manipulator loads and links, 1986"
-    variable = "load"
+    The parameters are those of `bayesid.robot.inertia`. Atkeson, An, Hollerbach, IJRR 1986.
+    """
+
+    name = "rigid_body"
+    shown_by = "an exciting trajectory"
+    can_be_missing = False
+    of_links = True
+
+    def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
+        """Ten a link, from base to tip: Jxx of link 2 is J2xx, mcx is mc2x, m is m2, as in the literature."""
+        stems = [name.rstrip("xyz") for name in NAMES]
+        parts = [(stem, name[len(stem) :], unit) for stem, name, unit in zip(stems, NAMES, UNITS, strict=True)]
+        links = range(1, robot.n_joints + 1)
+        return tuple(Parameter(f"{stem}{i}{axes}", unit, i) for i in links for stem, axes, unit in parts)
+
+    def cone(self, robot: Robot) -> Cone:
+        """One positive semidefinite pseudo-inertia a link."""
+        return Cone.rigid_bodies(robot.n_joints)
+
+    def columns(self, robot: Robot, motion: Motion) -> Array:
+        """(N, n, 10 n) Newton-Euler regressor."""
+        return robot.regressor(motion)
+
+    def effort(self, robot: Robot, motion: Motion, theta: Array) -> Array:
+        """(N, n) by recursive Newton-Euler."""
+        return robot.inverse_dynamics(motion, theta)
+
+    def link_parameters(self, robot: Robot, theta: Array) -> Array:
+        """(n, 10) the parameters themselves."""
+        return theta.reshape(-1, 10)
+
+
+class BodyOnFlange(WholeRobotTerm):
+    """Ten inertial parameters of a body fixed to the last link, in that link's frame.
+
+    Atkeson, An, Hollerbach, Inertial parameters of manipulator loads and links, 1986.
+    """
+
     shown_by = "turning the wrist while the arm is stretched and at rest, then accelerating it"
 
     def readable(self, values: Array) -> Mapping[str, tuple[Array, str]]:
@@ -35,9 +69,13 @@ class BodyOnFlange(WholeRobotTerm):
             **{f"centre of mass {axis}": (centre[..., k], "m") for k, axis in enumerate("xyz")},
             **{
                 f"inertia {'xyz'[i]}{'xyz'[j]}": (inertia[..., i, j], "kg m^2")
-                for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+                for i, j in zip(*np.triu_indices(3), strict=True)
             },
         }
+
+    def suffixed(self, suffix: str, robot: Robot) -> tuple[Parameter, ...]:
+        """Jxx ... m with an ending of their own."""
+        return tuple(Parameter(name + suffix, unit, robot.n_joints) for name, unit in zip(NAMES, UNITS, strict=True))
 
     def cone(self, robot: Robot) -> Cone:
         """A positive semidefinite pseudo-inertia."""
@@ -48,15 +86,10 @@ class BodyOnFlange(WholeRobotTerm):
         return robot.regressor(motion)[:, :, -10:]
 
 
-@dataclass(frozen=True, kw_only=True)
 class Payload(BodyOnFlange):
-    """A body that the model lacks.
-
-    Without an earlier model they cannot be separated from the last link's own.
-    """
+    """A body that the model lacks; without an earlier model it cannot be separated from the last link."""
 
     name = "payload"
-    physics = "A body held by the flange: inertia, Coriolis, centrifugal and gravity torques."
     phrase = Phrase(
         "The robot carries a payload of {mp} that the model lacks.",
         "a payload",
@@ -68,7 +101,6 @@ class Payload(BodyOnFlange):
         brief="a payload of {mass} kg at ({centre of mass x}, {centre of mass y}, {centre of mass z}) m in the last "
         "link's frame",
     )
-
     of_links = True
     links_remark = "{last} includes the payload."
     needs_earlier = True
@@ -76,10 +108,8 @@ class Payload(BodyOnFlange):
     typical_scales = (0.1, 0.5, 3.0)  # kg
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
-        """Jxxp ... mp."""
-        return tuple(
-            Parameter(f"{name}p{robot.n_joints}", unit, robot.n_joints) for name, unit in zip(NAMES, UNITS, strict=True)
-        )
+        """Jxxp6 ... mp6 of six joints."""
+        return self.suffixed(f"p{robot.n_joints}", robot)
 
     def link_parameters(self, robot: Robot, theta: Array) -> Array:
         """(n, 10) added to the last link, in whose frame they are."""
@@ -91,7 +121,6 @@ def carried_payloads(motion: Motion) -> tuple[CarriedPayload, ...]:
     return tuple(CarriedPayload(label=(label,)) for label in np.unique(motion.payload).tolist() if label)
 
 
-@dataclass(frozen=True, kw_only=True)
 class CarriedPayload(BodyOnFlange):
     """A body that the flange carries in the rows of its label alone, beside rows without it.
 
@@ -101,25 +130,17 @@ class CarriedPayload(BodyOnFlange):
         label: (1,) of the rows, as in `bayesid.Log.carrying`.
     """
 
-    label: tuple[str, ...]
+    label: tuple[str, ...] = number(given=True, count=1)
 
     name = "payload.carried"
-    physics = "A body that the flange holds while some of the logs are recorded."
     phrase = Phrase("Some logs are of a flange that carries {m}.", "a payload of some logs", size="m")
     can_be_missing = False
-    words = ("label",)
-    counts = {"label": 1}
 
     @classmethod
     def for_motion(cls, actuators: Motion) -> Self:
         """None for all of a motion: logs say what they carry."""
         remedy = "leave it out, and say which log carries something by `Log.carrying`"
         raise InputError(f"{cls.name} is no term of every log", field="terms", remedy=remedy)
-
-    @classmethod
-    def variants(cls, scene: Scene) -> Iterable[Self]:
-        """None: what a log carries is said, not sought."""
-        return ()
 
     @property
     def payloads(self) -> tuple[str, ...]:
@@ -136,10 +157,7 @@ class CarriedPayload(BodyOnFlange):
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
         """Jxx_tool1 ... m_tool1."""
-        (label,) = self.label
-        return tuple(
-            Parameter(f"{name}_{label}", unit, robot.n_joints) for name, unit in zip(NAMES, UNITS, strict=True)
-        )
+        return self.suffixed(f"_{self.label[0]}", robot)
 
     def columns(self, robot: Robot, motion: Motion) -> Array:
         """(N, n, 10) those of the last link in the rows of the label, zero in all others."""

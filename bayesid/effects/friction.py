@@ -1,0 +1,176 @@
+"""Friction of gears and bearings: a function of each actuator's speed, and of its load."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+
+from bayesid.arrays import Array
+from bayesid.effects.effect import Numbers, Phrase, ReadableUnit, Scene, number
+from bayesid.effects.parameters import Coefficient
+from bayesid.effects.term import ActuatorTerm
+from bayesid.effects.tuning import TUNING
+from bayesid.motion import Motion
+from bayesid.robot import Robot
+
+_STEADY = "moving at several constant speeds, slow and fast"
+
+
+class ViscousFriction(ActuatorTerm):
+    """Fv u', Fv >= 0: lubricant drag in proportion to the speed.
+
+    Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 1994.
+    """
+
+    name = "viscous_friction"
+    shown_by = _STEADY
+    phrase = Phrase("{who} needs viscous friction of {Fv}.", "viscous friction")
+    coefficients = (Coefficient("Fv", "N m s/rad", nonnegative=True, urdf="damping", mjcf="damping"),)
+
+    def unit_efforts(self, actuators: Motion) -> Array:
+        return actuators.dq
+
+
+class SaturatingFriction(ActuatorTerm):
+    """Fe tanh(u' / ve), Fe >= 0: lubricant drag that saturates, as the film shears thin or grows warm.
+
+    With dry and viscous friction beside it, friction that rises ever more slowly: Waiboer, Aarts, Jonker, Velocity
+    dependence of joint friction in manipulators, 2005.
+    """
+
+    knee: Numbers = number("rad/s", tried=lambda actuator: np.multiply(TUNING.knees, actuator.top_speed))
+
+    name = "viscous_friction.saturating"
+    shown_by = _STEADY
+    phrase = Phrase("{who} needs viscous friction that saturates: {Fe} beyond {knee}.", "saturating viscous friction")
+    refines = True
+    coefficients = (Coefficient("Fe", "N m", nonnegative=True),)
+
+    def unit_efforts(self, actuators: Motion) -> Array:
+        return np.tanh(actuators.dq / np.array(self.knee))
+
+
+class DryTerm(ActuatorTerm):
+    """Base of the effects in which the direction of motion enters, smoothed as tanh(u' / v).
+
+    Args:
+        smoothing: (m,) v of each actuator, rad/s: what counts as standstill in its motion, where no log shows
+            friction's direction.
+    """
+
+    smoothing: Numbers = number(of_motion=lambda actuators: actuators.standstill_speed)
+
+    def direction(self, actuators: Motion) -> Array:
+        """(N, m) the smoothed direction of motion, between -1 and 1."""
+        direction: Array = np.tanh(actuators.dq / self._speeds)
+        return direction
+
+    @cached_property
+    def _speeds(self) -> Array:
+        return np.array(self.smoothing)
+
+
+class CoulombFriction(DryTerm):
+    """Fc tanh(u' / v), Fc >= 0: dry friction of constant size.
+
+    Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 1994.
+    """
+
+    name = "coulomb_friction"
+    shown_by = "moving both ways at several speeds, with many reversals"
+    phrase = Phrase("{who} needs Coulomb friction of {Fc}.", "Coulomb friction")
+    coefficients = (Coefficient("Fc", "N m", nonnegative=True, urdf="friction", mjcf="frictionloss"),)
+
+    def unit_efforts(self, actuators: Motion) -> Array:
+        return self.direction(actuators)
+
+
+class AsymmetricCoulomb(DryTerm):
+    """Fp where u' > 0, -Fm where u' < 0; Fp, Fm >= 0: a worm gear, a preloaded seal.
+
+    Armstrong-Helouvry, Control of Machines with Friction, 1991.
+    """
+
+    name = "asymmetric_coulomb"
+    shown_by = "moving both ways at equal speeds through the same positions"
+    phrase = Phrase(
+        "{who} needs dry friction that depends on the direction: {Fp} forwards and {Fm} backwards.",
+        "asymmetric Coulomb friction",
+    )
+    coefficients = (Coefficient("Fp", "N m", nonnegative=True), Coefficient("Fm", "N m", nonnegative=True))
+
+    def unit_efforts(self, actuators: Motion) -> Sequence[Array]:
+        direction = self.direction(actuators)
+        return np.maximum(direction, 0.0), np.minimum(direction, 0.0)
+
+
+class StribeckFriction(DryTerm):
+    """(Fk + Fs exp(-(u' / vs)^2)) tanh(u' / v); Fk, Fs >= 0: Fs is what is lost as the lubricant's film carries.
+
+    Bo and Pavelescu, Wear 1982; Armstrong-Helouvry et al., Automatica 1994.
+
+    Args:
+        speed: (m,) vs of each actuator, rad/s.
+    """
+
+    speed: Numbers = number(
+        "rad/s",
+        of_motion=lambda actuators: TUNING.stribeck_slow * actuators.standstill_speed,
+        tried=lambda actuator: np.multiply(TUNING.stribeck_speeds, actuator.top_speed),
+    )
+
+    name = "stribeck_friction"
+    shown_by = "creeping both ways, far below the usual speeds"
+    phrase = Phrase(
+        "{who} needs dry friction that falls with speed: {Fk}, and near standstill {Fs} more, fading over {speed}.",
+        "Stribeck friction",
+    )
+    coefficients = (
+        Coefficient("Fk", "N m", nonnegative=True, adds_to="Fc"),
+        Coefficient("Fs", "N m", nonnegative=True),
+    )
+
+    def unit_efforts(self, actuators: Motion) -> Sequence[Array]:
+        direction, slow = self.direction(actuators), np.exp(-((actuators.dq / np.array(self.speed)) ** 2))
+        return direction, slow * direction
+
+
+class LoadDependentFriction(DryTerm):
+    """Fl |load| tanh(u' / v), Fl >= 0: dry friction that grows with the torque that gears and bearings carry.
+
+    The load is the rigid bodies' effort. Hamon, Gautier, Garrec, Dry friction depending on load and velocity, IROS
+    2010.
+
+    Args:
+        links: (10 n,) parameters of the rigid bodies that make the load, as identified earlier.
+    """
+
+    links: Numbers = number(given=True, of_links=True)
+
+    name = "load_dependent_friction"
+    shown_by = "moving both ways, loaded and unloaded, at equal speeds"
+    phrase = Phrase(
+        "{who} needs dry friction that grows with the load, by {Fl} of it.",
+        "load-dependent friction",
+        units={"Fl": ReadableUnit("%", 100.0)},
+    )
+    coefficients = (Coefficient("Fl", "1", nonnegative=True),)
+
+    @classmethod
+    def variants(cls, scene: Scene) -> Iterator[Self]:
+        """In each actuator by itself, under the scene's links."""
+        links = tuple(scene.links.tolist())
+        for j, speed in enumerate(scene.actuators.standstill_speed.tolist(), start=1):
+            yield cls(joints=(j,), smoothing=(speed,), links=links)
+
+    def own_columns(self, robot: Robot, motion: Motion, own: Motion | None = None) -> Array:
+        """The size of the load, which comes from all joints, times the direction of motion."""
+        load = np.abs(robot.inverse_dynamics(motion, self._links)[:, self.acting(robot.n_joints)])
+        return (load * self.direction(self.own_motion(robot, motion) if own is None else own))[:, :, None]
+
+    @cached_property
+    def _links(self) -> Array:
+        return np.array(self.links)
