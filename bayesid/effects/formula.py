@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 
@@ -16,10 +15,10 @@ Shape = tuple[Array, Callable[[Array], tuple[str, float]]]
 """Columns on a grid, and what writes their amplitudes as a text and a factor."""
 _SYMBOLS = {Quantity.POSITION: "q", Quantity.VELOCITY: "dq", Quantity.ACCELERATION: "ddq", Quantity.LOAD: "tau"}
 _NOUNS = {
-    Quantity.POSITION: ("position", "positions"),
-    Quantity.VELOCITY: ("speed", "speeds"),
-    Quantity.ACCELERATION: ("acceleration", "accelerations"),
-    Quantity.LOAD: ("load", "loads"),
+    Quantity.POSITION: "position",
+    Quantity.VELOCITY: "speed",
+    Quantity.ACCELERATION: "acceleration",
+    Quantity.LOAD: "load",
 }
 
 
@@ -130,9 +129,8 @@ def _sum(axes: Sequence[Axis], grids: Sequence[Array], values: Array) -> list[tu
 
 
 def _shape(axis: Axis, grid: Array, values: Array) -> tuple[str, float, Array] | None:
-    """Text, factor and values of the plainest function of a variable that is nearly the given one."""
-    name = symbol(*axis.variable)
-    for columns, write in _plain_shapes(axis, grid, name):
+    """Text, factor and values of the plainest function of a variable that is nearly the given one, if any is."""
+    for columns, write in _plain_shapes(axis, grid, symbol(*axis.variable)):
         found = np.asarray(np.linalg.lstsq(columns, values, rcond=None)[0], dtype=np.float64)
         told = np.asarray(columns @ found, dtype=np.float64)
         if np.sum((values - told) ** 2) < (1.0 - TUNING.explained) * np.sum(values**2) + TINY:
@@ -153,12 +151,12 @@ def _plain_shapes(axis: Axis, grid: Array, name: str) -> Iterator[Shape]:
     if smooth and axis.quantity is Quantity.VELOCITY:
         yield np.stack([grid * np.abs(grid)], axis=1), lambda a: (f"{name} |{name}|", float(a[0]))
     waves = _turns(axis)
-    yield from (_of_wave(name, h, np.outer(grid, [h, h])) for h in waves)
+    yield from (_wave(name, h, grid) for h in waves)
     if axis.family is Family.FADING:
         fading, after = axis.columns(grid), f"exp(-t / {_number(axis.order)} s)"
         yield fading[:, 1:], lambda a: (after, float(a[0]))
         yield fading, lambda a: (f"(1 {_signed(a[1] / a[0])} {after})", float(a[0]))
-    yield from (_of_raised_wave(name, h, np.outer(grid, [h, h, 0.0])) for h in waves)
+    yield from (_wave(name, h, grid, one) for h in waves)
     if smooth or axis.family is Family.POWER:
         powers = np.stack([one, grid, grid**2], axis=1)
         yield powers, lambda a: (f"({name}^2 {_signed(a[1] / a[2])} {name} {_signed(a[0] / a[2])})", float(a[2]))
@@ -172,29 +170,16 @@ def _turns(axis: Axis) -> list[float]:
     return [float(k) for k in range(1, 9)] if whole_turns else []
 
 
-def _of_wave(name: str, turns: float, angle: Array) -> Shape:
-    """sin(3 q6 + 0.4)."""
-    return np.column_stack([np.sin(angle[:, 0]), np.cos(angle[:, 1])]), lambda a: _sine(name, turns, a)
+def _wave(name: str, turns: float, grid: Array, *raised: Array) -> Shape:
+    """sin(3 q6 + 0.4), or, raised by a constant, (sin(3 q6 + 0.4) + 0.7)."""
 
+    def write(amplitudes: Array) -> tuple[str, float]:
+        phase, size = float(np.arctan2(amplitudes[1], amplitudes[0])), float(np.hypot(*amplitudes[:2]))
+        angle = name if turns == 1 else f"{_number(turns)} {name}"
+        text = f"sin({angle} {_signed(phase)})" if abs(phase) > 5e-3 else f"sin({angle})"  # none to two digits
+        return (f"({text} {_signed(amplitudes[2] / max(size, TINY))})" if raised else text), size
 
-def _of_raised_wave(name: str, turns: float, angle: Array) -> Shape:
-    """(sin(3 q6 + 0.4) + 0.7)."""
-    columns = np.column_stack([np.sin(angle[:, 0]), np.cos(angle[:, 1:])])
-    return columns, lambda a: _raised_sine(name, turns, a)
-
-
-def _sine(name: str, turns: float, amplitudes: Array) -> tuple[str, float]:
-    """sin(3 q6 + 0.4), and its factor."""
-    phase = float(np.arctan2(amplitudes[1], amplitudes[0]))
-    angle = name if turns == 1 else f"{_number(turns)} {name}"
-    shifted = f"{angle} {_signed(phase)}" if abs(phase) > 5e-3 else angle  # none to two digits
-    return f"sin({shifted})", float(np.hypot(*amplitudes[:2]))
-
-
-def _raised_sine(name: str, turns: float, amplitudes: Array) -> tuple[str, float]:
-    """(sin(3 q6 + 0.4) + 0.7), and its factor."""
-    text, size = _sine(name, turns, amplitudes)
-    return f"({text} {_signed(amplitudes[2] / max(size, TINY))})", size
+    return np.column_stack([np.sin(turns * grid), np.cos(turns * grid), *raised]), write
 
 
 def _single(axis: Axis) -> str:
@@ -229,7 +214,7 @@ def _depends(parts: Sequence[tuple[Component, Array]]) -> str:
     for quantity in Quantity:
         joints = sorted({axis.joint for axis in axes if axis.quantity is quantity and axis.variable in speeds})
         if joints and quantity in _NOUNS:
-            words.append(f"the {_NOUNS[quantity][len(joints) > 1]} of {_joints(joints)}")
+            words.append(f"the {_NOUNS[quantity]}{'s' * (len(joints) > 1)} of {_joints(joints)}")
         if quantity is Quantity.VELOCITY and turning:
             words.append(f"the direction of motion of {_joints(turning)}")
         if joints and quantity is Quantity.TIME:
@@ -264,21 +249,19 @@ def _families(joint: int, parts: Sequence[tuple[Component, Array]]) -> Iterator[
 
 def _odd(component: Component, amplitude: Array, variable: tuple[Quantity, int]) -> bool:
     """Whether a function changes its sign with a variable."""
+    if all(axis.variable != variable for axis in component.axes):
+        return False
+    grids = np.meshgrid(*(_around(axis, variable) for axis in component.axes), indexing="ij")
     values = []
     for sign in (1.0, -1.0):
-        columns = []
-        for grid in product(*(_around(axis, variable) for axis in component.axes)):
-            signed = [
-                sign * x if axis.variable == variable else x for x, axis in zip(grid, component.axes, strict=True)
-            ]
-            columns.append(products([a.columns(np.array([x])) for a, x in zip(component.axes, signed, strict=True)])[0])
-        values.append(np.array(columns) @ amplitude)
+        turned = [sign if axis.variable == variable else 1.0 for axis in component.axes]
+        each = zip(component.axes, turned, grids, strict=True)
+        values.append(products([axis.columns(way * grid.ravel()) for axis, way, grid in each]) @ amplitude)
     even, whole = values[0] + values[1], values[0] - values[1]
-    depends = any(axis.variable == variable for axis in component.axes)
-    return depends and float(np.sum(even**2)) < TUNING.odd * float(np.sum(whole**2))
+    return float(np.sum(even**2)) < TUNING.odd * float(np.sum(whole**2))
 
 
-def _around(axis: Axis, variable: tuple[Quantity, int]) -> list[float]:
+def _around(axis: Axis, variable: tuple[Quantity, int]) -> Array:
     """Some values of a variable, of the one that is turned those that are seen both ways."""
     low, high = (0.0, min(-axis.low, axis.high)) if axis.variable == variable else (axis.low, axis.high)
-    return np.linspace(low, max(high, low), 9)[1:].tolist()
+    return np.linspace(low, max(high, low), 9)[1:]

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import astuple
 from functools import cache, cached_property, partial
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -32,18 +33,15 @@ def values_of(robot: Robot, motion: Motion, links: Sequence[float] | Array) -> C
     load = cache(lambda: robot.inverse_dynamics(motion, np.array(links)))
 
     def values(axis: Axis) -> Array:
-        match axis.quantity:
-            case Quantity.TIME:
-                return actuators.t - actuators.origin
-            case Quantity.LOAD:
-                return load()[:, axis.joint - 1]
-            case Quantity.POSITION:
-                return actuators.q[:, axis.joint - 1]
-            case Quantity.VELOCITY:
-                return actuators.dq[:, axis.joint - 1]
-        return actuators.ddq[:, axis.joint - 1]
+        if axis.quantity is Quantity.TIME:
+            return actuators.t - actuators.origin
+        moving = {Quantity.POSITION: "q", Quantity.VELOCITY: "dq", Quantity.ACCELERATION: "ddq"}.get(axis.quantity)
+        return (getattr(actuators, moving) if moving else load())[:, axis.joint - 1]
 
     return values
+
+
+_OF_AXES = ("component", "quantity", "of_joint", "family", "low", "high", "order", "count")
 
 
 class LearnedEffect(Term):
@@ -92,22 +90,17 @@ class LearnedEffect(Term):
         cls, joint: int, components: Sequence[Component], links: Sequence[float] = (), number: int = 1
     ) -> LearnedEffect:
         """The effect of some functions in a joint (from 1)."""
-        axes = [(k, axis) for k, one in enumerate(components) for axis in one.axes]
-        loads = any(axis.quantity is Quantity.LOAD for _, axis in axes)
+        rows = [(k, *astuple(axis)) for k, one in enumerate(components) for axis in one.axes]
+        numbers: Any = dict(
+            zip(_OF_AXES, (tuple(map(float, column)) for column in zip(*rows, strict=True)), strict=True)
+        )
         return cls(
             joints=(joint,),
             number=(float(number),),
-            component=tuple(float(k) for k, _ in axes),
-            quantity=tuple(float(axis.quantity) for _, axis in axes),
-            of_joint=tuple(float(axis.joint) for _, axis in axes),
-            family=tuple(float(axis.family) for _, axis in axes),
-            low=tuple(axis.low for _, axis in axes),
-            high=tuple(axis.high for _, axis in axes),
-            order=tuple(float(axis.order) for _, axis in axes),
-            count=tuple(float(axis.count) for _, axis in axes),
+            **numbers,
             kept=tuple(float(one.weights.shape[1]) for one in components),
             weights=tuple(np.concatenate([one.weights.ravel() for one in components]).tolist()),
-            links=tuple(links) if loads else (),
+            links=tuple(links) if float(Quantity.LOAD) in numbers["quantity"] else (),
         )
 
     @classmethod
@@ -128,13 +121,13 @@ class LearnedEffect(Term):
     @property
     def _axes(self) -> list[tuple[Axis, ...]]:
         """Of each of the functions."""
-        one_each = range(int(max(self.component)) + 1)
-        return [tuple(self._axis(i) for i, k in enumerate(self.component) if k == one) for one in one_each]
-
-    def _axis(self, i: int) -> Axis:
-        quantity, family = Quantity(int(self.quantity[i])), Family(int(self.family[i]))
-        joint, count = int(self.of_joint[i]), int(self.count[i])
-        return Axis(quantity, joint, family, self.low[i], self.high[i], self.order[i], count)
+        axes: list[list[Axis]] = [[] for _ in range(int(max(self.component)) + 1)]
+        for at, quantity, joint, family, low, high, order, count in zip(
+            *(getattr(self, key) for key in _OF_AXES), strict=True
+        ):
+            axis = Axis(Quantity(int(quantity)), int(joint), Family(int(family)), low, high, order, int(count))
+            axes[int(at)].append(axis)
+        return [tuple(some) for some in axes]
 
     def in_joints(self, joints: tuple[int, ...], n_joints: int) -> Self:
         """Itself: it acts in one joint."""
@@ -142,9 +135,8 @@ class LearnedEffect(Term):
 
     def check(self, n_joints: int) -> None:
         """One joint, variables of joints that there are, and as many numbers as the functions have."""
-        of_axes = ("component", "quantity", "of_joint", "family", "low", "high", "order", "count")
-        axes = int(np.median([len(getattr(self, key)) for key in of_axes]))
-        expected = {"joints": 1, "number": 1, **dict.fromkeys(of_axes, axes)}
+        axes = int(np.median([len(getattr(self, key)) for key in _OF_AXES]))
+        expected = {"joints": 1, "number": 1, **dict.fromkeys(_OF_AXES, axes)}
         self._expect(expected | {"links": 10 * n_joints * (Quantity.LOAD in self.quantity)})
         self._expect({"kept": int(max(self.component)) + 1})
         sizes = [int(np.prod([axis.count for axis in axes])) for axes in self._axes]
