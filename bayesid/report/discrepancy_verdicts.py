@@ -265,6 +265,7 @@ def _size(added: AddedEffect) -> Quantity | None:
 
 
 def _plainly(added: AddedEffect, numbers: Mapping[str, str]) -> str:
+    """Joints 1 and 2 need Coulomb friction (Fc = 1.9 +- 0.1 N m)."""
     where = upper(joints_in_words(added.joints)) if added.joints else "The robot"
     parts = ", ".join(f"{symbol} = {number}" for symbol, number in numbers.items())
     needs = "need" if len(added.joints) > 1 else "needs"
@@ -272,20 +273,14 @@ def _plainly(added: AddedEffect, numbers: Mapping[str, str]) -> str:
 
 
 def _change(added: AddedEffect, n: int) -> str:
-    """Joint 3's Coulomb friction has changed: 9.1 -> 7.3 +- 0.5 N m.
-
-    Free to change, it explains the log; identified again beside all else it may still be what it was.
-    """
+    """Coulomb friction, joint 3, has changed: 9.1 -> 7.3 +- 0.5 N m; or may have: others resemble it."""
     source, numbers = added.hypothesis.source, _numbers(added, n)
-    whose = f"{upper(joints_in_words(added.joints))}'s" if len(added.joints) == 1 else "The"
-    where = f" of {joints_in_words(added.joints)}" if len(added.joints) > 1 else ""
     chosen = {source.phrase.size: numbers[source.phrase.size]} if source.phrase.size in numbers else numbers
     parts = [f"{symbol} " * (len(chosen) > 1) + text for symbol, text in chosen.items()]
     changes = [number for name, number in added.parameters.items() if name.startswith(_CHANGE)]
-    if changes and all(abs(change) < 1.96 * sd for change, sd, _ in changes):  # False where the sd is not known
-        unsure = f"was free to change, and has not surely done so ({listed(parts)}): what resembles it may have"
-        return f"{whose} {label(source.name)}{where} {unsure}."
-    return f"{whose} {label(source.name)}{where} has changed{f': {listed(parts)}' if parts else ''}."
+    unsure = changes and all(abs(change) < 1.96 * sd for change, sd, _ in changes)  # False where the sd is not known
+    said = "was free to change, and has not surely done so" if unsure else "has changed"
+    return f"{upper(label(source.name, added.joints))}, {said}{f': {listed(parts)}' if parts else ''}."
 
 
 def _gap(discrepancy: Discrepancy) -> str:
