@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 from markupsafe import Markup
 
-from bayesid.discrepancy.case import Excess
 from bayesid.discrepancy.comparison import ALL_ALONG, CHANGED, GONE, LogComparison
 from bayesid.discrepancy.selection import GROWN, HELD_BACK, ON_LOG
 from bayesid.discrepancy.workflow import Discrepancy
@@ -49,7 +48,7 @@ from bayesid.report.timeline_text import (
 )
 from bayesid.report.timeline_text import columns as told_columns
 from bayesid.report.tuning import TUNING
-from bayesid.report.words import best_first, joints_in_words, label, quantity, rounded, score_label, unit_of
+from bayesid.report.words import best_first, joints_in_words, label, quantity, score_label, unit_of
 
 _STATUS = {
     "explained": "Explained: what was missing is found",
@@ -93,7 +92,7 @@ def _verdicts(discrepancy: Discrepancy) -> html.Section | None:
 def _gaps(discrepancy: Discrepancy) -> html.Section:
     floor, before, after = discrepancy.floor, discrepancy.before, discrepancy.after
     ratios = dict(discrepancy.unexplained)
-    rows, bars = [], []
+    rows = []
     for j, joint in enumerate(range(1, len(before) + 1)):
         unit, lasts = unit_of(discrepancy, joint), "; most of it lasts: that model's own error, or smoothed noise"
         origin = floor.origin[j] + ("" if floor.sharp[j] else " (a lower bound)") + (lasts if floor.lasting[j] else "")
@@ -103,11 +102,9 @@ def _gaps(discrepancy: Discrepancy) -> html.Section:
             remark = Markup("unexplained: {} times the floor ({})").format(html.number(ratios[joint]), which)
         efforts = [html.number(value[j], unit) for value in (before, after, floor.rms, floor.white)]
         rows.append((str(joint), *efforts, html.number(after[j] / floor.rms[j]), origin, remark))
-        sizes = [rounded(float(value[j])) for value in (before, after, floor.rms)]
-        bars.append("joint {}: {} before, {} after, floor {}".format(joint, *sizes))
     caption = f"Gap on {discrepancy.holdout}: RMS residual of both models, the noise floor, and the floor's white part."
     headings = ["Joint", "As it was", "Extended", "Noise floor", "From sample to sample", "Extended / floor"]
-    alt = f"Bars of the gap of each joint in N m: {'; '.join(bars)}"
+    alt = "Bars of the gap of each joint, as in the table, in units of its noise floor."
     drawn = html.picture(gap_figure(discrepancy), "gap-figure", "The same in units of each joint's noise floor.", alt)
     told_gaps = html.table(caption, [*headings, "Floor taken from", "Remark"], rows)
     return html.section("gap", "The gap", told_gaps, html.figures([drawn]))
@@ -121,7 +118,13 @@ def _found(discrepancy: Discrepancy) -> html.Section:
         headings += ["Something else", "Could also be", "What would decide"]
         parts.append(html.table(caption, headings, map(_added, discrepancy.added)))
         learned = [effect for effect in discrepancy.added if effect.hypothesis.curves]
-        parts.append(html.figures([_learned_picture(discrepancy, effect) for effect in learned]))
+        pictures = []
+        for effect in learned:
+            joint = effect.joints[0]
+            below = f"Joint {joint}: what was learned over the range that the log has seen, with its 95 % band."
+            figure = learned_figure(effect, unit_of(discrepancy, joint))
+            pictures.append(html.picture(figure, f"learned{joint}", below))
+        parts.append(html.figures(pictures))
     else:
         parts.append(html.paragraph("No effect was added."))
     worth = [row for effect in discrepancy.added for row in _worth(discrepancy, effect)]
@@ -195,17 +198,19 @@ def _where(discrepancy: Discrepancy) -> html.Section:
     name, title = "where", "Where the model as it was fails"
     if not discrepancy.where:
         return html.section(name, title, html.paragraph(_nowhere(discrepancy)))
-    rows = []
+    rows, drawn = [], []
     for excess in discrepancy.where:
         (low, high), unit = excess.range, unit_of(discrepancy, excess.joint, excess.variable)
         size = html.number(excess.excess, unit_of(discrepancy, excess.joint))
         span = Markup("{} to {}").format(html.number(low), html.number(high, unit))
         rows.append((str(excess.joint), size, excess.variable, span))
+        below = f"Joint {excess.joint}: measured minus modelled effort over {excess.variable}."
+        alt = f"{below} Of the model as it was, and of the extended one."
+        drawn.append(html.picture(residual_figure(discrepancy, excess.joint), f"residual{excess.joint}", below, alt))
     caption = "Joints in which the model as it was exceeds the noise floor (RMS), and over which variable most."
     note = "Points are samples, thinned; lines are means with twice their standard error; grey is the noise floor."
     told_where = html.table(caption, ["Joint", "Excess", "Variable", "Range"], rows)
-    drawn = html.figures([_residual_picture(discrepancy, excess) for excess in discrepancy.where])
-    return html.section(name, title, told_where, drawn, html.paragraph(note, note=True))
+    return html.section(name, title, told_where, html.figures(drawn), html.paragraph(note, note=True))
 
 
 def _nowhere(discrepancy: Discrepancy) -> str:
@@ -254,9 +259,8 @@ def _candidates(discrepancy: Discrepancy) -> html.Section:
     )
     headings = ["Rank", "Effect", "Joints", "log10 Bayes factor", "What became of it"]
     best = best_first(scores)[: TUNING.bars]
-    bars = "; ".join(f"{score_label(score)}: {rounded(score.gain / LN10)}" for score in best)
     below = f"The first {len(best)}, each by itself; blue: added. Dashed: what is needed to be added."
-    alt = f"Bars of log10 Bayes factors: {bars}"
+    alt = f"Bars of log10 Bayes factors, as in the table; the largest: {score_label(best[0])}."
     drawn = html.picture(candidate_figure(discrepancy), "candidates-figure", below, alt)
     return html.section("candidates", "Candidates", html.figures([drawn]), html.table(caption, headings, rows))
 
@@ -307,24 +311,6 @@ def _name(hypothesis: Hypothesis) -> str:
     remarks = [form.split(".", 1)[1].replace("_", " ")] if "." in form else []
     remarks += ["changed"] if hypothesis.changes else []
     return label(hypothesis.effect) + (f" ({', '.join(remarks)})" if remarks else "")
-
-
-def _residual_picture(discrepancy: Discrepancy, excess: Excess) -> html.Picture:
-    joint, variable, (low, high) = excess.joint, excess.variable, excess.range
-    caption = f"Joint {joint}: measured minus modelled effort over {variable}."
-    alt = (
-        f"Residual of joint {joint} over {variable}, of the model as it was and of the extended model. As it was, it "
-        f"exceeds the noise floor by {rounded(excess.excess)} {unit_of(discrepancy, joint)}, most of it between "
-        f"{rounded(low)} and {rounded(high)} {unit_of(discrepancy, joint, variable)}."
-    )
-    return html.picture(residual_figure(discrepancy, joint), f"residual{joint}", caption, alt)
-
-
-def _learned_picture(discrepancy: Discrepancy, effect: AddedEffect) -> html.Picture:
-    joint, unit = effect.joints[0], unit_of(discrepancy, effect.joints[0])
-    caption = f"Joint {joint}: what was learned over the range that the log has seen, with its 95 % band."
-    alt = f"The effort learned in joint {joint}: {effect.formula}."
-    return html.picture(learned_figure(effect, unit), f"learned{joint}", caption, alt)
 
 
 # ---------------------------------------------------------------------------------------------------------------

@@ -13,7 +13,7 @@ from bayesid.identification.warnings import convergence
 from bayesid.parallel import one_at_a_time
 from bayesid.progress import SILENT, Progress
 from bayesid.report import commands
-from bayesid.report.findings import Findings, find_findings
+from bayesid.report.findings import Alternatives, Findings, SegmentTable, find_findings
 from bayesid.report.pages import rendering as html
 from bayesid.report.plot.drawing import draw, svg_of
 from bayesid.report.plot.figure import WIDE, Figure, Panel
@@ -137,8 +137,7 @@ def _torques(findings: Findings) -> html.Section:
     thinned = "" if every == 1 else f" One of {every} samples is shown."
     shows = "recorded, signed, and by the model"
     drawn = [
-        _over_time(findings, torque_panel, "torque", joint, f"{shows}. {_signs(findings, joint - 1)}")
-        for joint in range(1, findings.n_joints + 1)
+        _over_time(findings, torque_panel, "torque", joint, f"{shows}.") for joint in range(1, findings.n_joints + 1)
     ]
     note = html.paragraph(f"The efforts as they were recorded{said}{thinned}", note=True)
     return html.section("torques", "Efforts and signs", note, html.figures(drawn, linked=True))
@@ -154,14 +153,6 @@ def _over_time(
     )
 
 
-def _signs(findings: Findings, j: int) -> str:
-    """A joint's segments in words."""
-    segments = findings.segments
-    here = segments.joint == j
-    plus = int((segments.sign[here] > 0).sum())
-    return f"{plus} segments are plus, {int(here.sum()) - plus} minus, {int(segments.ambiguous[here].sum())} ambiguous."
-
-
 def _doubts(findings: Findings) -> html.Section:
     segments, size = findings.segments, findings.segment_size
     doubtful = np.flatnonzero(segments.ambiguous & segments.moving)
@@ -169,7 +160,7 @@ def _doubts(findings: Findings) -> html.Section:
     rows = [
         (
             str(segments.joint[k] + 1),
-            _stretch(findings, k),
+            _link(segments, k, f"{segments.start[k]:.2f} to {segments.end[k]:.2f} s"),
             "+" if segments.sign[k] > 0 else Markup("&minus;"),
             html.data(segments.confidence[k], f"{segments.confidence[k]:.2f}"),
             html.percent(size[k]),
@@ -185,16 +176,10 @@ def _doubts(findings: Findings) -> html.Section:
     return html.section("doubts", "Ambiguous segments", told, *notes)
 
 
-def _stretch(findings: Findings, k: int) -> Markup:
-    segments = findings.segments
-    start, end = segments.start[k], segments.end[k]
-    return _link(int(segments.joint[k]), start, end, f"{start:.2f} to {end:.2f} s")
-
-
-def _link(joint: int, start: float, end: float, text: str) -> Markup:
-    """A stretch of time that leads to its figure; the joint counts from 0."""
+def _link(of: SegmentTable | Alternatives, k: int, text: str) -> Markup:
+    """A stretch of time that leads to its figure."""
     link = Markup('<a href="#torque{}" data-from="{:.4f}" data-to="{:.4f}">{}</a>')
-    return link.format(joint + 1, float(start), float(end), text)
+    return link.format(int(of.joint[k]) + 1, float(of.start[k]), float(of.end[k]), text)
 
 
 def _effects(findings: Findings) -> html.Section | None:
@@ -360,10 +345,7 @@ def _others(findings: Findings) -> Iterator[tuple[str, ...]]:
     for b in range(1, min(len(found.cost), TUNING.assignments + 1)):
         here = np.flatnonzero(found.branch == b)
         joints = sorted({int(j) + 1 for j in found.joint[here]})
-        links = [
-            _link(int(found.joint[k]), found.start[k], found.end[k], f"{found.start[k]:.2f} s")
-            for k in here[: TUNING.spans]
-        ]
+        links = [_link(found, k, f"{found.start[k]:.2f} s") for k in here[: TUNING.spans]]
         yield (
             str(b),
             html.number(found.cost[b] - found.cost[0]),
