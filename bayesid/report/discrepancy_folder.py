@@ -45,16 +45,15 @@ def save_discrepancy(
         True
     """
 
-    def write_page(path: Path) -> None:
+    def page() -> str:
         from bayesid.report.pages.discrepancy_page import discrepancy_page  # jinja2, for pages alone
 
-        path.write_text(discrepancy_page(discrepancy), encoding="utf-8")
+        return discrepancy_page(discrepancy)
 
-    def write_more(place: Path) -> None:
+    def write(place: Path) -> None:
         write_json(place / "discrepancy.json", discrepancy_summary(discrepancy))
 
-    pages = {"discrepancy.html": write_page}
-    return save_result(discrepancy.identification, folder, write_more, pages, report, None, progress)
+    return save_result(discrepancy.identification, folder, report, progress, write, page)
 
 
 def save_comparison(
@@ -70,17 +69,16 @@ def save_comparison(
         True
     """
 
-    def write_page(path: Path) -> None:
+    def page() -> str:
         from bayesid.report.pages.discrepancy_page import comparison_page  # jinja2, for pages alone
 
-        path.write_text(comparison_page(comparison), encoding="utf-8")
+        return comparison_page(comparison)
 
-    def write_more(place: Path) -> None:
+    def write(place: Path) -> None:
         write_json(place / "discrepancy.json", comparison_summary(comparison))
         write_table(place / "timeline.csv", timeline_rows(comparison))
 
-    pages = {"discrepancy.html": write_page}
-    return save_result(comparison.found[-1].identification, folder, write_more, pages, report, None, progress)
+    return save_result(comparison.found[-1].identification, folder, report, progress, write, page)
 
 
 def discrepancy_summary(discrepancy: Discrepancy) -> dict[str, Any]:

@@ -135,34 +135,24 @@ def save_identification(
         True
     """
 
-    def write_more(place: Path) -> None:
+    def write(place: Path) -> None:
         if with_log:
             write_log(place / "log.csv", identification.log)
 
-    return save_result(identification, folder, write_more, {}, report, validation, progress)
+    return save_result(identification, folder, report, progress, write, validation=validation)
 
 
 @one_blas_thread
 def save_result(
     identification: Identification,
     folder: str | Path,
-    write_more: Callable[[Path], None],
-    pages: Mapping[str, Callable[[Path], None]],
     report: bool,
-    validation: Validation | None,
     progress: Progress,
+    write_more: Callable[[Path], None],
+    page: Callable[[], str] | None = None,
+    validation: Validation | None = None,
 ) -> Path:
-    """As `save_identification`, with other files and pages.
-
-    Args:
-        identification: what to write.
-        folder: where.
-        write_more: writes other files into the folder.
-        pages: other pages by name, and what writes each.
-        report: whether report.html is made too.
-        validation: of another log, for the report.
-        progress: called as progress("report", done, total).
-    """
+    """As `save_identification`, with what else is written into the folder, and the text of discrepancy.html."""
     missing, findings = dict[str, str](), replace(find_findings(identification), folder=str(folder))
     findings = findings if validation is None else findings.with_validation(validation)
 
@@ -171,12 +161,13 @@ def save_result(
         _write_identification(place, findings, identification, missing)
 
     folder = save_folder(folder, IDENTIFICATION_FILES, MARKER, write)
-    reports = {_REPORT: lambda path: _write_report(findings, path, progress)} if report else {}
+    pages = {} if page is None else {"discrepancy.html": page}
+    pages |= {_REPORT: lambda: _report(findings, progress)} if report else {}
     written = dict(missing)
-    for name, write_page in {**pages, **reports}.items():
+    for name, text in pages.items():
         try:
             with _without(folder / name, missing):
-                replace_file(folder / name, write_page)
+                _write_page(folder / name, text)
         except KeyboardInterrupt:
             raise KeyboardInterrupt(f"the result stands in {folder}/, without {name}") from None
     if missing != written:
@@ -185,6 +176,10 @@ def save_result(
         said = "; ".join(f"{name} could not be written ({why})" for name, why in missing.items())
         warnings.warn(f"{folder}: {said}; all else stands", IncompleteWarning, stacklevel=4)
     return folder
+
+
+def _write_page(path: Path, text: Callable[[], str]) -> None:
+    replace_file(path, lambda aside: aside.write_text(text(), encoding="utf-8"))
 
 
 def _note_missing(folder: Path, missing: Mapping[str, str]) -> None:
@@ -226,7 +221,7 @@ def make_report(
             raise InputError(said, validation.log.source, "give `validation` a log that the model has not seen")
         findings = findings.with_validation(validation)
         replace_file(Path(folder) / FINDINGS, lambda aside: write_findings(findings, aside))
-    replace_file(path, lambda aside: _write_report(findings, aside, progress))
+    _write_page(path, lambda: _report(findings, progress))
     if path == Path(folder) / _REPORT:
         missing = json.loads((path.parent / MARKER).read_text(encoding="utf-8")).get("not_written") or {}
         if path.name in missing:
@@ -234,10 +229,10 @@ def make_report(
     return path
 
 
-def _write_report(findings: Findings, path: Path, progress: Progress) -> None:
+def _report(findings: Findings, progress: Progress) -> str:
     from bayesid.report.pages.identification_page import identification_page  # jinja2, for pages alone
 
-    path.write_text(identification_page(findings, progress), encoding="utf-8")
+    return identification_page(findings, progress)
 
 
 def _write_identification(
