@@ -26,15 +26,7 @@ def unlabelled() -> Labels:
 
 
 def check_label(label: object) -> str:
-    """The label of a payload, which becomes a part of names.
-
-    Raises:
-        InputError: it holds something else than letters, digits and underscores.
-
-    Example:
-        >>> check_label("tool1")
-        'tool1'
-    """
+    """The label of a payload, which becomes a part of names; InputError unless letters, digits and underscores."""
     if not isinstance(label, str) or not _LABEL.fullmatch(label):
         remedy = "give letters (a to z), digits and underscores, 40 at most, as in tool1"
         raise InputError(f"{printable(str(label))[:60]!r} is no label of a payload", "payload", remedy)
@@ -42,11 +34,7 @@ def check_label(label: object) -> str:
 
 
 def labels(values: object, rows: int) -> Labels:
-    """(rows,) read-only labels of payloads, of as many or of one for all.
-
-    Raises:
-        ValueError: they are of another number of rows.
-    """
+    """(rows,) read-only labels of payloads, of as many or of one for all; ValueError if of another number of rows."""
     return np.broadcast_to(np.asarray(values, dtype=np.str_), (rows,))
 
 
@@ -127,9 +115,7 @@ class Motion:
 
 
 class Instant(Motion):
-    """One instant of a motion that goes on: its numbers are taken as they are, and effects remember.
-
-    Nothing is checked: whoever makes instants by the thousand has checked what they are made of.
+    """One instant of a motion that goes on: its numbers are taken as they are, unchecked, and effects remember.
 
     Attributes:
         past: gives positions, velocities and accelerations, each (n,), so many seconds ago.
@@ -155,7 +141,7 @@ class Instant(Motion):
         values["origin"], values["payload"], values["past"], values["memory"] = origin, payload, past, memory
 
     def joints(self, chosen: list[int]) -> Motion:
-        """The motion of some (0-based) joints alone."""
+        """As views, where it can be."""
         if len(chosen) == self.q.shape[1] and chosen == [*range(len(chosen))]:
             return self
         those = slice(chosen[0], chosen[0] + 1) if len(chosen) == 1 else chosen  # a view costs a tenth of a copy
@@ -163,7 +149,7 @@ class Instant(Motion):
         return Instant(self.t, q, dq, ddq, self.origin, self.payload, self.past, self.memory)
 
     def ago(self, lag: float) -> Motion:
-        """The motion `lag` seconds ago; what effects remember of it is kept apart."""
+        """Likewise; what effects remember of it is kept apart."""
         if lag == 0.0 or self.past is None:
             return self
         q, dq, ddq = (values[None] for values in self.past(lag))

@@ -6,8 +6,8 @@ import importlib
 import inspect
 import pkgutil
 from collections.abc import Iterable, Iterator, Mapping
-from functools import cache
-from importlib.metadata import EntryPoint, entry_points
+from functools import cache, partial
+from importlib.metadata import entry_points
 from typing import Any
 
 import numpy as np
@@ -65,35 +65,25 @@ def registered_effects() -> Mapping[str, type[Effect]]:
     """
     known: dict[str, type[Effect]] = {}
     for point in sorted(entry_points(group="bayesid.effects"), key=lambda point: point.name):
-        kind = _loaded(point)
+        package = point.dist.name if point.dist is not None else point.module
+        unusable = partial(InputError, field=f"effect {point.name} of the package {package}")
+        remedy = f"mend or uninstall {package}"
+        try:
+            kind = point.load()
+        except Exception as error:  # whatever goes wrong in somebody's module
+            raise unusable(f"cannot be loaded ({type(error).__name__}: {error})", remedy=remedy) from None
+        is_effect = inspect.isclass(kind) and issubclass(kind, Effect)
+        if not is_effect or not isinstance(getattr(kind, "name", None), str):
+            raise unusable(f"{point.value} is no effect's class with a name", remedy=remedy)
         if known.setdefault(kind.name, kind) is not kind:
-            raise _unusable(point, f"its effect {kind.name!r} is registered by {known[kind.name].__module__} too")
+            other = known[kind.name].__module__
+            raise unusable(f"its effect {kind.name!r} is registered by {other} too", remedy=remedy)
     return known
-
-
-def _loaded(point: EntryPoint) -> type[Effect]:
-    try:
-        kind = point.load()
-    except Exception as error:  # whatever goes wrong in somebody's module
-        raise _unusable(point, f"cannot be loaded ({type(error).__name__}: {error})") from None
-    if not inspect.isclass(kind) or not issubclass(kind, Effect) or not isinstance(getattr(kind, "name", None), str):
-        raise _unusable(point, f"{point.value} is no effect's class with a name")
-    return kind
-
-
-def _unusable(point: EntryPoint, what: str) -> InputError:
-    package = point.dist.name if point.dist is not None else point.module
-    return InputError(what, f"effect {point.name} of the package {package}", f"mend or uninstall {package}")
 
 
 def main_forms() -> dict[str, type[Term] | type[Distortion]]:
     """The main form of every effect that a model may lack, in the order of the catalogue."""
     return {name: kind for name, kind in forms().items() if name == effect_of(name) and kind.can_be_missing}
-
-
-def effect_names() -> list[str]:
-    """Names of all effects that a model may lack."""
-    return sorted(main_forms())
 
 
 def make_effect(name: str, shape: Mapping[str, Iterable[float]]) -> Any:

@@ -79,12 +79,10 @@ def base_coefficients(model: Model, seed: int = 0, earlier: Model | None = None)
     if earlier is not None:
         columns = np.vstack([columns, _random_columns(earlier, rng) @ embedding(earlier, model)])
     kept, weights = _independent_columns(columns)
-    names = [model.parameters[k].name for k in kept]
-    lengths = model.robot.lengths
     labels = [parameter.name for parameter in model.parameters]
     return BaseCoefficients(
-        names=tuple(names),
-        expressions=tuple(_expression(row, labels, lengths, model.robot.n_joints) for row in weights),
+        names=tuple(labels[k] for k in kept),
+        expressions=tuple(_expression(row, labels, model.robot.lengths, model.robot.n_joints) for row in weights),
         units=tuple(model.parameters[k].unit for k in kept),
         kept=kept,
         projection=weights,
@@ -98,10 +96,7 @@ def embedding(part: Model, whole: Model) -> Array:
         ValueError: the whole lacks one of the parameters.
     """
     names = [parameter.name for parameter in whole.parameters]
-    chosen = np.zeros((len(part.parameters), len(names)))
-    for row, parameter in zip(chosen, part.parameters, strict=True):
-        row[names.index(parameter.name)] = 1.0
-    return chosen
+    return np.eye(len(names))[[names.index(parameter.name) for parameter in part.parameters]]
 
 
 def _random_columns(model: Model, rng: np.random.Generator) -> Array:
@@ -149,20 +144,13 @@ def _expression(weights: Array, labels: list[str], lengths: Mapping[str, float],
 
 def _with_mass_sums(weights: Array, labels: list[str], n_links: int) -> Iterable[tuple[str, float]]:
     """The nonzero (label, weight) pairs, an equal weight on m_i ... m_n written as M_i (with what is left on top)."""
-    weight_of = dict(zip(labels, weights.tolist(), strict=True))
-    if not all(f"m{i}" in weight_of for i in range(1, n_links + 1)):
+    weight_of, masses = dict(zip(labels, weights.tolist(), strict=True)), [f"m{i}" for i in range(1, n_links + 1)]
+    if not weight_of.keys() >= set(masses):
         return [(label, weight) for label, weight in weight_of.items() if weight != 0.0]
-    sums: dict[str, float] = {}
-    before = 0.0
-    for i in range(1, n_links + 1):
-        step = weight_of[f"m{i}"] - before
-        if abs(step) > _ZERO and i < n_links:
-            sums[f"M{i}"] = step
-        elif abs(step) > _ZERO:
-            sums[f"m{i}"] = step
-        before = weight_of[f"m{i}"]
-    others = {k: v for k, v in weight_of.items() if v != 0.0 and not (k[0] == "m" and k[1:].isdigit())}
-    return [*others.items(), *sums.items()]
+    steps = np.diff([weight_of[mass] for mass in masses], prepend=0.0).tolist()
+    names = [*(mass.upper() for mass in masses[:-1]), masses[-1]]
+    sums = [(name, step) for name, step in zip(names, steps, strict=True) if abs(step) > _ZERO]
+    return [*((k, v) for k, v in weight_of.items() if v != 0.0 and k not in masses), *sums]
 
 
 def _length_symbols(lengths: Mapping[str, float]) -> list[tuple[str, float]]:
@@ -171,9 +159,9 @@ def _length_symbols(lengths: Mapping[str, float]) -> list[tuple[str, float]]:
     squares = [(f"{a}^2", x * x) for a, x in single]
     products = [(f"{a} {b}", x * y) for (a, x), (b, y) in combinations(single, 2)]
     doubled = [(f"2 {name}", 2 * value) for name, value in single + squares + products]
-    sums = [(f"({a} + {b})", x + y) for (a, x), (b, y) in combinations(squares, 2)]
-    differences = [(f"({a} - {b})", x - y) for (a, x), (b, y) in combinations(squares, 2)]
-    return single + squares + products + doubled + sums + differences
+    pairs = list(combinations(squares, 2))
+    sums = [(f"({a} {sign} {b})", x + factor * y) for sign, factor in (("+", 1), ("-", -1)) for (a, x), (b, y) in pairs]
+    return single + squares + products + doubled + sums
 
 
 def _spell(weight: float, symbols: list[tuple[str, float]]) -> tuple[str, bool]:

@@ -281,11 +281,9 @@ class Effect:
 
     def moved(self, step: Array) -> Self:
         """The effect with its own numbers changed by the first entries of the amplitudes step (p,)."""
-        for key in (key for key, number in self.number_fields().items() if number.tuned):
-            values = np.array(getattr(self, key))
-            changed: Any = {key: tuple((values + step[: len(values)]).tolist())}
-            return replace(self, **changed)
-        return self
+        tuned = {key: np.array(getattr(self, key)) for key, number in self.number_fields().items() if number.tuned}
+        changed: Any = {key: tuple((values + step[: len(values)]).tolist()) for key, values in tuned.items()}
+        return replace(self, **changed)
 
 
 def effect_of(name: str) -> str:

@@ -231,37 +231,40 @@ class LinkTwist(Displacement):
 # ---------------------------------------------------------------------------------------------------------------
 def shift(along: Array, step: float) -> Array:
     """(4, 4) a step along a direction (3,)."""
-    move = np.eye(4)
-    move[:3, 3] = step * along
-    return move
+    return _move(np.eye(3), step * along)
 
 
 def turn(about: Array, step: float, point: Array | None = None) -> Array:
     """(4, 4) a turn about a unit axis (3,) through a point (3,), the origin by default."""
+    rotation = scipy.spatial.transform.Rotation.from_rotvec(step * about).as_matrix()
+    return _move(rotation, np.zeros(3) if point is None else point - rotation @ point)
+
+
+def _move(rotation: Array, step: Array) -> Array:
     move = np.eye(4)
-    move[:3, :3] = scipy.spatial.transform.Rotation.from_rotvec(step * about).as_matrix()
-    if point is not None:
-        move[:3, 3] = point - move[:3, :3] @ point
+    move[:3, :3], move[:3, 3] = rotation, step
     return move
-
-
-def ends_at_next(robot: Robot, link: int) -> bool:
-    """Whether a link's frame is not its joint's, but where the next joint stands, if there is one."""
-    frame = robot.joints[link].link_frame
-    following = [joint.placement for joint in robot.joints if joint.parent == link]
-    return not np.array_equal(frame, np.eye(4)) and all(np.allclose(frame, p, atol=_SAME) for p in following)
 
 
 def is_distal(robot: Robot) -> bool:
     """Whether links have their frames where the next joint stands: the standard Denavit-Hartenberg convention."""
-    return any(ends_at_next(robot, i) for i in range(robot.n_joints))
+    for link, one in enumerate(robot.joints):
+        following = [joint.placement for joint in robot.joints if joint.parent == link]
+        at_next = all(np.allclose(one.link_frame, placement, atol=_SAME) for placement in following)
+        if at_next and not np.array_equal(one.link_frame, np.eye(4)):
+            return True
+    return False
 
 
 def with_joint(robot: Robot, joint: int, move: Array, *, own: bool = True) -> Robot:
     """The robot with one joint, and what it carries, moved in its own frame or the frame that it stands in."""
+    placement = robot.joints[joint].placement
+    return _with(robot, joint, placement=placement @ move if own else move @ placement)
+
+
+def _with(robot: Robot, k: int, **changed: Array) -> Robot:
     joints: list[Joint] = list(robot.joints)
-    placement = joints[joint].placement
-    joints[joint] = replace(joints[joint], placement=placement @ move if own else move @ placement)
+    joints[k] = replace(joints[k], **changed)
     return replace(robot, joints=tuple(joints))
 
 
@@ -269,12 +272,10 @@ def with_link(robot: Robot, link: int, move: Array, *, first: bool) -> Robot:
     """The robot with a link's frame moved, in its joint's frame (first) or its own; and with it what stands there."""
     frame = robot.joints[link].link_frame
     moved = move @ frame if first else frame @ move
-    joints = [
-        replace(joint, placement=moved @ np.linalg.solve(frame, joint.placement)) if joint.parent == link else joint
-        for joint in robot.joints
-    ]
-    joints[link] = replace(joints[link], link_frame=moved)
-    return replace(robot, joints=tuple(joints))
+    for k, joint in enumerate(robot.joints):
+        if joint.parent == link:
+            robot = _with(robot, k, placement=moved @ np.linalg.solve(frame, joint.placement))
+    return _with(robot, link, link_frame=moved)
 
 
 def along_axis(robot: Robot, joint: int, step: float, *, turning: bool) -> Robot:

@@ -11,7 +11,7 @@ from weakref import ref
 import numpy as np
 
 from bayesid.arrays import Array, Integers, Mask
-from bayesid.effects.distortion import Distortion, SensorDistortion
+from bayesid.effects.distortion import Distortion, Rows, SensorDistortion
 from bayesid.effects.effect import Effect, Scene
 from bayesid.effects.parameters import Cone, Parameter
 from bayesid.effects.term import Term
@@ -29,11 +29,6 @@ class FeltColumns:
         size: P.
         felt: of each of the n joints, (m,) the columns that it feels, ascending.
         values: of each joint, (N, m) these.
-
-    Example:
-        >>> columns = FeltColumns.of(np.array([[[1.0, 2.0], [0.0, 3.0]]]))
-        >>> columns.felt[1].tolist(), columns.values[1].tolist(), columns.dense.shape
-        ([1], [[3.0]], (1, 2, 2))
     """
 
     size: int
@@ -115,13 +110,7 @@ class Model:
         return reduce(lambda total, term: total + term.cone(self.robot), self.terms, Cone.free(0))
 
     def extend(self, effect: Effect) -> Model:
-        """A new model with one more effect, the last of the terms or of the distortions.
-
-        Example:
-            >>> offsets = bayesid.make_terms(["torque_offset"], robot, motion)[0]
-            >>> [one.name for one in model.extend(offsets).parameters][-3:]
-            ['offset1', 'offset2', 'offset3']
-        """
+        """A new model with one more effect, the last of the terms or of the distortions."""
         if isinstance(effect, Term):
             return replace(self, terms=(*self.terms, effect))
         if isinstance(effect, Distortion):
@@ -180,10 +169,7 @@ class Model:
 
     def columns(self, motion: Motion) -> Array:
         """(N, n, P) columns of all terms, rows distorted, N m per unit of each parameter."""
-        rows: Callable[[Robot, Motion], Array] = self._plain_columns
-        for distortion in self.distortions:
-            rows = partial(distortion.columns, rows)
-        return rows(self.robot, motion)
+        return self._distorted(self._plain_columns)(self.robot, motion)
 
     def chunks(self, motion: Motion) -> Iterator[tuple[slice, Array]]:
         """Rows and their columns, some thousand samples at a time; effects with a memory see some samples around."""
@@ -233,24 +219,20 @@ class Model:
             each = [term.effort(robot, motion, values) for term, values in parts]
             return sum(each[1:], each[0])[:, :, None]
 
-        rows: Callable[[Robot, Motion], Array] = efforts
+        effort = self._distorted(efforts)(self.robot, motion)[:, :, 0]
+        return self.read(effort) if self.distortions else effort
+
+    def _distorted(self, rows: Rows) -> Rows:
         for distortion in self.distortions:
             rows = partial(distortion.columns, rows)
-        effort = rows(self.robot, motion)[:, :, 0]
-        return self.read(effort) if self.distortions else effort
+        return rows
 
     def read(self, effort: Array) -> Array:
         """(N, n) what sensors read of efforts (N, n), N m."""
         return reduce(lambda read, distortion: distortion.measured(read), self.distortions, effort)
 
     def unread(self, magnitude: Array) -> tuple[Array, Mask]:
-        """(N, n) absolute efforts before the sensors' doing, N m, and (N, n) where the readings show them.
-
-        Example:
-            >>> magnitude, valid = model.unread(log.effort)
-            >>> bool(valid.all())
-            True
-        """
+        """(N, n) absolute efforts before the sensors' doing, N m, and (N, n) where the readings show them."""
         valid = np.ones(magnitude.shape, dtype=bool)
         for distortion in reversed(self.distortions):
             magnitude, valid_here = distortion.restored(magnitude)
@@ -280,7 +262,6 @@ class _Latest:
         return _Latest, ()
 
     def forget(self) -> None:
-        """Begins without any."""
         self._motion: Callable[[], Motion | None] = lambda: None
         self._chunks: list[tuple[slice, FeltColumns]] = []
         self._bytes = 0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -38,8 +38,7 @@ def simulate(
 ) -> Log:
     """A log of a motion, positions exact, efforts with Gaussian noise and rectified where they are not signed.
 
-    A controller rectifies what it measures, so the noise is added first; an absolute value near zero is then biased. A
-    sensor's distortions act on the noise as well.
+    A controller rectifies what it measures, so the noise is added first; a sensor's distortions act on it as well.
 
     Args:
         model: the model.
@@ -52,8 +51,7 @@ def simulate(
         sensor: (n,) standard deviation of the noise, N m, instead of `noise`: a sensor's is the same in any motion.
 
     Raises:
-        ValueError: the noise or a sensor's is negative or not finite, there is not one sensor for each joint, or the
-            noise's colour is not in [0, 1).
+        ValueError: a noise cannot be used.
 
     Example:
         >>> log = bayesid.simulate(model, theta, motion, rng=np.random.default_rng(0), noise=0.05)
@@ -64,12 +62,11 @@ def simulate(
         raise ValueError(f"the noise must be a finite share of the effort, not {noise}")
     if not 0.0 <= colour < 1.0:
         raise ValueError(f"the noise's correlation must lie in [0, 1), not {colour}")
-    if sensor is not None and not (np.shape(sensor) == (motion.n_joints,) and np.isfinite(sensor).all()):
-        raise ValueError(f"the sensor's noise must be {motion.n_joints} finite numbers, one a joint")
-    if sensor is not None and np.min(sensor) < 0.0:
-        raise ValueError(f"the sensor's noise must not be negative: {np.min(sensor)}")
+    own = None if sensor is None else np.asarray(sensor)
+    if own is not None and not (own.shape == (motion.n_joints,) and np.all((own >= 0.0) & (own < np.inf))):
+        raise ValueError(f"the sensor's noise must be {motion.n_joints} finite numbers, one a joint, none negative")
     effort = model.before_sensors.effort(motion, theta)
-    sd = noise * rms(effort) if sensor is None else np.asarray(sensor)
+    sd = noise * rms(effort) if own is None else own
     effort = model.read(effort + sd * _ar1(rng.standard_normal(effort.shape), colour))
     keeps = np.broadcast_to(np.asarray(signed, dtype=bool), motion.n_joints)
     effort = np.where(keeps, effort, np.abs(effort))
@@ -83,8 +80,7 @@ def _ar1(white: Array, colour: float) -> Array:
     return shaped
 
 
-@dataclass(frozen=True)
-class SimulatedEffect:
+class SimulatedEffect(NamedTuple):
     """An effect to be added to a simulated robot.
 
     Attributes:
@@ -114,11 +110,10 @@ def parse_effect(text: str, robot: Robot) -> SimulatedEffect:
         effect = SimulatedEffect(name, int(joint), float(level))
     except ValueError:
         raise InputError(f"{text!r} is not NAME:JOINT:LEVEL", field="effects", remedy=remedy) from None
-    possible = 1 <= effect.joint <= robot.n_joints and 0.0 <= effect.level <= 1e3
     if effect.name not in main_forms():
         remedy = f"{near_names(effect.name, main_forms())} {remedy}".strip()
         raise InputError(f"{text!r} names no effect of the catalogue", field="effects", remedy=remedy)
-    if not possible:
+    if not (1 <= effect.joint <= robot.n_joints and 0.0 <= effect.level <= 1e3):
         raise InputError(f"{text!r} names no effect of this robot", field="effects", remedy=remedy)
     return effect
 
@@ -198,9 +193,8 @@ def _form(effect: SimulatedEffect, scene: Scene, rng: np.random.Generator) -> Te
 
 
 def _unreachable(effect: SimulatedEffect, why: str) -> InputError:
-    return InputError(
-        f"{str(effect)!r} cannot be had: {why}", field="effects", remedy="give another level, joint or seed"
-    )
+    what = f"{str(effect)!r} cannot be had: {why}"
+    return InputError(what, field="effects", remedy="give another level, joint or seed")
 
 
 def _scaled_term(term: Term, effect: SimulatedEffect, scene: Scene, rng: np.random.Generator) -> Array:
@@ -230,17 +224,13 @@ def _inside_cone(term: Term, robot: Robot, rng: np.random.Generator) -> Array:
 def _scaled_distortion(
     form: Distortion, effect: SimulatedEffect, model: Model, scene: Scene, theta: Array, rng: np.random.Generator
 ) -> Distortion:
-    """The distortion with the magnitude that has the level; the smallest, if there are several.
+    """The distortion of a form with the magnitude that has the level; the smallest, if there are several.
 
-    Args:
-        form: of the distortion, in a joint or the whole robot.
-        effect: what is asked for.
-        model: what is distorted.
-        scene: the model's effort.
-        theta: (P,) the model's parameters.
-        rng: draws the direction.
+    It distorts a model with parameters theta (P,), whose effort is the scene's; rng draws the direction.
     """
-    before, j, direction = scene.effort, effect.joint - 1, _direction(effect, rng)
+    before, j = scene.effort, effect.joint - 1
+    sign = 1.0 if effect.level >= 1.0 else float(rng.choice([-1.0, 1.0]))  # it may not take away all of the effort
+    direction = Direction(sign, float(rng.uniform(0.0, 2.0 * np.pi)))
     whole = rms(before)[j]
 
     def distorted(magnitude: float) -> Distortion:
@@ -268,9 +258,3 @@ def _scaled_distortion(
     if missed > TUNING.close * effect.level:
         raise _unreachable(effect, f"the samples of this joint make it change in steps, as to {level(best):.4g}")
     return distorted(best)
-
-
-def _direction(effect: SimulatedEffect, rng: np.random.Generator) -> Direction:
-    """Either way, unless the effect would have to take away all of the effort."""
-    sign = 1.0 if effect.level >= 1.0 else float(rng.choice([-1.0, 1.0]))
-    return Direction(sign, float(rng.uniform(0.0, 2.0 * np.pi)))

@@ -34,21 +34,20 @@ def random_parameters(model: Model, rng: np.random.Generator) -> Array:
     others = np.setdiff1d(np.arange(cone.size), cone.bodies)
     shares = rng.uniform(*TUNING.of_either_sign, cone.size) * rng.choice([-1.0, 1.0], cone.size)
     shares[cone.nonnegative] = rng.uniform(*TUNING.of_one_sign, len(cone.nonnegative))
-    theta[others] = shares[others] * _whole(rms(columns @ theta), rms(columns[:, :, others]))
+    effort, each = rms(columns @ theta), rms(columns[:, :, others])
+    strongest = np.argmax(each, axis=0)  # the joint that a parameter acts on most
+    theta[others] = shares[others] * (_or_one(effort)[strongest] / _or_one(np.max(each, axis=0)))
     return theta
+
+
+def _or_one(size: Array) -> Array:
+    return np.where(size > 0.0, size, 1.0)
 
 
 def rms(values: Array) -> Array:
     """Root mean square over the samples, the first axis."""
     size: Array = np.sqrt(np.mean(values**2, axis=0))
     return size
-
-
-def _whole(effort: Array, columns: Array) -> Array:
-    """(k,) parameters whose RMS effort is that of the joint they act on most, from RMS values (n,) and (n, k)."""
-    strongest, largest = np.argmax(columns, axis=0), np.max(columns, axis=0)
-    whole: Array = np.where(effort > 0.0, effort, 1.0)[strongest] / np.where(largest > 0.0, largest, 1.0)
-    return whole
 
 
 def _random_motion(n_joints: int, rng: np.random.Generator) -> Motion:

@@ -1,9 +1,8 @@
 """Periodic trajectories within limits, random ones and ones that excite a model, and the condition number.
 
 Each joint follows a finite Fourier series (Swevers, Ganseman, Tukel, De Schutter and Van Brussel, "Optimal robot
-excitation and identification", IEEE Trans. Robotics and Automation 1997), so positions, velocities and accelerations
-are exact and band-limited. The series is stretched until each joint touches one of its limits; what is left, the shape,
-is free.
+excitation and identification", IEEE Trans. Robotics and Automation 1997), stretched until the joint touches one of its
+limits; what is left, the shape, is free.
 """
 
 from __future__ import annotations
@@ -53,10 +52,10 @@ class MotionLimits:
     def __post_init__(self) -> None:
         if not np.all(np.subtract(self.upper, self.lower) > 0.0):
             raise ValueError("the upper position limit must lie above the lower one")
-        if not (np.all(np.greater(self.velocity, 0.0)) and np.all(np.greater(self.acceleration, 0.0))):
-            raise ValueError("velocity and acceleration limits must be positive")
-        if not all(np.all(np.greater(limit, 0.0)) for limit in (self.jerk, self.effort) if limit is not None):
-            raise ValueError("jerk and effort limits must be positive")
+        for name in ("velocity", "acceleration", "jerk", "effort"):
+            limit = getattr(self, name)
+            if limit is not None and not np.all(np.greater(limit, 0.0)):
+                raise ValueError(f"{name} limits must be positive")
 
 
 INDUSTRIAL_ARM = MotionLimits()
@@ -80,9 +79,8 @@ class FourierTrajectory:
 
     def __post_init__(self) -> None:
         sine = frozen(self.sine, (None, None), "sine")
-        object.__setattr__(self, "sine", sine)
-        object.__setattr__(self, "cosine", frozen(self.cosine, sine.shape, "cosine"))
-        object.__setattr__(self, "centre", frozen(self.centre, sine.shape[:1], "centre"))
+        for name, shape in (("sine", sine.shape), ("cosine", sine.shape), ("centre", sine.shape[:1])):
+            object.__setattr__(self, name, frozen(getattr(self, name), shape, name))
         if not 0.0 < self.frequency < np.inf:
             raise ValueError(f"the fundamental frequency must be positive, not {self.frequency} Hz")
 
@@ -105,7 +103,7 @@ def random_trajectory(
     harmonics: int = HARMONICS,
     periods: int = 1,
 ) -> FourierTrajectory:
-    """A random trajectory that uses the limits but is not optimised, for tests on new motions.
+    """A random trajectory of n joints that uses the limits but is not optimised.
 
     Args:
         n_joints: number of joints n.
@@ -192,9 +190,6 @@ def exciting_trajectory(
         evaluations: of the condition number, about, for the improvement; the default takes about a second for six
             joints, ten times as many gain another tenth.
 
-    Raises:
-        ValueError: a duration or number that is not positive, or limits for another number of joints.
-
     Example:
         >>> trajectory = bayesid.exciting_trajectory(model, result.coefficients, 4.0, harmonics=2, evaluations=20)
         >>> trajectory.motion(np.arange(401) / 100.0).q.shape
@@ -205,7 +200,7 @@ def exciting_trajectory(
     grid = np.arange(instants(harmonics)) / instants(harmonics) / frequency
 
     def objective(shape: Array) -> float:
-        return log_condition(model, coefficients, within_limits(shape.reshape(n, -1), frequency, limits).motion(grid))
+        return _log_condition(model, coefficients, within_limits(shape.reshape(n, -1), frequency, limits).motion(grid))
 
     draws = [random_shape(n, harmonics, rng).ravel() for _ in range(TUNING.draws)]
     start = min(draws, key=objective)
@@ -228,12 +223,11 @@ def condition_number(model: Model, coefficients: BaseCoefficients, motion: Motio
 
 def log_condition_of(gram: Array) -> float:
     """The logarithm of `condition_number` from the Gram matrix (r, r) of all rows, its columns of any length."""
-    lengths = np.sqrt(np.diag(gram))
-    scale = 1.0 / np.where(lengths > 0.0, lengths, 1.0)
+    scale = 1.0 / _or_one(np.sqrt(np.diag(gram)))
     return _log_ratio(np.linalg.eigvalsh(scale[:, None] * gram * scale))
 
 
-def log_condition(model: Model, coefficients: BaseCoefficients, motion: Motion) -> float:
+def _log_condition(model: Model, coefficients: BaseCoefficients, motion: Motion) -> float:
     """The logarithm of `condition_number`, three times as fast: from the eigenvalues of the Gram matrix."""
     columns = _scaled_columns(model, coefficients, motion)
     return _log_ratio(np.linalg.eigvalsh(columns.T @ columns))
@@ -246,5 +240,8 @@ def _log_ratio(eigenvalues: NDArray[np.floating[Any]]) -> float:
 def _scaled_columns(model: Model, coefficients: BaseCoefficients, motion: Motion) -> Array:
     """(N n, r) columns of length one; a column of zeros stays."""
     columns = model.columns(motion)[:, :, coefficients.kept].reshape(-1, len(coefficients))
-    lengths = np.linalg.norm(columns, axis=0)
-    return columns / np.where(lengths > 0.0, lengths, 1.0)
+    return columns / _or_one(np.linalg.norm(columns, axis=0))
+
+
+def _or_one(lengths: Array) -> Array:
+    return np.where(lengths > 0.0, lengths, 1.0)

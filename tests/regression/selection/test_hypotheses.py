@@ -8,7 +8,7 @@ from conftest import small_robot, smooth_motion
 from oracles import assert_close
 
 from bayesid.effects import STANDARD
-from bayesid.effects.catalogue import DISTORTIONS, TERMS, effect_names, main_forms, make_effect, make_terms
+from bayesid.effects.catalogue import DISTORTIONS, TERMS, main_forms, make_effect, make_terms
 from bayesid.effects.effect import Scene
 from bayesid.effects.model import Model
 from bayesid.regression.selection.columns import NO_COLUMNS
@@ -20,7 +20,7 @@ asymmetric_coulomb base_tilt cable_drag clipping coulomb_friction dead_zone dela
 joint_spring load_dependent_friction payload rotor_inertia stribeck_friction thermal_drift tool_wrench torque_offset
 torque_ripple viscous_friction
 """
-EFFECTS = effect_names()
+EFFECTS = sorted(main_forms())
 JOINTS = 3
 
 
