@@ -31,20 +31,13 @@ class Quantity(IntEnum):
 class Family(IntEnum):
     """Which functions an axis has; the numbers are those that model.toml keeps."""
 
-    SMOOTH = 0
-    """Cosines over the range seen, the constant first."""
-    PERIODIC = 1
-    """cos(h x), sin(h x), cos(2 h x) ...; with an odd count the constant comes first."""
-    POWER = 2
-    """x^s, x^(s + 1) ..."""
-    ODD = 3
-    """x |x|^(s - 1)."""
-    DIRECTION = 4
-    """tanh(x / v)."""
-    FADING = 5
-    """1, exp(-x / T)."""
-    EVEN = 6
-    """|x|^s."""
+    SMOOTH = 0  # cosines over the range seen, the constant first
+    PERIODIC = 1  # cos(h x), sin(h x), cos(2 h x) ...; with an odd count the constant comes first
+    POWER = 2  # x^s, x^(s + 1) ...
+    ODD = 3  # x |x|^(s - 1)
+    DIRECTION = 4  # tanh(x / v)
+    FADING = 5  # 1, exp(-x / T)
+    EVEN = 6  # |x|^s
 
 
 @dataclass(frozen=True)
@@ -81,18 +74,17 @@ class Axis:
         """
         match self.family:
             case Family.SMOOTH:
-                return np.cos(np.outer(np.clip(x, self.low, self.high) - self._start, self.frequencies))
+                start = self.low - TUNING.margin * (self.high - self.low)
+                return np.cos(np.outer(np.clip(x, self.low, self.high) - start, self.frequencies))
             case Family.PERIODIC:
                 angle = np.outer(x, self.order * np.arange(1, self.count // 2 + 1))
                 waves = np.stack([np.cos(angle), np.sin(angle)], axis=2).reshape(len(x), -1)
                 return np.column_stack([np.ones(len(x)), waves]) if self.count % 2 else waves
             case Family.POWER:
                 return self._kept(x)[:, None] ** (self.order + np.arange(self.count))
-            case Family.ODD:
+            case Family.ODD | Family.EVEN:
                 kept = self._kept(x)[:, None]
-                return np.sign(kept) * np.abs(kept) ** self.order
-            case Family.EVEN:
-                return np.abs(self._kept(x))[:, None] ** self.order
+                return np.abs(kept) ** self.order * (np.sign(kept) if self.family is Family.ODD else 1.0)
             case Family.DIRECTION:
                 return np.tanh(x / self.order)[:, None]
         return np.column_stack([np.ones(len(x)), np.exp(-np.maximum(x, 0.0) / self.order)])
@@ -105,11 +97,8 @@ class Axis:
     def density(self, length: float) -> Array:
         """(count,) prior variances, adding up to 1.
 
-        Of cosines those of a squared exponential kernel; of waves they fall with the fourth power of the harmonic, as
-        those of a function with kinks do; of others they are equal.
-
-        Args:
-            length: of the kernel, as a share of the range.
+        Of cosines those of a squared exponential kernel of a length relative to the range; of waves they fall with the
+        fourth power of the harmonic, as those of a function with kinks do; of others they are equal.
         """
         if self.family is Family.PERIODIC:
             waves = np.repeat(np.arange(1.0, self.count // 2 + 1) ** -4.0, 2)
@@ -124,16 +113,9 @@ class Axis:
     @property
     def constant(self) -> bool:
         """Whether the first of the functions is the constant."""
-        powers = self.family is Family.POWER and self.order == 0.0
-        return self.family in (Family.SMOOTH, Family.FADING) or powers or self._odd_waves
-
-    @property
-    def _odd_waves(self) -> bool:
-        return self.family is Family.PERIODIC and self.count % 2 == 1
-
-    @property
-    def _start(self) -> float:
-        return self.low - TUNING.margin * (self.high - self.low)
+        powers, waves = self.family is Family.POWER, self.family is Family.PERIODIC
+        among_others = (powers and self.order == 0.0) or (waves and self.count % 2 == 1)
+        return self.family in (Family.SMOOTH, Family.FADING) or among_others
 
     def _kept(self, x: Array) -> Array:
         further = TUNING.beyond * (self.high - self.low) if self.count <= 2 else 0.0

@@ -1,9 +1,9 @@
-"""Rigid bodies: the robot's links, a payload that a model lacks, and payloads that logs say they carry."""
+"""Rigid bodies, the links and payloads that a model lacks or logs say they carry; and what acts on the tool."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -166,3 +166,62 @@ class CarriedPayload(BodyOnFlange):
         if len(rows):
             columns[rows] = super().columns(robot, motion[rows])
         return columns
+
+
+_FORCE = (("x", "N"), ("y", "N"), ("z", "N"))
+_COUPLE = (("rx", "N m"), ("ry", "N m"), ("rz", "N m"))
+
+
+class ToolWrench(WholeRobotTerm):
+    """A force from outside on the last link's frame, such as a hose that pulls, constant along the base's axes.
+
+    The actuators supply -J' F against it (virtual work).
+    """
+
+    name = "tool_wrench"
+    shown_by = "moving the tool slowly through space, and turning it in place"
+    phrase = Phrase("A force of {wbx}, {wby} and {wbz} along the base's axes acts on the tool.", "a force on the tool")
+    in_base: ClassVar[bool] = True
+    parts: ClassVar[tuple[tuple[str, str], ...]] = _FORCE
+    symbol: ClassVar[str] = "wb"
+
+    def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
+        """Force, and couple if there is one, on the last link."""
+        n = robot.n_joints
+        return tuple(Parameter(f"{self.symbol}{axis}{n}", unit, n) for axis, unit in self.parts)
+
+    def columns(self, robot: Robot, motion: Motion) -> Array:
+        """(N, n, 3 or 6) what the actuators supply against it."""
+        return -robot.tool_jacobian(motion, self.in_base).swapaxes(1, 2)[:, :, : len(self.parts)]
+
+
+class BaseWrench(ToolWrench):
+    """A force and a couple along the base's axes."""
+
+    name = "tool_wrench.couple"
+    phrase = Phrase(
+        "A force of {wcx}, {wcy} and {wcz} and a couple of {wcrx}, {wcry} and {wcrz} along the base's axes "
+        "act on the tool."
+    )
+    parts = (*_FORCE, *_COUPLE)
+    symbol = "wc"
+
+
+class FollowingForce(ToolWrench):
+    """A force that turns with the tool, such as a jet or a preloaded contact."""
+
+    name = "tool_wrench.following"
+    phrase = Phrase("A force of {wtx}, {wty} and {wtz} acts on the tool and turns with it.")
+    in_base = False
+    symbol = "wt"
+
+
+class FollowingWrench(FollowingForce):
+    """A force and a couple that turn with the tool."""
+
+    name = "tool_wrench.following_couple"
+    phrase = Phrase(
+        "A force of {wfx}, {wfy} and {wfz} and a couple of {wfrx}, {wfry} and {wfrz} act on the tool and turn with it."
+    )
+    parts = (*_FORCE, *_COUPLE)
+    symbol = "wf"

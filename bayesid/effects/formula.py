@@ -24,19 +24,12 @@ _NOUNS = {
 
 @dataclass(frozen=True)
 class Description:
-    """What is said of a learned effect.
+    """What is said of a learned effect."""
 
-    Attributes:
-        variables: q4, dq5, ddq1, tau2 (the load) or t.
-        formula: the effort in N m (N in a joint that slides); f is a smooth function, its RMS before it.
-        depends: on what, in words.
-        families: what it looks like, in words.
-    """
-
-    variables: tuple[str, ...]
-    formula: str
-    depends: str
-    families: tuple[str, ...]
+    variables: tuple[str, ...]  # q4, dq5, ddq1, tau2 (the load) or t
+    formula: str  # the effort in N m (N in a joint that slides); f is a smooth function, its RMS before it
+    depends: str  # on what, in words
+    families: tuple[str, ...]  # what it looks like, in words
 
     @property
     def sentence(self) -> str:
@@ -76,11 +69,9 @@ def symbol(quantity: Quantity, joint: int) -> str:
 
 
 def surface(component: Component, amplitude: Array) -> tuple[list[Array], Array]:
-    """Values of each variable over the range seen, and the (g1, g2, ...) effort on their grid, N m.
+    """Values of a function's variables over the range seen, and the (g1, g2, ...) effort on their grid, N m.
 
-    Args:
-        component: a function.
-        amplitude: (p,) of its products.
+    The amplitudes (p,) are those of its products.
     """
     grids = [np.linspace(axis.low, axis.high, TUNING.grid) for axis in component.axes]
     values = amplitude.reshape([axis.count for axis in component.axes])
@@ -89,9 +80,6 @@ def surface(component: Component, amplitude: Array) -> tuple[list[Array], Array]
     return grids, values
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# The formula
-# ---------------------------------------------------------------------------------------------------------------
 def _terms(component: Component, amplitude: Array) -> Iterator[str]:
     """The products that a function is the sum of, or the name of a smooth function."""
     fixed = [axis for axis in component.axes if axis.count == 1]
@@ -185,13 +173,8 @@ def _wave(name: str, turns: float, grid: Array, *raised: Array) -> Shape:
 def _single(axis: Axis) -> str:
     """The one function of an axis."""
     name = symbol(*axis.variable)
-    if axis.family is Family.DIRECTION:
-        return f"sign({name})"
-    if axis.family is Family.ODD:
-        return f"{name} |{name}|"
-    if axis.family is Family.EVEN:
-        return f"|{name}|"
-    return name if axis.order == 1.0 else f"{name}^{axis.order:g}"
+    named = {Family.DIRECTION: f"sign({name})", Family.ODD: f"{name} |{name}|", Family.EVEN: f"|{name}|"}
+    return named.get(axis.family, name if axis.order == 1.0 else f"{name}^{axis.order:g}")
 
 
 def _number(value: float) -> str:
@@ -202,9 +185,6 @@ def _signed(value: float) -> str:
     return f"{'-' if value < 0.0 else '+'} {_number(abs(float(value)))}"
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Words
-# ---------------------------------------------------------------------------------------------------------------
 def _depends(parts: Sequence[tuple[Component, Array]]) -> str:
     """The positions of joints 4 and 6 and the direction of motion of joint 5."""
     axes = [axis for component, _ in parts for axis in component.axes]
@@ -223,9 +203,8 @@ def _depends(parts: Sequence[tuple[Component, Array]]) -> str:
 
 
 def _joints(joints: Sequence[int]) -> str:
-    if len(joints) == 1:
-        return f"joint {joints[0]}"
-    return f"joints {', '.join(map(str, joints[:-1]))} and {joints[-1]}"
+    first = ", ".join(map(str, joints[:-1]))
+    return f"joints {first} and {joints[-1]}" if first else f"joint {joints[0]}"
 
 
 def _families(joint: int, parts: Sequence[tuple[Component, Array]]) -> Iterator[str]:

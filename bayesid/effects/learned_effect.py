@@ -55,13 +55,7 @@ class LearnedEffect(Term):
         joints: the one in which it acts.
         number: of the learned effect in this joint: a model may have learned twice.
         component: (a,) to which of the functions (from 0) each of a axes belongs.
-        quantity: (a,) `bayesid.effects.axes.Quantity` of each axis, and
-        of_joint: (a,) its joint,
-        family: (a,) which functions of it,
-        low: (a,) from which value,
-        high: (a,) to which they were seen,
-        order: (a,) their number, and
-        count: (a,) how many they are.
+        quantity, of_joint, family, low, high, order, count: (a,) of each axis, as `bayesid.effects.axes.Axis` has them.
         kept: (c,) number of columns of each of the c functions.
         weights: of the products' combinations that these are, one function after the other, row by row.
         links: (10 n,) parameters of the rigid bodies that make the load, or none where no variable is a load.
@@ -86,14 +80,11 @@ class LearnedEffect(Term):
     can_be_missing = False
 
     @classmethod
-    def of(
-        cls, joint: int, components: Sequence[Component], links: Sequence[float] = (), number: int = 1
-    ) -> LearnedEffect:
+    def of(cls, joint: int, components: Sequence[Component], links: Sequence[float] = (), number: int = 1) -> Self:
         """The effect of some functions in a joint (from 1)."""
         rows = [(k, *astuple(axis)) for k, one in enumerate(components) for axis in one.axes]
-        numbers: Any = dict(
-            zip(_OF_AXES, (tuple(map(float, column)) for column in zip(*rows, strict=True)), strict=True)
-        )
+        columns = zip(*rows, strict=True)
+        numbers: Any = {key: tuple(map(float, column)) for key, column in zip(_OF_AXES, columns, strict=True)}
         return cls(
             joints=(joint,),
             number=(float(number),),
@@ -113,18 +104,16 @@ class LearnedEffect(Term):
         """The functions."""
         kept = [int(one) for one in self.kept]
         sizes = [int(np.prod([axis.count for axis in axes])) * one for axes, one in zip(self._axes, kept, strict=True)]
-        parts = np.split(np.array(self.weights), np.cumsum(sizes)[:-1])
-        return tuple(
-            Component(axes, part.reshape(-1, one)) for axes, part, one in zip(self._axes, parts, kept, strict=True)
-        )
+        weights = np.split(np.array(self.weights), np.cumsum(sizes)[:-1])
+        each = zip(self._axes, weights, kept, strict=True)
+        return tuple(Component(axes, part.reshape(-1, one)) for axes, part, one in each)
 
     @property
     def _axes(self) -> list[tuple[Axis, ...]]:
         """Of each of the functions."""
         axes: list[list[Axis]] = [[] for _ in range(int(max(self.component)) + 1)]
-        for at, quantity, joint, family, low, high, order, count in zip(
-            *(getattr(self, key) for key in _OF_AXES), strict=True
-        ):
+        of_axes = [getattr(self, key) for key in _OF_AXES]
+        for at, quantity, joint, family, low, high, order, count in zip(*of_axes, strict=True):
             axis = Axis(Quantity(int(quantity)), int(joint), Family(int(family)), low, high, order, int(count))
             axes[int(at)].append(axis)
         return [tuple(some) for some in axes]

@@ -13,13 +13,12 @@ class Tuning:
     chunk: int = 4096
     """Samples whose columns are in memory at once."""
     look_back: int = 4096
-    """Samples before a chunk that effects with a memory see: presliding is forgotten after a few strokes, 4 s at
-    1 kHz."""
+    """Samples before a chunk that effects with a memory see, 4 s at 1 kHz: presliding forgets in a few strokes."""
     look_ahead: int = 16
     """Samples behind a chunk: the end of a cubic spline is felt 0.27 times less with every sample, 1e-9 after these."""
     remembered: int = 256_000_000
-    """Bytes of columns that a model remembers of its last motion: those of 150,000 samples of six joints and 84
-    parameters. A log is looked at ten times under a model, and columns cost more than all else. A round number."""
+    """Bytes of columns that a model remembers of its last motion, at which it is looked ten times: those of 150,000
+    samples of six joints and 84 parameters. A round number."""
     chunks_together: int = 8
     """Chunks that processors make together: memory stays bounded. A round number."""
 
@@ -42,8 +41,7 @@ class Tuning:
     stribeck_speeds: tuple[float, ...] = (0.035, 0.06, 0.1, 0.17, 0.3)
     """Stribeck speeds, as shares of the joint's highest speed, each 1.7 times the last; refined in between."""
     knees: tuple[float, ...] = (0.1, 0.2, 0.4, 0.7)
-    """Speeds at which drag saturates, as shares of the joint's highest, each some 2 times the last; refined in between.
-    A lower one is dry friction, a higher one viscous."""
+    """Speeds at which drag saturates, as shares of the joint's highest: lower is dry friction, higher viscous."""
     warming_times: tuple[float, ...] = (0.2, 0.5, 1.2)
     """Time constants of warming, as shares of the log's length: shorter ones are over at once, longer ones straight."""
     cable_starts: int = 11
@@ -61,8 +59,7 @@ class Tuning:
     most_harmonics: int = 400
     """Harmonics tried at most: bounds the time of a comparison."""
     lags: tuple[float, ...] = (0.0, 0.05, 0.12, 0.25, 0.4)
-    """s, about which the effort is linear in the lag: near one another at first, as bus cycles and filters make small
-    lags; not studied."""
+    """s, about which the effort is linear in the lag; denser where bus cycles and filters make them; not studied."""
     clipping_limits: int = 16
     """Limits, between 0.8 and 1 times the highest readings; a round number, refined about the best of them."""
     near_limit: float = 0.94
@@ -88,16 +85,14 @@ class Tuning:
     payload_moment: float = 0.15
     """kg m, of its first moments: 1 kg at 0.15 m from the flange; a round number."""
     parallel: float = 0.1
-    """m/s^2 of gravity across the first axis, below which the first link's weight is taken to have left no trace: that
-    of a tilt of 0.6 degrees."""
+    """m/s^2 of gravity across the first axis (a tilt of 0.6 degrees), below which link 1's weight left no trace."""
 
     # learned effects
     margin: float = 0.15
-    """Share of the range by which the interval of the cosines is longer at either end: they end flat there, and
-    functions with a longer kernel are flatter near the ends than an exact Gaussian process is. A round number."""
+    """Share of the range by which the interval of the cosines is longer at either end, as they end flat. A round
+    number."""
     beyond: float = 0.5
-    """Share of the range seen by which one power, or a straight line, goes on beyond either end of it before it stays
-    as it is. Sums of more powers, which may be any function, stay at the ends."""
+    """Share of the range seen by which one power, or a straight line, goes on beyond either end before it stays."""
     explained: float = 0.95
     """Share of a function's mean square that a simpler one must have to be told in its place."""
     grid: int = 41

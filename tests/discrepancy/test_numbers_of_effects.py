@@ -8,9 +8,8 @@ from conftest import small_robot
 
 from bayesid.discrepancy.workflow import Numbers
 from bayesid.effects.bodies import Payload
-from bayesid.effects.friction import CoulombFriction
+from bayesid.effects.friction import CoulombFriction, ThermalDrift
 from bayesid.effects.model import Model
-from bayesid.effects.thermal_drift import ThermalDrift
 from bayesid.regression.selection.columns import NO_COLUMNS
 from bayesid.regression.selection.hypotheses import Hypothesis
 from bayesid.robot.inertia import NAMES

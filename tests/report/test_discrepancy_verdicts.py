@@ -12,10 +12,9 @@ from bayesid.discrepancy.case import Excess
 from bayesid.effects.bodies import CarriedPayload, Payload
 from bayesid.effects.catalogue import forms, make_effect
 from bayesid.effects.drive import Delay, GainError, TorqueOffset
-from bayesid.effects.friction import CoulombFriction
+from bayesid.effects.friction import CoulombFriction, ThermalDrift
 from bayesid.effects.kinematic_errors import BaseTilt
 from bayesid.effects.learned_effect import LearnedEffect
-from bayesid.effects.thermal_drift import ThermalDrift
 from bayesid.regression.selection.added_effect import Cost, EffortSize
 from bayesid.report.discrepancy_verdicts import discrepancy_checks, lead
 from bayesid.report.words import quantity, rounded
