@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 import scipy
@@ -262,7 +262,7 @@ def with_joint(robot: Robot, joint: int, move: Array, *, own: bool = True) -> Ro
     return _with(robot, joint, placement=placement @ move if own else move @ placement)
 
 
-def _with(robot: Robot, k: int, **changed: Array) -> Robot:
+def _with(robot: Robot, k: int, **changed: Any) -> Robot:
     joints: list[Joint] = list(robot.joints)
     joints[k] = replace(joints[k], **changed)
     return replace(robot, joints=tuple(joints))
