@@ -57,16 +57,7 @@ class Dates:
 
 
 def dates_of(logs: Sequence[Log]) -> Dates:
-    """The dates of logs: all by the same rule, the first that gives one for each.
-
-    Args:
-        logs: K, in the order in which they were given.
-
-    Example:
-        >>> dates = dates_of([log, other_log])
-        >>> dates.texts, dates.basis
-        (('1', '2'), 'the order in which logs were given')
-    """
+    """The dates of K logs in the order in which they were given: all by the first rule that gives one for each."""
     for basis, rule in ((STAMPS, _stamped), (NAMES, _named)):
         found = [moment for log in logs if (moment := rule(log)) is not None]
         if len(found) == len(logs):

@@ -72,12 +72,7 @@ class Gains:
 
     @property
     def text(self) -> str:
-        """As on the command line; what `read_log` takes.
-
-        Example:
-            >>> bayesid.Gains(value=[1.0, 16.0], sd=[float("inf"), 0.0]).text
-            'unknown,16'
-        """
+        """As on the command line; what `read_log` takes."""
         words = (
             UNKNOWN if math.isinf(sd) else f"{value:.12g}" if sd == 0.0 else f"{value:.12g}~{100.0 * sd:.6g}%"
             for value, sd in zip(self.value.tolist(), self.sd.tolist(), strict=True)

@@ -116,22 +116,11 @@ class Log:
         return f"Log {self.source}: {len(self)} rows in {seconds:.4g} s, {joints}, {velocities}"
 
     def rectified(self) -> Log:
-        """The log as a controller that hides every sign would have written it.
-
-        Example:
-            >>> log = bayesid.read_log("signed.csv")
-            >>> bool((log.effort < 0.0).any()), bool((log.rectified().effort < 0.0).any())
-            (True, False)
-        """
+        """The log as a controller that hides every sign would have written it."""
         return replace(self, effort=np.abs(self.effort), signed=np.zeros(self.n_joints, dtype=bool))
 
     def rescaled(self, factor: Array) -> Log:
-        """The log with each joint's efforts, and the gain behind them, multiplied by its factor (n,).
-
-        Example:
-            >>> bool(np.allclose(log.rescaled([1.0, 2.0, 1.0]).effort[:, 1], 2.0 * log.effort[:, 1]))
-            True
-        """
+        """The log with each joint's efforts, and the gain behind them, multiplied by its factor (n,)."""
         gains = None if self.gains is None else self.gains.times(np.asarray(factor))
         return replace(self, effort=self.effort * np.asarray(factor), gains=gains)
 
@@ -176,12 +165,6 @@ class Log:
         Returns:
             (M,) the recording's place in `pieces`, 0 in a log that is one, and -1 where nothing was recorded; and (M,)
             its own time, s, to the microsecond, as the log's clock has it where nothing was recorded.
-
-        Example:
-            >>> both = bayesid.join_logs([log, other_log])
-            >>> place, time = both.clock(both.t[[0, -1]])
-            >>> place.tolist(), time.tolist()
-            ([0, 1], [0.0, 6.0])
         """
         place, time = np.full(len(t), -1 if self.pooled else 0), np.array(t, dtype=float)
         slack = 0.01 * self.period  # far more than the rounding of times since 1970, far less than half a period
@@ -213,11 +196,6 @@ def join_logs(logs: Sequence[Log]) -> Log:
 
     Raises:
         InputError: they do not have the same joints, signed joints or measured velocities, or not the same rate.
-
-    Example:
-        >>> both = bayesid.join_logs([log, other_log])
-        >>> len(both) == len(log) + len(other_log)
-        True
     """
     first = logs[0]
     if len(logs) == 1:
@@ -285,11 +263,6 @@ def write_log(path: str | Path, log: Log) -> None:
     """Writes a log in the format that `read_log` reads, with as many digits as it takes to come back the same.
 
     Nothing in the file says which joints are signed: `read_log` looks for negative efforts, unless `unsigned` says it.
-
-    Example:
-        >>> bayesid.write_log("copy.csv", log)
-        >>> len(bayesid.read_log("copy.csv")) == len(log)
-        True
     """
     blocks = {"q": log.q, **({} if log.dq is None else {"dq": log.dq}), "tau": log.effort}
     names = ["t", *(name for kind in blocks for name in numbered(kind, log.n_joints))]

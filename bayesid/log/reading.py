@@ -271,17 +271,13 @@ def read_motion(
 
     Args:
         path: the file, or a folder that is a recording.
-        degrees: as for `read_log`.
-        columns: as for `read_log`.
-        topic: as for `read_log`.
-        joints: as for `read_log`.
+        degrees: these and the following as for `read_log`.
+        columns: see there.
+        topic: see there.
+        joints: see there.
 
     Raises:
         InputError: the file, a row, a column or an option cannot be used.
-
-    Example:
-        >>> bayesid.read_motion("motion.csv").q.shape
-        (201, 3)
     """
     table = read_table(Path(path), Options(topic=topic, joints=joints, columns=columns, motion=True))
     for note in table.notes:

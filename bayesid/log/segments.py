@@ -35,12 +35,6 @@ class Cutting:
 
     Raises:
         InputError: a threshold is outside its range.
-
-    Example:
-        >>> preparation = bayesid.Preparation(cutting=bayesid.Cutting(threshold=0.05))
-        >>> result = bayesid.identify(robot, log, terms, preparation=preparation, posterior=False)
-        >>> bool(result.segments.fitted.all())
-        False
     """
 
     prominence: float = 0.02

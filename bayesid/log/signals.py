@@ -94,7 +94,7 @@ def prepare(log: Log, cutoff: float | None = None) -> Signals:
         cutoff: cut-off of the zero-phase low-pass, Hz; chosen by `choose_cutoff` when None.
 
     Raises:
-        InputError: nothing moves, too few distinct rows, or a cut-off beyond the log's Nyquist frequency.
+        InputError: too few distinct rows, or a cut-off beyond the log's Nyquist frequency.
     """
     mended = _mended(log)
     even = _on_even_grid(mended.motion)

@@ -26,7 +26,6 @@ from bayesid.log.formats.table import Options, Table
 from bayesid.log.tuning import TUNING
 
 if TYPE_CHECKING:
-    import h5py
     import pyarrow
     from pyarrow import parquet
 
@@ -137,16 +136,17 @@ def _load_hdf5(path: Path) -> dict[str, Any]:
     """The same of version 7.3, whose arrays are transposed, structs groups, and objects under "#refs#"."""
     import h5py
 
+    def plain(item: Any) -> Any:
+        if isinstance(item, h5py.Group):
+            return {name: plain(item[name]) for name in item}
+        return np.squeeze(item[()]).T
+
     with h5py.File(path) as file:
-        names = [name for name in file if not name.startswith("#")]
-        _check_hdf5(file, names)
-
-        def plain(item: Any) -> Any:
-            if isinstance(item, h5py.Group):
-                return {name: plain(item[name]) for name in item}
-            return np.squeeze(item[()]).T
-
-        return {name: plain(file[name]) for name in names}
+        sizes: list[int] = []
+        file.visititems(lambda _, item: sizes.append(item.nbytes) if isinstance(item, h5py.Dataset) else None)
+        if sum(sizes) > bounded.MOST_UNPACKED:
+            raise ValueError("its arrays are too large")
+        return {name: plain(file[name]) for name in file if not name.startswith("#")}
 
 
 def _log_of(variables: Mapping[str, Any], where: str, named: bool) -> Mapping[str, Any]:
@@ -227,23 +227,3 @@ def _check_matrix(content: bytes, order: str) -> None:
         count = math.prod(map(abs, struct.unpack(f"{order}{len(sizes) // 4}i", sizes[: len(sizes) // 4 * 4])))
         if _TAG * count > len(content):
             raise ValueError("holds fewer entries than it says")
-
-
-def _check_hdf5(file: h5py.File, names: Sequence[str]) -> None:
-    """Refuses, by ValueError, an HDF5 file whose arrays claim too much, or whose groups nest too deep or circle."""
-    import h5py
-
-    waiting, size, objects = [(file, name, 1) for name in names], 0, 0
-    while waiting:
-        group, name, depth = waiting.pop()
-        objects += 1
-        linked = isinstance(group.get(name, getlink=True), h5py.HardLink)
-        if depth > bounded.DEEPEST or objects > TUNING.most_objects or not linked:
-            raise ValueError("holds groups in a circle, too deep, or of another file")
-        item = group[name]
-        if isinstance(item, h5py.Group):
-            waiting += [(item, inner, depth + 1) for inner in item]
-            continue
-        size += math.prod(item.shape or ()) * item.dtype.itemsize
-        if size > bounded.MOST_UNPACKED:
-            raise ValueError("its arrays are too large")
