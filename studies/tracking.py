@@ -23,8 +23,7 @@ from bayesid.effects.catalogue import make_terms
 from bayesid.effects.model import Model
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.pipeline import identify
-from bayesid.monitor.changes import Alarm
-from bayesid.monitor.kinds import CONTACT, FRICTION, GAIN, PAYLOAD
+from bayesid.monitor.changes import CONTACT, FRICTION, GAIN, PAYLOAD, Alarm
 from bayesid.monitor.tracked import Tracked
 from bayesid.monitor.tracker import SignTracker
 from bayesid.motion import Motion

@@ -26,8 +26,7 @@ from bayesid.identification.prediction import Validation, check_joints
 from bayesid.log.formats import STANDARD_INPUT, Options
 from bayesid.log.log import Log, check_exact_gains
 from bayesid.log.rows import Row, RowReader
-from bayesid.monitor.changes import Alarm
-from bayesid.monitor.kinds import CONTACT
+from bayesid.monitor.changes import CONTACT, Alarm
 from bayesid.monitor.replay import Replay, agreement, contradicts, known_signs, replay, timed
 from bayesid.monitor.tracked import StreamFigures, Tracked, looked_at
 from bayesid.monitor.tracker import SignTracker

@@ -23,9 +23,8 @@ from bayesid.arrays import Array, Mask
 from bayesid.effects import STANDARD, Term, catalogue
 from bayesid.effects.coefficients import BaseCoefficients
 from bayesid.effects.model import Model
-from bayesid.errors import InputError
-from bayesid.excitation.goals import usual_motion
-from bayesid.excitation.limits import check_limits
+from bayesid.excitation.known import usual_motion
+from bayesid.excitation.limits import check_between, check_limits
 from bayesid.excitation.resolvability import (
     WRONG,
     Expectation,
@@ -75,15 +74,10 @@ class TrajectoryShape:
 
     def __post_init__(self) -> None:
         fewest = 4.0 * self.harmonics * self.periods  # twice as many as Nyquist asks for
-        for value, least, most, name, unit in (
-            (self.duration, 0.5, 3600.0, "duration", "s"),
-            (self.harmonics, 2, 20, "harmonics", "harmonics"),
-            (self.periods, 1, 1000, "periods", "periods"),
-            (self.rate * self.duration, fewest, 1e6, "rate", "samples"),
-        ):
-            if not least <= value <= most:
-                remedy = f"give {least:g} to {most:g} {unit}"
-                raise InputError(f"{value:g} {unit} cannot be used", field=f"TrajectoryShape.{name}", remedy=remedy)
+        check_between(self.duration, 0.5, 3600.0, "TrajectoryShape.duration", "s")
+        check_between(self.harmonics, 2, 20, "TrajectoryShape.harmonics", "harmonics")
+        check_between(self.periods, 1, 1000, "TrajectoryShape.periods", "periods")
+        check_between(self.rate * self.duration, fewest, 1e6, "TrajectoryShape.rate", "samples")
 
     @property
     def instants(self) -> Array:
@@ -98,12 +92,6 @@ class Objective:
     Attributes:
         noise: of the efforts, relative to each joint's RMS effort, at which the result is judged.
         evaluations: changes of the motion that each of two searches tries; 6000 take about ten seconds for six joints.
-
-    Example:
-        >>> objective = bayesid.Objective(evaluations=50)  # a short search
-        >>> design = bayesid.design_excitation(robot, terms, objective=objective)
-        >>> design.reached.condition < design.start.condition
-        True
     """
 
     noise: float = 0.05

@@ -155,9 +155,10 @@ def judge_log(
     grams, counts = sums.hessian.by_joint(n), np.bincount(sums.joint, sums.count, n)
     samples, weight = np.maximum(counts, 1).astype(np.int64), min(1.0, TUNING.independent / signals.rate)
     groups = groups_of(unsigned, all_unsigned=len(unsigned) == n)
-    flips = expectation.joint_flips(grams, samples, noise, weight, groups) if unsigned else [None]
+    flips = expectation.joint_flips(grams, samples, noise, weight, groups) if unsigned else []
     measured = turn_measured(sums.scaled(noise * sums.rms_effort(n)), segments.start, segments.end, weight)
     wrong = np.bincount(measured.joint, sums.energy[sums.known == 0] * mistaken(measured.resolvability), n)
+    log_condition = log_condition_of(grams.sum(axis=0))
     return ExcitationJudgement(
         model=model,
         coefficients=expectation.coefficients,
@@ -167,21 +168,12 @@ def judge_log(
         speed=speed.max(axis=0),
         acceleration=np.abs(actuators.ddq).max(axis=0),
         idle=np.mean(speed <= actuators.standstill_speed, axis=0),
-        condition=_condition(grams.sum(axis=0)),
+        condition=float(np.exp(log_condition)) if log_condition < UNEXCITED else np.inf,
         uncertainty=expectation.uncertainty(grams, samples, noise, weight),
-        joints=min(flips, key=_weakest),
+        joints=min(flips, key=lambda one: one.resolvability.min(), default=None),
         segments=measured,
         doubtful=wrong / np.maximum(np.bincount(sums.joint, sums.energy, n), TINY),
     )
-
-
-def _weakest(flips: JointFlips | None) -> float:
-    return 0.0 if flips is None else float(flips.resolvability.min())
-
-
-def _condition(gram: Array) -> float:
-    log_condition = log_condition_of(gram)
-    return float(np.exp(log_condition)) if log_condition < UNEXCITED else np.inf
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -204,19 +196,19 @@ def hardly_signed(judgement: ExcitationJudgement) -> tuple[tuple[int, ...], ...]
 
 
 def _still(judgement: ExcitationJudgement) -> list[str]:
-    remarks = []
-    for j in little_moved(judgement):
-        unit = _unit(judgement, j)
-        covers = f"covers {judgement.reach[j]:.2g} {unit} and is never faster than {judgement.speed[j]:.2g} {unit}/s"
-        remarks.append(f"joint {j + 1} {covers}: move it over most of its range, fast and slowly")
-    return remarks
+    return [
+        f"joint {j + 1} covers {judgement.reach[j]:.2g} {unit} and is never faster than {judgement.speed[j]:.2g} "
+        f"{unit}/s: move it over most of its range, fast and slowly"
+        for j in little_moved(judgement)
+        for unit in ("m" if judgement.model.robot.joints[j].prismatic else "rad",)
+    ]
 
 
 def _idle(judgement: ExcitationJudgement) -> list[str]:
-    resting = [j for j in np.flatnonzero(judgement.idle > TUNING.idle).tolist() if j not in little_moved(judgement)]
     return [
         f"joint {j + 1} stands still {judgement.idle[j]:.0%} of the time, which tells nothing: let it move on"
-        for j in resting
+        for j in np.flatnonzero(judgement.idle > TUNING.idle).tolist()
+        if j not in little_moved(judgement)
     ]
 
 
@@ -232,13 +224,15 @@ def _turned(judgement: ExcitationJudgement) -> list[str]:
 
 def _coefficients(judgement: ExcitationJudgement) -> list[str]:
     """What is undecided, a sentence for each term of the model."""
-    names, owner = judgement.coefficients.names, _owners(judgement.model)
-    undecided_names = [names[i] for i in judgement.undecided]
+    model, names = judgement.model, [judgement.coefficients.names[i] for i in judgement.undecided]
     remarks = []
-    for term, motion in dict.fromkeys(owner[name] for name in undecided_names):
-        listed = ", ".join(name for name in undecided_names if owner[name][0] == term)
-        remedy = f"{motion} would tell" if term != "rigid_body" else "`bayesid excite` designs a motion that tells"
-        remarks.append(f"undecided at a noise of {judgement.noise:.0%} ({term.replace('_', ' ')}): {listed}; {remedy}")
+    for term in model.terms:
+        own = [name for name in names if name in {parameter.name for parameter in term.parameters(model.robot)}]
+        if own:
+            designs = "`bayesid excite` designs a motion that tells"
+            remedy = designs if term.name == "rigid_body" else f"{term.shown_by} would tell"
+            kind = term.name.replace("_", " ")
+            remarks.append(f"undecided at a noise of {judgement.noise:.0%} ({kind}): {', '.join(own)}; {remedy}")
     return remarks
 
 
@@ -260,16 +254,6 @@ def _merged(judgement: ExcitationJudgement) -> list[str]:
             others = ", ".join(coefficients.names[i] for i in np.flatnonzero(coefficients.projection[:, p]))
             remarks.append(f"{model.parameters[p].name} shows only in a sum with {others}: no motion tells them apart")
     return remarks
-
-
-def _owners(model: Model) -> dict[str, tuple[str, str]]:
-    """Name of a parameter to its term and the motion that shows it."""
-    pairs = [(term, parameter) for term in model.terms for parameter in term.parameters(model.robot)]
-    return {parameter.name: (term.name, term.shown_by) for term, parameter in pairs}
-
-
-def _unit(judgement: ExcitationJudgement, joint: int) -> str:
-    return "m" if judgement.model.robot.joints[joint].prismatic else "rad"
 
 
 def _joints(group: tuple[int, ...]) -> str:

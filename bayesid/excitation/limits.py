@@ -14,7 +14,7 @@ jerks: they have the defaults too.
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -87,6 +87,12 @@ def check_limits(limits: MotionLimits | None, robot: Robot) -> MotionLimits:
     return MotionLimits(**each)
 
 
+def check_between(value: float, least: float, most: float, field: str, unit: str) -> None:
+    """Raises InputError about a field whose value is not between two others."""
+    if not least <= value <= most:
+        raise InputError(f"{value:g} {unit} cannot be used", field=field, remedy=f"give {least:g} to {most:g} {unit}")
+
+
 def _made(table: dict[str, Any], where: str) -> MotionLimits:
     sizes = sorted({len(value) for value in table.values() if isinstance(value, tuple)})
     if len(sizes) > 1:
@@ -140,21 +146,19 @@ def _chain(root: ET.Element, where: str) -> list[ET.Element]:
     for link in children:
         if children.count(link) > 1:
             raise InputError("is the child of two joints", f"{where}, link {link}", "give a URDF without loops")
-    return [joint for base in after if base not in children for joint in _beyond(base, after, where)]
-
-
-def _beyond(base: str, after: Mapping[str, Sequence[tuple[ET.Element, str]]], where: str) -> list[ET.Element]:
-    """The moving joints from a link to the tip: each beyond the one before."""
     chain: list[ET.Element] = []
-    waiting = [(base, 0)]
-    while waiting:
-        link, depth = waiting.pop()
-        for joint, child in after.get(link, []):
-            moves = joint.get("type") != "fixed"
-            if moves and depth < len(chain):
-                raise InputError("is of a robot that branches", where, "give the limits in a TOML file")
-            chain += [joint] * moves
-            waiting.append((child, depth + moves))
+    for base in (link for link in after if link not in children):
+        own: list[ET.Element] = []
+        waiting = [(base, 0)]
+        while waiting:
+            link, depth = waiting.pop()
+            for joint, child in after.get(link, []):
+                moves = joint.get("type") != "fixed"
+                if moves and depth < len(own):
+                    raise InputError("is of a robot that branches", where, "give the limits in a TOML file")
+                own += [joint] * moves
+                waiting.append((child, depth + moves))
+        chain += own
     return chain
 
 

@@ -2,7 +2,7 @@
 
 A result says how uncertain its coefficients are, and a discrepancy which effects its log cannot tell apart. Of all
 motions from rest to rest that a robot can run (`bayesid.excitation.splines`), the one is looked for whose recording
-tells most of that: by the information about chosen coefficients (`bayesid.excitation.goals`) or by the Bayes factor
+tells most of that: by the information about chosen coefficients (`bayesid.excitation.known`) or by the Bayes factor
 between hypotheses (`bayesid.excitation.rivals`). What will be known afterwards is said before anything is run.
 """
 
@@ -21,9 +21,18 @@ from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.effects.coefficients import base_coefficients
 from bayesid.errors import InputError
 from bayesid.excitation.gaussian import information_of, inverse
-from bayesid.excitation.goals import CRITERIA, Goal, goal_of, information_gain, usual_motion
-from bayesid.excitation.known import GAIN, Known, certain_share, known_of
-from bayesid.excitation.limits import check_limits
+from bayesid.excitation.known import (
+    CRITERIA,
+    GAIN,
+    Goal,
+    Known,
+    certain_share,
+    goal_of,
+    information_gain,
+    known_of,
+    usual_motion,
+)
+from bayesid.excitation.limits import check_between, check_limits
 from bayesid.excitation.rivals import (
     Hypotheses,
     RivalEffects,
@@ -33,7 +42,7 @@ from bayesid.excitation.rivals import (
     make_rivals,
 )
 from bayesid.excitation.search import MotionSearch, best_motion
-from bayesid.excitation.splines import Feasibility, SplineBasis, SplineTrajectory, at_rest, fine_steps, largest_efforts
+from bayesid.excitation.splines import Feasibility, SplineBasis, SplineTrajectory, at_rest, fine_steps
 from bayesid.excitation.tuning import TUNING
 from bayesid.identification.identification import KNOWN, Identification, identified_of
 from bayesid.identification.identified_model import IdentifiedModel
@@ -68,10 +77,6 @@ class RunSettings:
 
     Raises:
         InputError: a number cannot be used.
-
-    Example:
-        >>> bayesid.RunSettings(duration=10.0).rate
-        100.0
     """
 
     duration: float = 20.0
@@ -84,13 +89,8 @@ class RunSettings:
     payload: str = ""
 
     def __post_init__(self) -> None:
-        for value, (least, most), name, unit in (
-            (self.duration, (2.0, 600.0), "duration", "s"),
-            (self.rate, (10.0, 4000.0), "rate", "Hz"),
-        ):
-            if not least <= value <= most:
-                remedy = f"give {least:g} to {most:g} {unit}"
-                raise InputError(f"{value:g} {unit} cannot be used", field=name, remedy=remedy)
+        check_between(self.duration, 2.0, 600.0, "duration", "s")
+        check_between(self.rate, 10.0, 4000.0, "rate", "Hz")
         if self.clearance is not None and not self.clearance.margin >= 0.0:
             said = f"{self.clearance.margin:g} m would let the robot touch itself"
             raise InputError(said, field="margin", remedy="give a distance of 0 m or more")
@@ -456,10 +456,8 @@ def _unchecked(run: RunSettings, *, assumed: bool) -> tuple[str, ...]:
 
 def _bears_slowly(feasibility: Feasibility, trajectory: SplineTrajectory, share: float) -> bool:
     """Whether efforts keep their limits where the motion is played at a share of its speed."""
-    if not feasibility.limits_effort:
-        return True
     motion = slowed(trajectory, share, share * fine_steps(trajectory.duration) / trajectory.duration)
-    return bool((largest_efforts(*feasibility.effort_band(motion)) <= feasibility.effort).all())
+    return not feasibility.limits_effort or feasibility.holds(*feasibility.effort_band(motion))
 
 
 def slowed(trajectory: SplineTrajectory, share: float, rate: float) -> Motion:

@@ -1,28 +1,21 @@
 """What a motion shows of signs and coefficients, for robots that are plausible before any log.
 
-Of signs: how much worse a fit becomes when those of some efforts are turned.
+Of signs: how much worse a fit becomes when those of some efforts are turned. With the efforts of all joints in units of
+their noise, tau = Y beta, cut into segments of constant sign, the fit with the signs of a set F turned leaves, with
+tau_F = tau on F and zero elsewhere and P = Y (Y'Y)^-1 Y',
 
-Stack the efforts of all joints, each row divided by its joint's noise sigma_j, as tau = Y beta, with the r base
-coefficients beta. Cut them into segments of constant sign and turn the signs of a set F of segments. The cost
-(:eq:`cost`) f(beta, s) = |Y beta - s |tau||^2 is zero for the true signs; for the turned ones the best
-coefficients leave, with tau_F = tau on F and zero elsewhere, P = Y (Y'Y)^-1 Y' and P tau = tau,
-
-    min f = |(1 - P) (tau - 2 tau_F)|^2 = 4 |(1 - P) tau_F|^2 =: R_F                                         (1)
-          = 4 (c_F - g_F' H^-1 g_F),   H = Y'Y,  c_F = tau_F' tau_F,  g_F = Y' tau_F.                        (2)
+    R_F = 4 |(1 - P) tau_F|^2                                                                                (1)
+        = 4 (c_F - g_F' H^-1 g_F),   H = Y'Y,  c_F = tau_F' tau_F,  g_F = Y' tau_F.                          (2)
 
 R_F is the *resolvability* of F (:eq:`resolvability`), and half of it the logarithm of the odds against the turned
-signs. (2) needs moments alone, and those of joined segments add. Where the efforts are those of a known robot these are
-Gram matrices, H_F = sum of y y' over the rows of F, g_F = H_F beta and c_F = beta' H_F beta: for whole joints no effort
-is computed.
+signs. (2) needs moments alone, and those of joined segments add.
 
-- Noise e of unit variance on tau leaves the mean difference of the costs as it is (turned noise has the same
-  distribution) and gives it, to first order, the standard deviation 2 sqrt(R_F). So turned signs look better with a
-  probability of about Phi(-sqrt(R_F) / 2), and sqrt(R_F) / 2 falls in proportion to the noise.
+- Noise of unit variance gives the difference of the costs, to first order, the standard deviation 2 sqrt(R_F). So
+  turned signs look better with a probability of about Phi(-sqrt(R_F) / 2).
 - The cone can only add: the true parameters lie inside it, so (1) is a lower bound of what turned signs cost.
-- R_F is that of the complement of F. It is zero if F is everything, and near zero if tau_F = Y beta' for some beta': a
-  joint whose effort is its own friction, rotor inertia and offset can be turned as a whole, and only the cone tells.
-  What tells without the cone is the coupling: coefficients of rigid bodies that show in several joints at once.
-- R_F falls to zero with the effort: efforts that linger near zero cannot be signed, and short segments hardly.
+- R_F is that of the complement of F, and near zero if tau_F = Y beta' for some beta': a joint whose effort is its own
+  friction, rotor inertia and offset can be turned as a whole, and only the cone tells. What tells without it are
+  coefficients of rigid bodies that show in several joints at once.
 
 The *noise tolerance* nu (:eq:`noise-tolerance`) puts this in one number that no chosen noise enters: the noise,
 relative to each joint's RMS effort, at which a tenth of the energy (of the squared efforts) would be expected to have
@@ -30,10 +23,8 @@ the wrong sign if single segments and groups of joints were all that could be tu
 
     sum_F w_F Phi(-sqrt(R_F(nu)) / 2) = 1/10,   R_F(nu) = R_F(1) / nu^2,                                     (3)
 
-w_F the share of the energy in F or in its complement, whichever is less. It ranks motions and is no promise: other sets
-may be turned as well, and the cone helps.
-
-Samples count as independent, but at most `TUNING.independent` a second: what a model leaves of an effort is coloured.
+w_F the share of the energy in F or in its complement, whichever is less. It ranks motions and is no promise. Samples
+count as independent, but at most `TUNING.independent` a second: what a model leaves of an effort is coloured.
 """
 
 from __future__ import annotations
@@ -130,12 +121,9 @@ def expected_noise(grams: Array, beta: Array, samples: int | Integers, noise: fl
 
 
 def turn_joints(grams: Array, beta: Array, groups: tuple[tuple[int, ...], ...]) -> JointFlips:
-    """What turning groups of joints weighs for a robot with coefficients beta (r,), whose other signs are right.
+    """What turning groups of 0-based joints weighs for a robot with coefficients beta (r,), other signs right.
 
-    Args:
-        grams: (n, r, r) of the joints' rows, in units of their noise.
-        beta: (r,).
-        groups: 0-based joints.
+    The Gram matrices (n, r, r) of the joints' rows are in units of their noise.
     """
     members = np.array([[j in group for j in range(len(grams))] for group in groups], dtype=float)
     gradient = grams @ beta
@@ -179,14 +167,9 @@ def expected_segments(
 
 
 def turn_segments(columns: Array, effort: Array, speed: Array, sigma: Array, weight: float) -> SegmentFlips:
-    """What turning each segment of a motion whose efforts are known weighs.
+    """What turning each segment of a motion weighs whose efforts (N, n) are known, N m.
 
-    Args:
-        columns: (N, n, r) base regressor.
-        effort: (N, n) noise-free efforts, N m.
-        speed: (N, n) of the actuators, rad/s.
-        sigma: (n,) noise of the efforts, N m.
-        weight: independent samples that each of these stands for.
+    Arguments as for `expected_segments`; each sample stands for so many independent ones, with noise sigma (n,), N m.
     """
     weights = np.broadcast_to(weight / sigma**2, effort.shape)
     joint, start, end, gradient, energy = expected_segments(columns, effort, speed, weights)
@@ -252,14 +235,14 @@ class Expectation:
     def joint_flips(
         self, grams: Array, samples: int | Integers, noise: float, weight: float, groups: tuple[tuple[int, ...], ...]
     ) -> list[JointFlips]:
-        """(K) what turning groups of joints weighs for each of the robots.
+        """(K) what turning groups of 0-based joints weighs for each of the robots.
 
         Args:
             grams: (n, r, r) Gram matrices of the joints' rows.
             samples: that each of them holds.
             noise: relative to each joint's RMS effort.
             weight: independent samples that each sample stands for.
-            groups: 0-based joints.
+            groups: that are turned.
         """
         sigma = [expected_noise(grams, beta, samples, noise)[:, None, None] for beta in self.betas]
         pairs = zip(self.betas, sigma, strict=True)

@@ -208,14 +208,19 @@ class Feasibility:
         """Whether efforts keep their limits from one instant to another, s, and between samples."""
         if not self.limits_effort:
             return True
-        mean, sd = self.effort_band(trajectory.motion(self._judged_at(trajectory, start, end)[:: TUNING.coarse]))
+        at = self._judged_at(trajectory, start, end)
+        mean, sd = self.effort_band(trajectory.motion(at[:: TUNING.coarse]))
         if (np.abs(mean) + TUNING.band * sd > self.effort).any():
             return False
-        return bool((self.largest_efforts(trajectory, start, end) <= self.effort).all())
+        return self.holds(*self.effort_band(trajectory.motion(at)))
 
-    def largest_efforts(self, trajectory: SplineTrajectory, start: float = 0.0, end: float | None = None) -> Array:
-        """(n,) largest |effort| with its band where a motion has changed from one instant to another, s."""
-        return largest_efforts(*self.effort_band(trajectory.motion(self._judged_at(trajectory, start, end))))
+    def holds(self, mean: Array, sd: Array) -> bool:
+        """Whether efforts at even instants (N, n), N m, keep their limits with their band, between instants too."""
+        return bool((largest_efforts(mean, sd) <= self.effort).all())
+
+    def largest_efforts(self, trajectory: SplineTrajectory) -> Array:
+        """(n,) largest |effort| of a motion with its band."""
+        return largest_efforts(*self.effort_band(trajectory.motion(self._judged_at(trajectory, 0.0, None))))
 
     def _judged_at(self, trajectory: SplineTrajectory, start: float, end: float | None) -> Array:
         """(N,) instants, s, of those of the whole motion, so that windows and the whole say the same."""

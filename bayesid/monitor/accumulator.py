@@ -112,15 +112,6 @@ class Accumulator:
 
         Raises:
             InputError: joints, shapes or values do not suit, or time does not go on.
-
-        Example:
-            >>> running = bayesid.Accumulator(result)
-            >>> running.add(result.signals.motion, result.signals.raw_effort, result.probability)
-            >>> try:
-            ...     running.add(result.signals.motion, result.signals.raw_effort, result.probability)
-            ... except bayesid.InputError as error:
-            ...     print(error.what)
-            begins at 0 s, not after the chunk before, which ends at 6 s
         """
         running = self._running
         self._check_motion(motion)
@@ -175,12 +166,6 @@ class Accumulator:
         less for signs in doubt, and what the model may lack or its gains leave open. With `earlier`, `prior_sd` is the
         sd by the model's own log alone, which counts the same, and `decided_by` is "earlier log" where that log has
         more than a tenth of the information; "prior" where nothing shows a coefficient.
-
-        Example:
-            >>> running = bayesid.Accumulator(result)
-            >>> running.add(result.signals.motion, result.signals.raw_effort, result.probability)
-            >>> [one.name for one in running.coefficients() if one.unit == "N m"]
-            ['Fc1', 'Fc2', 'Fc3']
         """
         known, (normal, lost) = self._running.coefficients, self._normal()
         beta = _least_squares(normal, known.project(self._identified.theta))
@@ -205,11 +190,6 @@ class Accumulator:
 
         Raises:
             InputError: there is none of this name; near names are told.
-
-        Example:
-            >>> running = bayesid.Accumulator(result)
-            >>> running.coefficient("Fc2").sd, round(running.coefficient("Fc2").mean, 1)  # nothing has come yet
-            (inf, 1.5)
         """
         return named(self.coefficients(), name, "coefficient")
 
@@ -330,10 +310,9 @@ class Accumulator:
         if len(motion) and not motion.t[0] > last:
             said = f"begins at {motion.t[0]:.6g} s, not after the chunk before, which ends at {last:.6g} s"
             raise InputError(said, "motion", "give chunks in the order of time, each sample once")
-        back = np.flatnonzero(np.diff(motion.t) <= 0.0)
-        if back.size:
-            said = f"time goes from {motion.t[back[0]]:.6g} to {motion.t[back[0] + 1]:.6g} s"
-            raise InputError(said, f"motion, sample {back[0] + 1}", "give samples in the order of time, each once")
+        for k in np.flatnonzero(np.diff(motion.t) <= 0.0)[:1]:
+            said = f"time goes from {motion.t[k]:.6g} to {motion.t[k + 1]:.6g} s"
+            raise InputError(said, f"motion, sample {k + 1}", "give samples in the order of time, each once")
         check_payloads(self._running.model, motion)
 
 

@@ -8,7 +8,10 @@ of the log likelihood ratio of residuals that are `Tuning.wider` times as wide a
 z the residual over its sd, and tau the samples that count as one. S reaches h by chance once in e^h such samples, at
 most (Lorden 1971): h follows from the false alarms an hour that are accepted. A sum that has reached it, having grown
 for `Tuning.lasting` and often enough, is a change; what pushes for a moment does not last so long. Which kind of change
-it looks like is then said by least squares (`bayesid.monitor.kinds`).
+it looks like is then said by least squares: each candidate is a few columns, the first moments and mass of a body on
+the flange for all joints, the direction of motion and the speed for friction of a joint, the model's effort itself for
+its gain. Signs are chosen anew under each candidate. The one with the best Bayesian information criterion on effective
+samples is named, if it leaves little of the misfit.
 """
 
 from __future__ import annotations
@@ -20,10 +23,11 @@ import numpy as np
 from scipy.special import ndtri
 
 from bayesid.arrays import Array, Mask, some
-from bayesid.monitor.kinds import CONTACT, PAYLOAD, Kind
 from bayesid.monitor.tuning import TUNING
 from bayesid.regression.noise import Noise
 
+PAYLOAD, FRICTION, GAIN, UNKNOWN = "payload", "friction", "gain", "unknown"
+CONTACT = "contact"
 _SQUARE, _SIZE = 0.5 * (1.0 - 1.0 / TUNING.wider**2), float(np.log(TUNING.wider))
 """What z^2 adds to a sum, and what each sample takes from it."""
 _SHOWS = float(np.sqrt(_SIZE / _SQUARE))
@@ -32,23 +36,14 @@ _SHOWS = float(np.sqrt(_SIZE / _SQUARE))
 
 @dataclass
 class Sums:
-    """State of the tests.
+    """State of the tests."""
 
-    Attributes:
-        sums: (n,) S.
-        since: (n,) s of motion since S was zero.
-        shown: (n,) s of that in which S grew.
-        began: (n,) when S left zero, s.
-        pushed: (n,) whether an external torque is beyond its threshold.
-        beyond: (n,) whether it was so at the last sample: a single one may be an outlier.
-    """
-
-    sums: Array
-    since: Array
-    shown: Array
-    began: Array
-    pushed: Mask
-    beyond: Mask
+    sums: Array  # (n,) S
+    since: Array  # (n,) s of motion since S was zero
+    shown: Array  # (n,) s of that in which S grew
+    began: Array  # (n,) when S left zero, s
+    pushed: Mask  # (n,) whether an external torque is beyond its threshold
+    beyond: Mask  # (n,) whether it was so at the last sample: a single one may be an outlier
 
     @classmethod
     def begin(cls, n: int) -> Sums:
@@ -58,17 +53,11 @@ class Sums:
 
 @dataclass(frozen=True)
 class ChangeTest:
-    """The tests, made ready.
+    """The tests, made ready."""
 
-    Attributes:
-        noise: of the model's residual, N m.
-        rate: of the samples, Hz.
-        false_alarms: an hour, of the whole robot: contacts and changes each.
-    """
-
-    noise: Noise
-    rate: float
-    false_alarms: float
+    noise: Noise  # of the model's residual, N m
+    rate: float  # of the samples, Hz
+    false_alarms: float  # an hour, of the whole robot: contacts and changes each
 
     @cached_property
     def lasting_square(self) -> Array:
@@ -95,11 +84,6 @@ class ChangeTest:
         slow = (self.noise.coloured / self.noise.sigma) ** 2
         seconds = (1.0 - slow) / self.rate + slow * 2.0 * self.noise.correlation
         return np.minimum(1.0 / (np.maximum(seconds, TUNING.shortest) * self.rate), 1.0)
-
-    def width(self, doubt: Array) -> Array:
-        """(n,) sd of the residual on another motion, N m, with what else is in doubt (n,) about it."""
-        width: Array = np.sqrt(self.width_square + doubt * doubt)
-        return width
 
     @cached_property
     def width_square(self) -> Array:
@@ -154,9 +138,129 @@ class ChangeTest:
 
 
 # ---------------------------------------------------------------------------------------------------------------
+# What a change looks like
+# ---------------------------------------------------------------------------------------------------------------
+@dataclass(frozen=True)
+class Look:
+    """W samples of a window in which something has changed."""
+
+    reading: Array  # (W, n) |effort|, or the effort of signed joints, N m
+    effort: Array  # (W, n) the model's, N m
+    width: Array  # (W, n) sd of the residual, N m; inf where a sample does not count
+    body: Array  # (W, n, 4) columns of first moments and mass of a body on the flange, N m per kg m and kg
+    direction: Array  # (W, n) smoothed direction of motion of the actuators
+    speed: Array  # (W, n) theirs, rad/s
+    signed: Mask  # (n,) whether a joint's effort is signed
+    weight: Array  # (n,) share of an effective sample that one of a joint is
+
+    @classmethod
+    def of(cls, rows: Array, signed: Mask, weight: Array) -> Look:
+        """Of rows (W, 9 n) of its first six parts, one after the other."""
+        n = len(signed)
+        reading, effort, width, body, direction, speed = np.split(rows, n * np.array([1, 2, 3, 7, 8]), axis=1)
+        return cls(reading, effort, width, body.reshape(-1, n, 4), direction, speed, signed, weight)
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What a change looks like."""
+
+    name: str  # payload, friction, gain or unknown
+    joints: tuple[int, ...]  # (from 1) in which it shows
+    amount: float | None  # kg of a payload, N m of dry friction, or share of a gain, by which they grew; None: unknown
+    explained: float  # share of the misfit
+
+
+def kind_of(look: Look, changed: Mask) -> Kind:
+    """What a change that some joints (n,) show looks like."""
+    joints = np.flatnonzero(changed).tolist()
+    every = tuple(range(look.effort.shape[1]))
+    misfit = np.array([_left(look, (j,), look.effort[:, [j]]) for j in every])
+    body = _fitted(look, misfit, PAYLOAD, every, look.body, 3)
+    own = [max(_of_joint(look, misfit, j), key=lambda fit: fit[0]) for j in joints]
+    together = sum(gain for gain, _ in own)
+    if body[0] >= together and body[1].explained >= TUNING.explained:
+        return body[1]
+    strongest = max(own, key=lambda fit: fit[0])[1]
+    if strongest.explained < TUNING.explained:
+        return Kind(UNKNOWN, tuple(j + 1 for j in joints), None, strongest.explained)
+    alike = tuple(sorted(k for _, kind in own if kind.name == strongest.name for k in kind.joints))
+    return Kind(strongest.name, alike, strongest.amount, strongest.explained)
+
+
+def _of_joint(look: Look, misfit: Array, j: int) -> list[tuple[float, Kind]]:
+    friction = np.stack([look.direction[:, [j]], look.speed[:, [j]]], axis=2)
+    of_gain = look.effort[:, [j], None]
+    return [_fitted(look, misfit, FRICTION, (j,), friction, 0), _fitted(look, misfit, GAIN, (j,), of_gain, 0)]
+
+
+def _fitted(look: Look, misfit: Array, name: str, of: tuple[int, ...], columns: Array, main: int) -> tuple[float, Kind]:
+    """By how much a candidate makes the window likelier, less what its freedom costs, and what it says.
+
+    The misfit is the model's (n,); the candidate acts in some joints `of` (0-based) by columns (W, n', p), of which
+    the main one has the coefficient that people read.
+    """
+    joints, size = list(of), columns.shape[2]
+    effort, weight = look.effort[:, joints], look.weight[joints] / look.width[:, joints] ** 2
+    rows = (np.sqrt(weight)[:, :, None] * columns).reshape(-1, size)
+    normal = rows.T @ rows
+    normal += np.diag(1e-6 * np.diag(normal) + 1e-300)  # what this motion does not show stays at zero
+    predicted, change = effort, np.zeros(size)
+    for _ in range(TUNING.passes):
+        aim = (np.sqrt(weight) * (_nearest(look, joints, predicted) - effort)).ravel()
+        change = np.linalg.solve(normal, rows.T @ aim)
+        predicted = effort + columns @ change
+    before, left = float(misfit[joints].sum()), _left(look, of, predicted)
+    count = max(float((look.weight[joints] * np.isfinite(look.width[:, joints])).sum()), 1.0)
+    kind = Kind(name, tuple(j + 1 for j in joints), float(change[main]), 1.0 - left / max(before, 1e-300))
+    return 0.5 * (before - left - size * np.log(count)), kind
+
+
+def _nearest(look: Look, joints: list[int], predicted: Array) -> Array:
+    reading = look.reading[:, joints]
+    return np.where(look.signed[joints], reading, np.where(predicted >= 0.0, 1.0, -1.0) * np.abs(reading))
+
+
+def _left(look: Look, joints: tuple[int, ...], predicted: Array) -> float:
+    """Sum of squares over effective samples that efforts (W, n') leave, N m."""
+    those = list(joints)
+    off = (_nearest(look, those, predicted) - predicted) / look.width[:, those]
+    return float((look.weight[those] * off**2).sum())
+
+
+@dataclass
+class Ring:
+    """The newest rows of a table: an instant, s, and what was known of it."""
+
+    rows: Array  # (R, C) the oldest at `count` modulo R
+    count: int = 0  # rows so far
+
+    @classmethod
+    def of(cls, rate: float, width: int) -> Ring:
+        """Empty, for `TUNING.remembered` seconds at a rate, Hz."""
+        size = min(TUNING.most_remembered, int(TUNING.remembered * rate) + 1)
+        return cls(np.full((max(8, size), 1 + width), np.nan))
+
+    def add(self, t: float, *parts: Array) -> None:
+        """One more row: an instant, s, and parts one after the other."""
+        row, start = self.rows[self.count % len(self.rows)], 1
+        row[0] = t
+        for part in parts:
+            row[start : start + part.size] = part.ravel()
+            start += part.size
+        self.count += 1
+
+    def since(self, start: float) -> Array:
+        """(R', C) the rows from an instant on, s, in their order."""
+        at = self.count % len(self.rows)
+        rows = self.rows[:at] if self.count < len(self.rows) else np.concatenate([self.rows[at:], self.rows[:at]])
+        return rows[rows[:, 0] >= start]
+
+
+# ---------------------------------------------------------------------------------------------------------------
 # Alarms
 # ---------------------------------------------------------------------------------------------------------------
-UNITS = {PAYLOAD: "kg", "friction": "N m", "gain": "1"}
+UNITS = {PAYLOAD: "kg", FRICTION: "N m", GAIN: "1"}
 """Of the amounts."""
 
 
@@ -196,25 +300,15 @@ class Alarm:
 
 @dataclass
 class Alarms:
-    """State: what was raised, what goes on, and which joints a change has hold of.
+    """State: what was raised, what goes on, and which joints a change has hold of."""
 
-    Attributes:
-        before: those by a clock that was set back since, whose times say nothing beside the others.
-        raised: the last ones, oldest first; a contact that became a change is not among them.
-        contact: the one that goes on.
-        held: (n,) joints of whose misfit a change is known.
-        calm: (n,) s of motion in which they have shown none.
-        latest: the latest change.
-        look_again: when it is looked at again, s: what it is shows better the longer it has lasted.
-    """
-
-    held: Mask
-    calm: Array
-    before: list[Alarm] = field(default_factory=list)
-    raised: list[Alarm] = field(default_factory=list)
-    contact: Alarm | None = None
-    latest: Alarm | None = None
-    look_again: float = np.inf
+    held: Mask  # (n,) joints of whose misfit a change is known
+    calm: Array  # (n,) s of motion in which they have shown none
+    before: list[Alarm] = field(default_factory=list)  # by a clock that was set back since: not to be compared
+    raised: list[Alarm] = field(default_factory=list)  # the last ones; a contact that became a change is not among them
+    contact: Alarm | None = None  # the one that goes on
+    latest: Alarm | None = None  # the latest change
+    look_again: float = np.inf  # when it is looked at again, s: what it is shows better the longer it has lasted
 
     @classmethod
     def begin(cls, n: int) -> Alarms:
@@ -232,14 +326,8 @@ class Alarms:
         self.contact, self.latest, self.look_again = None, None, np.inf
 
     def touch(self, t: float, pushed: Mask, external: Array) -> Alarm | None:
-        """The contact that begins with this sample, if one does.
-
-        Args:
-            t: the instant, s.
-            pushed: (n,) joints beyond their threshold.
-            external: (n,) external torques, N m.
-        """
-        if not some(pushed) or not some(pushed & ~self.held):
+        """The contact that begins now, s, if one does: joints (n,) are pushed by external torques (n,), N m."""
+        if not some(pushed & ~self.held):
             if self.contact is not None and t - self.contact.time - (self.contact.duration or 0.0) > TUNING.flicker:
                 self.contact = None
             return None
@@ -259,12 +347,8 @@ class Alarms:
     def change(self, t: float, began: float, kind: Kind, changed: Mask, sums: Array) -> Alarm:
         """A change, in whose place no contact of its joints since it began stands any more.
 
-        Args:
-            t: the instant, s.
-            began: when its first joint left the usual, s.
-            kind: what it looks like.
-            changed: (n,) joints that show it.
-            sums: (n,) how clearly.
+        It is said at an instant, s, began when its first joint left the usual, s, and is shown by joints (n,), as
+        clearly as sums (n,) say.
         """
         those = np.full_like(changed, True) if kind.name == PAYLOAD else changed
         self.raised = [one for one in self.raised if not _within(one, began, those)]

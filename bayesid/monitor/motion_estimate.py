@@ -8,7 +8,7 @@ the window is followed without any delay. Nothing older than the window plays a 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.linalg import lapack
@@ -22,89 +22,63 @@ _DEGREE = 3
 
 @dataclass
 class MotionWindow:
-    """The samples of the window, the newest last, and how far they lie from the fit.
+    """The samples of n joints in the window, the newest last, and how far they lie from the fit."""
 
-    Attributes:
-        t: (W,) instants, s.
-        values: (W, m n) positions, measured velocities and accelerations as far as there are, rad, rad/s, rad/s^2.
-        left: (m n,) average square of what the fit leaves of the newest sample.
-        free: average share of a sample's variance that it leaves.
-        fits: that the averages are of.
-        count: samples in the window.
-        full: whether samples have left it.
-        places: (W',) where the instants of the last fit lay in the window, from -1 to 0.
-        weights: (d + 1, W') that its samples had in the coefficients.
-    """
+    n: int  # joints
+    span: float  # of the window, s
+    rate: float  # of the samples, Hz
+    velocities: bool  # whether they are measured
+    accelerations: bool  # whether they are
+    count: int = 0  # samples in the window
+    full: bool = False  # whether samples have left it
+    t: Array = field(init=False)  # (W,) instants, s
+    values: Array = field(init=False)  # (W, m n) positions, measured velocities and accelerations, rad, s
+    left: Array = field(init=False)  # (m n,) average square of what the fit leaves of the newest sample
+    free: float = 0.0  # average share of a sample's variance that it leaves
+    fits: int = 0  # that the averages are of
+    places: Array = field(init=False)  # (W',) where the instants of the last fit lay in the window, from -1 to 0
+    weights: Array = field(init=False)  # (d + 1, W') that its samples had in the coefficients
 
-    t: Array
-    values: Array
-    left: Array
-    free: float
-    fits: int
-    count: int
-    full: bool
-    places: Array
-    weights: Array
+    def __post_init__(self) -> None:
+        size = min(TUNING.most_in_window, int(np.ceil(self.span * self.rate)) + _DEGREE + TUNING.spare)
+        width = self.n * (1 + self.velocities + self.accelerations)
+        self.t, self.values, self.left = np.zeros(size), np.zeros((size, width)), np.zeros(width)
+        self.places, self.weights = np.zeros(0), np.zeros((_DEGREE + 1, 0))
 
     def empty(self) -> None:
         """Without samples; how noisy they are stays known."""
         self.count, self.full = 0, False
 
-
-@dataclass(frozen=True)
-class MotionEstimator:
-    """Of n joints.
-
-    Attributes:
-        n: joints.
-        span: of the window, s.
-        rate: of the samples, Hz.
-        velocities: whether they are measured.
-        accelerations: whether they are.
-    """
-
-    n: int
-    span: float
-    rate: float
-    velocities: bool
-    accelerations: bool
-
-    def begin(self) -> MotionWindow:
-        """Before the first sample."""
-        size = min(TUNING.most_in_window, int(np.ceil(self.span * self.rate)) + _DEGREE + TUNING.spare)
-        width = self.n * (1 + self.velocities + self.accelerations)
-        nothing = np.zeros(0), np.zeros((_DEGREE + 1, 0))
-        return MotionWindow(np.zeros(size), np.zeros((size, width)), np.zeros(width), 0.0, 0, 0, False, *nothing)
-
-    def add(self, window: MotionWindow, t: float, values: Array) -> None:
+    def add(self, t: float, values: Array) -> None:
         """One more sample (m n,), and without those that have left the window."""
-        window.t[:-1], window.values[:-1] = window.t[1:], window.values[1:]
-        window.t[-1], window.values[-1] = t, values
-        window.full = window.full or window.count == len(window.t)
-        window.count = min(window.count + 1, len(window.t))
+        self.t[:-1], self.values[:-1] = self.t[1:], self.values[1:]
+        self.t[-1], self.values[-1] = t, values
+        self.full = self.full or self.count == len(self.t)
+        self.count = min(self.count + 1, len(self.t))
         oldest = t - self.span * (1.0 + 1e-9)
-        while window.count > _DEGREE + TUNING.spare and window.t[-window.count] < oldest:
-            window.count, window.full = window.count - 1, True
+        while self.count > _DEGREE + TUNING.spare and self.t[-self.count] < oldest:
+            self.count, self.full = self.count - 1, True
 
-    def fit(self, window: MotionWindow) -> LocalMotion | None:
+    def fit(self) -> LocalMotion | None:
         """The motion about now; None while there are too few samples."""
-        if window.count < _DEGREE + TUNING.spare:
+        if self.count < _DEGREE + TUNING.spare:
             return None
-        t, values = window.t[-window.count :], window.values[-window.count :]
+        t, values = self.t[-self.count :], self.values[-self.count :]
         scale = t[-1] - t[0]
         places = (t - t[-1]) / scale
-        if len(places) != len(window.places) or not _alike(places, window.places):
-            window.places, window.weights = places, _weights(places)
-        coefficients = window.weights @ values
+        if len(places) != len(self.places) or not _alike(places, self.places):
+            self.places, self.weights = places, _weights(places)
+        coefficients = self.weights @ values
         left = values[-1] - coefficients[0]  # the newest sample lies at the origin
-        window.fits += 1
-        new = max(
-            1.0 / window.fits, 1.0 / (TUNING.memory * self.rate)
-        )  # a plain average until there is a second of them
-        window.left = window.left + new * (left * left - window.left)
-        window.free += new * (1.0 - float(window.weights[0, -1]) - window.free)
-        variance = window.left / max(window.free, 1e-6)  # less would be rounding
-        return LocalMotion(float(t[-1]), float(scale), coefficients, window.weights, variance, window.full, self)
+        self.fits += 1
+        new = max(1.0 / self.fits, 1.0 / (TUNING.memory * self.rate))  # a plain average until there is a second of them
+        self.left = self.left + new * (left * left - self.left)
+        self.free += new * (1.0 - float(self.weights[0, -1]) - self.free)
+        variance = self.left / max(self.free, 1e-6)  # less would be rounding
+        measured = self.velocities, self.accelerations
+        return LocalMotion(
+            float(t[-1]), float(scale), coefficients, self.weights, variance, self.full, self.n, measured
+        )
 
 
 def _alike(places: Array, others: Array) -> bool:
@@ -123,41 +97,32 @@ def _weights(places: Array) -> Array:
 
 @dataclass(frozen=True)
 class LocalMotion:
-    """The polynomial about an instant.
+    """The polynomial about an instant."""
 
-    Attributes:
-        t: the instant, s.
-        scale: by which times are divided, s.
-        coefficients: (d + 1, m n) of the powers.
-        weights: (d + 1, W) that samples have in them.
-        variance: (m n,) of the samples about it.
-        full: whether the window is.
-        of: the estimator.
-    """
-
-    t: float
-    scale: float
-    coefficients: Array
-    weights: Array
-    variance: Array
-    full: bool
-    of: MotionEstimator
+    t: float  # the instant, s
+    scale: float  # by which times are divided, s
+    coefficients: Array  # (d + 1, m n) of the powers
+    weights: Array  # (d + 1, W) that samples have in them
+    variance: Array  # (m n,) of the samples about it
+    full: bool  # whether the window is
+    n: int  # joints
+    measured: tuple[bool, bool]  # whether velocities are, and accelerations
 
     def at(self, t: float) -> tuple[Array, Array, Array]:
         """(n,) positions, velocities and accelerations at an instant, s."""
         value, slope, curvature = np.array(self._powers(t)) @ self.coefficients
-        n, last = self.of.n, slice(-self.of.n, None)
-        if self.of.accelerations:
-            return value[:n], value[n : 2 * n] if self.of.velocities else slope[:n], value[last]
-        if self.of.velocities:
+        n, last, (velocities, accelerations) = self.n, slice(-self.n, None), self.measured
+        if accelerations:
+            return value[:n], value[n : 2 * n] if velocities else slope[:n], value[last]
+        if velocities:
             return value[:n], value[last], slope[last]
         return value[:n], slope[:n], curvature[:n]
 
     def variance_of_acceleration(self, t: float) -> Array:
         """(n,) of the accelerations, (rad/s^2)^2."""
-        order = 0 if self.of.accelerations else 1 if self.of.velocities else 2
-        weights = np.array(self._powers(t)[order]) @ self.weights
-        variance: Array = self.variance[-self.of.n :] * (weights @ weights)
+        velocities, accelerations = self.measured
+        weights = np.array(self._powers(t)[0 if accelerations else 1 if velocities else 2]) @ self.weights
+        variance: Array = self.variance[-self.n :] * (weights @ weights)
         return variance
 
     def _powers(self, t: float) -> tuple[tuple[float, ...], ...]:

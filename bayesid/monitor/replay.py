@@ -22,35 +22,20 @@ from bayesid.progress import SILENT, Progress
 
 @dataclass(frozen=True)
 class Replay:
-    """What the tracker knew of each of M instants, no later than its lag.
+    """What the tracker knew of each of M instants, no later than its lag."""
 
-    Attributes:
-        t: (M,) s.
-        probability: (M, n) P(sign = +).
-        effort: (M, n) readings with their likelier signs, N m; nan where there was none.
-        predicted: (M, n) the model's efforts, N m.
-        predicted_sd: (M, n) their sd, N m.
-        external: (M, n) external torques, N m.
-        threshold: (M, n) beyond which they are some, N m.
-        alarms: as they stood at the end.
-        counts: what became of the rows.
-        figures: of the stream as a whole.
-        lag: s.
-        rate: Hz.
-    """
-
-    t: Array
-    probability: Array
-    effort: Array
-    predicted: Array
-    predicted_sd: Array
-    external: Array
-    threshold: Array
-    alarms: tuple[Alarm, ...]
-    counts: Counts
-    figures: StreamFigures
-    lag: float
-    rate: float
+    t: Array  # (M,) s
+    probability: Array  # (M, n) P(sign = +)
+    effort: Array  # (M, n) readings with their likelier signs, N m; nan where there was none
+    predicted: Array  # (M, n) the model's efforts, N m
+    predicted_sd: Array  # (M, n) their sd, N m
+    external: Array  # (M, n) external torques, N m
+    threshold: Array  # (M, n) beyond which they are some, N m
+    alarms: tuple[Alarm, ...]  # as they stood at the end
+    counts: Counts  # what became of the rows
+    figures: StreamFigures  # of the stream as a whole
+    lag: float  # s
+    rate: float  # Hz
 
 
 _PARTS = "probability", "effort", "predicted", "predicted_sd", "external", "threshold"
@@ -86,9 +71,8 @@ def replay(tracker: SignTracker, log: Log, progress: Progress = SILENT) -> Repla
     """
     if contradicts(tracker.rate, log.period):
         said = f"the log has rows at {1.0 / log.period:.4g} Hz, not at {tracker.rate:g} Hz"
-        raise InputError(
-            said, field="rate", remedy=f"leave it out, or give at most {TUNING.farthest:g} times more or less"
-        )
+        remedy = f"leave it out, or give at most {TUNING.farthest:g} times more or less"
+        raise InputError(said, field="rate", remedy=remedy)
     n, rows = log.n_joints, len(log)
     figures, seen = StreamFigures.of_joints(n), 0
     t, parts = np.empty(rows), {name: np.empty((rows, n)) for name in _PARTS}
@@ -101,33 +85,18 @@ def replay(tracker: SignTracker, log: Log, progress: Progress = SILENT) -> Repla
             for name, values in parts.items():
                 values[seen] = getattr(now, name)
             seen += 1
-    told = {name: values[:seen] for name, values in parts.items()}
-    return Replay(
-        t[:seen],
-        **told,
-        alarms=tracker.alarms,
-        counts=tracker.counts,
-        figures=figures,
-        lag=tracker.lag,
-        rate=tracker.rate,
-    )
+    told = [parts[name][:seen] for name in _PARTS]
+    return Replay(t[:seen], *told, tracker.alarms, tracker.counts, figures, tracker.lag, tracker.rate)
 
 
 @dataclass(frozen=True)
 class Agreement:
-    """Of the signs of a stream with others, in the samples of n joints that are in motion; of signed joints none count.
+    """Of the signs of a stream with others, in samples of n joints that are in motion; of signed joints none count."""
 
-    Attributes:
-        samples: (n,) that count.
-        alike: (n,) of them those whose sign is the same.
-        sure: (n,) those of whose sign the stream was sure to 99 %.
-        sure_alike: (n,) those that are both.
-    """
-
-    samples: Array
-    alike: Array
-    sure: Array
-    sure_alike: Array
+    samples: Array  # (n,) that count
+    alike: Array  # (n,) of them those whose sign is the same
+    sure: Array  # (n,) those of whose sign the stream was sure to 99 %
+    sure_alike: Array  # (n,) those that are both
 
     @classmethod
     def of(cls, probability: Array, positive: Mask, counts: Mask) -> Agreement:

@@ -17,7 +17,7 @@ from math import isnan
 
 import numpy as np
 
-from bayesid.arrays import Array, Labels, Mask, every
+from bayesid.arrays import Array, Labels, every
 from bayesid.effects.model import Model
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.monitor.tuning import TUNING
@@ -26,32 +26,20 @@ from bayesid.motion import STANDSTILL, Instant, labels
 
 @dataclass(frozen=True)
 class AtInstant:
-    """The model at an instant.
+    """The model at an instant."""
 
-    Attributes:
-        effort: (n,) as it is read, N m.
-        momentum: (n,) of the joints, N m s.
-        driving: (n,) what changes the momentum beside the motors: C'dq - g - f, N m.
-        inertia: (n, n) of joints and rotors, kg m^2.
-    """
-
-    effort: Array
-    momentum: Array
-    driving: Array
-    inertia: Array
+    effort: Array  # (n,) as it is read, N m
+    momentum: Array  # (n,) of the joints, N m s
+    driving: Array  # (n,) what changes the momentum beside the motors: C'dq - g - f, N m
+    inertia: Array  # (n, n) of joints and rotors, kg m^2
 
 
 @dataclass(frozen=True)
 class RunningModel:
-    """An identified model, made ready.
+    """An identified model, made ready."""
 
-    Attributes:
-        identified: model, parameters and their uncertainty.
-        payload: label of what the flange carries; empty where it carries nothing.
-    """
-
-    identified: IdentifiedModel
-    payload: str = ""
+    identified: IdentifiedModel  # model, parameters and their uncertainty
+    payload: str = ""  # label of what the flange carries; empty where it carries nothing
 
     @property
     def model(self) -> Model:
@@ -104,11 +92,6 @@ class RunningModel:
     def actuator_speeds(self, dq: Array) -> Array:
         """(n,) of joint speeds dq (n,), rad/s."""
         return dq if self.model.robot.transmission is None else self.model.robot.coupling @ dq
-
-    def standing(self, speeds: Array) -> Mask:
-        """(n,) True where an actuator stands still, or hardly moves."""
-        slow: Mask = np.abs(speeds) <= self.standstill
-        return slow
 
     def doubt_near_rest(self, speeds: Array) -> Array:
         """(n,) between 0 and 1: how much the direction of friction is in doubt."""
@@ -180,73 +163,43 @@ class RunningModel:
 # ---------------------------------------------------------------------------------------------------------------
 @dataclass
 class Observed:
-    """State of the observer.
+    """State of the observer."""
 
-    Attributes:
-        external: (n,) r, N m.
-        momentum: (n,) p at the last sample; nan before the first one.
-        lasting: (n,) sd of what lasts in r, N m: model error and what the motion leaves open.
-        fast: (n,) variance of what the readings' noise leaves in r, (N m)^2.
-        bounded: (n,) what friction of unknown direction leaves in r at most, N m.
-    """
-
-    external: Array
-    momentum: Array
-    lasting: Array
-    fast: Array
-    bounded: Array
+    external: Array  # (n,) r, N m
+    momentum: Array  # (n,) p at the last sample; nan before the first one
+    lasting: Array  # (n,) sd of what lasts in r, N m: model error and what the motion leaves open
+    fast: Array  # (n,) variance of what the readings' noise leaves in r, (N m)^2
+    bounded: Array  # (n,) what friction of unknown direction leaves in r at most, N m
 
     @classmethod
     def begin(cls, n: int) -> Observed:
         """Before the first sample."""
         return cls(np.zeros(n), np.full(n, np.nan), *np.zeros((3, n)))
 
+    def add(self, step: float, momentum: Array, driving: Array, doubt: tuple[Array, Array, Array]) -> None:
+        """One more sample: implicit in r, so that no step is too long.
 
-@dataclass(frozen=True)
-class Doubt:
-    """What may be wrong with the torques that drive the joints.
+        Args:
+            step: since the last sample, s.
+            momentum: (n,) p, N m s.
+            driving: (n,) tau + C'dq - g - f, N m.
+            doubt: (n,) sd of what is wrong with that for a while, and from sample to sample, and the largest error of
+                friction whose direction is not known, N m.
+        """
+        lasting, white, bounded = doubt
+        share = TUNING.observer * step / (1.0 + TUNING.observer * step)
+        if isnan(self.momentum[0]):
+            self.lasting, self.bounded = lasting, bounded
+        else:
+            change = momentum - self.momentum - step * driving
+            self.external = (1.0 - share) * (self.external + TUNING.observer * change)
+            self.lasting = self.lasting + share * (lasting - self.lasting)
+            self.bounded = self.bounded + share * (bounded - self.bounded)
+            white = share * white
+            self.fast = (1.0 - share) ** 2 * self.fast + white * white
+        self.momentum = momentum
 
-    Attributes:
-        lasting: (n,) sd of what is wrong for a while, N m.
-        white: (n,) and from sample to sample.
-        bounded: (n,) largest error of friction whose direction is not known, N m.
-    """
-
-    lasting: Array
-    white: Array
-    bounded: Array
-
-    def in_joints(self, to_joints: Array) -> Doubt:
-        """The same of joints, by the matrix (n, n) that brings efforts of actuators there."""
-        square = to_joints * to_joints
-        lasting, white = (np.sqrt(square @ (part * part)) for part in (self.lasting, self.white))
-        return Doubt(lasting, white, np.abs(to_joints) @ self.bounded)
-
-
-def observe(state: Observed, step: float, momentum: Array, driving: Array, doubt: Doubt) -> None:
-    """One more sample: implicit in r, so that no step is too long.
-
-    Args:
-        state: is changed.
-        step: since the last sample, s.
-        momentum: (n,) p, N m s.
-        driving: (n,) tau + C'dq - g - f, N m.
-        doubt: about that.
-    """
-    share = TUNING.observer * step / (1.0 + TUNING.observer * step)
-    if isnan(state.momentum[0]):
-        state.lasting, state.bounded = doubt.lasting, doubt.bounded
-    else:
-        change = momentum - state.momentum - step * driving
-        state.external = (1.0 - share) * (state.external + TUNING.observer * change)
-        state.lasting = state.lasting + share * (doubt.lasting - state.lasting)
-        state.bounded = state.bounded + share * (doubt.bounded - state.bounded)
-        white = share * doubt.white
-        state.fast = (1.0 - share) ** 2 * state.fast + white * white
-    state.momentum = momentum
-
-
-def threshold(state: Observed, deviations: float) -> Array:
-    """(n,) size of an external torque that is no error, N m: so many standard deviations, and what friction may do."""
-    size: Array = deviations * np.sqrt(state.lasting * state.lasting + state.fast) + state.bounded
-    return size
+    def threshold(self, deviations: float) -> Array:
+        """(n,) size of an external torque that is no error, N m: some standard deviations, and what friction may do."""
+        size: Array = deviations * np.sqrt(self.lasting * self.lasting + self.fast) + self.bounded
+        return size

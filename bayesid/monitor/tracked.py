@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
 from bayesid.arrays import Array, Integers, Mask
-from bayesid.monitor.changes import Alarm, Alarms, Sums
-from bayesid.monitor.kinds import Recent
+from bayesid.monitor.changes import Alarm, Alarms, Ring, Sums
 from bayesid.monitor.motion_estimate import MotionWindow
 from bayesid.monitor.running_model import Observed
 from bayesid.signs.filtering import Belief
@@ -73,85 +71,39 @@ class Tracked:
 
 @dataclass
 class Counts:
-    """What became of the samples.
+    """What became of the samples."""
 
-    Attributes:
-        updates: samples that were taken.
-        repeated: with the time of the sample before: left out.
-        late: with an earlier time: left out.
-        missing: without a finite time, position or velocity: left out.
-        unread: efforts of single joints that were no numbers: their signs are the model's.
-        gaps: pauses after which the tracker began anew.
-        set_back: times that the clock was set back, after which it did so too.
-    """
-
-    updates: int = 0
-    repeated: int = 0
-    late: int = 0
-    missing: int = 0
-    unread: int = 0
-    gaps: int = 0
-    set_back: int = 0
-
-
-# ---------------------------------------------------------------------------------------------------------------
-# What a tracker remembers
-# ---------------------------------------------------------------------------------------------------------------
-@dataclass(frozen=True)
-class Waiting:
-    """An instant whose signs are still looked for: its readings, and what is known of it without them."""
-
-    reading: Array
-    held: Mask
-    predicted: Array
-    known: dict[str, Any]
+    updates: int = 0  # that were taken
+    repeated: int = 0  # with the time of the sample before: left out
+    late: int = 0  # with an earlier time: left out
+    missing: int = 0  # without a finite time, position or velocity: left out
+    unread: int = 0  # efforts of single joints that were no numbers: their signs are the model's
+    gaps: int = 0  # pauses after which the tracker began anew
+    set_back: int = 0  # times that the clock was set back, after which it did so too
 
 
 @dataclass
 class TrackerState:
-    """All that a tracker remembers: numbers and arrays, to be copied, pickled and handed to another tracker.
+    """All that a tracker remembers: numbers and arrays, to be copied, pickled and handed to another tracker."""
 
-    Attributes:
-        velocities: whether the samples have velocities.
-        accelerations: whether they have accelerations.
-        motion: the samples of the window.
-        observed: the momentum and its observer.
-        sums: of the tests for changes.
-        alarms: what was raised.
-        recent: the last seconds.
-        top_speed: (n,) highest speeds of the actuators so far, rad/s.
-        sd: (n,) of the model's effort by its parameters, N m.
-        origin: when the stream began, s.
-        looked: time of the instant looked at last, s.
-        at_rest: (n,) size of static friction, N m; None before the first instant.
-        belief: about the model's error; None before the first instant.
-        readings: efforts of the newest samples, with their times.
-        memory: states of effects with a memory.
-        waiting: instants whose signs are still looked for.
-        late: times of late samples in a row that went up, how many and the last, s.
-        counts: what became of the samples.
-        latest: what was known last.
-    """
-
-    velocities: bool
-    accelerations: bool
-    motion: MotionWindow
-    observed: Observed
-    sums: Sums
-    alarms: Alarms
-    recent: Recent
-    top_speed: Array
-    sd: Array
-    origin: float
-    looked: float = np.nan
-    at_rest: Array | None = None
-    belief: Belief | None = None
-    readings: list[tuple[float, Array]] = field(default_factory=list)
-    memory: dict[object, tuple[Array, Array]] = field(default_factory=dict)
-    waiting: list[Waiting] = field(default_factory=list)
-    late: tuple[int, float] = (0, np.inf)
-    counts: Counts = field(default_factory=Counts)
-    latest: Tracked | None = None
+    motion: MotionWindow  # the samples of the window
+    observed: Observed  # the momentum and its observer
+    sums: Sums  # of the tests for changes
+    alarms: Alarms  # what was raised
+    log: Ring  # the last seconds: q, effort, dq, nan where not measured
+    looks: Ring  # what they looked like to the model now and then: parts of `bayesid.monitor.changes.Look`
+    top_speed: Array  # (n,) highest speeds of the actuators so far, rad/s
+    sd: Array  # (n,) of the model's effort by its parameters, N m
+    origin: float  # when the stream began, s
+    looked: float = np.nan  # time of the instant looked at last, s
+    at_rest: Array | None = None  # (n,) size of static friction, N m; None before the first instant
+    belief: Belief | None = None  # about the model's error; None before the first instant
+    readings: list[tuple[float, Array]] = field(default_factory=list)  # efforts of the newest samples, with their times
+    memory: dict[object, tuple[Array, Array]] = field(default_factory=dict)  # states of effects with a memory
+    waiting: list[tuple[Tracked, Array, Mask]] = field(default_factory=list)  # without signs, readings, joints held
+    late: tuple[int, float] = (0, np.inf)  # late samples in a row that went up, how many and the last, s
+    counts: Counts = field(default_factory=Counts)  # what became of the samples
+    latest: Tracked | None = None  # what was known last
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -163,11 +115,7 @@ _FIRST, _STEP, _BINS = 1e-6, math.log(1.01), 2000
 
 @dataclass
 class UpdateTimes:
-    """How long updates took, as a histogram.
-
-    Attributes:
-        counts: of the bins.
-    """
+    """How long updates took, as a histogram."""
 
     counts: Integers = field(default_factory=lambda: np.zeros(_BINS, dtype=np.int64))
 
@@ -179,32 +127,22 @@ class UpdateTimes:
     def quantile(self, share: float) -> float:
         """s, to 1 %; nan where there was no update."""
         total = self.counts.sum()
-        if not total:
-            return math.nan
         place = int(np.searchsorted(np.cumsum(self.counts), share * total))
-        return _FIRST * math.exp(_STEP * (place + 0.5))
+        return _FIRST * math.exp(_STEP * (place + 0.5)) if total else math.nan
 
 
 @dataclass
 class StreamFigures:
-    """Of n joints.
+    """Of n joints."""
 
-    Attributes:
-        moving: (n,) instants in motion.
-        squares: (n,) sum of the squared residuals in motion, (N m)^2.
-        pushed: (n,) largest external torque over its threshold so far, of two samples in a row the lesser, as the test
-            of a contact takes it (`bayesid.monitor.changes`); nan while none is known.
-        instants: that were looked at.
-        times: of the updates.
-        last: (n,) external torque over its threshold in the last sample; nan where it was not known.
-    """
-
-    moving: Integers
-    squares: Array
+    moving: Integers  # (n,) instants in motion
+    squares: Array  # (n,) sum of the squared residuals in motion, (N m)^2
+    # (n,) largest external torque over its threshold so far, of two samples in a row the lesser, as the test of a
+    # contact takes it (`bayesid.monitor.changes`); nan while none is known
     pushed: Array
-    instants: int = 0
-    times: UpdateTimes = field(default_factory=UpdateTimes)
-    last: Array | None = None
+    instants: int = 0  # that were looked at
+    times: UpdateTimes = field(default_factory=UpdateTimes)  # of the updates
+    last: Array | None = None  # (n,) external torque over its threshold in the last sample; nan where it was not known
 
     @classmethod
     def of_joints(cls, n: int) -> StreamFigures:

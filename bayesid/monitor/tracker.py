@@ -16,11 +16,10 @@ from bayesid.errors import InputError
 from bayesid.identification.identification import Identification, identified_of
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.log.log import Log
-from bayesid.monitor.changes import Alarm, Alarms, ChangeTest, Sums
-from bayesid.monitor.kinds import Kind, Recent, kind_of
-from bayesid.monitor.motion_estimate import LocalMotion, MotionEstimator
-from bayesid.monitor.running_model import AtInstant, Doubt, Observed, RunningModel, observe, threshold
-from bayesid.monitor.tracked import MOVING, REST, UNKNOWN, Counts, Tracked, TrackerState, Waiting
+from bayesid.monitor.changes import Alarm, Alarms, ChangeTest, Kind, Look, Ring, Sums, kind_of
+from bayesid.monitor.motion_estimate import LocalMotion, MotionWindow
+from bayesid.monitor.running_model import AtInstant, Observed, RunningModel
+from bayesid.monitor.tracked import MOVING, REST, UNKNOWN, Counts, Tracked, TrackerState
 from bayesid.monitor.tuning import TUNING
 from bayesid.motion import STANDSTILL, Instant
 from bayesid.signs.filtering import SignFilter
@@ -106,18 +105,7 @@ class SignTracker:
         return Counts() if self._state is None else replace(self._state.counts)
 
     def state(self) -> TrackerState | None:
-        """A copy of all that the tracker remembers; None before the first sample.
-
-        Example:
-            >>> import pickle
-            >>> one, other = (bayesid.SignTracker(result, rate=50.0) for _ in range(2))
-            >>> for k in range(100):
-            ...     now = one.update(log.t[k], log.q[k], log.effort[k])
-            >>> other.restore(pickle.loads(pickle.dumps(one.state())))
-            >>> at = log.t[100], log.q[100], log.effort[100]
-            >>> bool(np.array_equal(one.update(*at).external, other.update(*at).external))
-            True
-        """
+        """A copy of all that the tracker remembers; None before the first sample."""
         return deepcopy(self._state)
 
     def restore(self, state: TrackerState | None) -> None:
@@ -125,18 +113,10 @@ class SignTracker:
 
         Raises:
             InputError: the state is of another robot, rate or lag.
-
-        Example:
-            >>> tracker = bayesid.SignTracker(result, rate=50.0)
-            >>> now = tracker.update(log.t[0], log.q[0], log.effort[0])
-            >>> other = bayesid.SignTracker(result, rate=50.0)
-            >>> other.restore(tracker.state())
-            >>> other.counts.updates
-            1
         """
         if state is not None:
-            fresh = self._begin(state.origin, state.velocities, state.accelerations)
-            shapes = [(s.motion.values.shape, s.recent.log.rows.shape) for s in (state, fresh)]
+            fresh = self._begin(state.origin, state.motion.velocities, state.motion.accelerations)
+            shapes = [(one.motion.values.shape, one.log.rows.shape) for one in (state, fresh)]
             if shapes[0] != shapes[1] or len(state.readings) > self._behind + 1:
                 remedy = "make the tracker with the model, rate and lag that the state is of"
                 raise InputError("a state of another robot, rate or lag", "state", remedy)
@@ -159,15 +139,13 @@ class SignTracker:
             >>> len(tracker.window(since=log.t[40]))
             60
         """
-        rows = np.empty((0, 1)) if self._state is None else self._state.recent.log.newest()
         n = self.n_joints
-        read = ~np.isnan(rows[:, 1 + n : 1 + 2 * n]).any(axis=1)  # an effort that was not read is none of zero
-        rows = rows[(rows[:, 0] >= since) & read]
-        if not len(rows):
+        rows = np.empty((0, 1 + 3 * n)) if self._state is None else self._state.log.since(since)
+        rows = rows[~np.isnan(rows[:, 1 + n : 1 + 2 * n]).any(axis=1)]  # an effort that was not read is none of zero
+        if self._state is None or not len(rows):
             raise InputError("no samples to make a log of", "window", "update the tracker first")
         q, effort, dq = np.split(rows[:, 1:], 3, axis=1)
-        measured = self._state is not None and self._state.velocities
-        return Log(rows[:, 0], q, effort, self.signed, dq if measured else None, source="stream")
+        return Log(rows[:, 0], q, effort, self.signed, dq if self._state.motion.velocities else None, source="stream")
 
     def update(
         self, t: float, q: ArrayLike, effort: ArrayLike, dq: ArrayLike | None = None, ddq: ArrayLike | None = None
@@ -189,11 +167,6 @@ class SignTracker:
 
         Raises:
             InputError: the numbers of joints do not suit the model, or velocities are there in some samples only.
-
-        Example:
-            >>> tracker = bayesid.SignTracker(result, rate=50.0)
-            >>> tracker.update(log.t[0], log.q[0], log.effort[0]).state  # one sample shows no motion
-            ('unknown', 'unknown', 'unknown')
         """
         parts = [part for part in (q, dq, ddq) if part is not None]
         arrays = [np.asarray(part, dtype=float).ravel() for part in parts]
@@ -203,19 +176,19 @@ class SignTracker:
             self._state = self._begin(float(t), dq is not None, ddq is not None)
         state = self._state
         if values.size != state.motion.values.shape[1] or reading.size != self.n_joints:
-            raise self._misfit(values.size, reading.size)
+            raise self._misfit(state, values.size, reading.size)
         if not self._taken(state, t, values):
             latest = self._nothing(np.nan) if state.latest is None else state.latest
             return replace(latest, fresh=False, alarms=())
-        self._estimator.add(state.motion, float(t), values)
+        state.motion.add(float(t), values)
         reading = np.where(self.signed, reading, np.abs(reading)) if self._any_signed else np.abs(reading)
         if isnan(reading @ reading):
             state.counts.unread += int(np.isnan(reading).sum())
         state.readings.append((float(t), reading))
         del state.readings[: -self._behind - 1]
         n = self.n_joints
-        state.recent.log.add(t, values[:n], reading, values[n : 2 * n] if state.velocities else values[:0])
-        local = self._estimator.fit(state.motion)
+        state.log.add(t, values[:n], reading, values[n : 2 * n] if state.motion.velocities else values[:0])
+        local = state.motion.fit()
         if local is None or len(state.readings) <= self._behind or state.readings[0][0] < local.t - local.scale:
             state.latest = self._nothing(state.readings[0][0])
         else:
@@ -240,7 +213,11 @@ class SignTracker:
         if state.counts.updates % self._look_stride == 0 or not some(state.sd > 0.0):
             columns = running.columns(instant)
             state.sd = running.sd_of(columns)
-            self._keep_look(state, t, reading, here, speeds, by_motion, columns, moving)
+            width = np.sqrt(self._test.width_square + state.sd * state.sd + by_motion * by_motion)
+            width = np.where(moving & ~np.isnan(reading), width, np.inf)
+            direction = np.tanh(speeds / np.maximum(running.standstill, STANDSTILL * state.top_speed + 1e-12))
+            body = columns[:, running.body]
+            state.looks.add(t, np.nan_to_num(reading), here.effort, width, body, direction, speeds)
         square = state.sd * state.sd + by_motion * by_motion
         near_rest = 2.0 * state.at_rest * running.doubt_near_rest(speeds)
         known = np.copysign(size, now - 0.5)
@@ -249,56 +226,49 @@ class SignTracker:
         limit = self._observe(state, t, known, here, square, near_rest) if local.full else self._no_limit
         width = np.sqrt(self._test.width_square + square + near_rest * near_rest)
         alarms, contact = self._alarms(state, t, (known - here.effort) / width, limit, moving)
-        state.looked = t
-        held = state.alarms.held
+        state.looked, held = t, state.alarms.held
         joints = zip(held.tolist(), moving.tolist(), strict=True)
-        known_now = {
-            "t": t,
-            "predicted": here.effort,
-            "predicted_sd": np.sqrt(square),
-            "external": state.observed.external if local.full else np.full(self.n_joints, np.nan),
-            "threshold": limit,
-            "state": tuple([UNKNOWN if changed else MOVING if moves else REST for changed, moves in joints]),
-            "contact": contact,
-            "q": motion[0],
-            "dq": motion[1],
-            "ddq": motion[2],
-        }
-        state.waiting.append(Waiting(reading, held, here.effort, known_now))
+        without_signs = replace(
+            self._nothing(t),
+            predicted=here.effort,
+            predicted_sd=np.sqrt(square),
+            external=state.observed.external if local.full else np.full(self.n_joints, np.nan),
+            threshold=limit,
+            state=tuple([UNKNOWN if changed else MOVING if moves else REST for changed, moves in joints]),
+            contact=contact,
+            q=motion[0],
+            dq=motion[1],
+            ddq=motion[2],
+        )
+        state.waiting.append((without_signs, reading, held))
         if found is None:
-            return replace(self._nothing(state.waiting[0].known["t"]), alarms=alarms)
-        return self._with_signs(state.waiting.pop(0), found, alarms)
+            return replace(self._nothing(state.waiting[0][0].t), alarms=alarms)
+        return replace(self._with_signs(*state.waiting.pop(0), found), alarms=alarms)
 
-    def _with_signs(self, waiting: Waiting, probability: Array, alarms: tuple[Alarm, ...]) -> Tracked:
+    def _with_signs(self, record: Tracked, reading: Array, held: Mask, probability: Array) -> Tracked:
         """A record with P(sign = +) (n,), which is that of a guess where a change has made the model another's."""
-        reading = waiting.reading
-        if some(waiting.held):
-            probability = np.where(waiting.held, 0.5 + TUNING.trust * (probability - 0.5), probability)
+        if some(held):
+            probability = np.where(held, 0.5 + TUNING.trust * (probability - 0.5), probability)
         if self._any_signed:
             known = self.signed & ~np.isnan(reading)
             probability = np.where(known, reading >= 0.0, probability)
         effort = np.copysign(reading, probability - 0.5)
         wrong = 4.0 * reading * reading * np.minimum(probability, 1.0 - probability)
-        return Tracked(
-            probability=probability,
-            effort=effort,
-            effort_sd=np.sqrt(wrong + self._white_square),
-            residual=effort - waiting.predicted,
-            alarms=alarms,
-            **waiting.known,
-        )
+        sd, residual = np.sqrt(wrong + self._white_square), effort - record.predicted
+        return replace(record, probability=probability, effort=effort, effort_sd=sd, residual=residual)
 
     def _observe(
         self, state: TrackerState, t: float, known: Array, here: AtInstant, square: Array, near_rest: Array
     ) -> Array:
         """(n,) threshold of the external torque, N m, after one more sample with efforts (n,) whose sign is settled."""
-        doubt, torque = Doubt(np.sqrt(self._test.lasting_square + square), self._noise.white, near_rest), known
-        if self._running.model.robot.transmission is not None:
+        lasting, white, bounded = np.sqrt(self._test.lasting_square + square), self._noise.white, near_rest
+        if self._running.model.robot.transmission is not None:  # of actuators
             to_joints = self._running.to_joints
-            doubt, torque = doubt.in_joints(to_joints), to_joints @ known
+            lasting, white = (np.sqrt((to_joints * to_joints) @ (sd * sd)) for sd in (lasting, white))
+            bounded, known = np.abs(to_joints) @ bounded, to_joints @ known
         step = 0.0 if isnan(state.looked) else t - state.looked  # without a momentum before it counts for nothing
-        observe(state.observed, step, here.momentum, torque + here.driving, doubt)
-        return threshold(state.observed, self._test.deviations)
+        state.observed.add(step, here.momentum, known + here.driving, (lasting, white, bounded))
+        return state.observed.threshold(self._test.deviations)
 
     def _alarms(
         self, state: TrackerState, t: float, z: Array, threshold: Array, moving: Mask
@@ -325,23 +295,7 @@ class SignTracker:
 
     def _kind(self, state: TrackerState, since: float, changed: Mask) -> Kind:
         weight = np.minimum(self._test.weight * self._look_stride, 1.0)
-        return kind_of(state.recent.look(since, self.signed, weight), changed)
-
-    def _keep_look(
-        self,
-        state: TrackerState,
-        t: float,
-        reading: Array,
-        here: AtInstant,
-        speeds: Array,
-        by_motion: Array,
-        columns: Array,
-        moving: Mask,
-    ) -> None:
-        width = np.where(moving & ~np.isnan(reading), self._test.width(np.hypot(state.sd, by_motion)), np.inf)
-        direction = np.tanh(speeds / np.maximum(self._running.standstill, STANDSTILL * state.top_speed + 1e-12))
-        parts = (np.nan_to_num(reading), here.effort, width, columns[:, self._running.body], direction, speeds)
-        state.recent.looks.add(t, *parts)
+        return kind_of(Look.of(state.looks.since(since)[:, 1:], self.signed, weight), changed)
 
     def _instant(
         self, state: TrackerState, local: LocalMotion, t: float, motion: tuple[Array, Array, Array]
@@ -388,11 +342,11 @@ class SignTracker:
         """Begins anew what was timed by a clock that has moved, s; what was raised stays."""
         state.origin += ahead  # what warms up with time goes on
         state.sums = Sums.begin(self.n_joints)
-        state.recent = self._recent()
+        state.log, state.looks = self._rings()
         state.alarms.set_back()
 
-    def _recent(self) -> Recent:
-        return Recent.begin(self.n_joints, self.rate, self.rate / self._look_stride)
+    def _rings(self) -> tuple[Ring, Ring]:
+        return Ring.of(self.rate, 3 * self.n_joints), Ring.of(self.rate / self._look_stride, 9 * self.n_joints)
 
     def _forget(self, state: TrackerState) -> None:
         """Begins anew after a gap; tests and alarms stay."""
@@ -404,22 +358,10 @@ class SignTracker:
         state.observed = Observed.begin(self.n_joints)
 
     def _begin(self, t: float, velocities: bool, accelerations: bool) -> TrackerState:
-        n = self.n_joints
-        motion = MotionEstimator(
-            n, max(TUNING.span, TUNING.fewest_periods / self.rate, 2.0 * self.lag), self.rate, velocities, accelerations
-        )
-        self._estimator = motion
+        n, span = self.n_joints, max(TUNING.span, TUNING.fewest_periods / self.rate, 2.0 * self.lag)
+        motion, nothing = MotionWindow(n, span, self.rate, velocities, accelerations), np.zeros(n)
         return TrackerState(
-            velocities=velocities,
-            accelerations=accelerations,
-            motion=motion.begin(),
-            observed=Observed.begin(n),
-            sums=Sums.begin(n),
-            alarms=Alarms.begin(n),
-            recent=self._recent(),
-            top_speed=np.zeros(n),
-            sd=np.zeros(n),
-            origin=t,
+            motion, Observed.begin(n), Sums.begin(n), Alarms.begin(n), *self._rings(), nothing, nothing, origin=t
         )
 
     def _filter_of(self, at_rest: Array) -> SignFilter:
@@ -439,11 +381,10 @@ class SignTracker:
             **unknown,
         )
 
-    def _misfit(self, values: int, readings: int) -> InputError:
-        assert self._state is not None
-        state, n = self._state, self.n_joints
-        parts = ["q", *["dq"] * state.velocities, *["ddq"] * state.accelerations]
+    def _misfit(self, state: TrackerState, values: int, readings: int) -> InputError:
+        parts = ["q", *["dq"] * state.motion.velocities, *["ddq"] * state.motion.accelerations]
         seen = f"{readings} efforts and {values} numbers of the motion"
+        n = self.n_joints
         expected = f"give {n} efforts and {n} numbers each of {', '.join(parts)}, as in the first sample"
         return InputError(seen, "update", expected)
 
@@ -457,10 +398,8 @@ def _check(identified: IdentifiedModel, rate: float, lag: float, payload: str, f
         remedy = f"give more than 0, and {TUNING.most_alarms:g} at most"
         raise InputError(f"{false_alarms:g} false alarms an hour", field="false_alarms", remedy=remedy)
     if payload and payload not in identified.model.payloads:
-        known = ", ".join(identified.model.payloads) or "none"
-        raise InputError(
-            f"the model knows no payload {payload!r}", field="payload", remedy=f"give one that it knows: {known}"
-        )
+        remedy = f"give one that it knows: {', '.join(identified.model.payloads) or 'none'}"
+        raise InputError(f"the model knows no payload {payload!r}", field="payload", remedy=remedy)
 
 
 def _signed(signed: Sequence[bool] | None, n: int) -> Mask:

@@ -13,8 +13,7 @@ import numpy as np
 from bayesid.arrays import Array
 from bayesid.files.tables import numbered, write_columns, write_json
 from bayesid.files.writing import save_folder
-from bayesid.monitor.changes import Alarm
-from bayesid.monitor.kinds import CONTACT, FRICTION, GAIN, PAYLOAD
+from bayesid.monitor.changes import CONTACT, FRICTION, GAIN, PAYLOAD, Alarm
 from bayesid.monitor.replay import Agreement, Replay
 from bayesid.monitor.tracked import Counts, StreamFigures, Tracked
 from bayesid.report.plot.stream import stream_figure

@@ -10,7 +10,7 @@ from open_results import open_known
 from bayesid.cli.terminal import in_options
 from bayesid.effects.bodies import CarriedPayload
 from bayesid.errors import InputError
-from bayesid.excitation.goals import CRITERIA, Goal, goal_of, information_gain, open_coefficients, usual_motion
+from bayesid.excitation.known import CRITERIA, Goal, goal_of, information_gain, open_coefficients, usual_motion
 
 
 @pytest.fixture(scope="module")

@@ -13,8 +13,7 @@ from bayesid.effects.drive import Delay
 from bayesid.effects.friction import StribeckFriction
 from bayesid.effects.kinematic_errors import BaseTilt
 from bayesid.errors import InputError
-from bayesid.excitation.goals import usual_motion
-from bayesid.excitation.known import known_of
+from bayesid.excitation.known import known_of, usual_motion
 from bayesid.excitation.rivals import inseparable, make_rivals, parse_key
 
 PERIOD = 0.1

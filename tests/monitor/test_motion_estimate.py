@@ -1,17 +1,17 @@
 import numpy as np
 import pytest
 
-from bayesid.monitor.motion_estimate import MotionEstimator
+from bayesid.monitor.motion_estimate import MotionWindow
 
 RATE = 100.0
 
 
-def run(estimator, t, values, at=0.0):
+def run(window, t, values, at=0.0):
     """The motion at each sample's instant, less a lag, once there is one."""
-    window, found = estimator.begin(), []
+    found = []
     for instant, row in zip(t, values, strict=True):
-        estimator.add(window, float(instant), row)
-        local = estimator.fit(window)
+        window.add(float(instant), row)
+        local = window.fit()
         if local is not None:
             found.append((instant - at, *local.at(float(instant - at))))
     return [np.array(part) for part in zip(*found, strict=True)]
@@ -34,7 +34,7 @@ def test_cubics_are_followed_without_delay(lag, velocities, accelerations):
     t = jittered(80)
     q, dq, ddq = cubic(t)
     parts = [q, *[dq] * velocities, *[ddq] * accelerations]
-    found = run(MotionEstimator(2, 0.2, RATE, velocities, accelerations), t, np.hstack(parts), lag)
+    found = run(MotionWindow(2, 0.2, RATE, velocities, accelerations), t, np.hstack(parts), lag)
     for value, expected in zip(found[1:], cubic(found[0]), strict=True):
         np.testing.assert_allclose(value, expected, atol=1e-7)
 
@@ -44,12 +44,11 @@ def test_stated_noise_of_the_acceleration_is_what_it_has(velocities):
     rng = np.random.default_rng(1)
     t = np.arange(4000) / RATE
     size = 1e-3 if velocities else 1e-4
-    estimator = MotionEstimator(1, 0.2, RATE, velocities, False)
-    window, found, stated = estimator.begin(), [], []
+    window, found, stated = MotionWindow(1, 0.2, RATE, velocities, False), [], []
     for instant in t:
         noise = size * rng.standard_normal(1)
-        estimator.add(window, float(instant), np.concatenate([np.zeros(1), noise]) if velocities else noise)
-        local = estimator.fit(window)
+        window.add(float(instant), np.concatenate([np.zeros(1), noise]) if velocities else noise)
+        local = window.fit()
         if local is not None and instant > 3.0:
             found.append(local.at(float(instant))[2][0])
             stated.append(local.variance_of_acceleration(float(instant))[0])
@@ -60,7 +59,7 @@ def test_stated_noise_of_the_acceleration_is_what_it_has(velocities):
 def test_nothing_older_than_the_window_plays_a_part():
     t = np.arange(100) / RATE
     one, other = (
-        run(MotionEstimator(1, 0.2, RATE, False, False), t, values)
+        run(MotionWindow(1, 0.2, RATE, False, False), t, values)
         for values in (np.sin(t)[:, None], np.where(t < 0.5, 7.0, np.sin(t))[:, None])
     )
     np.testing.assert_allclose(one[3][-20:], other[3][-20:], atol=1e-9)

@@ -13,7 +13,7 @@ from bayesid.effects.friction import CoulombFriction
 from bayesid.effects.model import Model
 from bayesid.errors import InputError
 from bayesid.identification.identification import Identification
-from bayesid.monitor.kinds import Look, kind_of
+from bayesid.monitor.changes import Look, kind_of
 from bayesid.monitor.running_model import RunningModel
 from bayesid.monitor.tracker import SignTracker
 from bayesid.motion import STANDSTILL

@@ -10,8 +10,7 @@ import numpy as np
 
 from bayesid.arrays import Array
 from bayesid.identification.prediction import NORMAL_95
-from bayesid.monitor.changes import Alarm
-from bayesid.monitor.kinds import CONTACT, PAYLOAD
+from bayesid.monitor.changes import CONTACT, PAYLOAD, Alarm
 from bayesid.monitor.replay import Replay
 from bayesid.report.plot import figure as fig
 from bayesid.report.plot.drawing import draw
