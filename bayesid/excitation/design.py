@@ -109,14 +109,9 @@ class Quality:
     tolerance: float  # noise, relative to the RMS efforts, that the signs bear, for the hardest of the expected robots
     joints: JointFlips  # of groups of joints, for the robot for which the easiest one is easiest to mistake
     segments: SegmentFlips  # those of that robot, and what turning them weighs
-    effort: Array  # (N, n) that robot's efforts, N m
+    magnitude: Array  # (N, n) that robot's |effort|, N m: all that is seen of it
     uncertainty: Array  # (r,) sd of each coefficient after a log of this motion, signs given, over its usual size
     noise: float  # relative to the RMS efforts, at which all this is meant
-
-    @property
-    def magnitude(self) -> Array:
-        """(N, n) |effort|, N m: all that is seen of it."""
-        return np.abs(self.effort)
 
     @property
     def weak(self) -> Mask:
@@ -263,9 +258,7 @@ def _search(
 
 def _played(trajectory: SplineTrajectory, shape: TrajectoryShape) -> Motion:
     """All periods."""
-    t = shape.instants
-    motion = trajectory.motion(t % trajectory.duration)
-    return replace(motion, t=t)
+    return replace(trajectory.motion(shape.instants % trajectory.duration), t=shape.instants)
 
 
 def quality(expectation: Expectation, motion: Motion, noise: float) -> Quality:
@@ -290,7 +283,7 @@ def quality(expectation: Expectation, motion: Motion, noise: float) -> Quality:
         tolerance=min(tolerance),
         joints=flips[hardest],
         segments=replace(shown, start=shown.start * step, end=last),
-        effort=expectation.model.effort(motion, expectation.thetas[hardest]),
+        magnitude=np.abs(expectation.model.effort(motion, expectation.thetas[hardest])),
         uncertainty=expectation.uncertainty(grams, len(judged), noise, weight),
         noise=noise,
     )

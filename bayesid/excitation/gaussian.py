@@ -36,6 +36,14 @@ def inverse(matrix: Array) -> Array:
     return np.asarray(np.linalg.inv(matrix * np.outer(scale, scale)) * np.outer(scale, scale))
 
 
+def pseudo_inverse(matrix: Array) -> Array:
+    """Of a Gram matrix; nothing along what it does not show."""
+    lengths = np.sqrt(np.diag(matrix))
+    scale = np.divide(1.0, lengths, out=np.zeros_like(lengths), where=lengths > 0.0)
+    scaled = scale[:, None] * matrix * scale
+    return np.asarray(scale[:, None] * np.linalg.pinv(scaled, rcond=1e-12, hermitian=True) * scale)
+
+
 def scaled_spectrum(matrix: Array) -> tuple[Array, Array, Array]:
     """Eigenvalues and eigenvectors of a symmetric matrix, scaled to a diagonal of ones; its scale."""
     scale = np.sqrt(np.maximum(np.abs(np.diag(matrix)), TINY))
@@ -78,28 +86,37 @@ class Belief:
         return float(np.linalg.slogdet(self.precision / np.outer(scale, scale))[1] + 2.0 * np.log(scale).sum())
 
 
-def expected_log_evidence(held: Belief, true: Belief, information: Array) -> float:
-    """E log p(y | held) where another belief is true, nats, but for a constant that hangs on neither.
+def expected_factors(pairs: Sequence[tuple[Belief, Sequence[Belief]]], information: Array) -> Array:
+    """(pairs,) expected log Bayes factors, nats, of what is true against the best form of what is held against it.
 
     Args:
-        held: what is held for true.
-        true: what is.
+        pairs: beliefs; those of the same columns have the same inverse covariance.
         information: (R, R) of the recording to come, on all columns.
     """
-    own, across = (information[np.ix_(held.columns, columns)] for columns in (held.columns, true.columns))
-    before, after = held.precision @ held.mean, held.precision + own
+    after: dict[bytes, tuple[Array, float]] = {}
+    shown: dict[int, Array] = {}
+
+    def log_evidence(held: Belief, true: Belief) -> float:
+        """E log p(y | held) where another belief is true, but for a constant that hangs on neither."""
+        key = held.columns.tobytes()
+        after[key] = after.get(key) or _after(held, information)
+        if id(true) not in shown:
+            shown[id(true)] = information[:, true.columns] @ np.column_stack([true.mean, true.root])
+        (half, size), before, pulls = after[key], held.precision @ held.mean, shown[id(true)][held.columns]
+        pulls[:, 0] += before
+        return 0.5 * (size - float(held.mean @ before) + float(((half @ pulls) ** 2).sum()))
+
+    own = {id(true): log_evidence(true, true) for true, _ in pairs}
+    others = [max(log_evidence(held, true) for held in forms) for true, forms in pairs]
+    return np.array([own[id(true)] for true, _ in pairs]) - others
+
+
+def _after(held: Belief, information: Array) -> tuple[Array, float]:
+    """(q, q) C with P^-1 = C' C, and log det L - log det P + tr P^-1 H."""
+    own = information[np.ix_(held.columns, held.columns)]
+    after = held.precision + own
     scale = 1.0 / np.sqrt(np.maximum(np.diag(after), TINY))
     root = cholesky(after * np.outer(scale, scale), lower=True, check_finite=False)
-    pulls = np.column_stack([before + across @ true.mean, across @ true.root, np.diag(np.ones(len(own)))])
-    solved = solve_triangular(root, scale[:, None] * pulls, lower=True, check_finite=False)
-    half = solved[:, -len(own) :]  # P^-1 = half' half
+    half = solve_triangular(root, np.diag(scale), lower=True, check_finite=False)
     log_det = 2.0 * float(np.log(np.diag(root)).sum() - np.log(scale).sum())
-    size = float((solved[:, : -len(own)] ** 2).sum() + ((half @ own) * half).sum())
-    return 0.5 * (held.log_det - log_det - float(held.mean @ before) + size)
-
-
-def expected_factors(pairs: Sequence[tuple[Belief, Sequence[Belief]]], information: Array) -> Array:
-    """(pairs,) expected log Bayes factors, nats, of what is true against the best form of what is held against it."""
-    own = {id(true): expected_log_evidence(true, true, information) for true, _ in pairs}
-    others = [max(expected_log_evidence(held, true, information) for held in forms) for true, forms in pairs]
-    return np.array([own[id(true)] for true, _ in pairs]) - others
+    return half, held.log_det - log_det + float(((half @ own) * half).sum())

@@ -111,12 +111,7 @@ class Known:
 
 
 def known_of(identified: IdentifiedModel, rate: float) -> Known:
-    """What an identified model knows.
-
-    Args:
-        identified: with the uncertainty of its parameters.
-        rate: of the recording to come, Hz; its efforts are as noisy as those of the result's log.
-    """
+    """What an identified model knows; a recording to come, at a rate, Hz, is as noisy as the result's log."""
     model = identified.model.before_sensors
     base = base_coefficients(model)
     noise = identified.noise.with_time_of_model(rate)
@@ -179,12 +174,8 @@ def certain_share(known: Known, motion: Motion, period: float) -> float:
     """Share of the |effort| in motion, each joint alike, in segments whose sign will be sure to 99 %.
 
     A segment's sign is doubtful where turning it costs little (:eq:`resolvability`), all that is known beforehand
-    counted as data. Segments end where effort or speed change their sign, and are turned one by one.
-
-    Args:
-        known: the result.
-        motion: N samples of the recording, one a period.
-        period: s.
+    counted as data. Segments end where effort or speed change their sign, and are turned one by one. The motion has one
+    sample a period, s.
     """
     columns, weights, r = known.columns(motion), known.weights(motion, period), len(known.coefficients)
     effort, speed = columns[:, :, :r] @ known.mean[:r], known.model.robot.actuators(motion).dq

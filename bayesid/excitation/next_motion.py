@@ -321,16 +321,16 @@ def _taken(
 
 def _with_lacking(result: Identification) -> IdentifiedModel:
     """The model with what it may lack by all draws of the posterior: those that it keeps are few."""
-    posterior = result.posterior
+    posterior, base = result.posterior, base_coefficients(result.model)
     if posterior is None or posterior.log_gain is not None:
         return result.identified
-    if posterior.shift is None:
-        return replace(result.identified, lacking=np.zeros_like(result.identified.precision))
-    base = base_coefficients(result.model)
-    wide, narrow = (
-        base.project(of.theta.reshape(-1, of.theta.shape[-1])) for of in (posterior.uncertain, posterior.draws)
-    )
-    lacking = np.atleast_2d(np.cov(wide, rowvar=False)) - np.atleast_2d(np.cov(narrow, rowvar=False))
+    lacking = np.zeros_like(result.identified.precision)
+    if posterior.shift is not None:
+        drawn = (
+            base.project(of.theta.reshape(-1, of.theta.shape[-1])) for of in (posterior.uncertain, posterior.draws)
+        )
+        wide, narrow = (np.atleast_2d(np.cov(one, rowvar=False)) for one in drawn)
+        lacking = wide - narrow
     return replace(result.identified, lacking=lacking)
 
 

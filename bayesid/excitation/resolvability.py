@@ -40,7 +40,7 @@ from bayesid.arrays import TINY, Array, Integers
 from bayesid.effects.coefficients import BaseCoefficients, base_coefficients
 from bayesid.effects.model import Model
 from bayesid.errors import InputError
-from bayesid.excitation.gaussian import information_of
+from bayesid.excitation.gaussian import information_of, pseudo_inverse
 from bayesid.excitation.tuning import TUNING
 from bayesid.motion import Motion
 from bayesid.regression.knowledge import Beliefs
@@ -104,9 +104,6 @@ def noise_tolerance(joints: JointFlips, segments: SegmentFlips, noise: float) ->
     return noise * float(np.exp(scipy.optimize.brentq(excess, low, high, xtol=1e-6)))
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Whole joints
-# ---------------------------------------------------------------------------------------------------------------
 def joint_grams(columns: Array) -> Array:
     """(n, r, r) Gram matrix of each joint's rows of the columns (N, n, r)."""
     rows = columns.swapaxes(0, 1)
@@ -129,7 +126,7 @@ def turn_joints(grams: Array, beta: Array, groups: tuple[tuple[int, ...], ...]) 
     gradient = grams @ beta
     energy = gradient @ beta
     share = members @ energy / max(float(energy.sum()), TINY)
-    cost = resolvability(inverse_gram(grams.sum(axis=0)), members @ gradient, members @ energy)
+    cost = resolvability(pseudo_inverse(grams.sum(axis=0)), members @ gradient, members @ energy)
     return JointFlips(groups, np.minimum(share, 1.0 - share), cost)
 
 
@@ -139,9 +136,6 @@ def groups_of(joints: list[int], all_unsigned: bool = True) -> tuple[tuple[int, 
     return tuple(group for size in range(1, most + 1) for group in combinations(joints, size))
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Segments
-# ---------------------------------------------------------------------------------------------------------------
 def expected_segments(
     columns: Array, effort: Array, speed: Array, weights: Array
 ) -> tuple[Integers, Integers, Integers, Array, Array]:
@@ -173,47 +167,28 @@ def turn_segments(columns: Array, effort: Array, speed: Array, sigma: Array, wei
     """
     weights = np.broadcast_to(weight / sigma**2, effort.shape)
     joint, start, end, gradient, energy = expected_segments(columns, effort, speed, weights)
-    cost = resolvability(inverse_gram(information_of(columns, weights)), gradient, energy)
+    cost = resolvability(pseudo_inverse(information_of(columns, weights)), gradient, energy)
     return SegmentFlips(joint, start, end, energy / max(float(energy.sum()), TINY), cost)
 
 
 def turn_measured(moments: Moments, start: Integers, end: Integers, weight: float) -> SegmentFlips:
     """What turning each segment of a log weighs, from its own |effort|; signs that are known are left out.
 
-    Args:
-        moments: of the log's S segments, in units of the noise.
-        start: (S,) their first samples.
-        end: (S,) the samples after their last.
-        weight: independent samples that each sample stands for.
+    The moments of the log's S segments are in units of the noise; they begin and end at samples (S,), each of which
+    stands for so many independent ones.
     """
-    cost = weight * resolvability(inverse_gram(moments.hessian.total()), moments.gradient, moments.energy)
+    cost = weight * resolvability(pseudo_inverse(moments.hessian.total()), moments.gradient, moments.energy)
     share = moments.energy / max(float(moments.energy.sum()), TINY)
     unsigned = np.flatnonzero(moments.known == 0)
     return SegmentFlips(moments.joint[unsigned], start[unsigned], end[unsigned], share[unsigned], cost[unsigned])
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Equation (2)
-# ---------------------------------------------------------------------------------------------------------------
 def resolvability(inverse: Array, gradient: Array, energy: Array) -> Array:
     """(m,) R of (2) from H^-1 (r, r), gradients g (m, r) and energies c (m,), all in units of the noise."""
     explained = np.einsum("mr,mr->m", gradient @ inverse, gradient)
     return 4.0 * np.maximum(energy - explained, 0.0)
 
 
-def inverse_gram(hessian: Array) -> Array:
-    """(r, r) inverse of a Gram matrix in mixed units; nothing along what it does not show."""
-    lengths = np.sqrt(np.diag(hessian))
-    scale = np.where(lengths > 0.0, 1.0 / np.where(lengths > 0.0, lengths, 1.0), 0.0)
-    values, vectors = np.linalg.eigh(scale[:, None] * hessian * scale)
-    shown = values > 1e-12 * values[-1]  # beyond rounding
-    half = scale[:, None] * vectors[:, shown] / np.sqrt(values[shown])
-    return half @ half.T
-
-
-# ---------------------------------------------------------------------------------------------------------------
-# Plausible robots
-# ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Expectation:
     """K plausible robots with the same kinematics."""
@@ -245,8 +220,7 @@ class Expectation:
             groups: that are turned.
         """
         sigma = [expected_noise(grams, beta, samples, noise)[:, None, None] for beta in self.betas]
-        pairs = zip(self.betas, sigma, strict=True)
-        return [turn_joints(weight * grams / noise_sd**2, beta, groups) for beta, noise_sd in pairs]
+        return [turn_joints(weight * grams / sd**2, beta, groups) for beta, sd in zip(self.betas, sigma, strict=True)]
 
     def uncertainty(self, grams: Array, samples: int | Integers, noise: float, weight: float) -> Array:
         """(r,) standard deviation of each coefficient after a log whose signs are known, over its size beforehand.
@@ -286,11 +260,7 @@ def undecided(uncertainty: Array) -> tuple[int, ...]:
 
 
 def check_noise(noise: float) -> None:
-    """A noise relative to the RMS efforts can be used.
-
-    Raises:
-        InputError: it cannot.
-    """
+    """Raises InputError about a noise, relative to the RMS efforts, that cannot be used."""
     if not 0.0 < noise <= 10.0:  # beyond, nothing is shown at all
         remedy = "give a share of the RMS effort, as 0.05"
         raise InputError(f"a noise of {noise:g} cannot be used", field="noise", remedy=remedy)

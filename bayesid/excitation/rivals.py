@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -57,10 +58,7 @@ def hypotheses_of(names: Sequence[str]) -> Hypotheses:
 def hypotheses_after(found: Sequence[AddedEffect], classes: Classes, *, asked: bool) -> Hypotheses:
     """Hypotheses of a discrepancy that has found some effects.
 
-    Args:
-        found: by the discrepancy.
-        classes: that are named.
-        asked: whether effects that its log could not tell apart are meant where none are named.
+    Where no classes are named and they are asked for, the effects that its log could not tell apart are meant.
     """
     changed: dict[EffectKey, dict[str, float]] = {}
     for added in found:
@@ -285,7 +283,7 @@ def _rivals(
     scene = bare.model.scene(motion, bare.theta, effort, np.abs(effort))
     actuators = bare.model.robot.actuators(motion)
     make = maker(bare.model, scene, np.abs(actuators.dq) > actuators.standstill_speed)
-    rivals, place = [], len(bare)
+    rivals = []
     for key in keys:
         own, amplitudes = found.get(key), steps.get(key)
         hypotheses = [] if own is None else [make(own[0])]
@@ -298,12 +296,22 @@ def _rivals(
             shift = int(any(np.any(values) for values in one.columns.shift.values()))
             sd = np.concatenate([one.columns.sd, np.full(shift, TUNING.shift)])
             mean = np.concatenate([np.zeros(len(one.columns.sd)), np.ones(shift)])
-            forms.append(RivalForm(one.source, slice(place, place + len(sd)), sd, mean))
-            place += len(sd)
+            forms.append(RivalForm(one.source, slice(0, 0), sd, mean))
         if own is not None:  # a term's parameters, or nothing beside the change that a distortion is
             amplitudes = np.concatenate([own[1], forms[0].mean[len(own[1]) :]])
         rivals.append(Rival(key, tuple(forms), amplitudes))
-    return tuple(rivals)
+    return _placed_behind(len(bare), rivals)
+
+
+def _placed_behind(place: int, rivals: Sequence[Rival]) -> tuple[Rival, ...]:
+    """With the columns of one form behind those of the other."""
+    placed = []
+    for rival in rivals:
+        ends = place + np.cumsum([0, *(len(form.sd) for form in rival.forms)])
+        pairs = zip(rival.forms, pairwise(ends.tolist()), strict=True)
+        placed.append(replace(rival, forms=tuple(replace(form, place=slice(*pair)) for form, pair in pairs)))
+        place = int(ends[-1])
+    return tuple(placed)
 
 
 def _period(motion: Motion) -> float:
@@ -400,16 +408,9 @@ def _without(known: Known, keys: Sequence[EffectKey]) -> tuple[Known, dict[Effec
 
 def _likeliest(made: RivalEffects) -> RivalEffects:
     """The forms of each hypothesis that imitate the others best on the earlier recording; evenly many without one."""
-    r = len(made.known)
-    chosen = [_chosen(made, rival) for rival in made.rivals]
-    kept = np.concatenate([np.arange(r), *(form.columns for forms in chosen for form in forms)])
-    rivals, place = [], r
-    for rival, forms in zip(made.rivals, chosen, strict=True):
-        ends = place + np.cumsum([0, *(len(form.sd) for form in forms)])
-        moved = [replace(form, place=slice(*ends[k : k + 2].tolist())) for k, form in enumerate(forms)]
-        rivals.append(replace(rival, forms=tuple(moved)))
-        place = int(ends[-1])
-    return replace(made, rivals=tuple(rivals), recorded=made.recorded[np.ix_(kept, kept)])
+    r, chosen = len(made.known), [replace(one, forms=tuple(_chosen(made, one))) for one in made.rivals]
+    kept = np.concatenate([np.arange(r), *(form.columns for rival in chosen for form in rival.forms)])
+    return replace(made, rivals=_placed_behind(r, chosen), recorded=made.recorded[np.ix_(kept, kept)])
 
 
 def _chosen(made: RivalEffects, rival: Rival) -> list[RivalForm]:

@@ -11,8 +11,7 @@ class Tuning:
 
     # what a motion shows
     independent: float = 20.0
-    """1/s, samples that count as independent, at most: what a model leaves of real efforts lasts some hundredths of a
-    second. Assumed, not studied."""
+    """1/s, samples that count as independent, at most: what a model leaves of efforts lasts so long. Not studied."""
     largest_group: int = 3
     """Joints turned at once: for up to seven joints all groups, as a group and its complement are the same."""
     robots: int = 3
@@ -51,11 +50,9 @@ class Tuning:
 
     # limits
     band: float = 4.0
-    """Standard deviations of the predicted effort that must lie within the limit: beyond them lie 6e-5 of a normal
-    distribution, and a motion has some hundred independent instants."""
+    """Standard deviations of the predicted effort within the limit: beyond lie 6e-5 of a normal distribution."""
     fine: float = 0.005
-    """s between samples at which efforts are judged: with 10 ms bounds missed up to 0.9 % of the efforts of random
-    motions, where friction turns round, with these none (`tests/excitation/test_feasible.py`)."""
+    """s between samples at which efforts are judged: with 10 ms bounds missed up to 0.9 % of them, with these none."""
     coarse: int = 4
     """Of these samples, every so many are judged first: they refuse most motions that are refused."""
 
@@ -95,8 +92,7 @@ class Tuning:
     usual_motion: tuple[float, float] = (20.0, 20.0)
     """s and Hz of the random motion that stands for any; round numbers."""
     chance: float = 1.1
-    """Times the largest eigenvalue that many draws have by chance: what few have beyond it (Johnstone, On the
-    distribution of the largest eigenvalue in principal components analysis, 2001: 3 sd, 0.05 each at 60 of 256)."""
+    """Times the largest eigenvalue of many draws by chance: what few have beyond it (Johnstone 2001)."""
     sign: float = 1.0
     """Error of an effort, over its noise, that is wanted for its sign: noise says as much as the model then."""
 

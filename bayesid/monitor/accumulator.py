@@ -15,7 +15,7 @@ from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.prediction import NORMAL_95, check_payloads
 from bayesid.identification.records import Coefficient, Records, named
 from bayesid.monitor.stream_moments import SignCheck, StreamMoments, StreamSamples, check_signs
-from bayesid.monitor.tracked import MOVING, Tracked, looked_at
+from bayesid.monitor.tracked import MOVING, Tracked, looked_at, signed_joints
 from bayesid.motion import SLOWEST, STANDSTILL, Motion
 from bayesid.posterior.tuning import TUNING as POSTERIOR_TUNING
 from bayesid.regression.knowledge import Information
@@ -70,21 +70,17 @@ class Accumulator:
         most_individual: int = 200,
     ) -> None:
         identified = identified_of(model, "model")
-        n = identified.model.robot.n_joints
         if forget is not None and not 0.0 < forget < np.inf:
             raise InputError(f"a time constant of {forget!r} s", "forget", "give seconds, or None to forget nothing")
         if most_individual < 0:
             raise InputError(f"{most_individual} stretches", "most_individual", "give 0 or a whole number above")
-        signs = np.zeros(n, dtype=bool) if signed is None else np.asarray(signed, dtype=bool)
-        if signs.shape != (n,):
-            raise InputError(f"values of shape {signs.shape}", "signed", f"give one for each of the {n} joints")
         self._identified, self._earlier = identified, earlier
         self._running = StreamMoments(
             model=identified.model,
             coefficients=base_coefficients(identified.model),
             sigma=identified.noise.sigma,
             forget=np.inf if forget is None else float(forget),
-            signed=signs,
+            signed=signed_joints(signed, identified.model.robot.n_joints),
             most_individual=most_individual,
         )
 
@@ -252,9 +248,6 @@ class Accumulator:
         problem = SignProblem(moments, running.model.cone, running.coefficients)
         return check_signs(problem, stretches, search)
 
-    # -----------------------------------------------------------------------------------------------------------
-    # Weights
-    # -----------------------------------------------------------------------------------------------------------
     @property
     def _noise(self) -> Noise:
         """The model's, its autocorrelation time in samples of the stream."""
@@ -270,9 +263,7 @@ class Accumulator:
     @property
     def _weights(self) -> Array:
         """(n,) sd of the noise, N m, as if only every effective sample counted."""
-        noise = self._noise
-        weights: Array = noise.sigma * np.sqrt(noise.autocorrelation)
-        return weights
+        return np.asarray(self._noise.sigma * np.sqrt(self._noise.autocorrelation))
 
     def _normal(self) -> tuple[Information, Array]:
         """The normal equations of all that came and of what was known before, rows in units of their noise.
@@ -294,9 +285,6 @@ class Accumulator:
             return np.zeros_like(precision)
         return running.fade(running.time - running.began if np.isfinite(running.time) else 0.0) * precision
 
-    # -----------------------------------------------------------------------------------------------------------
-    # Checks
-    # -----------------------------------------------------------------------------------------------------------
     def _check_begun(self) -> None:
         if not self._running.weight.any():
             raise InputError("no sample in motion has come yet", "Accumulator", "add chunks of the stream first")

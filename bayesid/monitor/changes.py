@@ -91,14 +91,9 @@ class ChangeTest:
         return np.asarray((TUNING.other_motion * self.noise.sigma) ** 2)
 
     def add(self, state: Sums, t: float, step: float, z: Array, moving: Mask) -> Mask:
-        """(n,) which joints have changed, by one more sample; those at standstill say nothing.
+        """(n,) which joints have changed, by one more sample at t, a step (s) after the one before.
 
-        Args:
-            state: is changed.
-            t: the instant, s.
-            step: since the sample before, s.
-            z: (n,) residuals over their width.
-            moving: (n,) False at standstill.
+        Residuals z (n,) are over their width; joints that do not move (n,) say nothing. The state is changed.
         """
         size = np.abs(z)
         if max(size.tolist()) <= _SHOWS and not any(state.sums.tolist()):
@@ -115,9 +110,7 @@ class ChangeTest:
 
     def forget(self, state: Sums, joints: Mask) -> None:
         """Begins anew in some joints (n,): what shows again lasts."""
-        state.sums, state.since, state.shown = (
-            np.where(joints, 0.0, part) for part in (state.sums, state.since, state.shown)
-        )
+        state.sums, state.since, state.shown = np.where(joints, 0.0, [state.sums, state.since, state.shown])
 
     @cached_property
     def _most(self) -> float:

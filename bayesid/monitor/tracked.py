@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from bayesid.arrays import Array, Integers, Mask
+from bayesid.errors import InputError
 from bayesid.monitor.changes import Alarm, Alarms, Ring, Sums
 from bayesid.monitor.motion_estimate import MotionWindow
 from bayesid.monitor.running_model import Observed
@@ -69,6 +71,14 @@ class Tracked:
     fresh: bool = True
 
 
+def signed_joints(signed: Sequence[bool] | Mask | None, n: int) -> Mask:
+    """(n,) joints whose efforts have signs, none by default; InputError where it is not one for each."""
+    mask = np.zeros(n, dtype=bool) if signed is None else np.asarray(signed, dtype=bool)
+    if mask.shape != (n,):
+        raise InputError(f"values of shape {mask.shape}", "signed", f"give one for each of the {n} joints")
+    return mask
+
+
 @dataclass
 class Counts:
     """What became of the samples."""
@@ -106,9 +116,6 @@ class TrackerState:
     latest: Tracked | None = None  # what was known last
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# The stream as a whole
-# ---------------------------------------------------------------------------------------------------------------
 _FIRST, _STEP, _BINS = 1e-6, math.log(1.01), 2000
 """s of the first bin of the update times, log of the ratio of two bins, and how many: up to minutes, to 1 %."""
 

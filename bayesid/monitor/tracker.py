@@ -19,7 +19,7 @@ from bayesid.log.log import Log
 from bayesid.monitor.changes import Alarm, Alarms, ChangeTest, Kind, Look, Ring, Sums, kind_of
 from bayesid.monitor.motion_estimate import LocalMotion, MotionWindow
 from bayesid.monitor.running_model import AtInstant, Observed, RunningModel
-from bayesid.monitor.tracked import MOVING, REST, UNKNOWN, Counts, Tracked, TrackerState
+from bayesid.monitor.tracked import MOVING, REST, UNKNOWN, Counts, Tracked, TrackerState, signed_joints
 from bayesid.monitor.tuning import TUNING
 from bayesid.motion import STANDSTILL, Instant
 from bayesid.signs.filtering import SignFilter
@@ -67,7 +67,7 @@ class SignTracker:
         self._identified = identified_of(model, "model")
         self.n_joints = self._identified.model.robot.n_joints
         _check(self._identified, rate, lag, payload, false_alarms)
-        self.rate, self.signed = float(rate), _signed(signed, self.n_joints)
+        self.rate, self.signed = float(rate), signed_joints(signed, self.n_joints)
         self._noise = self._identified.noise
         self._any_signed = bool(self.signed.any())
         self._white_square = self._noise.white * self._noise.white
@@ -400,10 +400,3 @@ def _check(identified: IdentifiedModel, rate: float, lag: float, payload: str, f
     if payload and payload not in identified.model.payloads:
         remedy = f"give one that it knows: {', '.join(identified.model.payloads) or 'none'}"
         raise InputError(f"the model knows no payload {payload!r}", field="payload", remedy=remedy)
-
-
-def _signed(signed: Sequence[bool] | None, n: int) -> Mask:
-    mask = np.zeros(n, dtype=bool) if signed is None else np.asarray(signed, dtype=bool)
-    if mask.shape != (n,):
-        raise InputError(f"signed has {mask.size} entries", "signed", f"give {n}, one a joint")
-    return mask

@@ -12,7 +12,7 @@ class Tuning:
     # Samples and motion
     span: float = 0.12
     """s of the window from which the motion is estimated: a longer one takes torques of one joint for those of another,
-    a shorter one is noisy. Set by hand on pushes that MuJoCo plays and logs of a UR10e; not studied."""
+    a shorter one is noisy. Set by hand; not studied."""
     fewest_periods: float = 10.0
     """Periods that the window spans at least: of fewer samples the noise is not known. Not studied."""
     spare: int = 2
@@ -24,16 +24,13 @@ class Tuning:
     gap: float = 5.0
     """Periods without a sample from which on what was before is forgotten: friction may have turned round meanwhile."""
     set_back: int = 5
-    """Samples in a row, each before the newest and after the one before it, that tell of a clock that was set back:
-    fewer are late. As many as the periods of a gap."""
+    """Late samples in a row whose times go up that tell of a clock that was set back: as many as periods of a gap."""
     fastest: float = 2e4
     """Hz; no controller logs faster: a rate in mHz, or a period in its place, is told."""
     farthest: float = 3.0
-    """Factor between a tracker's rate and that of a log's rows up to which they are taken for the same: beyond 5 every
-    row comes after a gap. A round number; of a UR10e's log at 100 Hz as many signs are right with 35 and 290 Hz."""
+    """Factor between a tracker's rate and that of a log's rows: beyond 5 every row comes after a gap. Round number."""
     looks: float = 20.0
-    """Hz at which the columns of the model are made: they cost as much as all the rest, and what is made of them, the
-    sd of the effort and the look of a change, stays much the same so long."""
+    """Hz at which the columns of the model are made: they cost as much as all the rest."""
     remembered: float = 20.0
     """s that are remembered: as long as shorter logs from which robots are identified. A round number; not studied."""
     most_remembered: int = 20_000
@@ -49,8 +46,7 @@ class Tuning:
 
     # Contacts
     observer: float = 35.0
-    """1/s, gain of the momentum observer: a step is followed to 63 % in 29 ms. Haddadin et al. use 25 to 100; not
-    studied beyond `bayesid study tracking`."""
+    """1/s, gain of the momentum observer (Haddadin et al. use 25 to 100); studied by `bayesid study tracking` alone."""
     release: float = 0.6
     """Share of its threshold below which an external torque has ended: it may flicker about it. Not studied."""
     flicker: float = 0.1
@@ -62,8 +58,7 @@ class Tuning:
 
     # Changes
     wider: float = 2.0
-    """How many times as wide a residual is that is tested for: one that nobody would overlook. A round number; not
-    studied."""
+    """How many times as wide a residual is that is tested for. A round number; not studied."""
     other_motion: float = 2.0
     """Residual on another motion over that of the log a model was identified from. Set by hand; not studied."""
     largest: float = 6.0
@@ -91,16 +86,13 @@ class Tuning:
 
     # Running identification
     pause: float = 0.5
-    """s; after a longer pause every stretch is a new one: a residual's correlation is not followed beyond
-    (`bayesid.regression.noise`)."""
+    """s; after a longer pause every stretch is a new one: a residual's correlation is not followed beyond."""
     clearly: float = 2.0
     """Standard deviations of the noise within which |effort| may be zero, as in `bayesid.signs`."""
     least_doubt: float = 1e-3
-    """No sign that a tracker takes is surer than this: strong stretches then come behind those in doubt, and before
-    those that are weak and sure. A round number; not studied."""
+    """No sign is surer than this: strong stretches come before those that are weak and sure. Round; not studied."""
     outliers: int = 3
-    """Samples up to which a stretch may be outliers alone: a tracker's noise may have heavy tails. A round number;
-    not studied."""
+    """Samples up to which a stretch may be outliers alone: noise may have heavy tails. Round; not studied."""
 
 
 TUNING = Tuning()
