@@ -152,12 +152,12 @@ def _chain(root: ET.Element, where: str) -> list[ET.Element]:
         waiting = [(base, 0)]
         while waiting:
             link, depth = waiting.pop()
-            for joint, child in after.get(link, []):
+            for joint, beyond in after.get(link, []):
                 moves = joint.get("type") != "fixed"
                 if moves and depth < len(own):
                     raise InputError("is of a robot that branches", where, "give the limits in a TOML file")
                 own += [joint] * moves
-                waiting.append((child, depth + moves))
+                waiting.append((beyond, depth + moves))
         chain += own
     return chain
 

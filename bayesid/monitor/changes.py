@@ -198,7 +198,7 @@ def _fitted(look: Look, misfit: Array, name: str, of: tuple[int, ...], columns: 
     rows = (np.sqrt(weight)[:, :, None] * columns).reshape(-1, size)
     normal = rows.T @ rows
     normal += np.diag(1e-6 * np.diag(normal) + 1e-300)  # what this motion does not show stays at zero
-    predicted, change = effort, np.zeros(size)
+    predicted, change = effort, np.zeros_like(normal[0])
     for _ in range(TUNING.passes):
         aim = (np.sqrt(weight) * (_nearest(look, joints, predicted) - effort)).ravel()
         change = np.linalg.solve(normal, rows.T @ aim)

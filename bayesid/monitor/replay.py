@@ -85,8 +85,16 @@ def replay(tracker: SignTracker, log: Log, progress: Progress = SILENT) -> Repla
             for name, values in parts.items():
                 values[seen] = getattr(now, name)
             seen += 1
-    told = [parts[name][:seen] for name in _PARTS]
-    return Replay(t[:seen], *told, tracker.alarms, tracker.counts, figures, tracker.lag, tracker.rate)
+    told = {name: values[:seen] for name, values in parts.items()}
+    return Replay(
+        t[:seen],
+        **told,
+        alarms=tracker.alarms,
+        counts=tracker.counts,
+        figures=figures,
+        lag=tracker.lag,
+        rate=tracker.rate,
+    )
 
 
 @dataclass(frozen=True)
