@@ -18,7 +18,7 @@ from bayesid.regression.selection.explanation import LN10
 from bayesid.regression.selection.scores import Score
 from bayesid.report.discrepancy_verdicts import testable_groups
 from bayesid.report.folders import save_result
-from bayesid.report.summary import as_json, taken
+from bayesid.report.summary import as_json, as_object, taken
 from bayesid.report.timeline_text import Moved, columns, moved_parameters, timeline_rule
 
 
@@ -88,7 +88,7 @@ def discrepancy_summary(discrepancy: Discrepancy) -> dict[str, Any]:
         taken(effect, "effect", "joints", "log10_bayes_factor", "equivalent") | _learned(effect)
         for effect in discrepancy.refused
     ]
-    said: dict[str, Any] = as_json(
+    return as_object(
         {
             **taken(discrepancy, "status", "where"),
             "found": [_added(effect) for effect in discrepancy.added],
@@ -113,14 +113,13 @@ def discrepancy_summary(discrepancy: Discrepancy) -> dict[str, Any]:
             **taken(discrepancy, "seconds", "warnings"),
         }
     )
-    return said
 
 
 def comparison_summary(comparison: LogComparison) -> dict[str, Any]:
     """discrepancy.json of several logs: that of the last one, what became of each effect, and the time line."""
     said, dates = columns(comparison), comparison.dates
     texts = dates.texts if dates.known else [None] * len(comparison.logs)
-    more: dict[str, Any] = as_json(
+    more = as_object(
         {
             "logs": [{"log": log.source, "date": text} for log, text in zip(comparison.logs, texts, strict=True)],
             "dates_from": dates.basis,

@@ -36,7 +36,7 @@ from bayesid.parallel import one_blas_thread
 from bayesid.progress import SILENT, Progress
 from bayesid.report.findings import FILE as FINDINGS
 from bayesid.report.findings import Findings, find_findings, read_findings, write_findings
-from bayesid.report.summary import as_json, log_parts, summarise, taken
+from bayesid.report.summary import as_json, as_object, log_parts, summarise, taken
 from bayesid.report.verdicts import check_findings, verdict
 
 if TYPE_CHECKING:
@@ -286,7 +286,7 @@ def save_validation(validation: Validation, folder: str | Path) -> Path:
 def validation_summary(validation: Validation) -> dict[str, Any]:
     """summary.json of a validation."""
     parts = log_parts(validation.log)
-    said: dict[str, Any] = as_json(
+    return as_object(
         {
             "log": validation.log.source,
             "seen": validation.seen,
@@ -299,7 +299,6 @@ def validation_summary(validation: Validation) -> dict[str, Any]:
             "processing": validation.signals.processing,
         }
     )
-    return said
 
 
 # ---------------------------------------------------------------------------------------------------------------

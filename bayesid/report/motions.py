@@ -20,7 +20,7 @@ from bayesid.files.tables import write_json, write_motion, write_table
 from bayesid.files.writing import check_folder, save_folder
 from bayesid.identification.identification import KNOWN
 from bayesid.motion import Motion
-from bayesid.report.summary import as_json, taken
+from bayesid.report.summary import as_object, taken
 from bayesid.report.tuning import TUNING
 from bayesid.report.words import counted, table
 
@@ -64,7 +64,7 @@ def design_summary(design: ExcitationDesign) -> dict[str, Any]:
     """design.json: figures, limits given and reached, and the B-spline of a period, which is the motion."""
     spline, coefficients, n = design.trajectory, design.coefficients, design.model.robot.n_joints
     left = zip(coefficients.names, coefficients.expressions, design.reached.uncertainty, strict=True)
-    said: dict[str, Any] = as_json(
+    return as_object(
         {
             "robot": design.model.robot.name,
             "terms": [term.name for term in design.model.terms],
@@ -88,7 +88,6 @@ def design_summary(design: ExcitationDesign) -> dict[str, Any]:
             "not_checked": ["collisions", "limits of the efforts"],
         }
     )
-    return said
 
 
 def _figures(quality: Quality) -> dict[str, Any]:
@@ -278,7 +277,7 @@ def next_summary(design: NextMotion, programs: Programs) -> dict[str, Any]:
     run, after, limits, clearance = design.run, design.predicted, design.run.limits, design.run.clearance
     assert limits is not None
     given = taken(limits, "lower", "upper", "velocity", "acceleration", "jerk", "effort")
-    said: dict[str, Any] = as_json(
+    return as_object(
         {
             "robot": design.known.model.robot.name,
             **taken(run, "duration", "rate", start=run.start or (), payload=run.payload),
@@ -305,7 +304,6 @@ def next_summary(design: NextMotion, programs: Programs) -> dict[str, Any]:
             "seconds": design.seconds,
         }
     )
-    return said
 
 
 def _factors(predicted: PredictedKnowledge) -> list[dict[str, object]]:

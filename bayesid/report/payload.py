@@ -9,7 +9,7 @@ from typing import Any
 from bayesid.files.tables import write_json
 from bayesid.files.writing import save_folder
 from bayesid.identification.payload import AXES, Estimate, PayloadReading
-from bayesid.report.summary import as_json, taken
+from bayesid.report.summary import as_object, taken
 from bayesid.report.verdicts import Check
 from bayesid.report.words import joints_in_words, quantity, rounded
 
@@ -35,7 +35,7 @@ def save_payload(reading: PayloadReading, folder: str | Path) -> Path:
 def _payload_summary(reading: PayloadReading) -> dict[str, Any]:
     """payload.json: SI units, joints from 1; null where there is nothing to say."""
     body, check, known, gains = reading.body, reading.check, reading.known_mass, reading.gains
-    said: dict[str, Any] = as_json(
+    return as_object(
         {
             "frame": reading.frame,
             **taken(body, "shown", "mass", com=body.centre, inertia=body.inertia),
@@ -58,7 +58,6 @@ def _payload_summary(reading: PayloadReading) -> dict[str, Any]:
             **taken(reading, "seconds", "warnings"),
         }
     )
-    return said
 
 
 def payload_rows(reading: PayloadReading) -> list[tuple[str, ...]]:

@@ -17,7 +17,7 @@ from bayesid.monitor.changes import CONTACT, FRICTION, GAIN, PAYLOAD, Alarm
 from bayesid.monitor.replay import Agreement, Replay
 from bayesid.monitor.tracked import Counts, StreamFigures, Tracked
 from bayesid.report.plot.stream import stream_figure
-from bayesid.report.summary import as_json, taken
+from bayesid.report.summary import as_json, as_object, taken
 from bayesid.report.tuning import TUNING
 from bayesid.report.verdicts import Check
 from bayesid.report.words import joints_in_words, rounded
@@ -129,8 +129,7 @@ def stream_summary(result: StreamResult) -> dict[str, Any]:
         "smoothing": _agreement(result.smoothing),
         "known_signs": _agreement(result.known),
     }
-    said: dict[str, Any] = as_json({"log": result.log, "summary": summary, "n_alarms": len(result.alarms)})
-    return said
+    return as_object({"log": result.log, "summary": summary, "n_alarms": len(result.alarms)})
 
 
 def _agreement(one: Agreement | None) -> dict[str, Any] | None:

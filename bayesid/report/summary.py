@@ -272,10 +272,15 @@ def as_json(value: Any) -> Any:
         optional = {one.name for one in fields(value) if one.default in ("", ())}
         return {name: as_json(item) for name, item in values.items() if name not in optional or len(item)}
     if isinstance(value, Mapping):
-        return {name: as_json(item) for name, item in value.items()}
+        return as_object(value)
     if isinstance(value, np.ndarray):
         return plain(value.tolist())
     return [as_json(item) for item in value] if isinstance(value, list | tuple) else plain(value)
+
+
+def as_object(content: Mapping[str, Any]) -> dict[str, Any]:
+    """A dictionary as JSON has it."""
+    return {name: as_json(item) for name, item in content.items()}
 
 
 def taken(source: object, /, *names: str, **more: Any) -> dict[str, Any]:
