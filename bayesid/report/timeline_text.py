@@ -188,7 +188,7 @@ def _came(comparison: LogComparison, history: EffectHistory) -> str:
     found = comparison.found[k - 1]
     checks = dict(zip((effect.hypothesis for effect in found.added), discrepancy_checks(found), strict=False))
     check = checks.get(history.found[k].hypothesis)
-    told = upper(effect_name(history.effect)) if check is None else check.message
+    told = upper(effect_name(history.effect)) if check is None else check.message.partition(". ")[0]
     return told if len(comparison.logs) == 2 else f"{told.rstrip('.')} ({_in_logs(comparison, history)})"
 
 
