@@ -39,13 +39,7 @@ def excite(summary: Summary) -> str:
 
 
 def again(summary: Summary, added: str = "", without: Sequence[str] = ()) -> str:
-    """The command that was run, with an option more, or without an option and its value; empty if none was run.
-
-    Args:
-        summary: of what was run.
-        added: option with its value.
-        without: the option and, if it has one, its value.
-    """
+    """The command that was run, with an option more, or without an option and its value; empty if none was run."""
     words = _words(summary)
     if not words:
         return ""

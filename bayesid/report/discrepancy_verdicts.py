@@ -173,12 +173,7 @@ def _below_zero(added: AddedEffect) -> list[str]:
 
 
 def equivalents(added: AddedEffect, called: Callable[[str], str]) -> list[str]:
-    """What the log cannot tell from an effect, errors of other rows of the table with their joints.
-
-    Args:
-        added: the effect.
-        called: what an effect is called.
-    """
+    """What the log cannot tell from an effect, as they are called; errors of other rows of the table with joints."""
     rows = [f"{called(name)} ({joints_in_words(joints)})" for name, joints in added.elsewhere]
     return [*map(called, added.equivalent), *rows]
 

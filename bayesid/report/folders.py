@@ -74,10 +74,6 @@ def collect_incomplete() -> Iterator[list[str]]:
 def save_or_rescue(save: Callable[[Path], object], folder: Path) -> None:
     """Saves a result or, where its folder can no longer be written, in a new one among the temporary files.
 
-    Args:
-        save: writes the result into a folder.
-        folder: where it is to stand.
-
     Raises:
         InputError: the folder cannot be written; the remedy says where the result stands meanwhile.
     """

@@ -72,13 +72,7 @@ def paragraph(text: str, note: bool = False) -> Markup:
 
 
 def lights(checks: Iterable[Check], words: Mapping[str, str], places: Mapping[str, str]) -> Markup:
-    """Checks as traffic lights.
-
-    Args:
-        checks: in their order.
-        words: for each state.
-        places: sections that show more, by the check's name.
-    """
+    """Checks as traffic lights, with a word for each state, and the sections that show more by the check's name."""
     return _parts().lights([(one, COLOURS[one.state], words.get(one.state, one.state)) for one in checks], places)
 
 
@@ -113,14 +107,7 @@ def page(
 ) -> str:
     """A whole page that opens from anywhere, light or dark, and prints; nothing is fetched, text is escaped.
 
-    Args:
-        title: its heading.
-        subject: what it is about, robot and log, for the window's title.
-        status: the class and the words of what there is to say in a few words.
-        lead: the same in a sentence or two.
-        about: names and values below it.
-        warnings: what the user should know.
-        sections: in their order.
+    The status is a class and a few words, the lead says the same in a sentence or two, and `about` names and values.
     """
     content: dict[str, Any] = {"title": title, "subject": subject, "status": status, "lead": lead, "about": about}
     content |= {"warnings": warnings, "sections": sections, "version": version("bayesid")}

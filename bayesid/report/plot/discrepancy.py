@@ -114,10 +114,6 @@ def learned_figure(added: AddedEffect, unit: str) -> fig.Figure:
     """The functions of an effect without a name over the range seen, each with its 95 % band.
 
     One of two variables is drawn over the first, at three values of the other.
-
-    Args:
-        added: the effect.
-        unit: of its effort.
     """
     panels = []
     for curve in added.hypothesis.curves:

@@ -131,12 +131,6 @@ def planned_motion(picture: MotionPicture) -> MatplotlibFigure:
 
     A row a joint, a column a quantity: curves are blue, limits orange. Above a panel is how much of a limit is used, of
     positions how much is left; what goes beyond its limit says so in magenta.
-
-    Args:
-        picture: what to show.
-
-    Returns:
-        A figure of its own; `savefig` saves it.
     """
     motion, limits, n = picture.motion, picture.limits, picture.motion.n_joints
     effort = np.inf if limits.effort is None else limits.effort
@@ -180,13 +174,7 @@ def skeleton_line(robot: Robot, q: ArrayLike) -> Array:
 
 
 def extreme_poses(robot: Robot, motion: Motion, distance: Array | None = None) -> Poses:
-    """The start and the poses in which the tip is lowest, highest and farthest out, and that of the least distance.
-
-    Args:
-        robot: whose joints move.
-        motion: N instants of them.
-        distance: (N,) least distances, m; none by default.
-    """
+    """The start, where the tip is lowest, highest and farthest out, and the least of the distances (N,), m."""
     rows = evenly(len(motion), TUNING.poses)
     tip = np.stack([pose(robot, q).flange[:3, 3] for q in motion.q[rows]])
     found = {
