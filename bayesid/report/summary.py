@@ -317,19 +317,19 @@ def summarise(identification: Identification) -> Summary:
         signed_joints=np.flatnonzero(log.signed) + 1,
         processing=identification.signals.processing,
         search=_search(identification),
-        signs=SignsSummary(identification.sign_terms, identification.sign_weight, _tuple(identification.sign_doubt)),
+        signs=SignsSummary(identification.sign_terms, identification.sign_weight, tuple(identification.sign_doubt)),
         posterior=_posterior(identification),
-        noise=NoiseSummary(
-            assumed="white sensor noise plus exponentially correlated model error, per joint, before the fit took its "
-            "share; samples count by the integrated autocorrelation time",
-            sd=_tuple(noise.sigma),
-            white_sd=_tuple(noise.white),
-            coloured_sd=_tuple(noise.coloured),
-            correlation_time_s=_tuple(noise.correlation),
-            samples_that_count_as_one=_tuple(noise.autocorrelation),
-            effective_samples=_tuple(count / noise.autocorrelation),
-            residual_sd=_tuple(fit.residual.sigma),
-        ),
+        noise={
+            "assumed": "white sensor noise plus exponentially correlated model error, per joint, before the fit took "
+            "its share; samples count by the integrated autocorrelation time",
+            "sd": noise.sigma,
+            "white_sd": noise.white,
+            "coloured_sd": noise.coloured,
+            "correlation_time_s": noise.correlation,
+            "samples_that_count_as_one": noise.autocorrelation,
+            "effective_samples": count / noise.autocorrelation,
+            "residual_sd": fit.residual.sigma,
+        },
         fit=filled(
             FitSummary,
             fit,
@@ -348,10 +348,6 @@ def summarise(identification: Identification) -> Summary:
         payloads=_payloads(identification),
     )
     return typed(as_json(summary), Summary)  # so that it is what a file gives: None for what is not finite
-
-
-def _tuple(values: Array) -> Numbers:
-    return tuple(values.tolist())
 
 
 def log_parts(log: Log) -> tuple[LogPart, ...]:
@@ -395,8 +391,8 @@ def _low_pass(identification: Identification) -> LowPassSummary | None:
     after = identification.signals.after_rectifier
     if after is None:
         return None
-    found, taken_away = after.low_pass, _tuple(after.noise)
-    return filled(LowPassSummary, found, cutoff_hz=found.cutoff, noise_before_sd=taken_away, words=str(found))
+    found = after.low_pass
+    return filled(LowPassSummary, found, cutoff_hz=found.cutoff, noise_before_sd=after.noise, words=str(found))
 
 
 def _gains(identification: Identification) -> GainsSummary | None:
@@ -433,21 +429,21 @@ def _search(identification: Identification) -> SearchSummary:
     )
 
 
-def _ambiguous(identification: Identification) -> tuple[AmbiguousSegment, ...] | None:
+def _ambiguous(identification: Identification) -> list[dict[str, Any]] | None:
     settled, segments, log = identification.search.settled, identification.searched, identification.log
     if settled is None:
         return None
-    place, t = log.clock(identification.signals.motion.t)
-    return tuple(
-        AmbiguousSegment(
-            joint=int(segments.joint[k]) + 1,
-            start=float(t[segments.start[k]]),
-            end=float(t[segments.end[k] - 1]),
-            n_samples=int(segments.end[k] - segments.start[k]),
-            log=log.pieces[place[segments.start[k]]].source if log.pooled else "",
-        )
+    (place, t), start, end = log.clock(identification.signals.motion.t), segments.start, segments.end
+    return [
+        {
+            "joint": segments.joint[k] + 1,
+            "start": t[start[k]],
+            "end": t[end[k] - 1],
+            "n_samples": end[k] - start[k],
+            "log": log.pieces[place[start[k]]].source if log.pooled else "",
+        }
         for k in np.flatnonzero(~settled)
-    )
+    ]
 
 
 def _posterior(identification: Identification) -> PosteriorSummary | None:
