@@ -172,7 +172,6 @@ class Posterior:
         return tuple((np.flatnonzero(joints @ other > 0.5 * (joints @ unknown)) + 1).tolist())
 
     def _signs(self, mode: int) -> Integers:
-        """(S,) at a mode's mean."""
         draws = self.modes[mode].draws
         theta, log_scale = (values.mean(axis=(0, 1, 2))[None] for values in (draws.theta, draws.log_scale))
         return np.where(self.target.likelihood.push(theta, log_scale)[0] >= 0.0, 1, -1)
@@ -212,7 +211,6 @@ class Posterior:
 
     @property
     def _nonnegative(self) -> Integers:
-        """Indices of the coefficients that are one parameter that cannot be negative."""
         projection = self.target.likelihood.projection
         single = np.count_nonzero(projection, axis=1) == 1
         return np.flatnonzero(single & (projection @ self.target.prior.region.nonnegative > 0.0))

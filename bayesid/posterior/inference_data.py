@@ -159,7 +159,6 @@ def keep(
 
 
 def _run(draws: Draws, every: int) -> dict[str, object]:
-    """Attributes of the sampling, of which each so many sweeps are kept."""
     _, ensembles, walkers = draws.log_density.shape
     return {
         "inference_library": _LIBRARY,
@@ -195,7 +194,6 @@ def _walker_major(values: Any) -> Any:
 
 
 def _drawn_variables(beta: Array, theta: Array, noise: Array, log_gain: Array | None) -> dict[str, Any]:
-    """Draws (E, D W, ...) of coefficients, parameters, noise and gains that are unknowns."""
     variables = {
         "beta": ((*_SAMPLED, "coefficient"), beta, {"long_name": "base coefficients"}),
         "theta": ((*_SAMPLED, "parameter"), theta, {"long_name": "standard parameters"}),
@@ -208,7 +206,6 @@ def _drawn_variables(beta: Array, theta: Array, noise: Array, log_gain: Array | 
 
 
 def _sample_stats(density: Array, kept: Integers, walkers: int, drawn: Mapping[str, Any]) -> Dataset:
-    """Each draw's log density (E, D W), walker and sweep."""
     chains = len(density)
     walker = np.tile(np.repeat(np.arange(walkers, dtype=np.int32), len(kept)), (chains, 1))
     variables = {
@@ -263,7 +260,6 @@ def _distinct(names: Sequence[str]) -> list[str]:
 
 
 def _observed(moments: Moments, block: Mapping[str, Any]) -> Dataset:
-    """RMS effort and energy of each entry of `block`."""
     energy = sums(moments, moments.energy)
     rms = np.sqrt(energy / np.maximum(sums(moments, moments.count), 1.0))
     variables = {
@@ -283,7 +279,6 @@ def _names(labels: Labels) -> dict[str, Any]:
 
 
 def _constants(target: Target, moments: Moments, labels: Labels) -> Dataset:
-    """Noise, prior and projection, and what an earlier log has shown."""
     prior, likelihood, known = target.prior, target.likelihood, target.information
     lasting = {"long_name": "integrated autocorrelation time of the residual", "units": "samples"}
     uncut = {"long_name": "before the cut to what is physical"}

@@ -186,7 +186,6 @@ def mode_of_draws(modes: tuple[SampledMode, ...]) -> Integers:
 
 
 def _heavy(modes: tuple[SampledMode, ...]) -> list[SampledMode]:
-    """Those that leave draws."""
     return [sampled for sampled in modes if sampled.weight >= TUNING.negligible_mode]
 
 
@@ -210,7 +209,6 @@ def _places(heavy: Sequence[SampledMode]) -> tuple[Integers, ...]:
 
 
 def _worst(of_modes: list[Diagnostics]) -> Diagnostics:
-    """The worst of any mode, of each quantity; NaN where there is one."""
     return Diagnostics(
         np.max([diagnostics.rhat for diagnostics in of_modes], axis=0),
         np.min([diagnostics.bulk for diagnostics in of_modes], axis=0),

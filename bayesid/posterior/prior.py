@@ -130,7 +130,6 @@ def _sizes(likelihood: Likelihood, information: Information | None) -> Array:
 
 
 def _windows(cone: Cone, links: Links) -> tuple[Window, ...]:
-    """On the radius of every body, squared, and on the mass of all."""
     if not len(cone.bodies):
         return ()
     windows, total, none = [], np.zeros(cone.size), np.zeros(cone.size)

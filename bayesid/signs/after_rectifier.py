@@ -140,7 +140,6 @@ def _low_passes(cutoffs: Array, rate: float) -> list[LowPass]:
 
 
 def _read(signals: Signals) -> Array:
-    """(N, n) |effort| as it was read, N m."""
     return signals.magnitude if signals.after_rectifier is None else signals.after_rectifier.read
 
 
@@ -215,7 +214,6 @@ class _Crossings:
 
     @property
     def _bias(self) -> Array:
-        """(C, G) errors of the model."""
         return self.sd[:, None] * (TUNING.crossing_bias * np.linspace(-1.0, 1.0, TUNING.crossing_biases))
 
     @cached_property

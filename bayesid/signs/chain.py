@@ -128,7 +128,6 @@ def _spread(grid: Array, sd: float, memory: float) -> float:
 
 
 def _transitions(grid: Array, sd: float, memory: float) -> Array:
-    """(G, G) rows of p(b' | b) of an Ornstein-Uhlenbeck process."""
     distance = grid[None, :] - memory * grid[:, None]
     density = np.exp(-0.5 * (distance / _spread(grid, sd, memory)) ** 2)
     density += 1e-30  # beliefs must not die out where model and effort contradict each other
@@ -137,8 +136,6 @@ def _transitions(grid: Array, sd: float, memory: float) -> Array:
 
 @dataclass(frozen=True)
 class _Part:
-    """Rows that are smoothed on the same part of the grid."""
-
     window: slice  # part of the grid, G' values
     rows: Integers  # (R,) which of all rows
     likelihood: Single  # (L, G', R) up to a factor
@@ -183,11 +180,7 @@ class _Step:
 class _Pass:
     """What is passed on from sample to sample, forwards, or backwards where the shift is negative.
 
-    Args:
-        step: from one sample to the next.
-        first: (G,) with what chains are entered.
-        shift: from a row to that of the next piece in this direction.
-        n_rows: of all parts.
+    Chains are entered with `first` (G,). The shift leads from a row to that of the next piece in this direction.
     """
 
     def __init__(self, step: _Step, first: Single, shift: int, n_rows: int) -> None:
@@ -207,7 +200,6 @@ class _Pass:
         return states
 
     def _run(self, part: _Part, states: Single, which: Integers) -> None:
-        """Passes on what some of a part's rows are entered with."""
         turns, likelihood, passed = part.turns_after, part.likelihood, states
         if self.shift < 0:
             turns, likelihood = part.turns[::-1], part.likelihood[::-1]

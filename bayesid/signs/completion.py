@@ -167,8 +167,6 @@ def _least_half(effects: Sequence[EnteredEffect]) -> set[EffectKey]:
 
 @dataclass
 class _Rounds:
-    """Effects selected and signs settled in turn."""
-
     plain: _Opinion  # under the model asked for
     signs: _Opinion  # under the model that is likeliest so far, which may hold effects that only signs are settled by
     fit: Fit  # of the model asked for to these signs
@@ -270,7 +268,6 @@ def _worth_it(completed: _Opinion, plain: _Opinion) -> bool:
 
 
 def _poor(settled: Settled) -> Mask:
-    """(n,) joints whose signs are sought and whose effort the model explains poorly."""
     return (settled.fit.relative_residual > REGRESSION.poor_fit) & ~settled.evidence.signals.signed
 
 
@@ -286,7 +283,6 @@ def _with_proposals(opinion: _Opinion, searching: _Searching, progress: Progress
 
 
 def _with_proposal(opinion: _Opinion, joint: int, searching: _Searching, progress: Progress) -> _Opinion:
-    """The same for one joint and one more effect."""
     settled = opinion.settled
     if not _poor(settled)[joint]:
         return opinion
@@ -330,19 +326,16 @@ def _summed_out(
 
 
 def _sizes(averaged: AveragedSigns) -> dict[str, float]:
-    """Of what is summed out, relative to what is usual."""
     nuisance = averaged.asked.evidence.nuisance
     return {} if nuisance is None else dict(zip(nuisance.names, nuisance.scales.tolist(), strict=True))
 
 
 def _joint_turned(evidence: Evidence, before: Array, after: Array) -> bool:
-    """Whether most of a joint's effort has another sign than before."""
     energy = np.where(evidence.used, evidence.signals.effort**2, 0.0)
     turned = np.where((before >= 0.5) != (after >= 0.5), energy, 0.0).sum(axis=0)
     return bool(np.any(turned > 0.5 * energy.sum(axis=0)))
 
 
 def _changed(evidence: Evidence, before: Array, after: Array) -> bool:
-    """Whether enough signs of samples in motion have changed."""
     different = ((before >= 0.5) != (after >= 0.5))[evidence.used]
     return bool(different.mean() > TUNING.signs_changed)

@@ -70,12 +70,8 @@ class SignFilter:
     ) -> tuple[Array | None, Array]:
         """(n,) P(sign = +) of the reading L samples ago, None before there is one; and of this one, by the past alone.
 
-        Args:
-            belief: is changed.
-            reading: (n,) |effort|, N m; nan where there is none.
-            predicted: (n,) the model's effort, N m.
-            sd: (n,) of the prediction, N m, by what its motion leaves open.
-            moves: (n,) False at standstill.
+        The belief is changed. A reading (n,) is |effort|, N m, nan where there is none; a prediction (n,) has the sd
+        that its motion leaves open; `moves` (n,) is False at standstill.
         """
         plus, likelihood = self._weigh(reading, predicted, sd)
         steps, both = belief.count > 0 and belief.count % self.stride == 0, moves & belief.moved
@@ -115,7 +111,6 @@ class SignFilter:
         return plus, likelihood
 
     def _step(self, weights: Single, moves: Mask) -> Single:
-        """(n, G) weights one step later."""
         after: Single = np.matmul(self.forwards, weights[:, :, None])[:, :, 0]
         for j in () if every(moves) else np.flatnonzero(~moves).tolist():
             stays = self.rest_forwards[j] @ weights[j]
@@ -123,7 +118,6 @@ class SignFilter:
         return after
 
     def _back(self, future: Single, moves: Mask) -> Single:
-        """(n, G) what is passed backwards over a step."""
         before: Single = np.matmul(self.backwards, future[:, :, None])[:, :, 0]
         for j in () if every(moves) else np.flatnonzero(~moves).tolist():
             stays = self.rest_backwards[j] @ future[j]

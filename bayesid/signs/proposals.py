@@ -25,8 +25,6 @@ from bayesid.signs.tuning import TUNING
 
 @dataclass(frozen=True)
 class _Rows:
-    """One joint's samples under an effect."""
-
     columns: Array  # (M, m) of the model, those of the effect last
     magnitude: Array  # (M,) |effort|, N m
     known: Array  # (M,) the effort by the model so far, N m

@@ -149,11 +149,7 @@ class SignSearch:
 def crossings(segments: Segments, predicted: Array, effort: Array, sigma: Array) -> list[tuple[int, int]]:
     """(joint, sample) at which to cut: where |effort| is least while the predicted effort goes from clear to clear.
 
-    Args:
-        segments: over N samples; only those of unknown sign are cut.
-        predicted: (N, n) the model's effort, N m.
-        effort: (N, n) |effort|, N m.
-        sigma: (n,) sd of the residual, N m.
+    Only segments of unknown sign are cut. Both efforts are (N, n), and the residual's sd (n,), N m.
     """
     cuts = []
     for k in np.flatnonzero(segments.known == 0):
@@ -179,10 +175,7 @@ class Rivals:
 def rivals(problem: SignProblem, result: SearchResult, steps: Steps = no_steps) -> Rivals:
     """Prices what comes near the best assignment of a search; where it has proven something, candidates too.
 
-    Args:
-        problem: of the search, with its moments scaled by other weights.
-        result: of the search.
-        steps: called as steps(assignments priced, all).
+    The problem is that of the search, with its moments scaled by other weights.
     """
     inner = Problem(problem.moments, problem.solver(), np.inf)
     known, joint, far = problem.moments.known, problem.moments.joint, max(result.within, TUNING.near)

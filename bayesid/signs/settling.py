@@ -160,7 +160,6 @@ def nats_gained(fit: Fit, other: Fit, count: Array) -> float:
 
 
 def _fitted_to(coefficients: BaseCoefficients, model: Model, signals: Signals, searched: SegmentSigns) -> Settled:
-    """Smooths the signs of the segments and fits the model to them."""
     moving, fitted = (
         searched.segments.per_sample(which, *signals.effort.shape) > 0
         for which in (searched.segments.moving, searched.segments.fitted)
@@ -199,7 +198,6 @@ def _listed(settled: Settled) -> list[Alternative]:
 
 
 def _odds(rise: float) -> float:
-    """Against the best assignment, by how much more another one costs."""
     return float(np.exp(-0.5 * max(rise, 0.0)))
 
 
@@ -281,7 +279,6 @@ def _agreed(evidence: Evidence, probability: Array) -> tuple[Array, Fit]:
 
 
 def _smoothed_by(evidence: Evidence, segments: Segments, found: Branch | SearchResult) -> Array:
-    """(N, n) P(sign = +) of every sample under an assignment of the segments' signs."""
     signs = segments.per_sample(found.signs, *evidence.moving.shape)
     predicted = evidence.model.effort(evidence.signals.motion, found.theta)
     return _smoothed(evidence, predicted, signed_effort(evidence.signals, signs, filtered=False))

@@ -97,8 +97,6 @@ def smooth(
 
 @dataclass(frozen=True)
 class _Joint:
-    """The hidden process of one joint."""
-
     chain: Chain
     white: float  # scale of the white noise, N m
     after: AfterRectifier | None  # what |effort| has passed after the rectifier

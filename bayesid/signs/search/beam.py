@@ -23,7 +23,15 @@ from bayesid.regression.moments import Moments
 from bayesid.regression.solver import ConeLeastSquares
 from bayesid.signs.search.bounds import UnconstrainedBound
 from bayesid.signs.search.local import searched_locally
-from bayesid.signs.search.protocol import Budget, NodeCost, NodeCostFactory, Search, SignProblem, check_limits
+from bayesid.signs.search.protocol import (
+    Budget,
+    NodeCost,
+    NodeCostFactory,
+    PreparedNode,
+    Search,
+    SignProblem,
+    check_limits,
+)
 from bayesid.signs.search.result import Branch, Pruning, SearchResult, listed_without_proof
 from bayesid.signs.tuning import TUNING
 
@@ -67,7 +75,7 @@ class Beam(Search):
         return self.node_cost is None
 
     def limited(self, budget: float, time_limit: float) -> Beam:
-        """The same search with another budget, nominal seconds, and time limit, seconds."""
+        """See Search."""
         return replace(self, budget=budget, time_limit=time_limit)
 
     def find(self, problem: SignProblem, steps: Steps = no_steps) -> SearchResult:
@@ -115,8 +123,6 @@ class Beam(Search):
 
 @dataclass(frozen=True)
 class _Level:
-    """The surviving nodes at one depth."""
-
     signs: Integers  # (w, d) the choices made, in search order: the path back to the root
     gradient: Array  # (w, r) sum of s_k g_k over the decided segments
     cost: Array  # (w,) node costs
@@ -147,7 +153,7 @@ def beam(
     began = time.perf_counter()
     known, unknown = np.flatnonzero(moments.known), np.flatnonzero((moments.known == 0) & moments.individual)
     order = unknown[np.argsort(-moments.energy[unknown], kind="stable")]  # they decide most and are mistaken least
-    budget = Budget(np.inf, 0) if budget is None else budget
+    budget = Budget() if budget is None else budget
     pricing = _Pricing(node_cost, budget)
     hessian = moments.hessian_of(known)
     energy = float(moments.energy[known].sum())
@@ -168,10 +174,11 @@ def beam(
         steps(depth, len(order))
         if depth >= len(order) or budget.over:
             break
-    leaves = [
-        Branch(_decided(moments, order[:depth], signs), theta, float(cost), -np.inf)
-        for signs, theta, cost in zip(level.signs, level.theta, level.cost, strict=True)
-    ]
+    leaves = []
+    for chosen, theta, cost in zip(level.signs, level.theta, level.cost, strict=True):
+        signs = moments.known.copy()
+        signs[order[:depth]] = chosen
+        leaves.append(Branch(signs, theta, float(cost), -np.inf))
     if depth + len(known) < len(moments):
         leaves = _with_undecided_segments(moments, node_cost, leaves, hessian, level.gradient)
         pricing.solves += len(leaves)
@@ -188,13 +195,6 @@ def beam(
         pruning=replace(pricing.pruning, leaves=len(leaves), undecided=max(len(order) - depth, 0)),
     )
     return _listed(moments, result, leaves)
-
-
-def _decided(moments: Moments, order: Integers, chosen: Integers) -> Integers:
-    """(S,) signs known beforehand and those chosen, in search order; 0 for segments that are not decided."""
-    signs = moments.known.copy()
-    signs[order] = chosen
-    return signs
 
 
 def _with_undecided_segments(
@@ -218,7 +218,6 @@ def _listed(moments: Moments, result: SearchResult, leaves: Iterable[Branch]) ->
 
 
 def _expand(level: _Level, gradients: Array) -> tuple[Integers, Array]:
-    """Every node with every choice of signs for the next segments: (children, d') signs and (children, r) gradients."""
     d = len(gradients)
     choices = np.array(list(itertools.product((1, -1), repeat=d)), dtype=np.int64).reshape(2**d, d)
     repeated = np.repeat(level.signs, len(choices), axis=0)
@@ -267,10 +266,15 @@ def keep_incumbent(moments: Moments, node_cost: NodeCost, result: SearchResult, 
     """
     predicted = np.where(moments.gradient @ beta >= 0.0, 1, -1)
     signs = np.where(moments.known != 0, moments.known, predicted)
-    solution = node_cost.prepared(moments.hessian.total()).solve(signs @ moments.gradient)
-    cost = float(moments.energy.sum()) + solution.cost
+    return _cheaper(moments, node_cost.prepared(moments.hessian.total()), result, signs)
+
+
+def _cheaper(moments: Moments, prepared: PreparedNode, result: SearchResult, signs: Integers) -> SearchResult:
+    """The result, or other signs (S,) where those cost less; one cone problem more."""
+    solution = prepared.solve(signs @ moments.gradient)
     result = replace(result, solves=result.solves + 1, tolerance=max(result.tolerance, solution.tolerance))
-    return replace(result, signs=signs, theta=solution.theta, cost=cost) if cost < result.cost else result
+    other = Branch(signs, solution.theta, float(moments.energy.sum()) + solution.cost, -np.inf)
+    return result.with_best(other) if other.cost < result.cost else result
 
 
 def turn_joints(
@@ -282,22 +286,19 @@ def turn_joints(
     symmetry at its root cannot come back to it one segment at a time. Every joint is tried once at least, whatever is
     left of the budget.
     """
-    prepared, energy = node_cost.prepared(moments.hessian.total()), float(moments.energy.sum())
-    budget = Budget(np.inf, 0) if budget is None else budget
+    prepared, budget = node_cost.prepared(moments.hessian.total()), Budget() if budget is None else budget
     joints = np.unique(moments.joint[moments.known == 0])
     better, tried, failed = True, 0, 0
     while better:
         better = False
         for joint in joints:
             if budget.over and tried >= len(joints):
-                return replace(result, unseen=1.0 / (failed + 2.0))
+                break
             signs = np.where((moments.joint == joint) & (moments.known == 0), -result.signs, result.signs)
-            solution, tried = prepared.solve(signs @ moments.gradient), tried + 1
-            budget.count(parameters=len(solution.theta))
-            better = energy + solution.cost < result.cost
+            before, result = result, _cheaper(moments, prepared, result, signs)
+            budget.count(parameters=len(result.theta))
+            tried, better = tried + 1, result.cost < before.cost
             failed = 0 if better else failed + 1
-            result = replace(result, solves=result.solves + 1, tolerance=max(result.tolerance, solution.tolerance))
             if better:
-                result = replace(result, signs=signs, theta=solution.theta, cost=energy + solution.cost)
                 break
     return replace(result, unseen=1.0 / (failed + 2.0))

@@ -37,10 +37,7 @@ class UnconstrainedBound:
     """min over all coefficients of beta' H beta - 2 g' beta, for many g: a lower bound of the cost in the cone.
 
     The least over beta of :eq:`binary-quadratic`, and the bound of :eq:`unconstrained-bound`, without the energy c.
-
-    Args:
-        hessian: (r, r) H.
-        ridge: curvature added to columns of unit length; 0 where H holds a share of the pull.
+    The ridge is curvature added to columns of unit length; 0 where H (r, r) holds a share of the pull.
     """
 
     def __init__(self, hessian: Array, ridge: float = _RIDGE) -> None:
@@ -76,16 +73,10 @@ def _cholesky(matrix: Array) -> Array:
 
 
 class Flips:
-    """Flips of some segments from a settled assignment.
+    """Flips of some segments, those that are free, from a settled assignment s (S,).
 
-    Args:
-        moments: scaled moments of all segments.
-        unconstrained: prepared for the H of all segments and the pull.
-        signs: (S,) s.
-        beta: (r,) coefficients that are best for s, up to `gap`.
-        gap: how much less the best cost under s may be than that of beta.
-        free: the segments that may be turned.
-        tuning: how much work to do.
+    Coefficients beta (r,) are the best for s, whose cost may be less than theirs by a gap. The unconstrained bound is
+    prepared for the H of all segments and the pull.
     """
 
     def __init__(
@@ -212,8 +203,7 @@ class Flips:
     def forced(self, steps: Array) -> Array:
         """(m,) lower bounds of the change if other segments are turned, whatever happens to the free ones.
 
-        Args:
-            steps: (m, r) sum of s_k g_k over the segments that are turned.
+        Steps (m, r) are the sums of s_k g_k over the segments that are turned.
         """
         white = self._unconstrained.whiten(steps)
         diagonal = np.sum(white**2, axis=1)
@@ -223,11 +213,7 @@ class Flips:
         return change
 
     def changes(self, among: Integers | None = None) -> Array:
-        """(m,) lower bounds of the change over all sets of flips that hold a segment.
-
-        Args:
-            among: positions in `free` of m segments; all by default.
-        """
+        """(m,) lower bounds of the change over all sets of flips that hold one of these m positions in `free`."""
         if len(self.free) > self._tuning.many_flips:
             many: Array = 4.0 * (self._linear - self._diagonal + self._rest_of_many())
             return many if among is None else many[among]

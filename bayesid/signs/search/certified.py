@@ -28,7 +28,7 @@ from bayesid.progress import SILENT, Progress, Steps, no_steps
 from bayesid.regression.moments import Moments
 from bayesid.regression.solver import ConeLeastSquares
 from bayesid.signs.search.beam import Beam
-from bayesid.signs.search.combinations import TooManyError, combinations, combine, least_costs, shortest_first
+from bayesid.signs.search.combinations import TooManyError, combinations, combine, least_costs
 from bayesid.signs.search.local import searched_locally
 from bayesid.signs.search.patterns import LOG2, Keep
 from bayesid.signs.search.problem import OutOfTimeError, Problem
@@ -72,7 +72,7 @@ class Certified(Search):
             raise InputError(f"a missed mass of {self.missed_mass:g}", "missed_mass", "give a number between 0 and 1")
 
     def limited(self, budget: float, time_limit: float) -> Certified:
-        """The same search with another budget, nominal seconds, and time limit, seconds."""
+        """See Search."""
         return replace(self, budget=budget, time_limit=time_limit)
 
     def find(self, problem: SignProblem, steps: Steps = no_steps) -> SearchResult:
@@ -105,7 +105,6 @@ class Certified(Search):
         return searched_locally(problem, [result, other], TUNING.failures_on_the_way, self._left(result, other))
 
     def _left(self, *results: SearchResult) -> float:
-        """Seconds on the clock after some results."""
         return max(self.time_limit - sum(result.seconds for result in results), 0.0)
 
     def _search(self, problem: SignProblem, budget: float, steps: Steps) -> SearchResult:
@@ -141,10 +140,10 @@ def certified(  # noqa: PLR0913  a problem, a budget, two starts, and how to go 
         budget: nominal seconds of work; the candidates are looked for however few they are.
         missed: the mass, relative to the best assignment's, that the branches may leave out.
         start: (P,) parameters of an earlier search; what they predict is a candidate too.
-        signs: (S,) each, that are likely beforehand; they take the place of other candidates.
         steps: called as steps(percent of the budget that is spent, 100); where the search ends, as steps(100, 100).
         time_limit: seconds on the clock.
         tuning: how much work to do at each step.
+        signs: (S,) each, that are likely beforehand; they take the place of other candidates.
 
     Raises:
         SolverError: a cone problem could not be solved.
@@ -196,21 +195,22 @@ def _result(problem: Problem, best: Branch, lower_bound: float, proof: Proof | N
     if proof is not None and proof.branches:
         best = min([proof.branches[0], best], key=lambda branch: branch.cost)
     result = SearchResult(
-        signs=best.signs,
-        theta=best.theta,
-        cost=best.cost,
-        method=METHOD,
+        best.signs,
+        best.theta,
+        best.cost,
+        METHOD,
         pull=problem.pull_of(best),
         lower_bound=max(min(lower_bound, best.lower_bound), 0.0),  # the cost is a sum of squares
     )
     if proof is None or not proof.branches or proof.branches[0].cost > best.cost + problem.exact:
         return result  # nothing is proven, or rounding has excluded what is there
+    certified = proof.runner_up >= best.cost - problem.exact
     result = replace(
         result,
-        certified=proof.runner_up >= best.cost - problem.exact,
+        certified=certified,
         lower_bound=max(result.lower_bound or 0.0, proof.lower_bound),
+        unseen=0.0 if certified else result.unseen,
     )
-    result = replace(result, unseen=0.0 if result.certified else result.unseen)
     kept, within, log_missed = _what_matters(proof, best.cost, missed)
     if within < 0.0:
         return result  # the budget has ended while something below the best cost was open
@@ -262,9 +262,6 @@ def _what_matters(proof: Proof, cost: float, missed: float) -> tuple[int, float,
     return kept, min(proven, max(least, proof.branches[kept - 1].cost - cost)), log_missed
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Candidates
-# ---------------------------------------------------------------------------------------------------------------
 def candidate(problem: Problem) -> Branch:
     """The best assignment among combinations of each joint's best patterns, without any proof."""
     tuning = problem.tuning
@@ -274,7 +271,7 @@ def candidate(problem: Problem) -> Branch:
 
     depths = [block.strong(tuning.candidate_share, tuning.listed) for block in problem.blocks]
     lists = [block.best(tuning.candidate_patterns, depth) for block, depth in zip(problem.blocks, depths, strict=True)]
-    joined = combine(problem, lists, shortest_first(lists), best_of_all)
+    joined = combine(problem, lists, best_of_all)
     hessian, energy = problem.decided_moments(joined)
     prepared = problem.solver.prepared(hessian)
     solved: list[tuple[float, int, Array]] = []

@@ -140,7 +140,8 @@ class _Level:
             return None
 
     def _joined(self, coarser: Combinations | None) -> Combinations:
-        order, slack, held = shortest_first(self.lists), self.problem.slack, dict.fromkeys(range(len(self.lists)), 0)
+        slack, held = self.problem.slack, dict.fromkeys(range(len(self.lists)), 0)
+        order = _shortest_first(self.lists)
 
         def within(to_come: list[int]) -> tuple[Keep, float]:
             highest = self.limit + slack - float(self.least[to_come].sum() + np.delete(self.rest, to_come).sum())
@@ -156,7 +157,7 @@ class _Level:
             return keep, highest
 
         if coarser is None:
-            joined = combine(self.problem, self.lists, order, within)
+            joined = combine(self.problem, self.lists, within)
             lower = joined.bound + self.rest.sum() - slack
             return Combinations(joined, lower, joined.log_missed + 0.5 * slack, {})
         groups, lowers = [], []
@@ -164,7 +165,7 @@ class _Level:
             self.problem.check(sum(len(patterns) for patterns in self.lists))
             decided = self.problem.decided(coarser.patterns, row)
             lists = [patterns.beginning_with(decided) for patterns in self.lists]
-            groups.append(combine(self.problem, lists, order, within))
+            groups.append(combine(self.problem, lists, within, order))
             lowers.append(np.maximum(groups[-1].bound + self.rest.sum() - slack, bound))
         joined = stack(groups)
         finer = len(joined.segments) - len(coarser.patterns.segments)
@@ -209,19 +210,22 @@ class _Level:
         return Combinations(patterns[remaining], lower[remaining], log_missed, thetas)
 
 
-def shortest_first(lists: list[Patterns]) -> list[int]:
-    """The order in which lists are joined with the least work."""
+def _shortest_first(lists: list[Patterns]) -> list[int]:
     return [int(i) for i in np.argsort([len(patterns) for patterns in lists], kind="stable")]
 
 
 def combine(
-    problem: Problem, lists: list[Patterns], order: list[int], choose: Callable[[list[int]], tuple[Keep, float]]
+    problem: Problem,
+    lists: list[Patterns],
+    choose: Callable[[list[int]], tuple[Keep, float]],
+    order: list[int] | None = None,
 ) -> Patterns:
-    """The joints' lists joined one after the other, in an order.
+    """The joints' lists joined one after the other, the shortest first if no order is given: that takes the least work.
 
     `choose` makes, from the blocks that are still to come, what chooses among the combinations of those so far, and
     a limit of the sum of their separate bounds.
     """
+    order = _shortest_first(lists) if order is None else order
     joined, hessian, energy = lists[order[0]], np.zeros_like(problem.pull), 0.0
     for position, i in enumerate(order):
         depth = len(lists[i].segments)

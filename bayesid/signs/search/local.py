@@ -16,7 +16,8 @@ from __future__ import annotations
 import itertools
 import time
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,18 +28,14 @@ from bayesid.signs.search.result import Branch, SearchResult, Way, listed_withou
 from bayesid.signs.tuning import TUNING
 
 
-@dataclass(frozen=True)
-class LocalOptima:
+class LocalOptima(NamedTuple):
     """What a local search has met."""
 
-    met: tuple[Branch, ...]  # distinct local optima and the assignments it began with, cheapest first
-    failed: int  # starts since the best was met, none of which led to a better one
-    starts: int  # all
-
-    @property
-    def best(self) -> Branch:
-        """The cheapest, priced as precisely as the solver can."""
-        return self.met[0]
+    #: distinct local optima and the assignments it began with, cheapest first; the best is priced as precisely as the
+    #: solver can
+    met: tuple[Branch, ...]
+    failed: int  #: starts since the best was met, none of which led to a better one
+    starts: int  #: all
 
 
 def local_search(problem: Problem, begun: Iterable[Branch], failures: int, seed: int = 0) -> LocalOptima:
@@ -81,44 +78,33 @@ def searched_locally(
 ) -> SearchResult:
     """The best of some results, searched further; the local optima that come near are its branches.
 
-    Args:
-        problem: of this round.
-        results: the first one says what is proven, if anything.
-        failures: starts without a better assignment after which the search ends.
-        time_limit: seconds on the clock.
+    The first result says what is proven, if anything. The search ends after so many `failures`, or seconds.
     """
     began, inner = time.perf_counter(), Problem(problem.moments, problem.solver(), np.inf, time_limit)
     known, first = problem.moments.known, results[0]
     thetas = [[one.theta, *(branch.theta for branch in one.branches[: TUNING.most_begun])] for one in results]
     begun = [inner.settle(known, theta) for theta in itertools.chain(*thetas)]
     found = local_search(inner, begun, failures)
-    best = found.best
-    near = [branch for branch in found.met if branch.cost <= best.cost + TUNING.near]
-    result = replace(
-        first.with_work_of(results[1:]),
-        signs=best.signs,
-        theta=best.theta,
-        cost=best.cost,
+    best, work = found.met[0], inner.budget.spent
+    ways = (way for one in results for way in one.ways or (Way(one.method, one.cost, one.spent),))
+    worked = first.with_work_of(results[1:])
+    result = worked.with_best(
+        best,
         pull=inner.pull_of(best),
         width=results[-1].width,
         pruning=results[-1].pruning,
         unseen=_unseen(first, found),
         seconds=sum(one.seconds for one in results) + time.perf_counter() - began,
-    )
-    work = inner.budget.spent
-    ways = (way for one in results for way in one.ways or (Way(one.method, one.cost, one.spent),))
-    result = replace(
-        result,
-        solves=result.solves + inner.solves,
-        timed_out=result.timed_out or inner.budget.timed_out,
-        spent=result.spent + (work if first.spent > 0.0 else 0.0),
+        solves=worked.solves + inner.solves,
+        timed_out=worked.timed_out or inner.budget.timed_out,
+        spent=worked.spent + (work if first.spent > 0.0 else 0.0),
         tolerance=max(inner.tolerance, *(one.tolerance for one in results)),
         ways=(*ways, Way("local search", best.cost, work, found.starts)),
     )
     if first.settled is not None and np.array_equal(first.signs, best.signs):
         return result
-    listed = listed_without_proof(problem.moments, best, near)
-    return replace(result, branches=listed[0], decided=listed[1], within=0.0, missed=np.inf, settled=None)
+    branches, decided = listed_without_proof(problem.moments, best, found.met)
+    return replace(result, branches=branches, decided=decided, within=0.0, missed=np.inf, settled=None)
 
 
 def _unseen(first: SearchResult, found: LocalOptima) -> float:
@@ -126,5 +112,5 @@ def _unseen(first: SearchResult, found: LocalOptima) -> float:
 
     Where nothing is better than the result that the search began with, the starts that led there count too.
     """
-    before = 0.5 if found.best.cost < first.cost - TUNING.alike else first.unseen
+    before = 0.5 if found.met[0].cost < first.cost - TUNING.alike else first.unseen
     return before / (1.0 + found.failed * before)  # 1 / (starts + 2)

@@ -76,13 +76,8 @@ class Patterns:
 class Block:
     """The segments of one joint in the order in which they are decided; prepares its bounds once.
 
-    Segments that share a part of the Hessian are never decided.
-
-    Args:
-        moments: scaled moments of all segments.
-        known: those of the joint's segments whose sign is known beforehand.
-        segments: the others, strongest first.
-        pull: (r, r) this block's share of the pull.
+    Segments that share a part of the Hessian are never decided. `known` are those whose sign is known beforehand,
+    `segments` the others, strongest first; `pull` (r, r) is this block's share of it.
     """
 
     def __init__(self, moments: Moments, known: Integers, segments: Integers, pull: Array) -> None:
@@ -220,14 +215,8 @@ def join(
 ) -> Patterns:
     """All pairs of patterns of two sets of segments that are kept, with the bound of their rows together.
 
-    Args:
-        first: patterns of one set of segments.
-        second: patterns of another one.
-        hessian: (r, r) H of both, with their shares of the pull.
-        energy: c of both.
-        keep: called for some pairs at a time.
-        limit: pairs whose separate bounds add up to more are not looked at.
-        pairs_at_once: how many are priced together; bounds the memory.
+    H (r, r), with shares of the pull, and c are those of both. Pairs whose separate bounds add up to more than a limit
+    are not looked at; `keep` is called for `pairs_at_once`, which bounds the memory.
     """
     unconstrained = UnconstrainedBound(hessian, 0.0)
     at_once = max(1, pairs_at_once // max(1, len(second)))

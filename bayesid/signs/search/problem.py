@@ -31,26 +31,7 @@ class Problem:
     (`undecided_pull`) among the rows that are not decided, the rest among those that are. The second part is `slack`,
     by which the sum may be too high (with an allowance for rounding).
 
-    Args:
-        moments: scaled moments of S segments.
-        solver: for the cone and for H and energy of all segments.
-        budget: nominal seconds of work.
-        time_limit: seconds on the clock from now on.
-        tuning: how much work to do.
-        steps: called as steps(percent of the budget that is spent, 100), while there is any left.
-
-    Attributes:
-        budget: the work that may be done.
-        energy: c of all segments.
-        exact: cost below which two assignments count as equal.
-        slack: to be taken from an unconstrained bound.
-        pull: (r, r) Q.
-        unconstrained: the bound of all segments, the pull included.
-        blocks: of the joints that have segments.
-        solves: cone problems solved.
-        combined: combinations of several joints' patterns that were priced.
-        tails: lower bounds of what the weak segments of each block cost, once they are known; 0 in a short log.
-        tolerance: coarsest relative gap of a cone problem.
+    `steps` is called as steps(percent of the budget that is spent, 100), while there is any left.
     """
 
     def __init__(
@@ -63,17 +44,18 @@ class Problem:
         steps: Steps = no_steps,
     ) -> None:
         self.pull, centre = solver.pull()
-        self.budget = Budget(budget, len(self.pull), time_limit)
+        self.budget = Budget(budget, len(self.pull), time_limit)  # the work that may be done
         self.moments, self.solver, self.tuning = moments, solver, tuning
         self._hessian, self.energy = moments.hessian.total(), float(moments.energy.sum())
         self.unconstrained = UnconstrainedBound(self._hessian + self.pull, 0.0)
-        self.exact = EXACT * self.energy
+        self.exact = EXACT * self.energy  # cost below which two assignments count as equal
         self.rounding = _ROUNDING * self.energy
+        # to be taken from an unconstrained bound
         self.slack = float(centre @ self.pull @ centre) + self.rounding
         self.blocks = make_blocks(moments, (0.5 - tuning.undecided_pull) * self.pull)
-        self.solves = self.combined = 0
-        self.tolerance = 0.0
-        self.tails: list[float] = []
+        self.solves = self.combined = 0  # cone problems solved, combinations of several joints' patterns priced
+        self.tolerance = 0.0  # coarsest relative gap of a cone problem
+        self.tails: list[float] = []  # lower bounds of what the weak segments of each block cost, once known
         self._tell, self._told = steps, 0
         self._prepared = solver.prepared(self._hessian)
         self._priced: dict[bytes, Branch] = {}
@@ -90,7 +72,6 @@ class Problem:
         self._report()
 
     def _report(self) -> None:
-        """Says how much of the budget is spent, where that has become more by a percent."""
         whole = self.budget.seconds
         percent = int(100.0 * self.budget.spent / whole) if 0.0 < whole < np.inf else 0
         if self._told < percent < 100:
@@ -147,7 +128,6 @@ class Problem:
         return self.settle(self.moments.known, self._known(signs).theta)
 
     def _known(self, signs: Integers) -> Branch:
-        """The best parameters for signs (S,): as they were priced or solved already, or by one more solve."""
         key = _key(signs)
         if key not in self._solved:
             self._solved[key] = self._branch(signs, self.solve(self._prepared, signs @ self.moments.gradient))

@@ -140,5 +140,4 @@ class SearchResult:
 
     @staticmethod
     def _at_the_end(pruning: Pruning) -> dict[str, int]:
-        """What a beam's last step has left, which is no work."""
         return {"leaves": pruning.leaves, "undecided": pruning.undecided}

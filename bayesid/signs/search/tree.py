@@ -70,7 +70,6 @@ def consequences(problem: Problem, decided: Integers, limit: float) -> Consequen
 
 
 def _once(problem: Problem, decided: Integers, limit: float) -> Consequences:
-    """One segment after the other, decided or assumed."""
     moments, rows, signs = problem.moments, np.flatnonzero(decided), decided.copy()
     decided, gains, excluded = decided.copy(), np.full(len(decided), np.inf), [np.empty(0)]
     known, bound = _Rows(problem), 0.0
@@ -96,8 +95,6 @@ def _once(problem: Problem, decided: Integers, limit: float) -> Consequences:
 
 
 class _Rows:
-    """The rows of segments with their signs."""
-
     def __init__(self, problem: Problem) -> None:
         self._problem, self._moments = problem, problem.moments
         self._hessian, self._gradient, self._energy = 0.5 * problem.pull, np.zeros(len(problem.pull)), 0.0
@@ -151,8 +148,6 @@ class Proof:
 
 @dataclass(frozen=True)
 class _Node:
-    """A partial assignment."""
-
     bound: float  # lower bound of the cost of all its completions
     decided: Integers  # (S,) +1, -1, or 0 where undecided
     gradient: Array  # (r,) of the segments known beforehand and those that the joints' lists decide
@@ -161,8 +156,6 @@ class _Node:
 
 @dataclass(frozen=True)
 class _Leaf:
-    """A node grown to its end."""
-
     branch: Branch  # the settled assignment; its lower bound is that of its signs alone
     bound: float  # lower bound of the cost of all completions that are neither excluded nor children's
     alternatives: float  # the same of those completions but the branch itself
@@ -316,14 +309,12 @@ def settled(problem: Problem, branch: Branch, decided: Mask, limit: float) -> Ma
 
 
 def _turned(problem: Problem, branch: Branch, decided: Integers, k: int) -> float:
-    """Lower bound of all completions in which segment k is turned."""
     decided[k] = -branch.signs[k]
     turned = problem.settle(decided, branch.theta)
     return turned.lower_bound + problem.flips(turned, np.flatnonzero(decided == 0)).best[0]
 
 
 def _improved(problem: Problem, branch: Branch, flips: Flips) -> tuple[Branch, bool]:
-    """The branch with the flips that may pay, if they do."""
     signs = branch.signs.copy()
     signs[flips.best[1]] *= -1
     flipped = problem.price(signs)
