@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bayesid.posterior.blocks import SegmentBlocks
-from bayesid.posterior.likelihood import Likelihood
+from bayesid.posterior.likelihood import Likelihood, SegmentBlocks
 from bayesid.posterior.prior import Prior
 from bayesid.posterior.region import Region
 from bayesid.posterior.target import Target

@@ -147,7 +147,7 @@ def _completed(
     averaged = average_over_models(asked, segments, search, run.progress)
     run.lap("second opinion")
     if completing is None:
-        return CompletedSigns(asked.model, asked.evidence.signals, averaged, None)
+        return CompletedSigns(asked.model, averaged, None)
     completed = complete_model(averaged, segments, search, completing, run.progress)
     run.lap("complete")
     return completed

@@ -13,8 +13,8 @@ from bayesid.identification.identified_model import IdentifiedModel, ParameterDr
 from bayesid.identification.tuning import TUNING
 from bayesid.log.segments import Segments
 from bayesid.log.signals import Signals
-from bayesid.posterior.blocks import SegmentBlocks, divide
 from bayesid.posterior.inference import Posterior, infer, widened
+from bayesid.posterior.likelihood import SegmentBlocks, divide
 from bayesid.posterior.prior import usual_links
 from bayesid.posterior.sampler import Sampling
 from bayesid.posterior.target import PosteriorProblem

@@ -22,7 +22,7 @@ import numpy as np
 from scipy.special import log_expit, logsumexp
 
 from bayesid.arrays import Array, Integers, Mask
-from bayesid.posterior.blocks import SegmentBlocks
+from bayesid.posterior.likelihood import SegmentBlocks
 from bayesid.posterior.modes import SampledMode, find_modes, mode_of_draws, pool, sample_modes
 from bayesid.posterior.sampler import Draws, Sampling
 from bayesid.posterior.target import PosteriorProblem, Target
@@ -158,11 +158,9 @@ class Posterior:
         return mode_of_draws(self.modes)
 
     def turned_joints(self, mode: int, signs: Integers | None = None) -> tuple[int, ...]:
-        """Joints, from 1, of whose unknown |effort| more than half has another sign in a mode than it might have.
+        """Joints, from 1, of whose unknown |effort| more than half has another sign in a mode than in `signs` (S,).
 
-        Args:
-            mode: its index.
-            signs: (S,) to compare with; those of the heaviest mode by default.
+        Those are of the heaviest mode by default.
         """
         than = self._signs(0) if signs is None else signs
         likelihood, energy = self.target.likelihood, self.moments.energy
@@ -238,11 +236,7 @@ def widened(posterior: Posterior, information: Array, lacking: Array) -> Posteri
     need not be feasible: what the model lacks is no rigid body, and where it presses the posterior into a corner of the
     cone, draws that had to stay there would hide how far off it is. Only a coefficient that is one parameter which
     cannot be negative is kept at zero: a mass that efforts show in sums alone must give way like all else of them.
-
-    Args:
-        posterior: of the log.
-        information: (r, r) H of the coefficients.
-        lacking: (r, r) covariance of e, by which least squares are wider than H says.
+    H is the information (r, r) of the coefficients; `lacking` is the covariance (r, r) of e.
     """
     draws, single = posterior.draws, posterior.single_nonnegative
     directions = _principal(information, lacking)
@@ -281,13 +275,7 @@ def _principal(information: Array, lacking: Array) -> Array:
 def infer(
     problem: PosteriorProblem, search: SearchResult, sampling: Sampling, progress: Progress = SILENT
 ) -> Posterior:
-    """Samples the posterior of a log.
-
-    Args:
-        problem: the log, and what is known beforehand.
-        search: the result of the search for the segments' signs.
-        sampling: budget, seed and the like; the budget is for all modes together.
-        progress: called as progress(stage, sweeps done, sweeps expected).
+    """Samples the posterior of a log; the budget is for all modes together.
 
     Raises:
         SolverError: a cone problem could not be solved, or the mass of one of several modes not be computed.

@@ -5,7 +5,7 @@ Groups and their dimensions, every one with named coordinates:
 - posterior (chain, draw): `beta` (coefficient), `theta` (parameter), `noise` (joint; sd of the residual, N m); the
   coordinate `mode` (chain, draw) counts from 1, the heaviest.
 - sample_stats (chain, draw): `lp` (log density, not normalised), `walker`, `sweep` (index among all sweeps of the run).
-- log_likelihood (chain, draw, block): `effort`, see `bayesid.posterior.blocks.pointwise`, in single precision. Blocks
+- log_likelihood (chain, draw, block): `effort`, see `bayesid.posterior.likelihood.pointwise`. Blocks
   whose likelihood is the same in all draws, as of those without samples, are no observations (`az.loo` refuses them):
   the attribute `left_out` counts them.
 - observed_data (block): `effort` (RMS, N m) and `effort_energy` (sum of squares), beside each block's joint, times,
@@ -41,8 +41,7 @@ from bayesid.effects.coefficients import BaseCoefficients
 from bayesid.effects.parameters import Parameter
 from bayesid.errors import InputError
 from bayesid.parallel import one_at_a_time, quiet
-from bayesid.posterior.blocks import SegmentBlocks, autocorrelation_times, by_blocks, pointwise, sums
-from bayesid.posterior.likelihood import Likelihood
+from bayesid.posterior.likelihood import Likelihood, SegmentBlocks, autocorrelation_times, by_blocks, pointwise, sums
 from bayesid.posterior.sampler import Draws
 from bayesid.posterior.target import Target
 from bayesid.posterior.tuning import TUNING
@@ -152,7 +151,9 @@ def keep(
         "constant_data": _constants(target, blocks.moments, labels),
     }
     if labels.nuisance:
-        groups["nuisance"] = _nuisance(labels.nuisance)
+        about = {"long_name": "likely size, relative to what is usual; of kinematics, to the stated tolerance"}
+        scales = np.array(list(labels.nuisance.values()))
+        groups["nuisance"] = Dataset({"scale": ("effect", scales, about)}, {"effect": list(labels.nuisance)})
     tree = xarray.DataTree.from_dict(groups)
     tree.attrs.update({key: _plain(value) for key, value in {**_run(draws, every), **attributes}.items()})
     return tree
@@ -301,11 +302,6 @@ def _constants(target: Target, moments: Moments, labels: Labels) -> Dataset:
         "parameter_unit": ("parameter", [parameter.unit for parameter in labels.parameters]),
     }
     return Dataset(variables, {**_names(labels), **described})
-
-
-def _nuisance(scales: Mapping[str, float]) -> Dataset:
-    about = {"long_name": "likely size, relative to what is usual; of kinematics, to the stated tolerance"}
-    return Dataset({"scale": ("effect", np.array(list(scales.values())), about)}, {"effect": list(scales)})
 
 
 # ---------------------------------------------------------------------------------------------------------------

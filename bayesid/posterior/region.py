@@ -32,6 +32,7 @@ from bayesid.arrays import Array, Integers, Mask
 from bayesid.effects.parameters import Cone
 from bayesid.posterior.tuning import TUNING
 from bayesid.robot.inertia import PSEUDO_INERTIA_BASIS
+from bayesid.signs.search.bounds import cholesky
 
 _TRIANGLE = ((0, 0), (1, 0), (2, 0), (3, 0), (1, 1), (2, 1), (3, 1), (2, 2), (3, 2), (3, 3))
 """Order in which the entries of a symmetric matrix are kept: column after column of the lower triangle."""
@@ -218,15 +219,8 @@ def factor(matrix: Array) -> Array:
         LinAlgError: it is singular by more than rounding.
     """
     scale = np.sqrt(np.diag(matrix))
-    scaled, ridge = matrix / np.outer(scale, scale), 0.0
-    while True:
-        try:
-            lower: Array = scale[:, None] * np.linalg.cholesky(scaled + ridge * np.eye(len(matrix)))
-            return lower
-        except np.linalg.LinAlgError:
-            if ridge >= 1e-9:
-                raise
-        ridge = max(1e-15, 10.0 * ridge)  # from four roundings on
+    lower: Array = scale[:, None] * cholesky(matrix / np.outer(scale, scale), most=1e-9)
+    return lower
 
 
 def _inverse(matrix: Array) -> Array:

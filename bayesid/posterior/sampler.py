@@ -314,20 +314,14 @@ def _warmed_up(target: Target, theta: Array, sampling: Sampling, clock: _Clock) 
     walkers = [sampling.walkers * count for count in (sampling.ensembles - first, first) if count]
     randoms = [RandomState([sampling.seed, half]) for half in range(len(walkers))]
     spread = [partial(_spread, target, centre, *half) for half in zip(walkers, randoms, strict=True)]
-    halves = in_parallel(spread)
-    moves, done, halfway = _moves(target, centre), 0, sampling.warm_up // 2
-    while done < sampling.warm_up:
-        if done == halfway:
-            moves = _moves(
-                target, target.centre(*target.split(np.concatenate([h.coordinates for h in halves]).mean(axis=0)))
-            )
-        count = min((halfway if done < halfway else sampling.warm_up) - done, TUNING.sweeps_at_once)
-        halves = in_parallel([partial(_move, moves, half, count) for half in halves])
-        done += count
-        clock.swept(0)
-        if clock.timed_out:
-            break
-    return moves, halves
+    halves, moves, halfway = in_parallel(spread), _moves(target, centre), sampling.warm_up // 2
+    halves = in_parallel([partial(_move, moves, half, halfway) for half in halves])
+    clock.swept(0)
+    if clock.timed_out or not sampling.warm_up:
+        return moves, halves
+    mean = np.concatenate([half.coordinates for half in halves]).mean(axis=0)
+    moves, rest = _moves(target, target.centre(*target.split(mean))), sampling.warm_up - halfway
+    return moves, in_parallel([partial(_move, moves, half, rest) for half in halves])
 
 
 def _moves(target: Target, centre: Centre) -> InTurn:

@@ -14,8 +14,7 @@ import numpy as np
 from bayesid.arrays import Array
 from bayesid.effects.coefficients import BaseCoefficients
 from bayesid.effects.parameters import Cone
-from bayesid.posterior.blocks import SegmentBlocks
-from bayesid.posterior.likelihood import Likelihood, make_likelihood
+from bayesid.posterior.likelihood import Likelihood, SegmentBlocks, make_likelihood
 from bayesid.posterior.prior import Prior, make_prior
 from bayesid.posterior.region import Centre, barrier_minimum
 from bayesid.posterior.tuning import TUNING

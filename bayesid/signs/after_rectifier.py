@@ -23,6 +23,7 @@ from bayesid.log.segments import Cutting, Segments, find_segments
 from bayesid.log.signals import Signals, signed_effort
 from bayesid.parallel import in_parallel
 from bayesid.progress import SILENT, Progress
+from bayesid.regression.knowledge import inverse_of
 from bayesid.regression.noise import autocovariance
 from bayesid.signs.search.protocol import Search
 from bayesid.signs.settling import Earlier, Settled, settle_signs, settled_again
@@ -49,10 +50,12 @@ def settle_unfiltered(
     settled = settle_signs(model, signals, segments, search, progress, earlier)
     if find_low_pass(settled) is None:
         return settled, segments
-    rows = _Rows.of(settled)
-    low_pass = min(_tried(signals.rate), key=lambda low_pass: rows.fitted(low_pass)[1])
-    low_pass = min(_finer(low_pass, signals.rate), key=lambda low_pass: rows.fitted(low_pass)[1])
-    predicted = rows.fitted(low_pass)[0]
+    fitted = partial(_fitted, settled, settled.evidence.columns)
+    low_pass = min(_tried(signals.rate), key=lambda low_pass: fitted(low_pass)[1])
+    eighths: Array = 2.0 ** (np.arange(-4, 5) / 8)  # of an octave, about what was found
+    finer = _low_passes(low_pass.cutoff * eighths, signals.rate)
+    low_pass = min(finer, key=lambda low_pass: fitted(low_pass)[1])
+    predicted = fitted(low_pass)[0]
     settled = settled_again(settled, freed(settled, low_pass, predicted), predicted)
     signals = freed(settled, low_pass, settled.predicted)
     segments = find_segments(signals, model.robot.actuators(signals.motion), cutting)
@@ -127,12 +130,6 @@ def _tried(rate: float) -> list[LowPass]:
     return _low_passes(np.array(cutoffs), rate)
 
 
-def _finer(low_pass: LowPass, rate: float) -> list[LowPass]:
-    """Within half an octave of one that was found, an eighth apart."""
-    eighths: Array = 2.0 ** (np.arange(-4, 5) / 8)
-    return _low_passes(low_pass.cutoff * eighths, rate)
-
-
 def _low_passes(cutoffs: Array, rate: float) -> list[LowPass]:
     """Of every shape and of those cut-offs, Hz, that a log of this rate shows."""
     shown = cutoffs[cutoffs < 0.5 * TUNING.cutoff_of_nyquist * rate].tolist()
@@ -143,47 +140,27 @@ def _read(signals: Signals) -> Array:
     return signals.magnitude if signals.after_rectifier is None else signals.after_rectifier.read
 
 
-@dataclass(frozen=True)
-class _Rows:
-    """Least squares to readings behind a low-pass, whose rows are h * (s Y): exact for given signs s, and linear.
+def _fitted(settled: Settled, columns: Array, low_pass: LowPass) -> tuple[Array, float]:
+    """(N, n) the model's effort, N m, fitted without the cone, and minus the log of how likely the residual is.
 
-    A model that was fitted to efforts which lag has taken up some of the lag; so the low-pass is chosen by what is left
+    By least squares to readings behind a low-pass, whose rows are h * (s Y): exact for given signs s, and linear. A
+    model that was fitted to efforts which lag has taken up some of the lag; so the low-pass is chosen by what is left
     after a fit of its own.
     """
-
-    settled: Settled  # signs of the log
-    columns: Array  # (N, n, r) of the coefficients
-    sigma: Array  # (n,) sd of the residual, N m, by which joints are weighed
-
-    @classmethod
-    def of(cls, settled: Settled) -> _Rows:
-        """Of a log whose |effort| seems to have passed one."""
-        return cls(settled, settled.evidence.columns, settled.fit.residual.sigma)
-
-    def fitted(self, low_pass: LowPass) -> tuple[Array, float]:
-        """(N, n) the model's effort, N m, fitted without the cone, and minus the log of how likely the residual is."""
-        signals, used, predicted = self.settled.evidence.signals, self.settled.evidence.used, self.settled.predicted
-        read = np.where(signals.signed, signals.raw_effort, _read(signals))
-        target = np.where(used, read, 0.0) / self.sigma
-        for _ in range(TUNING.low_pass_fits):
-            signs = np.where(predicted >= 0.0, 1.0, -1.0)
-            filtered = low_pass.apply(signs[:, :, None] * self.columns, signals.rate)
-            rows = np.where(signals.signed[:, None], self.columns, filtered)
-            rows = np.where(used[:, :, None], rows, 0.0) / self.sigma[:, None]
-            predicted = self.columns @ _least_squares(rows.reshape(target.size, -1), target.ravel())
-        expected = np.where(signals.signed, predicted, low_pass.apply(np.abs(predicted), signals.rate))
-        square = np.where(used, read - expected, 0.0) ** 2
-        count = used.sum(axis=0)
-        return predicted, 0.5 * float(count @ np.log(np.maximum(square.sum(axis=0) / np.maximum(count, 1), TINY)))
-
-
-def _least_squares(rows: Array, target: Array) -> Array:
-    """(r,) of least length, columns scaled to the same one."""
-    hessian = rows.T @ rows
-    length = np.sqrt(np.maximum(np.diag(hessian), TINY))
-    inverse = np.linalg.pinv(hessian / np.outer(length, length), rcond=1e-9, hermitian=True)
-    solution: Array = inverse @ (rows.T @ target / length) / length
-    return solution
+    signals, used, predicted = settled.evidence.signals, settled.evidence.used, settled.predicted
+    sigma = settled.fit.residual.sigma
+    read = np.where(signals.signed, signals.raw_effort, _read(signals))
+    target = np.where(used, read, 0.0) / sigma
+    for _ in range(TUNING.low_pass_fits):
+        signs = np.where(predicted >= 0.0, 1.0, -1.0)
+        filtered = low_pass.apply(signs[:, :, None] * columns, signals.rate)
+        rows = np.where(signals.signed[:, None], columns, filtered)
+        rows = (np.where(used[:, :, None], rows, 0.0) / sigma[:, None]).reshape(target.size, -1)
+        predicted = columns @ (inverse_of(rows.T @ rows) @ (rows.T @ target.ravel()))
+    expected = np.where(signals.signed, predicted, low_pass.apply(np.abs(predicted), signals.rate))
+    square = np.where(used, read - expected, 0.0) ** 2
+    count = used.sum(axis=0)
+    return predicted, 0.5 * float(count @ np.log(np.maximum(square.sum(axis=0) / np.maximum(count, 1), TINY)))
 
 
 @dataclass(frozen=True)

@@ -63,18 +63,20 @@ class CompletedSigns:
     """Signs under the completed model."""
 
     model: Model  # with sensors' distortions too
-    signals: Signals  # the log without what the model says of its sensors
     averaged: AveragedSigns  # signs and fit
     completion: Completion | None  # what entered; None where nobody asked
     # the same with some of the effects left out, and what is not worth it without them
     without: Callable[[Set[EffectKey]], CompletedSigns] | None = None
 
+    @property
+    def signals(self) -> Signals:
+        """The log without what the model says of its sensors."""
+        return self.averaged.asked.evidence.signals
+
     def consistent_with_nothing(self, theta: Array, sd: Array) -> set[EffectKey]:
         """Effects to leave out: those with less evidence of all whose numbers do not differ from zero.
 
-        Args:
-            theta: (P,) parameters of the model.
-            sd: (P,) of them; NaN where a parameter is not decided by itself.
+        By the model's parameters (P,) and their sd (P,), NaN where one is not decided by itself.
         """
         effects = () if self.completion is None else self.completion.effects
         return _least_half([e for e in effects if consistent_with_nothing(e, self.averaged.asked.model, theta, sd)])
@@ -94,7 +96,6 @@ class _Opinion:
     """Signs under one model, which may hold sensors' distortions that the signals are without."""
 
     model: Model
-    signals: Signals
     settled: Settled
 
 
@@ -113,7 +114,7 @@ class _Searching:
         if model.before_sensors is not model and model.before_sensors.distortions != model.distortions:
             segments = find_segments(signals, model.robot.actuators(signals.motion), self.cutting)
         found = settle_signs(model.before_sensors, signals, segments, self.search, progress, begun=begun, also=also)
-        return _Opinion(model, signals, found)
+        return _Opinion(model, found)
 
 
 def complete(
@@ -121,18 +122,13 @@ def complete(
 ) -> CompletedSigns:
     """Selects effects and settles signs in turn, until neither changes; what did not enter is summed out.
 
-    Args:
-        averaged: signs under the model asked for.
-        segments: as they were before any search.
-        search: one for the model asked for alone lets no effect enter.
-        how: what may enter, and what is believed of the geometry.
-        progress: of the stages.
+    Segments are as they were before any search. A search for the model asked for alone lets no effect enter.
 
     Raises:
         SolverError: an optimisation failed.
     """
     searching = _Searching(averaged.asked.evidence.signals, segments, search, how.cutting)
-    plain = _Opinion(averaged.asked.model, searching.as_read, averaged.asked)
+    plain = _Opinion(averaged.asked.model, averaged.asked)
     first = plain if averaged.by_asked else replace(plain, settled=averaged.settled)
     rounds, may_enter = _Rounds(plain, first, averaged.fit, averaged.probability), how.enter and search.any_model
     for _ in range(TUNING.completion_rounds):
@@ -151,7 +147,7 @@ def complete(
         summed_out, narrow = _summed_out(settled, entered, wanted, how.kinematics)
         after, sizes = wanted.after if effects else wanted.before, _sizes(summed_out)
         completion = Completion(effects, wanted.before.rms, after.rms, wanted.effort, may_enter, sizes, narrow)
-        completed = CompletedSigns(rounds.completed.model, rounds.completed.signals, summed_out, completion, without)
+        completed = CompletedSigns(rounds.completed.model, summed_out, completion, without)
         sd = summed_out.fit.parameter_sd(summed_out.asked.evidence.coefficients.projection)
         least = completed.consistent_with_nothing(summed_out.fit.theta, sd)
         return without(least) if least else completed

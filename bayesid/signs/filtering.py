@@ -7,7 +7,9 @@ wait for L samples has their likelihoods too, passed backwards (Rabiner 1989, se
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -60,10 +62,7 @@ class SignFilter:
 
     def begin(self) -> Belief:
         """Before the first reading."""
-        shape = (self.look_ahead + 1, *self.grid.shape)
-        before, plus, likelihood = (np.zeros(shape, dtype=np.float32) for _ in range(3))
-        moves, steps = np.ones(shape[:2], dtype=bool), np.zeros(shape[0], dtype=bool)
-        return Belief(self.start.copy(), before, plus, likelihood, moves, steps, moves[0], 0)
+        return Belief(self.start.copy(), np.ones(len(self.grid), dtype=bool), 0, deque(maxlen=self.look_ahead + 1))
 
     def update(
         self, belief: Belief, reading: Array, predicted: Array, sd: Array, moves: Mask
@@ -80,13 +79,11 @@ class SignFilter:
         total = np.add.reduce(after, axis=1)
         now = np.minimum(np.vecdot(before, plus) / total, _ONE).astype(float)
         after /= total[:, None]
-        at = belief.count % (self.look_ahead + 1)
         belief.weights, belief.moved, belief.count = after, moves, belief.count + 1
         if self.look_ahead == 0:
             return now, now
-        belief.before[at], belief.plus[at], belief.likelihood[at] = before, plus, likelihood
-        belief.moves[at], belief.steps[at] = both, steps
-        return self._looked_back(belief) if belief.count > self.look_ahead else None, now
+        belief.past.append(_Past(before, plus, likelihood, both, steps))
+        return self._looked_back(*belief.past) if belief.count > self.look_ahead else None, now
 
     def _weigh(self, reading: Array, predicted: Array, sd: Array) -> tuple[Single, Single]:
         """(n, G) likelihoods of b by the positive sign, and by both, up to a factor."""
@@ -124,21 +121,17 @@ class SignFilter:
             before[j] = (1.0 - self.turns) * stays + self.turns * (self.afresh[j] @ future[j])
         return before
 
-    def _looked_back(self, belief: Belief) -> Array:
+    def _looked_back(self, oldest: _Past, *later: _Past) -> Array:
         """(n,) P(sign = +) of the oldest reading that is kept."""
-        size = self.look_ahead + 1
-        oldest = belief.count % size
-        future = belief.likelihood[(oldest + self.look_ahead) % size]
-        for k in range(self.look_ahead, 0, -1):
-            at = (oldest + k) % size
-            if k < self.look_ahead:
-                future = belief.likelihood[at] * future
-            if belief.steps[at]:
-                future = self._back(future, belief.moves[at])
+        future = np.ones_like(oldest.before)
+        for reading in reversed(later):
+            future = reading.likelihood * future
+            if reading.step:
+                future = self._back(future, reading.moves)
                 future = future / future.max(axis=1, keepdims=True)
-        both = belief.before[oldest] * future
-        total = (both * belief.likelihood[oldest]).sum(axis=1)
-        share: Array = np.minimum((both * belief.plus[oldest]).sum(axis=1) / total, _ONE).astype(float)
+        both = oldest.before * future
+        total = (both * oldest.likelihood).sum(axis=1)
+        share: Array = np.minimum((both * oldest.plus).sum(axis=1) / total, _ONE).astype(float)
         return share
 
 
@@ -146,15 +139,21 @@ def _single(values: Array | Single | list[Array] | list[Single]) -> Single:
     return np.ascontiguousarray(values, dtype=np.float32)
 
 
+class _Past(NamedTuple):
+    """What a reading has said."""
+
+    before: Single  # (n, G) weights of the values of b before it
+    plus: Single  # (n, G) likelihood of each value with the sign +
+    likelihood: Single  # (n, G) with either sign
+    moves: Mask  # (n,) False where a standstill is entered, goes on or is left: by a wide step, as in smoothing
+    step: bool  # whether a step in time comes before
+
+
 @dataclass
 class Belief:
     """What has become of readings: the belief about b, and the last L + 1 of them."""
 
     weights: Single  # (n, G) of the values of b after the last reading
-    before: Single  # (L + 1, n, G) the same before each reading that is kept
-    plus: Single  # (L + 1, n, G) likelihood of each value with the sign +
-    likelihood: Single  # (L + 1, n, G) with either sign
-    moves: Mask  # (L + 1, n) False where a standstill is entered, goes on or is left: by a wide step, as in smoothing
-    steps: Mask  # (L + 1,) whether a step in time comes before
     moved: Mask  # (n,) False where the last reading was at standstill
     count: int  # readings so far
+    past: deque[_Past]  # of the last L + 1, oldest first, where L is positive

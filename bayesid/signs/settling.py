@@ -98,15 +98,8 @@ def settle_signs(
 ) -> Settled:
     """Searches the signs of segments under a model, smooths them and fits the model to them.
 
-    Args:
-        model: robot and terms.
-        signals: the log.
-        segments: where its signs are constant.
-        search: how to search.
-        progress: of the searches.
-        earlier: what an earlier log says.
-        begun: signs under another model, from which the search begins.
-        also: (N, n) each, other signs from which it begins then, between -1 and 1.
+    The search begins from signs under another model where they are given (`begun`), and then from other ones (N, n)
+    between -1 and 1 too (`also`).
 
     Raises:
         SolverError: an optimisation failed.

@@ -47,14 +47,9 @@ def sign_probabilities(
 ) -> Array:
     """(N, n) P(sign = +) of every sample: smoothed, or 0 or 1 where the sign is known.
 
-    Of a joint without a single sample to go by nothing is known of friction and noise: 0.5.
-
-    Args:
-        signals: the log.
-        predicted: (N, n) the model's effort, N m; or (N, n, K) of K draws of the model, over which to average.
-        moving: (N, n) False at standstill.
-        noise: of the residual in motion.
-        progress: called as progress(done, total).
+    Of a joint without a single sample to go by nothing is known of friction and noise: 0.5. The model's effort
+    `predicted` is (N, n) N m, or (N, n, K) of K draws of the model, over which to average; `moving` (N, n) is False at
+    standstill; the noise is that of the residual in motion.
     """
     after, rate = signals.after_rectifier, signals.rate
     read = signals.magnitude if after is None else np.where(signals.signed, signals.magnitude, after.read)

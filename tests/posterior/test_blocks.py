@@ -10,8 +10,7 @@ from sign_problems import moments_of
 import bayesid
 from bayesid.effects.coefficients import BaseCoefficients
 from bayesid.log.segments import Segments
-from bayesid.posterior.blocks import SegmentBlocks, agreed_signs, by_blocks, divide, pointwise
-from bayesid.posterior.likelihood import make_likelihood
+from bayesid.posterior.likelihood import SegmentBlocks, agreed_signs, by_blocks, divide, make_likelihood, pointwise
 from bayesid.simulation.logs import simulate_log
 
 SIGMA = np.array([0.5, 2.0])

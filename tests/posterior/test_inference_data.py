@@ -13,9 +13,8 @@ from posterior_problems import one_each
 from bayesid.effects.coefficients import BaseCoefficients
 from bayesid.effects.parameters import Parameter
 from bayesid.errors import InputError
-from bayesid.posterior.blocks import pointwise
 from bayesid.posterior.inference_data import Labels, as_inference_data, keep, read_coefficients, read_draws, write
-from bayesid.posterior.likelihood import make_likelihood
+from bayesid.posterior.likelihood import make_likelihood, pointwise
 from bayesid.posterior.sampler import Diagnostics, Draws
 from bayesid.regression.knowledge import Information
 

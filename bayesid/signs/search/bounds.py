@@ -29,8 +29,6 @@ from bayesid.signs.tuning import TUNING, Tuning
 _RIDGE = 1e-13
 """Curvature added to columns of unit length: a hundredth of the solver's least pull to typical links
 (`bayesid.regression.solver.pull_weight`), so that the bound stays below the cost."""
-_LEAST_RIDGE, _MOST_RIDGE = 1e-15, 1e-11
-"""Ridges that are tried where rounding spoils a factor: from a few units in the last place to ten thousand."""
 
 
 class UnconstrainedBound:
@@ -43,7 +41,7 @@ class UnconstrainedBound:
     def __init__(self, hessian: Array, ridge: float = _RIDGE) -> None:
         lengths = np.sqrt(np.maximum(np.diag(hessian), 1e-300 + ridge * np.diag(hessian).max()))
         scaled = hessian / np.outer(lengths, lengths) + ridge * np.eye(len(hessian))
-        self._factor = dtrtri(_cholesky(scaled), lower=1)[0] / lengths
+        self._factor = dtrtri(cholesky(scaled), lower=1)[0] / lengths
 
     def __call__(self, gradient: Array) -> Array:
         """(m,) minima -g' H^-1 g for the rows of gradient (m, r)."""
@@ -60,16 +58,20 @@ class UnconstrainedBound:
         return drawn
 
 
-def _cholesky(matrix: Array) -> Array:
-    """L with L L' = matrix, plus the smallest ridge that rounding asks for; LinAlgError where that is not enough."""
+def cholesky(matrix: Array, most: float = 1e-11) -> Array:
+    """L with L L' = matrix, of unit diagonal, plus the smallest ridge that rounding asks for, from a few units on.
+
+    Raises:
+        LinAlgError: it is singular by more than rounding, `most`.
+    """
     ridge = 0.0
     while True:
         try:
             return np.linalg.cholesky(matrix + ridge * np.eye(len(matrix))).astype(np.float64)
         except np.linalg.LinAlgError:
-            if ridge >= _MOST_RIDGE:
+            if ridge >= most:
                 raise
-        ridge = max(_LEAST_RIDGE, 10.0 * ridge)
+        ridge = max(1e-15, 10.0 * ridge)
 
 
 class Flips:
