@@ -25,7 +25,7 @@ from bayesid.progress import Progress
 from bayesid.regression.knowledge import Information
 from bayesid.regression.moments import Moments
 from bayesid.regression.solver import ConeLeastSquares
-from bayesid.signs.search.result import SearchResult
+from bayesid.signs.search.result import SearchResult, predicted_signs, turned_round
 
 
 class Mode(NamedTuple):
@@ -74,16 +74,14 @@ def starting_points(
         """Signs that their best parameters predict, after a few rounds of adapting one to the other."""
         for _ in range(TUNING.sign_rounds):
             theta = prepared.solve(gradient(signs)).theta
-            predicted = np.where(moments.gradient @ prepared.project(theta) >= 0.0, 1, -1)
-            before, signs = signs, np.where(moments.known != 0, moments.known, predicted)
+            before, signs = signs, predicted_signs(moments, prepared.project(theta))
             if np.array_equal(signs, before):
                 break
         return signs
 
     starts = [branch.signs for branch in search.branches[: TUNING.most_branches]] or [search.signs]
     for joint in np.unique(moments.joint[moments.known == 0]):
-        of_joint = (moments.joint == joint) & (moments.known == 0)
-        starts.append(settled(np.where(of_joint, -search.signs, search.signs)))
+        starts.append(settled(turned_round(moments, search.signs, joint)))
     distinct = {signs.tobytes(): signs for signs in starts}.values()
     fits = [(signs, prepared.solve_precisely(gradient(signs))) for signs in distinct]
     most = min(fit.cost for _, fit in fits) + 2.0 * TUNING.hopeless
@@ -108,9 +106,6 @@ def _valley(target: Target, mode: Mode, other: Mode) -> float:
     return min(mode.log_density, other.log_density) - lowest
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Draws of several modes
-# ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class SampledMode:
     """One mode and its draws."""

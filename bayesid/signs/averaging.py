@@ -26,6 +26,7 @@ from bayesid.regression.least_squares import Fit, fit_signed
 from bayesid.regression.moments import Moments, moments
 from bayesid.regression.solver import ConeLeastSquares
 from bayesid.signs.search.protocol import Search, SignProblem
+from bayesid.signs.search.result import turned_round
 from bayesid.signs.settling import Settled, nats_gained, settle_signs
 from bayesid.signs.tuning import TUNING
 
@@ -122,9 +123,6 @@ def evidence_gain(rival: Settled, asked: Settled) -> float:
     return gain - more * float(np.log(count.sum()))
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Doubt
-# ---------------------------------------------------------------------------------------------------------------
 def structural_doubt(settled: Settled) -> Array:
     """(n,) probability, per joint, that signs are guesses because the model is not the robot's.
 
@@ -204,12 +202,11 @@ def rises_by_joint(
         linear = np.bincount(scaled.joint, weights=gradient @ beta, minlength=n_joints)
         return np.array([beta @ gram @ beta for gram in grams]) - 2.0 * linear
 
-    best, unknown = costs(signs), scaled.known == 0
-    joints = np.unique(scaled.joint[unknown]).tolist()
+    best, joints = costs(signs), np.unique(scaled.joint[scaled.known == 0]).tolist()
     sizes = [
         k
         for k in range(1, len(joints) + 1)
         if len(joints) <= TUNING.joints_in_all_sets or k <= 2 or k >= len(joints) - 1
     ]
     for turned in (list(chosen) for size in sizes for chosen in itertools.combinations(joints, size)):
-        yield turned, costs(np.where(np.isin(scaled.joint, turned) & unknown, -signs, signs)) - best
+        yield turned, costs(turned_round(scaled, signs, turned)) - best

@@ -25,7 +25,7 @@ from bayesid.regression.noise import residual_noise
 from bayesid.signs.search.certified import candidate
 from bayesid.signs.search.problem import Problem
 from bayesid.signs.search.protocol import Search, SignProblem
-from bayesid.signs.search.result import Branch, SearchResult, Way
+from bayesid.signs.search.result import Branch, SearchResult, Way, turned_round
 from bayesid.signs.tuning import TUNING
 
 
@@ -178,10 +178,10 @@ def rivals(problem: SignProblem, result: SearchResult, steps: Steps = no_steps) 
     The problem is that of the search, with its moments scaled by other weights.
     """
     inner = Problem(problem.moments, problem.solver(), np.inf)
-    known, joint, far = problem.moments.known, problem.moments.joint, max(result.within, TUNING.near)
+    known, far = problem.moments.known, max(result.within, TUNING.near)
     best = inner.price(result.signs)
     listed = [branch.signs for branch in result.branches[1 : 1 + TUNING.most_repriced]]
-    around = [np.where((joint == j) & (known == 0), -best.signs, best.signs) for j in np.unique(joint[known == 0])]
+    around = [turned_round(problem.moments, best.signs, j) for j in np.unique(problem.moments.joint[known == 0])]
 
     def priced(roughly: Branch) -> Branch:
         """Precisely, where it may come near."""

@@ -162,9 +162,6 @@ def _fitted_to(coefficients: BaseCoefficients, model: Model, signals: Signals, s
     return Settled(evidence, searched, probability, fit_signed(evidence, 2.0 * probability - 1.0))
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Other assignments
-# ---------------------------------------------------------------------------------------------------------------
 def _listed(settled: Settled) -> list[Alternative]:
     """Of what comes near the best assignment that which differs from it, and among itself, in much of a joint's energy.
 

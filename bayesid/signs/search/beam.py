@@ -32,7 +32,14 @@ from bayesid.signs.search.protocol import (
     SignProblem,
     check_limits,
 )
-from bayesid.signs.search.result import Branch, Pruning, SearchResult, listed_without_proof
+from bayesid.signs.search.result import (
+    Branch,
+    Pruning,
+    SearchResult,
+    listed_without_proof,
+    predicted_signs,
+    turned_round,
+)
 from bayesid.signs.tuning import TUNING
 
 
@@ -203,8 +210,7 @@ def _with_undecided_segments(
     """Segments that no step has decided take the signs that the others' coefficients predict; cheapest leaf first."""
     prepared, energy, whole = node_cost.prepared(moments.hessian.total()), float(moments.energy.sum()), []
     for leaf, gradient in zip(leaves, gradients, strict=True):
-        predicted = np.where(moments.gradient @ np.linalg.lstsq(hessian, gradient, rcond=None)[0] >= 0.0, 1, -1)
-        signs = np.where(leaf.signs != 0, leaf.signs, predicted)
+        signs = predicted_signs(moments, np.linalg.lstsq(hessian, gradient, rcond=None)[0], leaf.signs)
         solution = prepared.solve(signs @ moments.gradient)
         whole.append(Branch(signs, solution.theta, energy + solution.cost, -np.inf))
     return sorted(whole, key=lambda leaf: leaf.cost)
@@ -264,9 +270,7 @@ def keep_incumbent(moments: Moments, node_cost: NodeCost, result: SearchResult, 
 
     A narrow beam on re-cut segments may lose what the search before it had.
     """
-    predicted = np.where(moments.gradient @ beta >= 0.0, 1, -1)
-    signs = np.where(moments.known != 0, moments.known, predicted)
-    return _cheaper(moments, node_cost.prepared(moments.hessian.total()), result, signs)
+    return _cheaper(moments, node_cost.prepared(moments.hessian.total()), result, predicted_signs(moments, beta))
 
 
 def _cheaper(moments: Moments, prepared: PreparedNode, result: SearchResult, signs: Integers) -> SearchResult:
@@ -294,8 +298,7 @@ def turn_joints(
         for joint in joints:
             if budget.over and tried >= len(joints):
                 break
-            signs = np.where((moments.joint == joint) & (moments.known == 0), -result.signs, result.signs)
-            before, result = result, _cheaper(moments, prepared, result, signs)
+            before, result = result, _cheaper(moments, prepared, result, turned_round(moments, result.signs, joint))
             budget.count(parameters=len(result.theta))
             tried, better = tried + 1, result.cost < before.cost
             failed = 0 if better else failed + 1

@@ -24,7 +24,7 @@ import numpy as np
 from bayesid.arrays import Integers
 from bayesid.signs.search.problem import Problem
 from bayesid.signs.search.protocol import SignProblem
-from bayesid.signs.search.result import Branch, SearchResult, Way, listed_without_proof
+from bayesid.signs.search.result import Branch, SearchResult, Way, listed_without_proof, predicted_signs, turned_round
 from bayesid.signs.tuning import TUNING
 
 
@@ -63,14 +63,12 @@ def local_search(problem: Problem, begun: Iterable[Branch], failures: int, seed:
 def _starts(problem: Problem, best: Branch, rng: np.random.Generator) -> Iterator[Integers]:
     """(S,) signs: of the best assignment with joints turned, then as drawn parameters predict; without an end."""
     moments = problem.moments
-    unknown = moments.known == 0
-    joints = np.unique(moments.joint[unknown]).tolist()
+    joints = np.unique(moments.joint[moments.known == 0]).tolist()
     for turned in (*itertools.combinations(joints, 1), *itertools.combinations(joints, 2)):
-        yield np.where(np.isin(moments.joint, turned) & unknown, -best.signs, best.signs)
+        yield turned_round(moments, best.signs, turned)
     beta = problem.solver.project(best.theta)
     for temperature in itertools.cycle(TUNING.temperatures):
-        drawn = beta + np.sqrt(temperature) * problem.unconstrained.draw(rng)
-        yield np.where(unknown, np.where(moments.gradient @ drawn >= 0.0, 1, -1), moments.known)
+        yield predicted_signs(moments, beta + np.sqrt(temperature) * problem.unconstrained.draw(rng))
 
 
 def searched_locally(

@@ -11,7 +11,7 @@ from bayesid.regression.solver import ConeLeastSquares, PreparedLeastSquares, So
 from bayesid.signs.search.bounds import Flips, UnconstrainedBound
 from bayesid.signs.search.patterns import Patterns, make_blocks
 from bayesid.signs.search.protocol import Budget
-from bayesid.signs.search.result import EXACT, Branch
+from bayesid.signs.search.result import EXACT, Branch, predicted_signs
 from bayesid.signs.tuning import TUNING, Tuning
 
 _ROUNDING = 1e-8
@@ -84,9 +84,6 @@ class Problem:
         if self.budget.over:
             raise OutOfTimeError
 
-    # -----------------------------------------------------------------------------------------------------------
-    # Partial assignments
-    # -----------------------------------------------------------------------------------------------------------
     def decided(self, patterns: Patterns, row: int) -> Integers:
         """(S,) the signs known beforehand and those of a pattern; 0 elsewhere."""
         signs = self.moments.known.copy()
@@ -102,9 +99,6 @@ class Problem:
         """The best parameters for g (r,) and the prepared H."""
         return self._counted(prepared.solve(gradient))
 
-    # -----------------------------------------------------------------------------------------------------------
-    # Full assignments
-    # -----------------------------------------------------------------------------------------------------------
     def complete(self, decided: Integers, theta: Array) -> Branch:
         """The undecided segments (0 in `decided`, (S,)) with the signs that theta (P,) predicts, and the best cost."""
         return self._known(self._completed(decided, theta))
@@ -166,8 +160,7 @@ class Problem:
         return Flips(self.moments, self.unconstrained, branch.signs, beta, gap, free, self.tuning)
 
     def _completed(self, decided: Integers, theta: Array) -> Integers:
-        predicted = np.where(self.moments.gradient @ self.solver.project(theta) >= 0.0, 1, -1)
-        return np.where(decided != 0, decided, predicted)
+        return predicted_signs(self.moments, self.solver.project(theta), decided)
 
     def _branch(self, signs: Integers, solution: Solution) -> Branch:
         return Branch(signs, solution.theta, self.energy + solution.cost, self.energy + solution.lower_bound)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, fields, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -42,7 +42,22 @@ class Pruning:
     undecided: int = 0  #: segments that no step had decided when time was up: each leaf predicts their signs
 
     def __add__(self, other: Pruning) -> Pruning:
-        return Pruning(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(self)))
+        """The work of both, and what the last step of the first has left, which is no work."""
+        both = {
+            name: getattr(self, name) + getattr(other, name) for name in ("grown", "by_bound", "by_cone", "survived")
+        }
+        return replace(self, **both)
+
+
+def turned_round(moments: Moments, signs: Integers, joints: int | Sequence[int]) -> Integers:
+    """(S,) the signs (S,) with all unknown ones of some joints, or of one, turned round."""
+    return np.where(np.isin(moments.joint, joints) & (moments.known == 0), -signs, signs)
+
+
+def predicted_signs(moments: Moments, beta: Array, decided: Integers | None = None) -> Integers:
+    """(S,) the signs that coefficients (r,) predict where none is decided (S,), by default known beforehand."""
+    decided = moments.known if decided is None else decided
+    return np.where(decided != 0, decided, np.where(moments.gradient @ beta >= 0.0, 1, -1))
 
 
 def listed_without_proof(moments: Moments, best: Branch, others: Iterable[Branch]) -> tuple[tuple[Branch, ...], Mask]:
@@ -121,23 +136,17 @@ class SearchResult:
     def with_work_of(self, others: Iterable[SearchResult]) -> SearchResult:
         """The result with nodes, solves and pruning of other searches counted too."""
         every = [self, *others]
-        counted = [result.pruning for result in every if result.pruning is not None]
+        counted = [result.pruning for result in every[1:] if result.pruning is not None]
         return replace(
             self,
             nodes=sum(result.nodes for result in every),
             solves=sum(result.solves for result in every),
             spent=sum(result.spent for result in every),
             timed_out=any(result.timed_out for result in every),
-            pruning=None
-            if self.pruning is None
-            else replace(sum(counted, Pruning()), **self._at_the_end(self.pruning)),
+            pruning=None if self.pruning is None else sum(counted, self.pruning),
         )
 
     def without_work(self) -> SearchResult:
         """The result as one that took none."""
-        pruning = None if self.pruning is None else Pruning(**self._at_the_end(self.pruning))
-        return replace(self, nodes=0, solves=0, spent=0.0, pruning=pruning)
-
-    @staticmethod
-    def _at_the_end(pruning: Pruning) -> dict[str, int]:
-        return {"leaves": pruning.leaves, "undecided": pruning.undecided}
+        left = self.pruning and Pruning(leaves=self.pruning.leaves, undecided=self.pruning.undecided)
+        return replace(self, nodes=0, solves=0, spent=0.0, pruning=left)

@@ -36,9 +36,6 @@ from bayesid.signs.search.problem import OutOfTimeError, Problem
 from bayesid.signs.search.result import Branch
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Consequences
-# ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Consequences:
     """What follows from a partial assignment."""
@@ -121,9 +118,6 @@ class _Rows:
         return white @ self._white, np.sum(white**2, axis=1)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# The tree
-# ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Proof:
     """What is proven about all assignments."""
