@@ -23,7 +23,6 @@ from bayesid.log.segments import Cutting, Segments, find_segments
 from bayesid.log.signals import Signals, signed_effort
 from bayesid.parallel import in_parallel
 from bayesid.progress import SILENT, Progress
-from bayesid.regression.knowledge import inverse_of
 from bayesid.regression.noise import autocovariance
 from bayesid.signs.search.protocol import Search
 from bayesid.signs.settling import Earlier, Settled, settle_signs, settled_again
@@ -156,11 +155,20 @@ def _fitted(settled: Settled, columns: Array, low_pass: LowPass) -> tuple[Array,
         filtered = low_pass.apply(signs[:, :, None] * columns, signals.rate)
         rows = np.where(signals.signed[:, None], columns, filtered)
         rows = (np.where(used[:, :, None], rows, 0.0) / sigma[:, None]).reshape(target.size, -1)
-        predicted = columns @ (inverse_of(rows.T @ rows) @ (rows.T @ target.ravel()))
+        predicted = columns @ _least_squares(rows, target.ravel())
     expected = np.where(signals.signed, predicted, low_pass.apply(np.abs(predicted), signals.rate))
     square = np.where(used, read - expected, 0.0) ** 2
     count = used.sum(axis=0)
     return predicted, 0.5 * float(count @ np.log(np.maximum(square.sum(axis=0) / np.maximum(count, 1), TINY)))
+
+
+def _least_squares(rows: Array, target: Array) -> Array:
+    """(r,) of least length, columns scaled to the same one."""
+    hessian = rows.T @ rows
+    length = np.sqrt(np.maximum(np.diag(hessian), TINY))
+    inverse = np.linalg.pinv(hessian / np.outer(length, length), rcond=1e-9, hermitian=True)
+    solution: Array = inverse @ (rows.T @ target / length) / length
+    return solution
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,8 @@ at standstill, where it must hold all of the static friction. `bayesid.signs.smo
 
 A step of one chain is too small a thing to do by itself. So chains are cut into pieces of equal length, and a step of
 all pieces is one product of matrices. With which belief a piece is entered is known once the piece before it has an
-end. So all pieces are run, and again those that are entered otherwise than they were run, until none is: chains forget,
-so that few runs give what one from end to end would.
+end. So all pieces are run twice, and then mended where they are entered otherwise than they were run: chains forget,
+so that little is left to mend, and what comes out is what one run from end to end gives.
 
 In motion a chain stays near zero, so that most pieces are smoothed in the middle of the grid alone. Where a belief
 leans against the end of that, which is seen, the piece needs the whole grid.
@@ -190,43 +190,59 @@ class _Pass:
     def messages(self, parts: list[_Part]) -> list[Single]:
         """Of every part (L + 1, G', R): before each sample, in the order of this direction, and after the last one."""
         states = [np.empty((len(part.turns) + 1, *part.likelihood.shape[1:]), dtype=np.float32) for part in parts]
-        late = [np.arange(len(part.rows)) for part in parts]
         for part, state in zip(parts, states, strict=True):
             state[0] = _scaled(self.first[part.window, None])
-        while any(which.size for which in late):
-            for part, state, which in zip(parts, states, late, strict=True):
-                self._run(part, state, which)
-            late = [self._entered_anew(part, state) for part, state in zip(parts, states, strict=True)]
+            self._run(part, state)
+        for state, entries in zip(states, [self._entries(part) for part in parts], strict=True):
+            state[0] = entries
+        for part, state in zip(parts, states, strict=True):
+            self._run(part, state)
+        mended = True
+        while mended:
+            mended = bool(np.any([self._mend(part, state) for part, state in zip(parts, states, strict=True)]))
         return states
 
-    def _run(self, part: _Part, states: Single, which: Integers) -> None:
-        turns, likelihood, passed = part.turns_after, part.likelihood, states
-        if self.shift < 0:
-            turns, likelihood = part.turns[::-1], part.likelihood[::-1]
-        if 2 * len(which) > len(part.rows):
-            which = np.arange(len(part.rows))  # to run all takes less than to pick those that are late
-        else:
-            turns, likelihood, passed = turns[:, which], likelihood[:, :, which], states[:, :, which]
-        step, weighed = self.step.within(part.window), np.empty_like(passed[0])
-        for i in range(len(turns)):
-            np.multiply(passed[i], likelihood[i], out=weighed)
-            step(weighed, turns[i], passed[i + 1])
-        self.ends[part.window, part.rows[which]] = passed[-1]
-        if passed is not states:
-            states[:, :, which] = passed
+    def _in_order(self, part: _Part) -> tuple[Single, Single, _Step]:
+        """(L, R) turns and (L, G', R) likelihoods in the order of this direction, and the step."""
+        step = self.step.within(part.window)
+        if self.shift > 0:
+            return part.turns_after, part.likelihood, step
+        return part.turns[::-1], part.likelihood[::-1], step
 
-    def _entered_anew(self, part: _Part, states: Single) -> Integers:
-        """Rows of a part that are entered otherwise than they were run; from now on as they should be."""
+    def _run(self, part: _Part, states: Single) -> None:
+        """Passes on what all rows of a part are entered with."""
+        turns, likelihood, step = self._in_order(part)
+        weighed = np.empty_like(states[0])
+        for i in range(len(turns)):
+            np.multiply(states[i], likelihood[i], out=weighed)
+            step(weighed, turns[i], states[i + 1])
+        self.ends[part.window, part.rows] = states[-1]
+
+    def _mend(self, part: _Part, states: Single) -> bool:
+        """The same of rows that are entered otherwise than before, until that changes nothing; whether ends change."""
+        turns, likelihood, step = self._in_order(part)
+        rows, state = np.arange(len(part.rows)), self._entries(part)
+        for i in range(len(states)):
+            if i % 4 == 0 or i == len(turns):
+                earlier = states[i][:, rows]
+                other = (np.abs(state - earlier) > _SAME * np.minimum(state, earlier)).any(axis=0)
+                rows, state = rows[other], state[:, other]
+                if not rows.size:
+                    return False
+            states[i][:, rows] = state
+            if i < len(turns):
+                step(state * likelihood[i][:, rows], turns[i, rows], state)
+        self.ends[part.window, part.rows[rows]] = state
+        return True
+
+    def _entries(self, part: _Part) -> Single:
+        """(G', R) what rows are entered with."""
         before, exists = self._before(part)
         entries = self.ends[part.window, before]
         entries[:, ~exists] = self.first[part.window, None]
-        entries, earlier = _scaled(entries), states[0]
-        late = np.flatnonzero((np.abs(entries - earlier) > _SAME * np.minimum(entries, earlier)).any(axis=0))
-        earlier[:, late] = entries[:, late]
-        return late
+        return _scaled(entries)
 
     def _before(self, part: _Part) -> tuple[Integers, Mask]:
-        """(R,) the rows of the pieces before, and whether there is one."""
         before, most = part.rows - self.shift, self.ends.shape[1] - 1
         return np.clip(before, 0, most), (before >= 0) & (before <= most)
 
