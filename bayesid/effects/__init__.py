@@ -5,7 +5,7 @@ from __future__ import annotations
 from bayesid.effects.bodies import RigidBody
 from bayesid.effects.distortion import Distortion
 from bayesid.effects.drive import RotorInertia, TorqueOffset
-from bayesid.effects.effect import Effect, Scene
+from bayesid.effects.effect import Effect, Numbers, Phrase, Scene, number
 from bayesid.effects.friction import CoulombFriction, ViscousFriction
 from bayesid.effects.parameters import Coefficient, Cone, Parameter
 from bayesid.effects.term import ActuatorTerm, Term, WholeRobotTerm
@@ -18,7 +18,9 @@ __all__ = [
     "CoulombFriction",
     "Distortion",
     "Effect",
+    "Numbers",
     "Parameter",
+    "Phrase",
     "RigidBody",
     "RotorInertia",
     "Scene",
@@ -26,6 +28,7 @@ __all__ = [
     "TorqueOffset",
     "ViscousFriction",
     "WholeRobotTerm",
+    "number",
 ]
 
 STANDARD = ("rigid_body", "viscous_friction", "coulomb_friction", "torque_offset", "rotor_inertia")

@@ -42,25 +42,15 @@ class Family(IntEnum):
 
 @dataclass(frozen=True)
 class Axis:
-    """A variable, and the functions of it that count.
+    """A variable, and the functions of it that count."""
 
-    Attributes:
-        quantity: what it is.
-        joint: of which joint (from 1); 0 for the time.
-        family: which functions.
-        low: least value that the log has shown, in the variable's unit, and
-        high: the largest.
-        order: h of periodic functions, s of powers, v of a direction, T of what fades, in the variable's unit.
-        count: number of functions.
-    """
-
-    quantity: Quantity
-    joint: int
-    family: Family
-    low: float
-    high: float
-    order: float
-    count: int
+    quantity: Quantity  # what it is
+    joint: int  # of which joint (from 1); 0 for the time
+    family: Family  # which functions
+    low: float  # least value that the log has shown, in the variable's unit
+    high: float  # the largest value
+    order: float  # h of periodic functions, s of powers, v of a direction, T of what fades, in the variable's unit
+    count: int  # number of functions
 
     @property
     def variable(self) -> tuple[Quantity, int]:
@@ -137,15 +127,10 @@ def scaled_to_one(columns: Array, used: Mask) -> Array:
 
 @dataclass(frozen=True)
 class Component:
-    """One of the functions that are added: combinations of the products of its axes' functions.
+    """One of the functions that are added: combinations of the products of its axes' functions."""
 
-    Attributes:
-        axes: its variables, each with its functions.
-        weights: (p, k) combinations of the p products that are k columns.
-    """
-
-    axes: tuple[Axis, ...]
-    weights: Array
+    axes: tuple[Axis, ...]  # its variables, each with its functions
+    weights: Array  # (p, k) combinations of the p products that are k columns
 
     def columns(self, values: Callable[[Axis], Array]) -> Array:
         """(N, k) from the (N,) values of each axis' variable."""

@@ -25,27 +25,16 @@ Numbers = tuple[float, ...]
 
 @dataclass(frozen=True)
 class Number:
-    """What is known of a nonlinear number of an effect, of which each actuator has one.
+    """What is known of a nonlinear number of an effect, of which each actuator has one."""
 
-    Attributes:
-        unit: of a joint that turns, where people want to know the number.
-        name: under which they read it, without the joint; by default that of the field.
-        of_motion: the numbers (m,) that the motion of the m actuators shows.
-        tried: the numbers worth trying in one actuator, of its motion in a log.
-        given: whether it comes with the model, so that no log is asked for it.
-        tuned: whether the first amplitudes of the effect are changes of these numbers.
-        count: how many there are, where they are not one an actuator.
-        of_links: whether there are ten a link.
-    """
-
-    unit: str = ""
-    name: str = ""
-    of_motion: Callable[[Motion], Array] | None = None
-    tried: Callable[[Motion], Iterable[float]] | None = None
-    given: bool = False
-    tuned: bool = False
-    count: int = 0
-    of_links: bool = False
+    unit: str = ""  # of a joint that turns, where people want to know the number
+    name: str = ""  # under which they read it, without the joint; by default that of the field
+    of_motion: Callable[[Motion], Array] | None = None  # (m,) those that the motion of m actuators shows
+    tried: Callable[[Motion], Iterable[float]] | None = None  # those worth trying in one actuator, of its motion
+    given: bool = False  # whether it comes with the model, so that no log is asked for it
+    tuned: bool = False  # whether the first amplitudes of the effect are changes of these numbers
+    count: int = 0  # how many there are, where they are not one an actuator
+    of_links: bool = False  # whether there are ten a link
 
     @property
     def told(self) -> bool:
@@ -64,26 +53,17 @@ def number(unit: str = "", *, default: Any = dataclasses.MISSING, **about: Any) 
 
 @dataclass(frozen=True)
 class Scene:
-    """What an effect may look at to say in which forms it could be hidden in a log.
-
-    Attributes:
-        robot: the robot.
-        motion: N samples of its joints.
-        actuators: the same in actuator coordinates.
-        effort: (N, n) the current model's effort, N m.
-        measured: (N, n) absolute values of the measured efforts, N m.
-        links: (10 n,) the current model's link parameters, with what the links carry.
-        effort_with: the effort (N, n), N m, of the current model without effects that were found since, of a robot that
-            is built or mounted otherwise, or moves otherwise.
-    """
+    """What an effect may look at to say in which forms it could be hidden in a log."""
 
     robot: Robot
-    motion: Motion
-    actuators: Motion
-    effort: Array
-    measured: Array
-    links: Array
+    motion: Motion  # N samples of its joints
+    actuators: Motion  # the same in actuator coordinates
+    effort: Array  # (N, n) the current model's effort, N m
+    measured: Array  # (N, n) absolute values of the measured efforts, N m
+    links: Array  # (10 n,) the current model's link parameters, with what the links carry
     effort_with: Callable[[Robot, Motion], Array]
+    """(N, n) effort, N m, of the current model without effects that were found since, of a robot that is built, mounted
+    or moves otherwise."""
 
     @cached_property
     def each(self) -> list[Motion]:

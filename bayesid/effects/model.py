@@ -23,17 +23,11 @@ from bayesid.robot import Robot
 
 @dataclass(frozen=True)
 class FeltColumns:
-    """(N, n, P) columns, of each joint those alone that are not zero: about half as many.
+    """(N, n, P) columns, of each joint those alone that are not zero: about half as many."""
 
-    Attributes:
-        size: P.
-        felt: of each of the n joints, (m,) the columns that it feels, ascending.
-        values: of each joint, (N, m) these.
-    """
-
-    size: int
-    felt: tuple[Integers, ...]
-    values: tuple[Array, ...]
+    size: int  # P
+    felt: tuple[Integers, ...]  # of each of the n joints, (m,) the columns that it feels, ascending
+    values: tuple[Array, ...]  # of each joint, (N, m) these
 
     @classmethod
     def of(cls, columns: Array) -> FeltColumns:

@@ -81,17 +81,11 @@ def _ar1(white: Array, colour: float) -> Array:
 
 
 class SimulatedEffect(NamedTuple):
-    """An effect to be added to a simulated robot.
+    """An effect to be added to a simulated robot."""
 
-    Attributes:
-        name: of an effect in `bayesid.effects.catalogue.main_forms()`.
-        joint: 1-based; where the whole robot is affected, the joint that has the level.
-        level: RMS of the change of the joint's effort relative to the RMS of that effort without it.
-    """
-
-    name: str
-    joint: int
-    level: float
+    name: str  # of an effect in `bayesid.effects.catalogue.main_forms()`
+    joint: int  # 1-based; where the whole robot is affected, the joint that has the level
+    level: float  # RMS of the change of the joint's effort relative to the RMS of that effort without it
 
     def __str__(self) -> str:
         """As on the command line."""

@@ -24,19 +24,12 @@ _LINKS = 6
 
 
 class TableRow(NamedTuple):
-    """One line of Table II.
+    """One line of Table II."""
 
-    Attributes:
-        number: its number in the table.
-        expression: the coefficient as printed, squares written ^2, M_i = m_i + ... + m_6.
-        nominal: the value simulated, SI units.
-        published: the paper's estimate without signs, SI units.
-    """
-
-    number: int
-    expression: str
-    nominal: float
-    published: float
+    number: int  # its number in the table
+    expression: str  # the coefficient as printed, squares written ^2, M_i = m_i + ... + m_6
+    nominal: float  # the value simulated, SI units
+    published: float  # the paper's estimate without signs, SI units
 
     @property
     def row(self) -> Array:
