@@ -108,11 +108,12 @@ def find_faults(
 
 def _of_recording(t: Array, q: Array, effort: Array, dq: Array | None) -> list[Fault]:
     faults: list[Fault] = []
+    every = np.arange(len(t))
     for j in range(q.shape[1]):
         jumps = _jumps(t, q[:, j])
-        stopped = _stopped(t, without(t, q[:, j], _all_but(len(t), jumps)))
+        stopped = _stopped(t, without(t, q[:, j], ~np.isin(every, jumps)))
         faults += _named(t, j, "position", {"outlier": jumps, "held": stopped})
-        position = without(t, q[:, j], _all_but(len(t), np.concatenate([jumps, stopped])))
+        position = without(t, q[:, j], ~np.isin(every, [*jumps, *stopped]))
         speed = np.abs(np.gradient(position, t))
         if dq is not None:
             faults += _named(t, j, "velocity", {"outlier": _peaks(t, dq[:, j])})
@@ -136,9 +137,8 @@ def lost_rows(t: Array, q: Array, effort: Array, dq: Array | None = None) -> tup
     if not len(edges):
         return _NONE, ()
     steps, periods = np.abs(np.diff(q, axis=0)), np.diff(t)
-    jumps = (
-        steps > np.maximum(TUNING.outlier_steps * np.percentile(steps, 95, axis=0), TUNING.slight * np.ptp(q, axis=0))
-    ).any(axis=1)
+    least = np.maximum(TUNING.outlier_steps * np.percentile(steps, 95, axis=0), TUNING.slight * np.ptp(q, axis=0))
+    jumps = (steps > least).any(axis=1)
     beside = periods < 2.0 * np.median(periods)  # else there is a pause, or another log begins
     sides = [[k for k in (first - 1, stop - 1) if 0 <= k < len(steps) and beside[k]] for first, stop in edges]
     lost = edges[[bool(both) and bool(jumps[both].all()) for both in sides]]
@@ -158,12 +158,6 @@ def without(t: Array, reading: Array, known: Mask, smooth: bool = True) -> Array
         spline = scipy.interpolate.CubicSpline if bent else scipy.interpolate.PchipInterpolator
         filled[between] = spline(t[known], reading[known])(t[between])
     return filled
-
-
-def _all_but(count: int, rows: Integers) -> Mask:
-    others = np.ones(count, dtype=bool)
-    others[rows] = False
-    return others
 
 
 def _named(t: Array, joint: int, reading: str, rows_of: dict[str, Integers]) -> list[Fault]:
@@ -239,18 +233,14 @@ def _stopped(t: Array, position: Array) -> Integers:
     speed = np.abs(np.diff(position)) / np.diff(t)
     fast = TUNING.clearly_moving * float(np.percentile(speed, 95))
     for k in runs.long(period):
-        before, after = (
-            steps[max(0, k - 1 - TUNING.neighbours) : max(0, k - 1)],
-            steps[k + 1 : k + 1 + TUNING.neighbours],
-        )
         if 0 < k < count - 1:
-            usual = max((float(np.median(side)) for side in (before, after) if side.size), default=np.inf)
+            sides = steps[max(0, k - 1 - TUNING.neighbours) : k - 1], steps[k + 1 : k + 1 + TUNING.neighbours]
+            usual = max((float(np.median(side)) for side in sides if side.size), default=np.inf)
             chosen[k] = steps[k] > max(TUNING.abrupt * usual, _slight(position))
         else:
             moving = speed[: runs.first[k]] if k else speed[runs.first[1] - 1 :][::-1]
-            chosen[k] = np.median(moving[-TUNING.neighbours :]) > max(
-                fast, TUNING.abrupt * np.abs(np.diff(moving)).max()
-            )
+            least = max(fast, TUNING.abrupt * np.abs(np.diff(moving)).max())
+            chosen[k] = np.median(moving[-TUNING.neighbours :]) > least
     return runs.repeated(chosen)
 
 

@@ -137,12 +137,11 @@ def _from_rows(rows: list[tuple[int, int, int, int, bool, bool]]) -> Segments:
 
 
 def _changes(state: Mask) -> set[int]:
-    return {int(i) for i in np.flatnonzero(np.diff(state)) + 1}
+    return set((np.flatnonzero(np.diff(state)) + 1).tolist())
 
 
 def _reversals(speed: Array) -> set[int]:
-    sign = np.sign(speed)
-    return {int(i) for i in np.flatnonzero(sign[1:] * sign[:-1] < 0) + 1}
+    return set((np.flatnonzero(np.sign(speed[1:]) * np.sign(speed[:-1]) < 0) + 1).tolist())
 
 
 def _jerks(acceleration: Array, span: int) -> set[int]:
