@@ -5,7 +5,6 @@ MuJoCo's own format, also gravity, rotor inertia, springs across joints, and mot
 format has no place for is written into a comment at the file's head.
 """
 
-from bayesid.export.mjcf_text import mjcf
-from bayesid.export.urdf_text import urdf
+from bayesid.export.model_text import mjcf, urdf
 
 __all__ = ["mjcf", "urdf"]

@@ -8,11 +8,17 @@ import numpy as np
 import pytest
 
 from bayesid.errors import InputError
-from bayesid.export.controllers import PROGRAM_FILES, PlannedMotion, check_programs, save_programs
-from bayesid.export.controllers.kuka import krl_axes, krl_program, rsi_table
-from bayesid.export.controllers.planned import cubic, quintic
-from bayesid.export.controllers.ros import joint_trajectory
-from bayesid.export.controllers.universal_robots import urscript
+from bayesid.export.controllers import (
+    PROGRAM_FILES,
+    check_programs,
+    joint_trajectory,
+    krl_axes,
+    krl_program,
+    rsi_table,
+    save_programs,
+    urscript,
+)
+from bayesid.export.planned_motion import PlannedMotion, cubic, quintic
 from bayesid.motion import Motion
 
 DURATION = 2.05

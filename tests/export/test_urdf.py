@@ -14,7 +14,7 @@ from bayesid.effects import STANDARD, RigidBody
 from bayesid.effects.catalogue import make_effect, make_terms
 from bayesid.effects.model import Model
 from bayesid.export import urdf
-from bayesid.export.urdf_text import roll_pitch_yaw
+from bayesid.export.model_text import roll_pitch_yaw
 from bayesid.robot import robot_from_table, robot_from_urdf
 
 HELD = {"staubli_tx40": [1, 1, 1, 1, 1, 0]}

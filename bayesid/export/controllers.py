@@ -1,0 +1,280 @@
+"""A planned motion as robot controllers read it: tables and programs, each at a tenth, a third and all of the speed.
+
+`save_programs` writes them, in each maker's language. A program is text of the motion alone: nothing here looks at
+limits or collisions, so each says in its head what its caller has checked.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from bayesid.arrays import Array
+from bayesid.errors import InputError
+from bayesid.excitation.next_motion import SPEEDS
+from bayesid.export.planned_motion import PlannedMotion, cubic, decimals, quintic
+from bayesid.export.tuning import TUNING
+from bayesid.files.tables import write_motion
+
+# ---------------------------------------------------------------------------------------------------------------
+# ROS 2
+# ---------------------------------------------------------------------------------------------------------------
+_NUMBER, _AROUND = 11, 100
+"""Bytes of a number and of what stands around those of a point, at most."""
+
+
+def joint_trajectory(planned: PlannedMotion) -> str:
+    """joint_trajectory.yaml: points with positions, velocities and accelerations, the first after a lead.
+
+    Between points a joint_trajectory_controller puts quintics when it is given all three.
+
+    Raises:
+        InputError: as many points as one argument of a command holds do not tell the motion.
+    """
+    points, deviation = planned.points(TUNING.ros_bytes // (_AROUND + 3 * planned.n_joints * _NUMBER), quintic)
+    head = planned.head(
+        "#",
+        f"between its points, which quintics join, it is {deviation:.2g} rad (m) from the motion at most",
+        f"the first {TUNING.ros_lead:g} s bring the robot to the start pose from wherever it is: move it near by hand "
+        "before",
+    )
+    lines = [
+        *head,
+        "# ros2 topic pub --once /joint_trajectory_controller/joint_trajectory trajectory_msgs/msg/JointTrajectory "
+        '"$(cat joint_trajectory.yaml)"',
+        "header: {stamp: {sec: 0, nanosec: 0}, frame_id: ''}",
+        f"joint_names: {json.dumps(planned.joint_names)}",
+        "points:",
+    ]
+    for t, *rows in zip(points.t, decimals(points.q), decimals(points.dq), decimals(points.ddq), strict=True):
+        seconds, nanoseconds = divmod(round((TUNING.ros_lead + t) * 1_000_000_000), 1_000_000_000)
+        q, dq, ddq = (", ".join(row) for row in rows)
+        lines.append(
+            f"- {{positions: [{q}], velocities: [{dq}], accelerations: [{ddq}], "
+            f"time_from_start: {{sec: {seconds}, nanosec: {nanoseconds}}}}}"
+        )
+    return "\n".join(lines) + "\n"
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Universal Robots: The URScript Programming Language, Universal Robots A/S, versions 3.2 and 5
+# ---------------------------------------------------------------------------------------------------------------
+_CYCLE = 0.002
+"""s, of the controller since version 5; four of them are one of version 3."""
+_LOOKAHEAD, _GAIN, _STOP = 0.1, 300, 2.0
+"""Of servoj, s and 1, and of stopj, rad/s^2: the manual's defaults."""
+
+
+def urscript(planned: PlannedMotion) -> str:
+    """motion.script: movej to the start pose, a servoj for each cycle of the motion, stopj.
+
+    A cycle is the whole number of the controller's that is nearest to the rate's.
+
+    Raises:
+        InputError: the robot has not six joints that turn.
+    """
+    if planned.n_joints != 6 or any(planned.prismatic):
+        said = f"{planned.n_joints} joints{', some prismatic,' if any(planned.prismatic) else ''} are none of a UR"
+        raise InputError(said, planned.robot, "use joint_trajectory.yaml or motion.csv")
+    cycle = _CYCLE * max(1, round(1.0 / (planned.rate * _CYCLE)))
+    poses = [f"[{','.join(row)}]" for row in decimals(planned.sampled(cycle).q)]
+    head = planned.head(
+        "#",
+        "URScript program of the motion, rad",
+        f"a servoj each {1e3 * cycle:g} ms, which takes that long (t); the path lags by its lookahead time, "
+        f"{_LOOKAHEAD:g} s",
+        "set the payload before; keep the speed slider at 100 %",
+    )
+    lines = [
+        *head,
+        "def motion():",
+        "  def to(q):",
+        f"    servoj(q, 0, 0, {cycle:.3f}, {_LOOKAHEAD:g}, {_GAIN})",
+        "  end",
+        f"  movej({poses[0]}, {TUNING.urscript_approach})",
+        "  sleep(1.0)",
+        *(f"  to({pose})" for pose in poses),
+        f"  stopj({_STOP:g})",
+        "end",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# KUKA: names of axes, units (degrees, mm), PTP_SPLINE with SPTP segments and TIME_BLOCK as in KUKA System Software
+# 8.3, Operating and Programming Instructions for System Integrators, KUKA Roboter GmbH 2015
+# ---------------------------------------------------------------------------------------------------------------
+_AXIS = re.compile(r"(?:.*_)?([AE][1-6])", re.IGNORECASE)
+"""A joint's name that says which axis it is: A1, e1, joint_a1."""
+_ROBOT_AXES = 6
+"""A1 to A6 of a robot in KRL; E1 to E6 are external axes."""
+_CYCLES = 0.004, 0.012
+"""s, interpolation cycles of RSI: IPO_FAST and IPO."""
+
+
+def krl_program(planned: PlannedMotion) -> str:
+    """motion.src: to the start pose, slowly, and the motion as one spline block of SPTP segments, timed by TIME_BLOCK.
+
+    Raises:
+        InputError: KRL has no names for the joints (`krl_axes`), or too few points for the motion.
+    """
+    axes = krl_axes(planned)
+    points, deviation = planned.points(TUNING.krl_intervals, cubic)
+    units = krl_units(planned)
+    poses = [f"{{{_named(axes, row)}}}" for row in decimals(points.q * units)]
+    head = planned.head(
+        ";",
+        "KRL program of the motion, axes in degrees (mm of prismatic ones)",
+        f"between its points a cubic spline is {(deviation * units).max():.2g} degrees (mm) from the motion at most; "
+        "the controller fills them in in its own way, and takes longer than TIME_BLOCK END says where an axis cannot "
+        "follow",
+        "set the load data of what the flange carries before; run it in T1 first",
+    )
+    part = 100.0 / (len(poses) - 1)
+    lines = [
+        "&ACCESS RVP",
+        "DEF motion( )",
+        *head,
+        "BAS(#INITMOV,0)",
+        f"BAS(#VEL_PTP,{TUNING.krl_approach})",
+        f"BAS(#ACC_PTP,{TUNING.krl_approach})",
+        f"PTP {poses[0]}",
+        "WAIT SEC 1.0",
+        "BAS(#VEL_PTP,100)",
+        "BAS(#ACC_PTP,100)",
+        "PTP_SPLINE",
+        f"  SPTP {poses[0]}",
+        "  TIME_BLOCK START",
+        *(f"  SPTP {pose}\n  TIME_BLOCK PART = {part:.6f}" for pose in poses[1:]),
+        f"  TIME_BLOCK END = {planned.duration:.4f}",
+        "ENDSPLINE",
+        "END",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def rsi_table(planned: PlannedMotion) -> str:
+    """rsi.csv: axis corrections from the start pose, a row a cycle of RSI, the one that is nearest to the rate's.
+
+    Raises:
+        InputError: KRL has no names for the joints (`krl_axes`).
+    """
+    axes = krl_axes(planned)
+    cycle = min(_CYCLES, key=lambda one: abs(one - 1.0 / planned.rate))
+    q = planned.sampled(cycle).q
+    start = decimals(q[:1] * krl_units(planned))[0]
+    head = planned.head(
+        "#",
+        f"table of axis corrections for RSI: a row each {1e3 * cycle:g} ms, degrees (mm of prismatic axes)",
+        "corrections count from the start pose (absolute mode), not from the row before; move there first:",
+        _named(axes, start),
+    )
+    rows = [",".join(row) for row in decimals((q - q[0]) * krl_units(planned))]
+    return "\n".join([*head, ",".join(axes), *rows]) + "\n"
+
+
+def krl_axes(planned: PlannedMotion) -> list[str]:
+    """KRL's names of the joints: those that the joints' own names end with (A1, joint_e1), or A1 to A6 in order.
+
+    Raises:
+        InputError: there are more than six joints, and their names do not say which axes they are.
+    """
+    found = [match and match[1].upper() for match in map(_AXIS.fullmatch, planned.joint_names)]
+    named = [axis for axis in found if axis]
+    if len(set(named)) == planned.n_joints:
+        return named
+    if planned.n_joints > _ROBOT_AXES:
+        said = f"{planned.n_joints} joints have no names in KRL, which has A1 to A6 and E1 to E6"
+        raise InputError(said, planned.robot, "name the joints so in the robot's file, as joint_a1 and joint_e1")
+    return [f"A{j}" for j in range(1, planned.n_joints + 1)]
+
+
+def krl_units(planned: PlannedMotion) -> Array:
+    """(n,) degrees a rad, or mm a m of prismatic joints."""
+    return np.where(planned.prismatic, 1e3, np.degrees(1.0))
+
+
+def _named(axes: list[str], row: list[str]) -> str:
+    return ", ".join(f"{axis} {value}" for axis, value in zip(axes, row, strict=True))
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# All of them, in a folder a speed
+# ---------------------------------------------------------------------------------------------------------------
+_TABLE = "motion.csv"
+_WRITERS: Mapping[str, Callable[[PlannedMotion], str]] = {
+    "joint_trajectory.yaml": joint_trajectory,
+    "motion.script": urscript,
+    "motion.src": krl_program,
+    "rsi.csv": rsi_table,
+}
+PROGRAM_FILES = frozenset({_TABLE, *_WRITERS})
+"""What a folder of a speed may hold."""
+
+
+def speed_folder(share: float) -> str:
+    """The name of a speed's folder, as speed_30."""
+    return f"speed_{100.0 * share:.0f}"
+
+
+PROGRAM_FOLDERS = frozenset(map(speed_folder, SPEEDS))
+"""What `save_programs` makes in a folder, for `bayesid.files.writing.save_folder`."""
+
+
+@dataclass(frozen=True)
+class Programs:
+    """What `save_programs` has written.
+
+    Attributes:
+        folders: one a speed, the slowest first.
+        files: names of the files in each of them.
+        left_out: names of the files that this robot cannot have, and why.
+    """
+
+    folders: tuple[Path, ...]
+    files: tuple[str, ...]
+    left_out: Mapping[str, str]
+
+
+def save_programs(planned: PlannedMotion, place: Path, shares: Sequence[float] = SPEEDS) -> Programs:
+    """Writes speed_10, speed_30 and speed_100 with the motion as a table and as programs of controllers.
+
+    Args:
+        planned: the motion at its full speed.
+        place: a folder that is there, as `save_folder` gives it.
+        shares: of the planned speed, each of which gets a folder.
+    """
+    left_out, files = {}, [_TABLE]
+    folders = tuple(place / speed_folder(share) for share in shares)
+    motions = [planned.slowed(share) for share in shares]
+    for folder, motion in zip(folders, motions, strict=True):
+        folder.mkdir()
+        write_motion(folder / _TABLE, motion.sampled())
+    for name, text in _WRITERS.items():
+        try:
+            texts = [text(motion) for motion in motions]
+        except InputError as error:
+            left_out[name] = str(error)
+            continue
+        files.append(name)
+        for folder, content in zip(folders, texts, strict=True):
+            (folder / name).write_text(content, encoding="ascii", newline="\n")
+    return Programs(folders, tuple(sorted(files)), left_out)
+
+
+def check_programs(folder: Path) -> None:
+    """Checks that the folders of speeds in an earlier folder hold nothing but programs, so that they may be replaced.
+
+    Raises:
+        InputError: they hold something else.
+    """
+    for name in sorted(PROGRAM_FOLDERS):
+        inside = folder / name
+        foreign = {path.name for path in inside.iterdir()} - PROGRAM_FILES if inside.is_dir() else set()
+        if foreign:
+            raise InputError(f"holds other files ({min(foreign)})", str(inside), "give `folder` a new folder")

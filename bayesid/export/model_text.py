@@ -1,0 +1,360 @@
+"""An identified model as a URDF, and as an MJCF, MuJoCo's own format."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import cycle
+
+import numpy as np
+import scipy
+from numpy.typing import ArrayLike
+
+from bayesid.arrays import Array, Mask, frozen
+from bayesid.effects import RigidBody, Term
+from bayesid.effects.effect import Effect
+from bayesid.effects.model import Model
+from bayesid.robot import Joint, Robot, inertia
+
+# ---------------------------------------------------------------------------------------------------------------
+# URDF
+# ---------------------------------------------------------------------------------------------------------------
+_LIMITS = {"lower": "-1000", "upper": "1000", "effort": "1000000", "velocity": "1000"}
+"""A URDF demands limits; none are identified, so they are set where they never act."""
+
+
+def urdf(model: Model, theta: Array) -> str:
+    """URDF text of the model's robot with the link and friction parameters of theta.
+
+    URDF's link frame is its joint's frame, so links given in another frame (standard Denavit-Hartenberg) are moved
+    there. Joints are called joint1..jointn, links link1..linkn, from base to tip. A payload becomes part of the last
+    link, and friction of several terms in one joint is added up: damping * q' + friction * sign(q'). Friction of a
+    motor that moves several joints stands in the comment alone. URDF has no place for gravity; an element that MuJoCo
+    reads and others ignore gives it to MuJoCo.
+
+    Args:
+        model: a model with a rigid_body term.
+        theta: (P,) its parameters, SI units; every link's mass must be positive.
+
+    Raises:
+        ValueError: theta has another shape, the model no rigid bodies, or a link no positive mass.
+
+    Example:
+        >>> bayesid.urdf(result.model, result.theta).splitlines()[1]
+        '<robot name="arm">'
+    """
+    theta = frozen(theta, (len(model.parameters),), "theta")
+    parts = model.parts(theta)
+    links, friction = bodies(model, theta), per_actuator(model, parts, "urdf")
+    held = moves_one_joint(model.robot)
+    motors = motor_speeds(model.robot)
+    root = ET.Element("robot", name=model.robot.name)
+    remarks = [
+        head(model, "urdf"),
+        f"gravity = {numbers(model.robot.gravity)} m/s^2 in the base frame (MuJoCo alone reads it, below)",
+        "joint limits (not identified, set wide)",
+        *([f"{motors}; the parameters below are the motors'"] if motors else []),
+        *left_out(model, parts, "urdf", held),
+    ]
+    add_comment(root, remarks)
+    ET.SubElement(ET.SubElement(root, "mujoco"), "option", gravity=numbers(model.robot.gravity))
+    ET.SubElement(root, "link", name="base")
+    for i, link in enumerate(links):
+        root.append(_urdf_link(numbered(model, "link", i), link))
+        root.append(_urdf_joint(model, i, friction[i] if held[i] else {}))
+    return document(root)
+
+
+def _urdf_link(name: str, body: Body) -> ET.Element:
+    link = ET.Element("link", name=name)
+    inertial = ET.SubElement(link, "inertial")
+    ET.SubElement(inertial, "origin", xyz=numbers(body.centre), rpy="0 0 0")
+    ET.SubElement(inertial, "mass", value=numbers(body.mass))
+    triangle = {f"i{'xyz'[i]}{'xyz'[j]}": numbers(body.inertia[i, j]) for i in range(3) for j in range(i, 3)}
+    ET.SubElement(inertial, "inertia", triangle)
+    return link
+
+
+def _urdf_joint(model: Model, i: int, dynamics: Mapping[str, float]) -> ET.Element:
+    joint = model.robot.joints[i]
+    parent = "base" if joint.parent < 0 else numbered(model, "link", joint.parent)
+    kind = "prismatic" if joint.prismatic else "revolute"
+    element = ET.Element("joint", name=numbered(model, "joint", i), type=kind)
+    xyz, rpy = joint.placement[:3, 3], roll_pitch_yaw(joint.placement[:3, :3])
+    ET.SubElement(element, "origin", xyz=numbers(xyz), rpy=numbers(rpy))
+    ET.SubElement(element, "parent", link=parent)
+    ET.SubElement(element, "child", link=numbered(model, "link", i))
+    ET.SubElement(element, "axis", xyz=numbers(joint.axis))
+    ET.SubElement(element, "limit", _LIMITS)
+    if dynamics:
+        values = {key: numbers(max(value, 0.0)) for key, value in dynamics.items()}  # a solver may leave -1e-12
+        ET.SubElement(element, "dynamics", values)
+    return element
+
+
+def roll_pitch_yaw(rotation: Array) -> Array:
+    """Angles with rotation = Rz(yaw) Ry(pitch) Rx(roll); exact to rounding at pitch = +-90 degrees too.
+
+    There only yaw - roll or yaw + roll counts: whatever yaw comes out first, roll is read with that yaw taken off.
+    """
+    yaw = np.arctan2(rotation[1, 0], rotation[0, 0])
+    c, s = np.cos(yaw), np.sin(yaw)
+    pitch = np.arctan2(-rotation[2, 0], c * rotation[0, 0] + s * rotation[1, 0])
+    roll = np.arctan2(s * rotation[0, 2] - c * rotation[1, 2], c * rotation[1, 1] - s * rotation[0, 1])
+    return np.array([roll, pitch, yaw])
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# MJCF
+# ---------------------------------------------------------------------------------------------------------------
+_TIMESTEP = 0.001
+"""s; the rate of a robot's controller."""
+_DRY_FRICTION = {"solreffriction": f"{2 * _TIMESTEP} 1", "solimpfriction": "0.999 0.999 0.001"}
+_ABOUT_DRY_FRICTION = (
+    "MuJoCo's dry friction is a force that would stop the motion with q'' = -b q', up to the loss given. It acts in",
+    "full, as in the model, where |q''| < b |q'|. With solreffriction = two timesteps, b = 1 / timestep: the motion",
+    "would stop in one step, and a larger b would overshoot. With solimpfriction near 1 a joint that sticks hardly",
+    "creeps. With a larger timestep MuJoCo lowers b by itself.",
+)
+_SOFTEST = 1e-9
+"""N m/rad; a spring that is softer becomes this one, with the same torque at q = 0: without, it would have no place."""
+
+
+def mjcf(model: Model, theta: Array) -> str:
+    """MJCF text of the model's robot: bodies, friction, rotor inertia, springs, gravity and motors.
+
+    Bodies are called link1..linkn, joints joint1..jointn, motors motor1..motorn, from base to tip; MuJoCo counts joints
+    depth first, which on a robot with branches may be another order. A motor's control is its effort as in
+    `Model.effort`: in N m, motor torque times gear ratio. A motor that moves several joints acts through a tendon,
+    which holds its friction and rotor inertia; MuJoCo reads a tendon's armature from version 3.3.1 on, and counts it in
+    inverse dynamics from 3.4 on. Pinocchio reads the file too, but for gravity, springs and tendons.
+
+    Args:
+        model: a model with a rigid_body term.
+        theta: (P,) its parameters, SI units; every link's mass must be positive.
+
+    Raises:
+        ValueError: theta has another shape, the model no rigid bodies, or a link no positive mass.
+
+    Example:
+        >>> bayesid.mjcf(result.model, result.theta).splitlines()[1]
+        '<mujoco model="arm">'
+    """
+    theta = frozen(theta, (len(model.parameters),), "theta")
+    parts = model.parts(theta)
+    links, effects = bodies(model, theta), per_actuator(model, parts, "mjcf")
+    on_joint = moves_one_joint(model.robot)
+    root = ET.Element("mujoco", model=model.robot.name)
+    add_comment(root, _about(model, parts))
+    ET.SubElement(root, "compiler", angle="radian")
+    option = {"timestep": numbers(_TIMESTEP), "integrator": "implicitfast"}  # damping of tendons is implicit too
+    ET.SubElement(root, "option", {"gravity": numbers(model.robot.gravity), **option})
+    default = ET.SubElement(root, "default")
+    add_comment(default, _ABOUT_DRY_FRICTION, depth=2)
+    ET.SubElement(default, "joint", _DRY_FRICTION)
+    ET.SubElement(default, "tendon", _DRY_FRICTION)
+    elements = [ET.SubElement(root, "worldbody")]
+    for i, joint in enumerate(model.robot.joints):
+        parent = elements[joint.parent + 1]
+        elements.append(_mjcf_body(model, i, links[i], effects[i] if on_joint[i] else {}))
+        parent.append(elements[-1])
+    if not on_joint.all():
+        tendons = ET.SubElement(root, "tendon")
+        tendons.extend([_tendon(model, i, effects[i]) for i in np.flatnonzero(~on_joint).tolist()])
+    actuators = ET.SubElement(root, "actuator")
+    for i in range(model.robot.n_joints):
+        name, gear = numbered(model, "motor", i), numbers(model.robot.coupling[i, i])
+        acts_on = {"joint": numbered(model, "joint", i), "gear": gear} if on_joint[i] else {"tendon": name}
+        ET.SubElement(actuators, "motor", {"name": name, **acts_on})
+    return document(root)
+
+
+def _about(model: Model, parts: Sequence[Part]) -> list[str]:
+    motors = motor_speeds(model.robot)
+    every = np.ones(model.robot.n_joints, dtype=bool)
+    return [
+        head(model, "mjcf"),
+        "joint limits (not identified)",
+        *left_out(model, parts, "mjcf", every),
+        "Controls are efforts as in the log: N m (N of a joint that slides), motor torque times gear ratio.",
+        *([f"{motors}; a tendon's length is that of its motor divided by its gear ratio"] if motors else []),
+    ]
+
+
+def _mjcf_body(model: Model, i: int, body: Body, effects: Mapping[str, float]) -> ET.Element:
+    """Body element of link i, with its joint; the bodies that it carries go inside."""
+    joint = model.robot.joints[i]
+    place = {"pos": numbers(joint.placement[:3, 3]), "quat": _quaternion(joint.placement[:3, :3])}
+    element = ET.Element("body", {"name": numbered(model, "link", i), **place})
+    # principal axes, not a full matrix: MuJoCo before version 4 takes it apart to seven digits only
+    frame = {"pos": numbers(body.centre), "quat": _quaternion(body.axes)}
+    ET.SubElement(element, "inertial", {**frame, "mass": numbers(body.mass), "diaginertia": numbers(body.moments)})
+    moves = {"type": "slide" if joint.prismatic else "hinge", "axis": numbers(joint.axis)}
+    held = _attributes(effects, "springref", direction=float(model.robot.coupling[i, i]))
+    ET.SubElement(element, "joint", {"name": numbered(model, "joint", i), **moves, **held})
+    return element
+
+
+def _tendon(model: Model, i: int, effects: Mapping[str, float]) -> ET.Element:
+    """Tendon element as long as actuator i's position: the sum of joint positions that turns the motor."""
+    held = _attributes(effects, "springlength", direction=1.0)
+    element = ET.Element("fixed", {"name": numbered(model, "motor", i), **held})
+    for j in np.flatnonzero(model.robot.coupling[i]).tolist():
+        ET.SubElement(element, "joint", joint=numbered(model, "joint", j), coef=numbers(model.robot.coupling[i, j]))
+    return element
+
+
+def _attributes(effects: Mapping[str, float], rest_key: str, direction: float) -> dict[str, str]:
+    """XML attributes of a joint's or a tendon's effects.
+
+    Args:
+        effects: numbers under the keys of `Term.places`, of the motor.
+        rest_key: attribute of a spring's rest position.
+        direction: 1 or -1, which way the motor turns with the joint; of a spring alone does it change the sign.
+    """
+    values = {key: max(value, 0.0) for key, value in effects.items() if key != "preload"}  # a solver may leave -1e-12
+    if "preload" in effects:
+        values["stiffness"] = max(values["stiffness"], _SOFTEST)
+        rest = -direction * effects["preload"] / values["stiffness"]
+        values[rest_key] = float(np.nextafter(rest, 0.0)) if rest == -1.0 else rest  # a springlength of -1 means none
+    return {key: numbers(value) for key, value in values.items()}
+
+
+def _quaternion(rotation: Array) -> str:
+    return numbers(np.roll(scipy.spatial.transform.Rotation.from_matrix(rotation).as_quat(canonical=True), 1))
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# What both say of a model: bodies, effects in its actuators, and what a format leaves out
+# ---------------------------------------------------------------------------------------------------------------
+Part = tuple[Term, Array]
+"""A term and its own part of theta."""
+
+_LEAST_MASS = 1e-15
+"""kg; MuJoCo takes less for none."""
+_THINNEST = 1e-9
+"""Least second moment about a centre of mass, as a share of the body's own about its joint: above rounding, below what
+any log shows."""
+_LEAST_SECOND_MOMENT = 1e-14
+"""kg m^2; ten times what MuJoCo takes for none."""
+
+
+@dataclass(frozen=True)
+class Body:
+    """A link as other tools want it, in its joint's frame."""
+
+    mass: float  # kg
+    centre: Array  # (3,) centre of mass, m
+    axes: Array  # (3, 3) principal axes of inertia, the columns of a rotation
+    moments: Array  # (3,) about these axes and the centre of mass, kg m^2
+
+    @property
+    def inertia(self) -> Array:
+        """(3, 3) about the centre of mass, kg m^2."""
+        return self.axes * self.moments @ self.axes.T
+
+
+def bodies(model: Model, theta: Array) -> list[Body]:
+    """The links with what they carry."""
+    if all(term.name != RigidBody.name for term in model.terms):
+        raise ValueError("an export needs link parameters: the model has no rigid_body term")
+    joints = model.robot.joints
+    return [_body(numbered(model, "link", i), joints[i], link) for i, link in enumerate(model.links(theta))]
+
+
+def _body(name: str, joint: Joint, parameters: Array) -> Body:
+    """The body of (10,) parameters, given in the link's frame.
+
+    Identified bodies often lie on the edge of the feasible ones: flat, thin, or a point. Rounding then puts them just
+    outside, and MuJoCo refuses them, so every body is made at least a trace thick.
+    """
+    moved = inertia.change_of_frame(joint.link_frame[:3, :3], joint.link_frame[:3, 3]) @ parameters
+    mass = float(moved[9])
+    if not mass > _LEAST_MASS:
+        raise ValueError(f"{name} has mass {mass:g} kg; an export needs positive masses")
+    centre = moved[6:9] / mass
+    about_joint = inertia.pseudo_inertia(moved)[:3, :3]
+    spread, axes = np.linalg.eigh(about_joint - mass * np.outer(centre, centre))
+    spread = np.maximum(spread, _THINNEST * np.trace(about_joint) + _LEAST_SECOND_MOMENT)
+    return Body(mass, centre, axes * np.sign(np.linalg.det(axes)), spread.sum() - spread)
+
+
+def moves_one_joint(robot: Robot) -> Mask:
+    """(n,) whether a motor moves its own joint alone: its friction is then the joint's."""
+    return np.count_nonzero(robot.coupling, axis=1) == 1
+
+
+def per_actuator(model: Model, parts: Sequence[Part], form: str) -> list[dict[str, float]]:
+    """For each actuator its numbers under the keys of a format, summed over the terms that act in it."""
+    sums: list[dict[str, float]] = [{} for _ in model.robot.joints]
+    for term, values in parts:
+        keys = cycle(term.places.get(form, ()))
+        for key, parameter, value in zip(keys, term.parameters(model.robot), values.tolist(), strict=False):
+            of_joint = sums[parameter.joint - 1]
+            of_joint[key] = of_joint.get(key, 0.0) + value
+    return sums
+
+
+def head(model: Model, form: str) -> str:
+    """First line of the comment at a file's head."""
+    last = numbered(model, "link", model.robot.n_joints - 1)
+    remarks = {f" {term.links_remark.format(last=last)}": None for term in model.terms if term.links_remark}
+    return f"Identified by bayesid.{''.join(remarks)} Not in this {form.upper()}:"
+
+
+def left_out(model: Model, parts: Sequence[Part], form: str, placed: Mask) -> list[str]:
+    """A line for each number that is not in the file: all but links, and what has a place in the actuators `placed`.
+
+    No format knows a friction that is smoothed about standstill, so the speeds of smoothing are left out of all.
+    """
+    lines = []
+    for term, values in parts:
+        if not term.of_links:
+            for parameter, value in zip(term.parameters(model.robot), values, strict=True):
+                if form not in term.places or not placed[parameter.joint - 1]:
+                    lines.append(_remark(term, parameter.name, value, parameter.unit))
+            lines += _remarks(term, model.robot)
+            words = term.description(model.robot, values)
+            lines += (
+                [] if words is None else [f"{term.name} of joint {term.joints[0]}: {words.formula}", words.sentence]
+            )
+    return lines + [line for distortion in model.distortions for line in _remarks(distortion, model.robot)]
+
+
+def _remarks(effect: Effect, robot: Robot) -> list[str]:
+    """The nonlinear numbers that people want to know: the parameters mean nothing without them."""
+    return [_remark(effect, name, value, unit) for name, (value, unit) in effect.numbers(robot).items()]
+
+
+def _remark(effect: Effect, name: str, value: float, unit: str) -> str:
+    return f"{effect.name}: {name} = {numbers(value)} {unit}"
+
+
+def motor_speeds(robot: Robot) -> str:
+    """How the motors turn with the joints; empty for motors on their joints."""
+    if robot.transmission is None:
+        return ""
+    return f"motor speeds = [{'; '.join(numbers(row) for row in robot.transmission)}] * joint speeds"
+
+
+def numbered(model: Model, stem: str, i: int) -> str:
+    """joint1, or joint01 of ten and more: readers that sort siblings by name then keep their order."""
+    return f"{stem}{i + 1:0{len(str(model.robot.n_joints))}d}"
+
+
+def numbers(values: ArrayLike) -> str:
+    """Numbers with as many digits as it takes (up to 17) to read back the very same."""
+    return " ".join(repr(value) for value in (np.atleast_1d(values) + 0.0).tolist())
+
+
+def add_comment(parent: ET.Element, lines: Sequence[str], depth: int = 1) -> None:
+    """Adds a comment of several lines to an element; its children are indented by `depth`."""
+    margin = "  " * depth
+    parent.append(ET.Comment("\n".join(["", *(f"{margin}  {line}" for line in lines), margin])))
+
+
+def document(root: ET.Element) -> str:
+    """The text of a file."""
+    ET.indent(root)
+    return f'<?xml version="1.0"?>\n{ET.tostring(root, encoding="unicode")}\n'
