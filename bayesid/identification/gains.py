@@ -16,8 +16,9 @@ from bayesid.log.log import Log
 from bayesid.posterior.prior import usual_links
 from bayesid.regression.evidence import Evidence
 from bayesid.regression.gains import GainFit, GainPrior, fit_gains, likely_gains, prior_of, signed_moments
-from bayesid.regression.knowledge import Beliefs, inverse_of
+from bayesid.regression.knowledge import Beliefs, Links, inverse_of
 from bayesid.regression.least_squares import Fit
+from bayesid.regression.moments import Moments
 from bayesid.regression.noise import Noise
 from bayesid.regression.tuning import TUNING as REGRESSION
 
@@ -57,12 +58,7 @@ class IdentifiedGains:
 
     @property
     def found(self) -> Gains:
-        """As exact gains, by which other logs of the robot are to be read: the result's model is in their scale.
-
-        Example:
-            >>> bayesid.read_log("loaded.csv", gains=gains.found).gains is None  # exact
-            True
-        """
+        """As exact gains, by which other logs of the robot are to be read: the result's model is in their scale."""
         return replace(self.stated, value=self.value, sd=np.zeros(len(self.value)))
 
     @property
@@ -166,12 +162,8 @@ class UnknownGains:
         """
         if self._prior is None:
             return False
-        model, signals = evidence.model, evidence.signals
         moments = signed_moments(evidence, 2.0 * probability - 1.0)
-        links = self._beliefs.links or usual_links(
-            model.robot, signals.motion, evidence.coefficients, model.cone, moments
-        )
-        nominal = self._beliefs.of(model.parameters)
+        links, nominal = links_of(self._beliefs, evidence, moments), self._beliefs.of(evidence.model.parameters)
         self.fit = fit_gains(evidence, moments, noise, self._prior, links, nominal)
         if self._off(self.fit) > TUNING.still_gains and self._moves < TUNING.gain_moves:
             self.log, self._prior = self.log.rescaled(np.exp(self.fit.log)), self._prior.moved(self.fit.log)
@@ -201,6 +193,13 @@ class UnknownGains:
             settled=self.fit.settled and self._off(self.fit) < TUNING.unsettled_gains,
             like_friction=self._like_friction,
         )
+
+
+def links_of(beliefs: Beliefs, evidence: Evidence, moments: Moments) -> Links:
+    """What is believed of any link: as stated or, where nothing is, as usual for such a robot."""
+    model = evidence.model
+    usual = model.robot, evidence.signals.motion, evidence.coefficients, model.cone, moments
+    return beliefs.links or usual_links(*usual)
 
 
 def _like_friction(evidence: Evidence, noise: Noise, fit: GainFit) -> tuple[int, ...]:

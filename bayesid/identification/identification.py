@@ -276,13 +276,7 @@ class Identification(IdentifiedModel):
         return Records(ParameterValue, rows)
 
     def segments_table(self) -> Records[SegmentSign]:
-        """The segments with their signs, one record each, joints from 1: to iterate over, or `.to_dataframe()`.
-
-        Example:
-            >>> doubtful = result.segments_table().to_dataframe().query("confidence < 0.9")
-            >>> len(doubtful) < len(result.segments)
-            True
-        """
+        """The segments with their signs, one record each, joints from 1: to iterate over, or `.to_dataframe()`."""
         segments, signs, confidence = self.recorded_segments
         place, t = self.log.clock(self.signals.motion.t)
         sources = [piece.source for piece in self.log.pieces] if self.log.pooled else [self.log.source]
@@ -313,10 +307,6 @@ class Identification(IdentifiedModel):
 
         Raises:
             InputError: there is none of this name; near names are told.
-
-        Example:
-            >>> round(result.parameter("Fv1").mean, 1), result.parameter("m3").decided_by
-            (0.6, 'prior')
         """
         return named(self.parameters_table(), name, "parameter")
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from bayesid.arrays import Array, frozen
+from bayesid.arrays import frozen
 from bayesid.effects import Distortion, Term
 from bayesid.effects.catalogue import forms, of_shape
 from bayesid.effects.coefficients import base_coefficients
@@ -69,12 +69,8 @@ def _stored_model(table: dict[str, Any], where: str, known: Mapping[str, type[Ef
         raise ValueError("a term comes twice")
     theta = frozen([table["values"][name] for name in names], (len(names),), "values")
     noise = _stored_noise(table["noise"], robot.n_joints)
-    knowledge = table.get("knowledge")
-    logs = frozenset(map(str, (knowledge or {}).get("logs", [])))
-    precision = _stored_precision(knowledge, model)
-    lacking, by_gains = (_stored_covariance(knowledge, model, key) for key in ("lacking", "by_gains"))
     gains = _stored_gains(table["gains"], robot.n_joints) if "gains" in table else None
-    return IdentifiedModel(model, theta, noise, precision, lacking=lacking, by_gains=by_gains, logs=logs, gains=gains)
+    return IdentifiedModel(model, theta, noise, **_stored_knowledge(table, model), gains=gains)
 
 
 def _stored_gains(table: Mapping[str, Any], n: int) -> IdentifiedGains:
@@ -89,22 +85,18 @@ def _stored_gains(table: Mapping[str, Any], n: int) -> IdentifiedGains:
     )
 
 
-def _stored_precision(table: dict[str, Any] | None, model: Model) -> Array:
-    """(r, r); zero where the file says nothing (a nominal model)."""
+def _stored_knowledge(table: dict[str, Any], model: Model) -> dict[str, Any]:
+    """Precision and covariances (r, r), and logs; nothing is known of a nominal model."""
     kept = base_coefficients(model).names
-    if table is None:
-        return np.zeros((len(kept), len(kept)))
-    if list(table["coefficients"]) != list(kept):
+    shape = (len(kept), len(kept))
+    if "knowledge" not in table:
+        return {"precision": np.zeros(shape)}
+    stored = table["knowledge"]
+    if list(stored["coefficients"]) != list(kept):
         raise ValueError("the knowledge is of other coefficients than the model's")
-    return frozen(table["precision"], (len(kept), len(kept)), "knowledge, precision,")
-
-
-def _stored_covariance(table: dict[str, Any] | None, model: Model, key: str) -> Array | None:
-    """(r, r); None where the file says nothing."""
-    if table is None or key not in table:
-        return None
-    size = len(base_coefficients(model))
-    return frozen(table[key], (size, size), f"knowledge, {key},")
+    known = {"precision": stored["precision"]} | {key: stored[key] for key in ("lacking", "by_gains") if key in stored}
+    squares = {key: frozen(values, shape, f"knowledge, {key},") for key, values in known.items()}
+    return {**squares, "logs": frozenset(map(str, stored.get("logs", [])))}
 
 
 def _stored_draws(model: Model, path: Path) -> ParameterDraws | None:

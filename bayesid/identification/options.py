@@ -9,12 +9,10 @@ from collections.abc import Mapping
 from dataclasses import MISSING, Field, dataclass, fields, is_dataclass, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
-from pathlib import Path
 from typing import Any, Literal, get_args
 
 import numpy as np
 
-from bayesid.arrays import Array
 from bayesid.errors import InputError
 from bayesid.identification.tuning import TUNING
 from bayesid.log.log import Log
@@ -192,27 +190,22 @@ def hashes(log: Log) -> frozenset[str]:
 
     The file's is the same however it is read, the samples' whatever they are kept in.
     """
-    parts = [slice(piece.start_row, piece.stop_row) for piece in log.pieces]
-    pieces = [
-        replace(log, t=piece.t, q=log.q[rows], effort=log.effort[rows], dq=_rows(log.dq, rows), pieces=())
-        for piece, rows in zip(log.pieces, parts, strict=True)
-    ]
-    return frozenset([fingerprint(log), *map(fingerprint, pieces), *_file_digests(log).values()])
-
-
-def _rows(values: Array | None, rows: slice) -> Array | None:
-    return None if values is None else values[rows]
+    pieces = []
+    for piece in log.pieces:
+        rows = slice(piece.start_row, piece.stop_row)
+        dq = None if log.dq is None else log.dq[rows]
+        pieces.append(replace(log, t=piece.t, q=log.q[rows], effort=log.effort[rows], dq=dq, pieces=()))
+    return frozenset([*map(fingerprint, [log, *pieces]), *_file_digests(log).values()])
 
 
 def _file_digests(log: Log) -> dict[str, str]:
     """Each file of a log to its SHA-256; a log that never was a file has none."""
-    sources = [piece.source for piece in log.pieces] or [log.source]
-    return {source: _digest_of_file(Path(source)) for source in sources if Path(source).is_file()}
-
-
-def _digest_of_file(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    digests = {}
+    for source in [piece.source for piece in log.pieces] or [log.source]:
+        if os.path.isfile(source):
+            with open(source, "rb") as file:
+                digests[source] = hashlib.file_digest(file, "sha256").hexdigest()
+    return digests
 
 
 def fingerprint(log: Log) -> str:

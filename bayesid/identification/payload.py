@@ -56,8 +56,6 @@ _PLACES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 """Of them in the matrix."""
 BRIEF = Sampling(budget=TUNING.payload_budget)
 """Of a payload's posterior."""
-_MASS = 0.95
-"""Of the intervals."""
 _UNSHOWN = 1e-9
 """Eigenvalue of a precision with a diagonal of 1 below which a direction is one that no log has shown."""
 
@@ -153,7 +151,7 @@ class Estimate:
     @classmethod
     def of_draws(cls, draws: Array) -> Estimate:
         """From draws (K,)."""
-        low, high = np.quantile(draws, [0.5 - 0.5 * _MASS, 0.5 + 0.5 * _MASS])
+        low, high = np.quantile(draws, [0.025, 0.975])
         return cls(float(draws.mean()), float(draws.std()), (float(low), float(high)))
 
 
@@ -165,11 +163,6 @@ class PayloadBody:
         mass: kg; where there is no body to be seen, the interval begins at zero.
         centre: its centre of mass x, y, z, m; None where there is no body to be seen.
         inertia: about the centre of mass, along the frame's axes, xx, yy, zz, xy, xz, yz, kg m^2; None alike.
-
-    Example:
-        >>> body = reading.body  # of 2 kg
-        >>> abs(body.mass.value - 2.0) < 4.0 * body.mass.sd
-        True
     """
 
     mass: Estimate
@@ -193,7 +186,7 @@ class PayloadBody:
         draws = with_common_factor(evenly_sized(draws), common_sd)
         mass = Estimate.of_draws(draws[:, 9])
         if not shown:
-            return cls(replace(mass, interval=(0.0, float(np.quantile(draws[:, 9], _MASS)))), None, None)
+            return cls(replace(mass, interval=(0.0, float(np.quantile(draws[:, 9], 0.95)))), None, None)
         centre, inertia = about_centre_of_mass(draws)
         return cls(
             mass,
@@ -224,16 +217,19 @@ def with_common_factor(draws: Array, common_sd: float, seed: int = 0) -> Array:
     """
     if common_sd == 0.0:
         return draws
-    count = len(draws)
-    levels = np.random.default_rng(seed).permutation((np.arange(count) + 0.5) / count)
-    factor = np.exp(common_sd * ndtri(levels))
+    factor = np.exp(common_sd * _normal(len(draws), seed))
     return draws * factor.reshape(-1, *(1,) * (draws.ndim - 1))
 
 
 def gain_factor(mass: Array, known: float, known_sd: float = 0.0, seed: int = 0) -> Estimate:
     """What efforts are to be multiplied by so that a body weighs what it does: its known mass over draws (K,), kg."""
-    levels = np.random.default_rng(seed).permutation((np.arange(len(mass)) + 0.5) / len(mass))
-    return Estimate.of_draws((known + known_sd * ndtri(levels)) / mass)
+    return Estimate.of_draws((known + known_sd * _normal(len(mass), seed)) / mass)
+
+
+def _normal(count: int, seed: int) -> Array:
+    """(count,) quantiles of the normal distribution at equal steps of probability, in an order drawn at random."""
+    quantiles: Array = ndtri(np.random.default_rng(seed).permutation((np.arange(count) + 0.5) / count))
+    return quantiles
 
 
 @dataclass(frozen=True)
@@ -356,7 +352,8 @@ def identify_payload(
     again = replace(
         again, logs=again.logs | known.logs, gains=known.gains, provenance=replace(again.provenance, call=call)
     )
-    draws, evidence = _payload_draws(again), _evidence(again)
+    theta = _posterior_of(again).uncertain.theta  # of all modes together
+    draws, evidence = theta.reshape(-1, theta.shape[-1])[:, -10:], _evidence(again)
     shown = evidence > float(chdtri(10, TUNING.payload_false_alarm))
     return PayloadReading(
         body=PayloadBody.of_draws(draws, shown, common_sd),
@@ -382,13 +379,6 @@ def _ratios_warning(gains: IdentifiedGains | None) -> list[str]:
         f"the earlier log left the gains of joint {', '.join(open_joints)} open: what they would change is not in "
         "these intervals; identify both logs in one, with --log or --payload"
     ]
-
-
-def _payload_draws(again: Identification) -> Array:
-    """(K, 10) of all modes together."""
-    theta = _posterior_of(again).uncertain.theta
-    drawn: Array = theta.reshape(-1, theta.shape[-1])[:, -10:]
-    return drawn
 
 
 def _posterior_of(again: Identification) -> Posterior:

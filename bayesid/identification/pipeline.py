@@ -310,8 +310,8 @@ def _prepared(
     """Log, model, signals and segments; what cannot be used is refused before the search."""
     run.progress("prepare", 0, 1)
     log = as_log(log)
-    _check(robot, log)
     check_memory(log, run.preparation.max_memory)
+    _check(robot, log)
     signals = prepare(log, run.preparation.cutoff)
     payloads = (one for one in carried_payloads(signals.motion) if one not in terms)
     model = Model(robot, catalogue.make_terms((*terms, *payloads), robot, signals.motion))

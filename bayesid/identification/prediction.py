@@ -122,23 +122,13 @@ class PredictedEfforts:
         return columns
 
     def to_dataframe(self) -> DataFrame:
-        """A `pandas.DataFrame` with the columns t, tau1..taun, sd1..sdn, lower1..lowern, upper1..uppern.
-
-        Example:
-            >>> predicted.to_dataframe().shape
-            (201, 13)
-        """
+        """A `pandas.DataFrame` with the columns t, tau1..taun, sd1..sdn, lower1..lowern, upper1..uppern."""
         from pandas import DataFrame
 
         return DataFrame(self.columns())
 
     def to_xarray(self) -> Dataset:
-        """An `xarray.Dataset` over time (s) and joint (from 1), and over draw where draws were asked for.
-
-        Example:
-            >>> predicted.to_xarray().upper.sel(joint=2).dims
-            ('time',)
-        """
+        """An `xarray.Dataset` over time (s) and joint (from 1), and over draw where draws were asked for."""
         from xarray import Dataset
 
         over, unit = ("time", "joint"), {"units": ", ".join(dict.fromkeys(self.units))}

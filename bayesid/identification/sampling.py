@@ -8,23 +8,21 @@ import numpy as np
 
 from bayesid.arrays import Array
 from bayesid.effects.model import Model
-from bayesid.identification.gains import spread_by_gains
+from bayesid.identification.gains import links_of, spread_by_gains
 from bayesid.identification.identified_model import IdentifiedModel, ParameterDraws
 from bayesid.identification.tuning import TUNING
 from bayesid.log.segments import Segments
 from bayesid.log.signals import Signals
 from bayesid.posterior.inference import Posterior, infer, widened
 from bayesid.posterior.likelihood import SegmentBlocks, divide
-from bayesid.posterior.prior import usual_links
 from bayesid.posterior.sampler import Sampling
 from bayesid.posterior.target import PosteriorProblem
 from bayesid.posterior.tuning import TUNING as POSTERIOR
 from bayesid.progress import Progress
 from bayesid.regression.evidence import Evidence
 from bayesid.regression.gains import GainFit
-from bayesid.regression.knowledge import Beliefs, Links, of_base
+from bayesid.regression.knowledge import Beliefs, of_base
 from bayesid.regression.least_squares import Fit, fit_signed
-from bayesid.regression.moments import Moments
 from bayesid.signs.averaging import AveragedSigns
 from bayesid.signs.smoothing import sign_probabilities
 
@@ -47,7 +45,7 @@ def sample(averaged: AveragedSigns, sampling: Sampling, beliefs: Beliefs, progre
         coefficients=evidence.coefficients,
         cone=evidence.model.cone,
         noise=fit.noise,
-        links=beliefs.links or _usual_links(evidence, moments),
+        links=links_of(beliefs, evidence, moments),
         nominal=beliefs.of(evidence.model.parameters),
         information=evidence.information,
     )
@@ -61,12 +59,6 @@ def _lacking(fit: Fit) -> Array:
     lacking: Array = np.where(np.outer(known, known), fit.covariance, 0.0)
     lacking[np.ix_(known, known)] -= _inverse(fit.information)[np.ix_(known, known)]
     return lacking
-
-
-def _usual_links(evidence: Evidence, moments: Moments) -> Links:
-    """What is believed of any link where nothing is stated."""
-    model = evidence.model
-    return usual_links(model.robot, evidence.signals.motion, evidence.coefficients, model.cone, moments)
 
 
 def _inner(segments: Segments, signals: Signals) -> Segments:

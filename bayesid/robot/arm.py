@@ -84,14 +84,7 @@ class Robot:
         return self.transmission / np.abs(np.diag(self.transmission))[:, None]
 
     def actuators(self, motion: Motion) -> Motion:
-        """The motion in actuator coordinates, u = C q: rad at the link side of each motor's gear.
-
-        Example:
-            >>> arm = bayesid.load_robot("tx40")  # motor 6 turns with joints 5 and 6
-            >>> motion = bayesid.random_trajectory(6, duration=2.0, seed=0).motion(np.arange(201) / 100.0)
-            >>> bool(np.allclose(arm.actuators(motion).q[:, 5], motion.q[:, 4] + motion.q[:, 5]))
-            True
-        """
+        """The motion in actuator coordinates, u = C q: rad at the link side of each motor's gear."""
         if self.transmission is None:
             return motion
         c = self.coupling.T
@@ -134,10 +127,6 @@ class Robot:
         """(N, n, 10 n) Y with actuator efforts e = Y pi, pi the link parameters stacked from base to tip.
 
         Source: the joint torque regressor of the Newton-Euler equations (Atkeson, An, Hollerbach 1986), by Pinocchio.
-
-        Example:
-            >>> robot.regressor(motion).shape
-            (201, 3, 30)
         """
         model, data, width = self.pinocchio, self._bodies.workspace(self), 10 * self.n_joints
         regressor = np.empty((len(motion), self.n_joints, width))
@@ -176,11 +165,6 @@ class Robot:
         Args:
             motion: of the joints.
             parameters: (10 n,) link parameters, as in `regressor`.
-
-        Example:
-            >>> here = robot.dynamics(motion, model.links(theta).ravel())
-            >>> bool((np.linalg.eigvalsh(here.mass) > 0.0).all())
-            True
         """
         model, data = self._bodies.of(self, parameters)
         q, dq, ddq = motion.q[0], motion.dq[0], motion.ddq[0]

@@ -57,13 +57,7 @@ PSEUDO_INERTIA_BASIS: Array = pseudo_inertia(np.eye(10))
 
 
 def about_centre_of_mass(parameters: Array) -> tuple[Array, Array]:
-    """(..., 3) centre of mass, m, and (..., 3, 3) inertia about it, kg m^2, of (..., 10) parameters with a mass > 0.
-
-    Example:
-        >>> centre, inertia = about_centre_of_mass(np.array([0.0, 0.0, 0.0, 0.5, 0.0, 0.5, 1.0, 0.0, 0.0, 2.0]))
-        >>> centre.tolist(), inertia.tolist()  # a point mass of 2 kg at x = 0.5 m
-        ([0.5, 0.0, 0.0], [[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
-    """
+    """(..., 3) centre of mass, m, and (..., 3, 3) inertia about it, kg m^2, of (..., 10) parameters with a mass > 0."""
     mass = parameters[..., 9]
     centre = parameters[..., 6:9] / mass[..., None]
     square = np.sum(centre**2, axis=-1)[..., None, None] * np.eye(3) - centre[..., :, None] * centre[..., None, :]

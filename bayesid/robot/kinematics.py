@@ -84,10 +84,6 @@ def pose(robot: Robot, q: ArrayLike | None = None) -> Pose:
 
     Raises:
         InputError: these are not n finite numbers.
-
-    >>> from bayesid.robot import load_robot
-    >>> pose(load_robot("kr6r900"), np.radians([0, -90, 90, 0, 0, 0])).flange[:3, 3].round(3).tolist()
-    [0.525, 0.0, 0.89]
     """
     try:
         positions = frozen(np.zeros(robot.n_joints) if q is None else q, (robot.n_joints,), "q")

@@ -126,11 +126,7 @@ def built_in_text(name: str) -> str:
 
 
 def built_in_table(name: str) -> dict[str, Any]:
-    """What the file of a built-in robot holds.
-
-    >>> built_in_table("kr6r900")["description"]
-    'KUKA KR 6 R900 sixx, KR 10 R900 sixx'
-    """
+    """What the file of a built-in robot holds."""
     return tomllib.loads(built_in_text(name))
 
 
