@@ -159,7 +159,7 @@ def _ranked(sets: EffectSets, chosen: EffectSet, standard: bool) -> tuple[Sequen
         if group[0].key not in chosen.keys
     ]
     scores = best_forms(regression, allowed)
-    return regression.errors, [score.hypothesis for score, _ in scores]
+    return regression.errors, [score.hypothesis for score in scores]
 
 
 def _at_floor(chosen: EffectSet) -> Mask:
@@ -234,7 +234,7 @@ def _with_some_of(
 ) -> list[EffectSet]:
     """Some of a chosen set's effects, with others of one joint's own beside: the likeliest few, looked at closely."""
     data = chosen.data
-    proposed = joint_sets(data, joint, [effect.columns for effect in others], forms, sets.log_prior)
+    proposed = joint_sets(data, joint, others, forms, sets.log_prior)
     by_size: dict[int, list[tuple[float, tuple[Hypothesis, ...]]]] = {}
     for some in proposed:
         by_size.setdefault(len(some), []).append((sets.quick([*others, *some], data), some))
@@ -272,7 +272,7 @@ def _of_several_joints(sets: EffectSets, nothing: EffectSet) -> list[Hypothesis]
     regression = Regression.of(explain(nothing.data, (), nothing.explanation))
     groups = [group for group in sets.library if group and len(group[0].columns.joints) > 1]
     scores = best_forms(regression, groups)
-    return [score.hypothesis for score, _ in scores[: TUNING.whole] if score.gain > needed]
+    return [score.hypothesis for score in scores[: TUNING.whole] if score.gain > needed]
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -375,7 +375,7 @@ def _rivals(sets: EffectSets, chosen: EffectSet, gone: tuple[Hypothesis, ...]) -
     for group in sets.library:
         if group[0].columns.joints & joints and group[0].key not in chosen.keys - keys:
             by_form.setdefault((group[0].source.name, group[0].joints), []).append(group)
-    scores = {form: best_forms(regression, some)[0][0] for form, some in by_form.items()}
+    scores = {form: best_forms(regression, some)[0] for form, some in by_form.items()}
     own = max((scores[form].gain for form in forms & set(scores)), default=np.inf)
     rivals = sorted((scores[form] for form in set(scores) - forms), key=lambda one: -one.gain)
     return [score.hypothesis for score in rivals[: TUNING.whole] if score.gain > own - TUNING.nearly * LN10]

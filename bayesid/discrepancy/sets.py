@@ -84,6 +84,10 @@ class EffectSet:
         """Names of the forms, and their joints."""
         return frozenset((effect.source.name, effect.joints) for effect in self.effects)
 
+    def explained(self, effects: Effects | None = None) -> Explanation:
+        """Its log by some effects or its own, from scratch, beside what the geometry may be wrong by in any case."""
+        return explain(self.data, self.effects if effects is None else effects, None, self.case.uncertain)
+
     @cached_property
     def log_posterior(self) -> float:
         """Log evidence and prior, up to a constant: beside what the geometry may be wrong by in any case."""
@@ -213,7 +217,7 @@ class EffectSets:
                 groups = [group for group in groups if group[0].source.name == effect.source.name]
             errors = others.errors if effect.source.linear else plain_errors(data)
             best = best_forms(Regression.of(others).weighed(errors), groups)
-            effects[k] = best[0][0].hypothesis if best else effect
+            effects[k] = best[0].hypothesis if best else effect
         return effects
 
     def _forms_of(self, effect: Hypothesis, effects: Effects, data: Observations) -> Library:

@@ -87,8 +87,8 @@ class Tuning:
     most_functions: int = 3
     """Functions without a name that are added in one joint. A round number."""
     near_best: float = 0.5
-    """Share of the best function's gain from which on another one may turn out better: signs settled without either
-    hide what they explain. Set by hand."""
+    """Share of the best gain, of a function or of a joint's effects together, from which on another function may turn
+    out better: signs settled without it hide what it explains. Set by hand."""
 
     # Several logs
     decisive: float = 2.0

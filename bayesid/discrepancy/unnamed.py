@@ -61,19 +61,23 @@ def _of_several(state: EffectSet) -> list[int]:
 
 
 def _by_one_function(state: EffectSet, joint: int, log_prior: Callable[[Hypothesis], float]) -> EffectSet:
-    """One function in the place of several effects in a joint (from 1), where it is likelier and predicts as well."""
+    """One function in the place of several effects in a joint (from 1), where it is likelier and predicts as well.
+
+    A function that explains less than half of what they do, before its signs are settled, is not looked at closely.
+    """
     needed, limits = state.case.thresholds.log10_bayes_factor * LN10, state.case.thresholds
     own = [effect for effect in state.effects if effect.columns.joints == {joint - 1}]
     others = state.without(*own)
     bare = _settled(others, state)
-    finder = _finder(bare, joint)
-    ranked = finder.ranked(bare.data, bare.effects, uncertain=state.case.uncertain)
-    grown = _borne_out(finder, bare, [one for one in ranked if one.gain > needed], needed)
+    finder, evidence = _finder(bare, joint), _log_evidence(state)
+    least = max(needed, TUNING.near_best * (evidence - _log_evidence(bare)))
+    ranked = finder.ranked(bare.explained())
+    grown = _borne_out(finder, bare, [one for one in ranked if one.gain > least], needed)
     if grown is None:
         return state
     function = grown[1]
     prior = np.log(limits.something_else / limits.nothing_missing / state.data.used.shape[1]) - function.price
-    gain = _log_evidence(grown[0]) + prior - _log_evidence(state) - sum(map(log_prior, own))
+    gain = _log_evidence(grown[0]) + prior - evidence - sum(map(log_prior, own))
     by_one = _merged(finder, grown[0], [function])
     if gain < needed or bears_out(
         state.held_back_errors, by_one.held_back_errors, {joint - 1}, limits.held_back_improvement
@@ -84,8 +88,8 @@ def _by_one_function(state: EffectSet, joint: int, log_prior: Callable[[Hypothes
 
 def _log_evidence(state: EffectSet) -> float:
     """Of a set, judged by what it leaves itself."""
-    data = replace(state.data, reference=None)
-    return explain(data, state.effects, state.explanation, state.case.uncertain).log_evidence
+    own = replace(state.explanation, data=replace(state.data, reference=None))
+    return replace(state, explanation=own).log_evidence_of(state.effects)
 
 
 def _left(state: EffectSet) -> list[int]:
@@ -105,7 +109,7 @@ def _in_joint(state: EffectSet, joint: int) -> tuple[EffectSet, list[tuple[Effec
     needed, now, finder = state.case.thresholds.log10_bayes_factor * LN10, state, _finder(state, joint)
     passed: list[Learned] = []
     while len(found) < TUNING.most_functions and not (found and _is_noise(now, joint, needed)):
-        ranked = finder.ranked(now.data, now.effects, uncertain=state.case.uncertain)
+        ranked = finder.ranked(now.explained())
         passed = [learned for learned in ranked if learned.gain > needed]
         grown = _borne_out(finder, now, passed, needed)
         if grown is None:
@@ -173,7 +177,7 @@ def _borne_out(
     first, _ = _best_of(state, passed)
     for bounded in (False, True):
         errors = first.explanation.errors
-        ranked = finder.ranked(first.data, state.effects, errors, state.case.uncertain, bounded=bounded)
+        ranked = finder.ranked(first.explained(state.effects), errors, bounded=bounded)
         again = [learned for learned in ranked if learned.gain > needed]
         if not again:
             break
@@ -215,7 +219,7 @@ def _fitted_again(
     """Each function chosen again beside the others, now that they are known; what is needless goes."""
     for one in list(found) if len(found) > 1 else []:
         others, errors = _others(state, [one]), state.explanation.errors
-        best = next(iter(finder.ranked(state.data, others, errors, state.case.uncertain)), None)
+        best = next(iter(finder.ranked(state.explained(others), errors)), None)
         if best is not None and best.gain > needed and best.form.variables != one.form.variables:
             state = _settled((*others, best.hypothesis), state)
             found = [best if other is one else other for other in found]

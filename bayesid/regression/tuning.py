@@ -225,7 +225,7 @@ class Tuning:
     """Distance of frequencies, in half turns over the whole log."""
     oscillations_refined: int = 10
     """Times as close are frequencies about the best."""
-    numbers_at_once: int = 40_000_000
+    numbers_at_once: int = 4_000_000
     """Of columns that are in memory at once."""
     changes: float = 1e-3
     """Range of a variable, rad, rad/s, rad/s^2, N m or s, below which it does not change."""

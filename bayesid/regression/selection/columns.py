@@ -39,6 +39,11 @@ class Columns:
         """Joints in which it acts."""
         return set(self.rows) | set(self.shift)
 
+    def in_joint(self, joint: int) -> Columns:
+        """What it adds to one (0-based) joint, as if that were the only one."""
+        rows, shift = ({0: part[joint]} if joint in part else {} for part in (self.rows, self.shift))
+        return replace(self, rows=rows, shift=shift)
+
     @property
     def alone(self) -> Columns:
         """The same with arrays of their own: what is kept keeps no others in memory (see `stacked`)."""

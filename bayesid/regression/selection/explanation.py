@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -122,6 +122,19 @@ class Observations:
     def used(self) -> Mask:
         """(N, n) samples that count."""
         return self.whitening.used
+
+    def in_joint(self, joint: int) -> Observations:
+        """One (0-based) joint, as if that were the only one."""
+        one = [joint]
+        return replace(
+            self,
+            whitening=Whitening(self.columns[:, one], self.used[:, one]),
+            effort=self.effort[:, one],
+            floor=self.floor[one],
+            sharp=self.sharp[one],
+            limits=self.limits[one],
+            reference=None,
+        )
 
     def mean_square(self, residual: Array) -> Array:
         """(n,) of residuals (N, n), zero where not used, in units of the floor's."""

@@ -21,11 +21,11 @@ from bayesid.effects.axes import Axis, Component, Family, Quantity, products, sc
 from bayesid.effects.effect import Effect, Scene
 from bayesid.effects.formula import symbol
 from bayesid.effects.learned_effect import LearnedEffect, values_of
-from bayesid.regression.selection.columns import NO_COLUMNS, Columns
+from bayesid.regression.selection.columns import Columns
 from bayesid.regression.selection.error_model import ErrorModel
-from bayesid.regression.selection.explanation import LN10, Explanation, Observations
+from bayesid.regression.selection.explanation import LN10, Explanation
 from bayesid.regression.selection.hypotheses import Curve, Hypothesis
-from bayesid.regression.selection.regression import Regression, explain, integrated
+from bayesid.regression.selection.regression import Regression, integrated
 from bayesid.regression.tuning import TUNING
 
 Variable = tuple[Quantity, int]
@@ -227,21 +227,14 @@ class Finder:
         return Hypothesis(source, columns, self.make)
 
     def ranked(
-        self,
-        data: Observations,
-        effects: Sequence[Hypothesis],
-        errors: Sequence[ErrorModel] | None = None,
-        uncertain: Columns = NO_COLUMNS,
-        *,
-        bounded: bool = False,
+        self, explanation: Explanation, errors: Sequence[ErrorModel] | None = None, *, bounded: bool = False
     ) -> list[Learned]:
-        """The most promising functions, one for each set of variables, best first, on top of some effects.
+        """The most promising functions, one for each set of variables, best first, on top of an explanation.
 
         What is left before anything is learned looks like lasting noise, under which slow functions count for little,
         so that functions are weighed again by the errors that the best of them leaves. Bounded functions stay as they
-        are beyond the range seen. `uncertain` are columns that the model may be wrong by beside.
+        are beyond the range seen.
         """
-        explanation = explain(data, effects, None, uncertain)
         again, regression = errors is not None, Regression.of(explanation)
         regression = regression if errors is None else regression.weighed(errors)
         screened = self._best(regression, self.screened())

@@ -61,9 +61,9 @@ class Regression:
     errors: Sequence[ErrorModel]
     uncertain: Columns = NO_COLUMNS
     predicting: bool = True
-    _products: dict[int, tuple[object, Array]] = field(
-        default_factory=dict, repr=False
-    )  # by joint, of an error's shape
+    # by joint, once asked for: products with the shape of the error, columns of the effects, and these pulled back
+    _products: dict[int, tuple[object, Array]] = field(default_factory=dict, repr=False)
+    _columns: dict[int, tuple[Integers, Array]] = field(default_factory=dict, repr=False)
     _pulled: dict[int, tuple[Integers, Array]] = field(default_factory=dict, init=False, repr=False)
 
     @classmethod
@@ -92,8 +92,12 @@ class Regression:
         return places
 
     def place(self, effect: Hypothesis) -> Integers:
-        """Indices of an effect's columns among all."""
+        """(p,) indices of an effect's columns among all."""
         return self._places[id(effect)][0]
+
+    def change(self, effect: Hypothesis) -> Integers:
+        """(1,) index of the change that an effect makes by itself; none where it makes none."""
+        return self._places[id(effect)][1]
 
     @cached_property
     def _known(self) -> tuple[Array, Array]:
@@ -108,18 +112,20 @@ class Regression:
         precision[:r, :r], pull[:r] = known.hessian, known.gradient
         return precision, pull
 
-    def _shown(self, joint: int, counting: Mask) -> tuple[Integers, Array]:
-        """Indices (p,) and columns (N, p) of effects and changes that act in a joint, of those that count (m,)."""
-        index, parts = [np.zeros(0, dtype=np.int64)], [np.zeros((len(self.data.effort), 0))]
-        for effect in self.effects:
-            (own, change), columns = self._places[id(effect)], effect.columns
-            if joint in columns.rows and counting[own].any():
-                index.append(own)
-                parts.append(columns.rows[joint])
-            if joint in columns.shift and counting[change].any():
-                index.append(change)
-                parts.append(columns.shift[joint][:, None])
-        return np.concatenate(index), np.concatenate(parts, axis=1)
+    def _shown(self, joint: int) -> tuple[Integers, Array]:
+        """Indices (p,) and columns (N, p) of effects and changes that act in a joint."""
+        if joint not in self._columns:
+            index, parts = [np.zeros(0, dtype=np.int64)], [np.zeros((len(self.data.effort), 0))]
+            for effect in self.effects:
+                (own, change), columns = self._places[id(effect)], effect.columns
+                if joint in columns.rows:
+                    index.append(own)
+                    parts.append(columns.rows[joint])
+                if joint in columns.shift:
+                    index.append(change)
+                    parts.append(columns.shift[joint][:, None])
+            self._columns[joint] = np.concatenate(index), np.asfortranarray(np.concatenate(parts, axis=1))
+        return self._columns[joint]
 
     def _always(self, joint: int) -> Integers:
         """Indices of the columns that are always there and show in a joint."""
@@ -133,7 +139,7 @@ class Regression:
         if joint in self._products and self._products[joint][0] == error.shape:
             return self._products[joint][1]
         size = len(self._known[1])
-        index, columns = self._shown(joint, np.ones(size, dtype=bool))
+        index, columns = self._shown(joint)
         index, always = np.append(index, size), self._always(joint)
         white = error.whiten(np.column_stack([columns, self.data.effort[:, joint]]), used)
         of_always, products = self.data.whitening.always(joint, error, self.uncertain)
@@ -199,17 +205,27 @@ class Regression:
         inverse = inverse_of(matrix)
         return index, inverse, self._whole(chosen, index, inverse @ slope)
 
+    def beyond(self, chosen: Effects) -> tuple[Array, Array]:
+        """(m, m) products of what a set leaves of all columns, and (m,) with what it leaves of the efforts."""
+        index, inverse, best = self._solved(self._all, chosen)
+        across = self.hessian[:, index]
+        return self.hessian - across @ inverse @ across.T, self.gradient - self.hessian @ best
+
     def gains(self, chosen: Effects, tried: Effects) -> Array:
         """Log Bayes factors of effects on top of a set (:eq:`forward-gain`)."""
-        index, inverse, best = self._solved(self._all, chosen)
+        gram, slope = self.beyond(chosen)
         gains = np.empty(len(tried))
         for k, effect in enumerate(tried):
             own = np.concatenate(self._places[id(effect)])
-            across = self.hessian[np.ix_(own, index)]
-            gram = self.hessian[np.ix_(own, own)] - across @ inverse @ across.T
-            slope = self.gradient[own] - self.hessian[own] @ best
-            gains[k] = integrated(gram[None], slope[None], [effect.columns])[0][0]
+            gains[k] = integrated(gram[None, own[:, None], own], slope[None, own], [effect.columns])[0][0]
         return gains
+
+    def misfit(self, chosen: Effects) -> float:
+        """What a set leaves of the efforts, squared and weighed, and how far it is from what is known."""
+        best, r = self.best(chosen), self._ends[0]
+        left = (self._residual(best) ** 2).sum(axis=0) @ np.array([error.scale**-2.0 for error in self.errors])
+        of_prior = float(np.diag(self._known[0])[r:] @ best[r:] ** 2)
+        return float(left) + self.data.information.misfit(best[:r]) + of_prior
 
     def held_back(self, chosen: Effects) -> HeldBackErrors:
         """Every block predicted by a fit of a set to the folds that it is not in."""
@@ -240,11 +256,12 @@ class Regression:
     def _bare(self, joint: int, counting: Mask) -> tuple[list[Integers], list[Array]]:
         """Indices and columns (N, p) that show in a joint, of those that count (m,): the model's, and others."""
         shows, model = self.data.whitening.bare(joint)
-        index, others = self._shown(joint, counting)
+        index, others = self._shown(joint)
+        if not counting[index].all():
+            index, others = index[counting[index]], others[:, counting[index]]
         r, always = self._ends
         if joint in self.uncertain.rows and counting[r:always].any():
-            index = np.concatenate([np.arange(r, always), index])
-            others = np.concatenate([self.uncertain.rows[joint], others], axis=1)
+            return [shows, np.arange(r, always), index], [model, self.uncertain.rows[joint], others]
         return [shows, index], [model, others]
 
     def residual(self, chosen: Effects) -> Array:
@@ -271,7 +288,7 @@ class Regression:
         """The same with other forms of some effects, by the ids of the old ones."""
         if not forms:
             return self
-        return replace(self, effects=[forms.get(id(one), one) for one in self.effects], _products={})
+        return replace(self, effects=[forms.get(id(one), one) for one in self.effects], _products={}, _columns={})
 
     # -----------------------------------------------------------------------------------------------------------
     # All effects together
@@ -370,7 +387,7 @@ class Regression:
         """
         if joint not in self._pulled:
             error, used = self.errors[joint], self.data.used[:, joint]
-            index, columns = self._shown(joint, np.ones(len(self._known[1]), dtype=bool))
+            index, columns = self._shown(joint)
             white = error.whiten(np.column_stack([columns, self._left[:, joint]]), used)
             self._pulled[joint] = index, self.data.whitening.pulled_back(white, joint, error)
         return self._pulled[joint]

@@ -25,12 +25,10 @@ from scipy.special import log_ndtr, logsumexp
 
 from bayesid.arrays import TINY, Array, Integers, Mask
 from bayesid.effects.effect import Effect
-from bayesid.regression.knowledge import inverse_of
-from bayesid.regression.selection.columns import Columns
-from bayesid.regression.selection.error_model import alike
+from bayesid.regression.selection.error_model import ErrorModel, alike
 from bayesid.regression.selection.explanation import LN10, Explanation, Observations, Thresholds
 from bayesid.regression.selection.hypotheses import EffectKey, Hypothesis, Library
-from bayesid.regression.selection.regression import Regression
+from bayesid.regression.selection.regression import Effects, Regression
 from bayesid.regression.tuning import TUNING
 
 
@@ -42,6 +40,7 @@ class Score:
         hypothesis: this form.
         gain: log of the Bayes factor for adding it, averaged over its forms.
         expected_gain: log of the Bayes factor to be expected of a usual amplitude.
+        spread: what averaging over its forms has changed of the gain.
         improvement: fall of a joint's mean squared residual, in units of the noise floor's or, where much more is left,
             of a part of that; nan where no closer look was had.
         mean_square: (n,) mean squared residual with it, in units of the floor's; None where no closer look was had.
@@ -50,6 +49,7 @@ class Score:
     hypothesis: Hypothesis
     gain: float
     expected_gain: float
+    spread: float = 0.0
     improvement: float = np.nan
     mean_square: Array | None = None
 
@@ -75,16 +75,18 @@ def assess(explanation: Explanation, library: Library) -> list[Score]:
     """
     count = explanation.data.thresholds.close_looks
     ordered = best_forms(Regression.of(explanation), library)
-    closer = [_closer(explanation, score, spread) for score, spread in ordered[:count]]
-    return sorted(closer, key=lambda score: -score.gain) + [score for score, _ in ordered[count:]]
+    closer = [_closer(explanation, score) for score in ordered[:count]]
+    return sorted(closer, key=lambda score: -score.gain) + ordered[count:]
 
 
-def best_forms(regression: Regression, library: Library) -> list[tuple[Score, float]]:
-    """Each effect in its best form, best first, and what averaging over its forms has changed of its gain."""
-    groups = [BestOfGroup.of(regression, group) for group in library if group]
-    tops = [group[best.place] for group, best in zip(filter(None, library), groups, strict=True)]
-    ordered = best_groups(groups)
-    return [(Score(tops[k], groups[k].gain + more, groups[k].expected_gain), more) for k, more in ordered]
+def best_forms(regression: Regression, library: Library) -> list[Score]:
+    """Each effect in its best form, best first."""
+    forms = [group for group in library if group]
+    best = [BestOfGroup.of(regression, group) for group in forms]
+    return [
+        Score(forms[k][best[k].place], best[k].gain + spread, best[k].expected_gain, spread)
+        for k, spread in best_groups(best)
+    ]
 
 
 @dataclass(frozen=True)
@@ -136,7 +138,7 @@ def best_groups(groups: Sequence[BestOfGroup]) -> list[tuple[int, float]]:
     return [(k, spread[k]) for k in sorted(best.values(), key=lambda k: -gain[k])]
 
 
-def _closer(explanation: Explanation, score: Score, spread: float) -> Score:
+def _closer(explanation: Explanation, score: Score) -> Score:
     """The score with its own error models, and by how much the effect improves the fit."""
     data = replace(explanation.data, reference=explanation)
     regression = Regression(data, (*explanation.effects, score.hypothesis), explanation.errors, explanation.uncertain)
@@ -146,7 +148,7 @@ def _closer(explanation: Explanation, score: Score, spread: float) -> Score:
     before, after = explanation.mean_square, extended.mean_square
     return replace(
         score,
-        gain=extended.log_evidence - explanation.log_evidence + spread,
+        gain=extended.log_evidence - explanation.log_evidence + score.spread,
         improvement=float(np.max(_improvement(before, after, data.thresholds))),
         mean_square=after,
     )
@@ -192,11 +194,7 @@ def at_blunt_floor(data: Observations, mean_square: Array) -> Mask:
 
 
 def joint_sets(
-    data: Observations,
-    joint: int,
-    others: Sequence[Columns],
-    forms: Sequence[Hypothesis],
-    log_prior: Callable[[Hypothesis], float],
+    data: Observations, joint: int, others: Effects, forms: Effects, log_prior: Callable[[Hypothesis], float]
 ) -> list[tuple[Hypothesis, ...]]:
     """The likeliest sets of one to three different effects of a (0-based) joint, each in its best forms.
 
@@ -211,12 +209,18 @@ def joint_sets(
     """
     if not forms:
         return []
+    data, here = data.in_joint(joint), [_in_joint(other, joint) for other in others]
     forms = sorted(forms, key=lambda form: len(form.columns.sd))
-    priors = np.array([log_prior(form) for form in forms])
-    parts = [forms[k : k + TUNING.forms_at_once] for k in range(0, len(forms), TUNING.forms_at_once)]
-    alone = [JointForms(data, joint, others, part).scores(np.arange(len(part))[:, None]) for part in parts]
+    priors, own = np.array([log_prior(form) for form in forms]), [_in_joint(form, joint) for form in forms]
+    parts = [own[k : k + TUNING.forms_at_once] for k in range(0, len(own), TUNING.forms_at_once)]
+    alone = [JointForms(data, here, part).scores(np.arange(len(part))[:, None]) for part in parts]
     kept = _spread(forms, np.concatenate(alone) + priors)
-    return JointForms(data, joint, others, [forms[k] for k in kept]).best(priors[kept])
+    best = JointForms(data, here, [own[k] for k in kept]).best(priors[kept])
+    return [tuple(forms[kept[k]] for k in members) for members in best]
+
+
+def _in_joint(effect: Hypothesis, joint: int) -> Hypothesis:
+    return replace(effect, columns=effect.columns.in_joint(joint))
 
 
 def _spread(forms: Sequence[Hypothesis], scores: Array) -> list[int]:
@@ -233,15 +237,14 @@ def _spread(forms: Sequence[Hypothesis], scores: Array) -> list[int]:
 
 @dataclass(frozen=True, eq=False)
 class JointForms:
-    """Forms that act in one (0-based) joint alone, and what they are to explain there beside others."""
+    """Forms that act in one joint, which is all that there is, and what they are to explain there beside others."""
 
     data: Observations
-    joint: int
-    others: Sequence[Columns]
-    forms: Sequence[Hypothesis]
+    others: Effects
+    forms: Effects
 
-    def best(self, priors: Array) -> list[tuple[Hypothesis, ...]]:
-        """The likeliest sets of different effects, some of each size."""
+    def best(self, priors: Array) -> list[tuple[int, ...]]:
+        """The likeliest sets of different effects, some of each size, by their places among the forms."""
         names = sorted({form.key for form in self.forms})
         owner = np.array([names.index(form.key) for form in self.forms], dtype=np.int64)
         found, sets = list[tuple[int, ...]](), np.arange(len(owner))[:, None]
@@ -251,7 +254,7 @@ class JointForms:
             sets = _one_more(sets if size == 1 else sets[best[: TUNING.set_beam]], owner)
             if not len(sets):
                 break
-        return [tuple(self.forms[k] for k in members) for members in found]
+        return found
 
     def scores(self, sets: Integers) -> Array:
         """(K,) log p of K sets of k forms each (K, k), :eq:`set-proposal`."""
@@ -283,40 +286,19 @@ class JointForms:
     @cached_property
     def _products(self) -> tuple[Array, Array, float, Array, Mask, int]:
         """Of columns and changes (F, p + 1, F, p + 1), with the effort (F, p + 1), its own; sd and sides (F, p); N."""
-        used = self.data.used[:, self.joint]
-        p = max((len(form.columns.sd) for form in self.forms), default=0)
-        columns = np.zeros((len(self.forms), p + 1, int(used.sum())))
+        white = ErrorModel(float(self.data.floor[0]), 0.0, TUNING.initial_time, self.data.rate)
+        regression = Regression(self.data, (*self.others, *self.forms), [white])
+        p = max(len(form.columns.sd) for form in self.forms)
+        place = np.full((len(self.forms), p + 1), -1)  # the last of all stands for what a form has not got
         sd, positive = np.ones((len(self.forms), p)), np.zeros((len(self.forms), p), dtype=bool)
         for k, form in enumerate(self.forms):
-            own = form.columns
-            if self.joint in own.rows:
-                columns[k, : len(own.sd)] = own.rows[self.joint][used].T
-            if self.joint in own.shift:
-                columns[k, p] = own.shift[self.joint][used]
-            sd[k, : len(own.sd)], positive[k, : len(own.sd)] = own.sd, own.positive
-        model, effort, inverse = self._without(used)
-        flat = columns.reshape(-1, columns.shape[2]) / self.data.floor[self.joint]
-        across, of_effort = flat @ model, model.T @ effort
-        products = flat @ flat.T - across @ inverse @ across.T
-        with_effort = flat @ effort - across @ (inverse @ of_effort)
-        left = float(effort @ effort - of_effort @ inverse @ of_effort)
-        size = columns.shape[:2]
-        return products.reshape(*size, *size), with_effort.reshape(size), left, sd, positive, len(effort)
-
-    def _without(self, used: Mask) -> tuple[Array, Array, Array]:
-        """(M, m) columns of the model and of others, (M,) the effort less what is expected of them, and (m, m) P."""
-        floor, known = self.data.floor[self.joint], self.data.information
-        here = [columns for columns in self.others if self.joint in columns.rows]
-        model = np.hstack([self.data.columns[used, self.joint], *(columns.rows[self.joint][used] for columns in here)])
-        expected = inverse_of(known.hessian) @ known.gradient
-        effort = self.data.effort[used, self.joint] - model[:, : len(expected)] @ expected
-        for columns in self.others:
-            if self.joint in columns.shift:
-                effort = effort - columns.shift[self.joint][used]
-        hessian = np.diag(np.concatenate([np.zeros(len(expected)), *(columns.sd**-2.0 for columns in here)]))
-        hessian[: len(expected), : len(expected)] += known.hessian
-        model, effort = model / floor, effort / floor
-        return model, effort, inverse_of(hessian + model.T @ model)
+            own, change = slice(0, len(form.columns.sd)), regression.change(form)
+            place[k, own], sd[k, own], positive[k, own] = regression.place(form), form.columns.sd, form.columns.positive
+            place[k, p : p + len(change)] = change
+        gram, slope = regression.beyond(self.others)
+        gram, slope = np.pad(gram, (0, 1)), np.append(slope, 0.0)
+        left, count = regression.misfit(self.others), int(self.data.used.sum())
+        return gram[place[:, :, None, None], place], slope[place], left, sd, positive, count
 
 
 def _best_each(owners: Integers, scores: Array) -> list[int]:

@@ -80,7 +80,7 @@ def test_a_joint_is_explained_by_the_threshold_of_its_floor():
     ("gain", "improvement", "qualifies"), [(2.1, 0.06, True), (1.9, 0.06, False), (2.1, 0.04, False)]
 )
 def test_a_score_qualifies_by_certainty_and_size(gain, improvement, qualifies):
-    score = Score(Hypothesis(JointSpring(joints=(2,)), NO_COLUMNS, None), gain * LN10, 9.0, improvement)
+    score = Score(Hypothesis(JointSpring(joints=(2,)), NO_COLUMNS, None), gain * LN10, 9.0, improvement=improvement)
     assert score.qualifies(USUAL) == qualifies
     assert score.qualifies(Thresholds(log10_bayes_factor=1.8, improvement=0.03))
     assert not score.qualifies(Thresholds(log10_bayes_factor=2.2))

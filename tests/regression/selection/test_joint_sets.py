@@ -1,10 +1,10 @@
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import combinations
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from effect_problems import observed
+from effect_problems import Made, observed
 from scipy.stats import multivariate_normal, norm
 
 from bayesid.regression.knowledge import Information
@@ -16,6 +16,13 @@ FLOOR = np.array([0.7, 0.4])
 UNIT = Information(np.eye(1), np.zeros(1), 0.0)
 
 
+@dataclass(frozen=True, eq=False)
+class Form(Made):
+    """A form by its name."""
+
+    source: SimpleNamespace
+
+
 def form(name, rows=None, shift=None, sd=(), positive=()):
     columns = Columns(
         {} if rows is None else {JOINT: rows},
@@ -23,7 +30,13 @@ def form(name, rows=None, shift=None, sd=(), positive=()):
         np.array(sd, dtype=float),
         np.array(positive or [False] * len(sd)),
     )
-    return SimpleNamespace(columns=columns, key=(name.split(".")[0], (JOINT + 1,)), source=SimpleNamespace(name=name))
+    return Form(columns, (name.split(".")[0], (JOINT + 1,)), SimpleNamespace(name=name))
+
+
+def scored(data, others, forms):
+    """Where the joint is all that there is."""
+    others, forms = ([replace(one, columns=one.columns.in_joint(JOINT)) for one in some] for some in (others, forms))
+    return JointForms(data.in_joint(JOINT), others, forms)
 
 
 @pytest.fixture
@@ -45,7 +58,8 @@ def problem():
     used = np.ones((COUNT, 2), dtype=bool)
     used[[3, 50, 51], JOINT] = False
     data = observed(columns, np.column_stack([np.zeros(COUNT), effort]), used)
-    data = replace(data, information=Information(known, known @ expected, 0.0), floor=FLOOR)
+    information = Information(known, known @ expected, float(expected @ known @ expected))
+    data = replace(data, information=information, floor=FLOOR)
     return data, forms, np.linalg.inv(known), expected
 
 
@@ -55,7 +69,7 @@ def dense(problem, some, others=()):
     used = data.used[:, JOINT]
     model = data.columns[used, JOINT]
     mean, covariance = model @ expected, FLOOR[JOINT] ** 2 * np.eye(used.sum()) + model @ spread @ model.T
-    for columns in [*others, *(one.columns for one in some)]:
+    for columns in [one.columns for one in (*others, *some)]:
         if JOINT in columns.rows:
             rows = columns.rows[JOINT][used] * columns.sd
             covariance += rows @ rows.T
@@ -68,16 +82,14 @@ def dense(problem, some, others=()):
 def test_scores_are_log_densities(problem, with_others):
     data, forms, *_ = problem
     rng = np.random.default_rng(8)
-    more = Columns(
-        {JOINT: rng.normal(size=(COUNT, 1))}, {JOINT: 0.05 * rng.normal(size=COUNT)}, np.array([0.3]), [False]
-    )
+    more = form("more", rng.normal(size=(COUNT, 1)), 0.05 * rng.normal(size=COUNT), sd=(0.3,))
     others = [more] if with_others else []
-    scored = JointForms(data, JOINT, others, forms)
-    nothing = scored.scores(np.zeros((1, 0), dtype=np.int64))[0]
+    prepared = scored(data, others, forms)
+    nothing = prepared.scores(np.zeros((1, 0), dtype=np.int64))[0]
     for size in (1, 2, 3):
         sets = np.array(list(combinations(range(len(forms)), size)))
         expected = [dense(problem, [forms[k] for k in some], others) - dense(problem, (), others) for some in sets]
-        np.testing.assert_allclose(scored.scores(sets) - nothing, expected, rtol=1e-8, atol=1e-8)
+        np.testing.assert_allclose(prepared.scores(sets) - nothing, expected, rtol=1e-8, atol=1e-8)
 
 
 def test_an_amplitude_that_cannot_be_negative(problem):
@@ -86,7 +98,7 @@ def test_an_amplitude_that_cannot_be_negative(problem):
     for side in (1.0, -1.0):
         sided = form("friction", side * rows, sd=(0.2,), positive=[True])
         free = form("friction", side * rows, sd=(0.2,))
-        scores = [JointForms(data, JOINT, [], [one]).scores(np.array([[0]]))[0] for one in (sided, free)]
+        scores = [scored(data, [], [one]).scores(np.array([[0]]))[0] for one in (sided, free)]
         grid = np.linspace(0.0, 1.6, 4001)  # of the amplitude, by quadrature
         used = data.used[:, JOINT]
         model, spread, expected = data.columns[used, JOINT], problem[2], problem[3]

@@ -11,6 +11,7 @@ from bayesid.effects.axes import Family, Quantity
 from bayesid.effects.model import Model
 from bayesid.regression.selection.hypotheses import maker
 from bayesid.regression.selection.learned import Finder
+from bayesid.regression.selection.regression import explain
 
 
 def test_a_law_is_found_among_smooth_functions_and_series_that_fit_as_well():
@@ -21,7 +22,7 @@ def test_a_law_is_found_among_smooth_functions_and_series_that_fit_as_well():
     data = replace(observed(np.stack([motion.dq, motion.ddq], axis=2), effort), limits=np.ones((2, 2)))
     model, used = Model(robot, (RigidBody(),)), np.ones(effort.shape, dtype=bool)
     scene = model.scene(motion, np.zeros(20), effort, np.abs(effort))
-    best = Finder(scene, used, 2, maker(model, scene, used)).ranked(data, [])[0]
+    best = Finder(scene, used, 2, maker(model, scene, used)).ranked(explain(data, []))[0]
     ((variable, family, order, count),) = [(a.variable, a.family, a.order, a.count) for a in best.form.axes]
     assert (variable, family, order, count) == ((Quantity.POSITION, 1), Family.PERIODIC, 3.0, 2)
     assert best.gain > 20.0
