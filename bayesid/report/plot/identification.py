@@ -199,7 +199,7 @@ def coefficients(result: Source, ax: Axes | None = None) -> Axes:
     """
     findings = findings_of(result)
     table = findings.coefficients
-    place, (means_, lows, highs, nominals) = np.arange(len(table.mean)), table.bar
+    place, (centres, lows, highs, nominals) = np.arange(len(table.mean)), table.bar
     beyond = 2.5  # sizes: what is known so badly needs no more room
     marks: list[fig.Mark] = []
     for chosen, colour, name in (
@@ -207,7 +207,7 @@ def coefficients(result: Source, ax: Axes | None = None) -> Axes:
         (~table.by_data, fig.ORANGE, "by the prior"),
     ):
         if chosen.any():
-            row, mean = place[chosen], means_[chosen]
+            row, mean = place[chosen], centres[chosen]
             low, high = lows[chosen].clip(-beyond, beyond), highs[chosen].clip(-beyond, beyond)
             ends = np.minimum(mean, 0.0), np.maximum(mean, 0.0)
             marks += [fig.Boxes(ends, (row - 0.3, row + 0.3), colour, name, 0.35)]
