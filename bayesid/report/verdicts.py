@@ -261,10 +261,11 @@ def sampling(summary: Summary) -> Check:
     message = convergence(posterior.max_rhat, posterior.min_ess)
     if posterior.converged:
         return Check(name, "good", f"converged: {message}, at worst")
-    remedy = f"give more --posterior-budget{_more(summary, 'posterior')}"
-    if posterior.timed_out:
-        message, remedy = f"{message}; the time limit ended it", "give a larger --time-limit"
     wanted = "wanted are at most 1.01, and at least 400 and four a walker"
+    if posterior.timed_out:
+        said = f"stopped by the time limit: {message}, at worst; {wanted}"
+        return Check(name, "bad", said, "give a larger --time-limit")
+    remedy = f"give more --posterior-budget{_more(summary, 'posterior')}"
     return Check(name, "bad", f"not converged: {message}, at worst; {wanted}", remedy)
 
 
