@@ -100,10 +100,8 @@ class Displacement(RobotDistortion):
 
     error: Numbers = number(tuned=True)
 
-    symbol: ClassVar[str]
-    """Of the number."""
+    symbol: ClassVar[str]  # of the number
     of_angle: ClassVar[bool]
-    """Whether it is an angle."""
     of_normal: ClassVar[bool]
     """Whether it moves along or about the common normal of two axes (a, alpha), not a joint's axis (d, theta)."""
     needs_earlier = True

@@ -146,13 +146,9 @@ class Model:
         return sum(parts, np.zeros((self.robot.n_joints, 10)))
 
     def scene(self, motion: Motion, theta: Array, effort: Array, measured: Array) -> Scene:
-        """What effects may look at where the model, with the parameters theta (P,), meets a log.
+        """What effects may look at where the model, with the parameters theta (P,), meets a log of N samples.
 
-        Args:
-            motion: N samples of the log.
-            theta: (P,) the parameters.
-            effort: (N, n) the model's effort, N m.
-            measured: (N, n) absolute values of the measured efforts, N m.
+        The model's effort is (N, n), N m, as are the absolute values of those measured.
         """
 
         def effort_with(robot: Robot, motion: Motion) -> Array:
