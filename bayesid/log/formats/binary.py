@@ -21,7 +21,7 @@ from bayesid.errors import InputError, missing
 from bayesid.files import bounded
 from bayesid.log.formats import Format
 from bayesid.log.formats.labels import WORDS, kind_of, read_labels, time_among
-from bayesid.log.formats.memory import table_of
+from bayesid.log.formats.memory import table_of, table_of_vectors
 from bayesid.log.formats.table import Options, Table
 from bayesid.log.tuning import TUNING
 
@@ -56,7 +56,10 @@ class ParquetFile(Format):
                 raise
             said = str(error).splitlines()[0] if str(error) else type(error).__name__
             raise InputError(f"is damaged ({said})", str(path), "write it again") from None
-        return table_of({name: _array(columns.column(name), path, name) for name in names}, str(path), options)
+        vectors: dict[str, Any] = {}
+        for name in names:
+            vectors |= _vectors(columns.column(name), path, name)
+        return table_of_vectors(vectors, str(path), options)
 
 
 class MatlabFile(Format):
@@ -107,18 +110,18 @@ def _check_parquet(file: parquet.ParquetFile, names: Sequence[str], where: str) 
         raise InputError(said, where, "cut it into shorter logs and give all of them")
 
 
-def _array(column: pyarrow.ChunkedArray, path: Path, name: str) -> Any:
-    """(N,) values, those of decimals as floats, or (N, n) those of lists."""
+def _vectors(column: pyarrow.ChunkedArray, path: Path, name: str) -> dict[str, Any]:
+    """(N,) values, those of decimals as floats; of lists each place is a column, from 1: state1, state2, ..."""
     from pyarrow import compute, float64, types
 
     if not types.is_nested(column.type):
-        return (column.cast(float64()) if types.is_decimal(column.type) else column).to_numpy()
+        return {name: (column.cast(float64()) if types.is_decimal(column.type) else column).to_numpy()}
     widths = np.unique(compute.list_value_length(column).to_numpy())
     if len(widths) > 1:
         said = f"holds lists of {widths.min():g} to {widths.max():g} values"
         raise InputError(said, f"{path}, column {name}", "write the same number in every row")
     width = int(widths[0]) if len(widths) and np.isfinite(widths[0]) else 0
-    return np.column_stack([compute.list_element(column, k).to_numpy() for k in range(width)]) if width else None
+    return {f"{name}{k + 1}": compute.list_element(column, k).to_numpy() for k in range(width)}
 
 
 # ---------------------------------------------------------------------------------------------------------------

@@ -28,7 +28,11 @@ def table_of(variables: Mapping[str, Any], source: str, options: Options) -> Tab
     Raises:
         InputError: one is missing, holds no numbers, or has another length than the time.
     """
-    vectors = _vectors(variables, source, options.columns or {})
+    return table_of_vectors(_vectors(variables, source, options.columns or {}), source, options)
+
+
+def table_of_vectors(vectors: Mapping[str, _Vector], source: str, options: Options) -> Table:
+    """The same of vectors (N,) by the labels of columns."""
     chosen, notes = choose(list(vectors), source, options)
     n_rows = len(vectors[chosen[0].label])
     for one in chosen:

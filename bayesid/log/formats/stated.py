@@ -150,14 +150,8 @@ def described(header: Sequence[str], found: Mapping[str, SourceColumn] | None = 
     return f" among {', '.join(shown[:20])}{' and others' if len(shown) > 20 else ''}"
 
 
-def option(columns: Mapping[str, str]) -> str:
-    """The option that names columns."""
-    return f"{OPTION} " + ",".join(f'{key}="{pattern}"' for key, pattern in columns.items())
-
-
-def suggestion(header: Sequence[str], found: Mapping[str, SourceColumn], given: Mapping[str, str] | None = None) -> str:
+def suggestion(header: Sequence[str], found: Mapping[str, SourceColumn], given: Mapping[str, str]) -> str:
     """The option that names the columns of a log: those found or given and, for those missing, what might be meant."""
-    given = given or {}
     left = [label for label in header if label and label not in {source.label for source in found.values()}]
     effort = next((kind for kind in ("tau", "i") if f"{kind}1" in found), None)
     parts: list[tuple[str, str]] = []
@@ -169,7 +163,7 @@ def suggestion(header: Sequence[str], found: Mapping[str, SourceColumn], given: 
         n_joints = len(part) if kinds == ("q",) and len(part) > 1 else n_joints
         left = [label for label in left if not {label, pattern_of(label)} & {pattern for _, pattern in part}]
         parts += part
-    return option(dict(parts))
+    return f"{OPTION} " + ",".join(f'{key}="{pattern}"' for key, pattern in dict(parts).items())
 
 
 def _as_found(known: Sequence[SourceColumn], header: Sequence[str]) -> list[tuple[str, str]]:
