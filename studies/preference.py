@@ -14,8 +14,7 @@ import numpy as np
 from bayesid.arrays import Array, Integers
 from bayesid.log.segments import Segments
 from bayesid.progress import SILENT, Progress, Steps, no_steps
-from bayesid.signs.search.protocol import Search, SignProblem
-from bayesid.signs.search.result import SearchResult
+from bayesid.signs.search.protocol import Search, SearchResult, SignProblem
 
 CLEARLY = 0.1
 """Units of the cost, twice the nats, by which other signs must be cheaper: far above what the solver and the rest of

@@ -43,9 +43,8 @@ from bayesid.effects.model import Model
 from bayesid.log.segments import Segments
 from bayesid.motion import Motion
 from bayesid.posterior.likelihood import make_likelihood
-from bayesid.posterior.prior import Prior, make_prior
 from bayesid.posterior.sampler import Draws, Sampling, sample
-from bayesid.posterior.target import Target
+from bayesid.posterior.target import Prior, Target, make_prior
 from bayesid.regression.knowledge import Links
 from bayesid.regression.moments import moments
 from bayesid.robot import robot_from_table

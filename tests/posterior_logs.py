@@ -14,9 +14,8 @@ from bayesid.effects.parameters import Cone
 from bayesid.posterior.inference import infer
 from bayesid.posterior.likelihood import make_likelihood
 from bayesid.posterior.modes import find_modes
-from bayesid.posterior.prior import make_prior
 from bayesid.posterior.sampler import Sampling
-from bayesid.posterior.target import PosteriorProblem, Target
+from bayesid.posterior.target import PosteriorProblem, Target, make_prior
 from bayesid.progress import SILENT
 from bayesid.regression.knowledge import Information, Links, Nominal
 from bayesid.regression.noise import Noise

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from bayesid.posterior.likelihood import Likelihood, SegmentBlocks
-from bayesid.posterior.prior import Prior
 from bayesid.posterior.region import Region
-from bayesid.posterior.target import Target
+from bayesid.posterior.target import Prior, Target
 from bayesid.regression.knowledge import Information
 
 

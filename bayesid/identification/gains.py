@@ -13,7 +13,7 @@ from bayesid.effects.friction import LoadDependentFriction
 from bayesid.identification.tuning import TUNING
 from bayesid.log.gains import Gains
 from bayesid.log.log import Log
-from bayesid.posterior.prior import usual_links
+from bayesid.posterior.target import usual_links
 from bayesid.regression.evidence import Evidence
 from bayesid.regression.gains import GainFit, GainPrior, fit_gains, likely_gains, prior_of, signed_moments
 from bayesid.regression.knowledge import Beliefs, Links, inverse_of

@@ -26,7 +26,7 @@ from bayesid.posterior.tuning import TUNING as POSTERIOR
 from bayesid.regression.knowledge import Beliefs
 from bayesid.regression.least_squares import Fit
 from bayesid.signs.completion import Completion
-from bayesid.signs.search.result import SearchResult
+from bayesid.signs.search.protocol import SearchResult
 
 _NONE = 1e-9
 """Share of a coefficient below which a parameter's is rounding."""

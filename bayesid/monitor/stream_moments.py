@@ -24,8 +24,7 @@ from bayesid.effects.tuning import TUNING as EFFECTS
 from bayesid.monitor.tuning import TUNING
 from bayesid.motion import Motion
 from bayesid.regression.moments import HessianSums, Moments
-from bayesid.signs.search.protocol import Search, SignProblem
-from bayesid.signs.search.result import SearchResult
+from bayesid.signs.search.protocol import Search, SearchResult, SignProblem
 
 _MERGED = 0
 """The number of what a joint's stretches have been merged into, and of all stretches of a joint with signs."""

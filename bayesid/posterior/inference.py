@@ -31,7 +31,7 @@ from bayesid.progress import SILENT, Progress
 from bayesid.regression.gains import GainFit
 from bayesid.regression.moments import Moments
 from bayesid.regression.noise import Noise
-from bayesid.signs.search.result import SearchResult
+from bayesid.signs.search.protocol import SearchResult
 
 
 @dataclass(frozen=True)

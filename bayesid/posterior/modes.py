@@ -5,6 +5,21 @@ does not cross is the valley between assignments that differ in much, above all 
 near-symmetry: all its signs turned, and the parameters of the rest bent to suit. The assignments to start from are
 those that the search could not rule out, and the best one with each joint turned round. Information of an earlier log
 pulls at all of them alike: it may rule one side out.
+
+The marginal likelihood of a mode, prior times likelihood, integrated over the region, is its mass:
+
+1. A normal distribution that fits the region, N(centre, inverse Hessian of the quadratic function with a barrier).
+   Its share inside the region comes by splitting (Kahn and Harris 1951; Au and Beck 2001): the region is widened until
+   it holds all draws, then narrowed again so that a part of the walkers stays at each level; the product of these parts
+   is the share. The walkers follow by hit-and-run.
+2. Restricted to the region, it is led in a few steps to the normal distribution of theta given noise scales and all
+   signs, exp(-theta' A theta / 2 + b' theta). Bridge sampling (Meng and Wong 1996) gives the ratio of integrals from
+   step to step, and with them the share of that normal distribution inside the region, be it 1e-30.
+3. This distribution, with the noise scales drawn given theta, is q. A last bridge between q and the posterior's own
+   draws makes sums over signs and integrals over noise scales exact.
+
+Every step is done by several groups of walkers, which share the levels alone; their spread gives the standard error.
+The prior's normalisation is left out: it is the same for all modes.
 """
 
 from __future__ import annotations
@@ -15,9 +30,15 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+import scipy
+from numpy.random import RandomState
+from scipy.linalg import solve_triangular
+from scipy.special import expit, gammaln, logsumexp
 
-from bayesid.arrays import Array, Integers
-from bayesid.posterior.marginal_likelihood import MarginalLikelihood, integrate, mode_weights
+from bayesid.arrays import Array, Integers, Mask
+from bayesid.errors import SolverError
+from bayesid.posterior.moves import Conditional, noise_scales, sweep
+from bayesid.posterior.region import Region, barrier_minimum
 from bayesid.posterior.sampler import Diagnostics, Draws, Sampling, nominal_sweep, sample
 from bayesid.posterior.target import Target
 from bayesid.posterior.tuning import TUNING
@@ -25,7 +46,177 @@ from bayesid.progress import Progress
 from bayesid.regression.knowledge import Information
 from bayesid.regression.moments import Moments
 from bayesid.regression.solver import ConeLeastSquares
-from bayesid.signs.search.result import SearchResult, predicted_signs, turned_round
+from bayesid.signs.search.protocol import SearchResult, predicted_signs, turned_round
+
+
+class MarginalLikelihood(NamedTuple):
+    """The mass of a mode: log of the integral of exp(target.log_density), and its standard error."""
+
+    log_value: float
+    standard_error: float
+
+
+@dataclass(frozen=True)
+class Normal:
+    """The density exp(-theta' A theta / 2 + b' theta), not normalised."""
+
+    precision: Array  #: (P, P) A, positive definite
+    linear: Array  #: (P,) b
+
+    @property
+    def log_integral(self) -> float:
+        """Log of the integral over all space."""
+        factor = np.linalg.cholesky(self.precision)
+        white = solve_triangular(factor, self.linear, lower=True)
+        return float(0.5 * (white @ white + len(white) * np.log(2.0 * np.pi)) - np.log(np.diag(factor)).sum())
+
+    def log_density(self, theta: Array) -> Array:
+        """(W,) at theta (W, P)."""
+        value: Array = np.sum(theta * (self.linear - 0.5 * theta @ self.precision), axis=1)
+        return value
+
+    def toward(self, other: Normal, share: float) -> Normal:
+        """The normal distribution on the way to another one: the geometric mean with this weight of the other."""
+        return Normal(
+            (1.0 - share) * self.precision + share * other.precision, (1.0 - share) * self.linear + share * other.linear
+        )
+
+    def draw(self, walkers: int, random: RandomState) -> Array:
+        """(W, P) draws over all space."""
+        root = np.linalg.inv(np.linalg.cholesky(self.precision))
+        return (root @ self.linear + random.standard_normal((walkers, len(root)))) @ root
+
+    def move(self, region: Region, theta: Array, lines: Conditional, sweeps: int, random: RandomState) -> Array:
+        """(W, P) walkers after sweeps of hit-and-run inside the region, from theta (W, P)."""
+        ones = np.ones((1, len(theta)))
+        for _ in range(sweeps):
+            columns = lines.draw(random)
+            slopes = columns.T @ (self.linear[:, None] - self.precision @ theta.T)
+            curvature = (columns.T @ self.precision @ columns)[None]
+            theta = theta + (columns @ sweep(region, theta.T, columns, slopes, curvature, ones, random)).T
+        return theta
+
+
+def integrate(
+    target: Target, draws: Draws, seed: int = 0, groups: int = TUNING.mass_groups, walkers: int = TUNING.mass_walkers
+) -> MarginalLikelihood:
+    """The mass of a mode from its draws, by at least 2 groups of walkers.
+
+    Raises:
+        SolverError: the levels do not come to an end.
+    """
+    random = RandomState(seed)
+    centre, scale = target.split(draws.coordinates.mean(axis=0))
+    signs = target.likelihood.likelier_signs(centre[None], scale[None])
+    normal = Normal(*target.quadratic(centre, scale))
+    truncated = truncate(target.prior.region, normal, target.prior.inside, random, groups, walkers)
+    likelihood = target.likelihood
+
+    def residual(theta: Array) -> Array:
+        return likelihood.residual(theta @ likelihood.projection.T, signs)
+
+    def log_ratio(coordinates: Array) -> Array:
+        theta, log_scale = target.split(coordinates)
+        noise = _log_noise(0.5 * likelihood.count, residual(theta), log_scale)
+        return target.log_density(coordinates) - normal.log_density(theta) - noise
+
+    joined = np.concatenate([draws.theta, draws.log_scale], axis=-1)
+    parts = np.array_split(np.moveaxis(joined, 0, 2).reshape(-1, joined.shape[-1]), groups)
+    values = []
+    for part, theta, mass in zip(parts, *truncated, strict=True):
+        log_scale = noise_scales(0.5 * likelihood.count, residual(theta), random)
+        values.append(mass + bridge(log_ratio(part), log_ratio(np.concatenate([theta, log_scale], axis=1))))
+    return MarginalLikelihood(float(np.mean(values)), float(np.std(values, ddof=1) / np.sqrt(len(values))))
+
+
+def _log_noise(shape: Array, residual: Array, log_scale: Array) -> Array:
+    """(W,) log density of `noise_scales` (W, n)."""
+    constant = np.log(2.0) + shape * np.log(0.5 * residual) - gammaln(shape)
+    value: Array = np.sum(constant - 2.0 * shape * log_scale - 0.5 * residual * np.exp(-2.0 * log_scale), axis=1)
+    return value
+
+
+def mode_weights(log_values: Array) -> Array:
+    """(M,) masses of the modes, summing to one, from their logarithms (M,) (:eq:`mode-weight`)."""
+    return np.exp(log_values - logsumexp(log_values))
+
+
+def truncate(
+    region: Region, normal: Normal, inner: Array, random: RandomState, groups: int, walkers: int
+) -> tuple[Array, Array]:
+    """(G, W, P) draws of a normal distribution inside the region, and (G,) estimates of the log of its integral there.
+
+    Nearly all of it may lie outside; `inner` (P,) lies strictly inside.
+
+    Raises:
+        SolverError: the levels do not come to an end.
+    """
+    centre = barrier_minimum(region, normal.precision, normal.linear, inner)
+    precision = np.linalg.inv(centre.covariance)
+    first = Normal(0.5 * (precision + precision.T), precision @ centre.theta)
+    theta, log_mass = truncate_by_splitting(region, first, centre.theta, random, groups, walkers)
+    lines, current = Conditional(centre.covariance, region.blocks), first
+    for k in range(TUNING.mass_steps):
+        following = first.toward(normal, (k + 1) / TUNING.mass_steps)
+        moved = following.move(region, theta.reshape(-1, region.size), lines, TUNING.step_sweeps, random)
+        moved = moved.reshape(theta.shape)
+        ratio = [
+            bridge(*(following.log_density(points) - current.log_density(points) for points in pair))
+            for pair in zip(moved, theta, strict=True)
+        ]
+        theta, log_mass, current = moved, log_mass + np.array(ratio), following
+    return theta, log_mass
+
+
+def truncate_by_splitting(
+    region: Region, normal: Normal, inner: Array, random: RandomState, groups: int, walkers: int
+) -> tuple[Array, Array]:
+    """The same by splitting alone, whose price grows with the log of the share; `inner` is best deep inside."""
+    most_levels = 2000  # each keeps a share of 0.3: masses down to 1e-1000
+    theta = normal.draw(groups * walkers, random)
+    log_share = np.zeros(groups)
+    for _ in range(most_levels):
+        excess = region.excess(theta.T, inner).reshape(groups, -1)
+        second = float(np.sort(excess, axis=1)[:, 1].max())  # two walkers of each group stay at least
+        relaxation = max(float(np.quantile(excess, TUNING.mass_share)), second, 0.0)
+        stays = excess <= relaxation if relaxation > 0.0 else excess < 0.0
+        log_share += np.log(stays.mean(axis=1))
+        theta = theta[_resample(stays, random)]
+        relaxed = region.relaxed(relaxation * (1.0 + 1e-9), inner)  # rounding must not shut out the last one that stays
+        lines = Conditional(barrier_minimum(relaxed, normal.precision, normal.linear, inner).covariance, region.blocks)
+        theta = normal.move(relaxed, theta, lines, TUNING.level_sweeps, random)
+        if relaxation == 0.0:
+            return theta.reshape(groups, walkers, region.size), log_share + normal.log_integral
+    status = f"{most_levels} levels do not reach the mass inside the region"
+    raise SolverError("marginal likelihoods of the modes", status)
+
+
+def _resample(stays: Mask, random: RandomState) -> Integers:
+    """(G W,) indices of walkers: in each group those that stay, each about equally often."""
+    groups, walkers = stays.shape
+    chosen = []
+    for g in range(groups):
+        members = np.flatnonzero(stays[g])
+        members = members[np.argsort(random.random_sample(len(members)))]
+        chosen.append(g * walkers + np.resize(members, walkers))
+    return np.concatenate(chosen)
+
+
+def bridge(of_target: Array, of_other: Array) -> float:
+    """Log of the ratio of two integrals, target over other: Meng and Wong's optimal bridge, as Bennett's equation.
+
+    From log(target / other) at (M,) draws of the target, and at (N,) of the other.
+    """
+    shift = np.log(len(of_target) / len(of_other))
+
+    def excess(ratio: float) -> float:
+        up = np.mean(expit(of_other - ratio + shift)) * len(of_other)
+        down = np.mean(expit(ratio - shift - of_target)) * len(of_target)
+        return float(up - down)  # falls from N to -M
+
+    values = np.concatenate([of_target, of_other])
+    low, high = float(values.min()) - 50.0, float(values.max()) + 50.0  # no numbers of draws differ by exp(50)
+    return float(scipy.optimize.brentq(excess, low, high, xtol=1e-10))
 
 
 class Mode(NamedTuple):

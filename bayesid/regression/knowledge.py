@@ -224,7 +224,7 @@ class Beliefs:
 
     Attributes:
         links: what is believed of any link; None for what the robot's lengths and the log's efforts show
-            (`bayesid.posterior.prior`).
+            (`bayesid.posterior.target`).
         nominal: single parameters, from CAD or a data sheet: name to mean and standard deviation.
         kinematics: how far the robot's geometry may be from its table; by default the usual tolerance, of which a log
             may show that it is less.

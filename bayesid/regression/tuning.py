@@ -64,7 +64,7 @@ class Tuning:
     taper: float = 0.6
     """Mass of a link over that of the one before it. A round number."""
     gain_reach: float = 0.25
-    """Scale of distances over the stretched arm, as in `bayesid.posterior.prior`."""
+    """Scale of distances over the stretched arm, as in `bayesid.posterior.target`."""
     gains_settled: float = 1e-3
     """Newton decrement, nats, at which the gains' minimum counts as reached: 3 % of a standard deviation."""
 

@@ -25,8 +25,7 @@ from bayesid.progress import SILENT, Progress
 from bayesid.regression.least_squares import Fit, fit_signed
 from bayesid.regression.moments import Moments, moments
 from bayesid.regression.solver import ConeLeastSquares
-from bayesid.signs.search.protocol import Search, SignProblem
-from bayesid.signs.search.result import turned_round
+from bayesid.signs.search.protocol import Search, SignProblem, turned_round
 from bayesid.signs.settling import Settled, nats_gained, settle_signs
 from bayesid.signs.tuning import TUNING
 

@@ -24,8 +24,7 @@ from bayesid.regression.moments import Moments, moments
 from bayesid.regression.noise import residual_noise
 from bayesid.signs.search.certified import candidate
 from bayesid.signs.search.problem import Problem
-from bayesid.signs.search.protocol import Search, SignProblem
-from bayesid.signs.search.result import Branch, SearchResult, Way, turned_round
+from bayesid.signs.search.protocol import Branch, Search, SearchResult, SignProblem, Way, turned_round
 from bayesid.signs.tuning import TUNING
 
 

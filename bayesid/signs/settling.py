@@ -20,8 +20,7 @@ from bayesid.regression.knowledge import Knowledge
 from bayesid.regression.least_squares import Fit, fit_signed
 from bayesid.regression.noise import residual_noise
 from bayesid.signs.rounds import SegmentSigns, SignSearch
-from bayesid.signs.search.protocol import Search, SignProblem
-from bayesid.signs.search.result import Branch, SearchResult
+from bayesid.signs.search.protocol import Branch, Search, SearchResult, SignProblem
 from bayesid.signs.smoothing import sign_probabilities
 from bayesid.signs.tuning import TUNING
 

@@ -27,8 +27,7 @@ from bayesid.regression.moments import Moments
 from bayesid.regression.solver import ConeLeastSquares
 from bayesid.robot import load_robot, robot_from_table
 from bayesid.signs.search.certified import Certified, certified
-from bayesid.signs.search.protocol import Search, SignProblem
-from bayesid.signs.search.result import SearchResult
+from bayesid.signs.search.protocol import Search, SearchResult, SignProblem
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters
 from bayesid.simulation.trajectories import FourierTrajectory, random_trajectory

@@ -17,7 +17,7 @@ from bayesid.arrays import Array, Integers
 from bayesid.regression.moments import Moments
 from bayesid.regression.solver import ConeLeastSquares, Solution
 from bayesid.signs.search.certified import certified
-from bayesid.signs.search.result import SearchResult
+from bayesid.signs.search.protocol import SearchResult
 from bayesid.studies.benchmarks.problems import BUDGET, SAME, Check, LogProblem, Table, timed
 
 _GAP = 1e-7

@@ -36,7 +36,7 @@ from bayesid.log.segments import find_segments
 from bayesid.log.signals import prepare
 from bayesid.robot import load_robot
 from bayesid.signs.search.beam import beam, turn_joints
-from bayesid.signs.search.result import SearchResult
+from bayesid.signs.search.protocol import SearchResult
 from bayesid.studies.benchmarks.memory import hour_in_new_process
 from bayesid.studies.benchmarks.nodes_through_cvxpy import tree_through_cvxpy
 from bayesid.studies.benchmarks.problems import (

@@ -6,12 +6,11 @@ from posterior_logs import FEW, Enumerated, cells, errors, infer_from, make_log,
 from scipy.special import expit
 
 from bayesid.errors import InputError
-from bayesid.posterior.marginal_likelihood import MarginalLikelihood
-from bayesid.posterior.modes import Mode, SampledMode, pool
+from bayesid.posterior.modes import MarginalLikelihood, Mode, SampledMode, pool
 from bayesid.posterior.sampler import Diagnostics, Draws, Sampling, nominal_sweep
 from bayesid.progress import Progress
 from bayesid.signs.search.beam import beam
-from bayesid.signs.search.result import Branch, SearchResult
+from bayesid.signs.search.protocol import Branch, SearchResult
 
 
 def listing(log, assignments, decided):

@@ -13,8 +13,8 @@ from bayesid.effects.coefficients import base_coefficients
 from bayesid.effects.model import Model
 from bayesid.identification.pipeline import identify
 from bayesid.log.segments import Segments
-from bayesid.posterior.prior import usual_links
 from bayesid.posterior.sampler import Sampling
+from bayesid.posterior.target import usual_links
 from bayesid.regression.knowledge import Beliefs, Links
 from bayesid.regression.moments import moments
 from bayesid.robot import robot_from_table

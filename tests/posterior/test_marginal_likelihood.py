@@ -4,14 +4,7 @@ from posterior_problems import disc, quadrature, simulate, target_in
 from scipy import stats
 
 from bayesid.effects.parameters import Cone
-from bayesid.posterior.marginal_likelihood import (
-    Normal,
-    bridge,
-    integrate,
-    mode_weights,
-    truncate,
-    truncate_by_splitting,
-)
+from bayesid.posterior.modes import Normal, bridge, integrate, mode_weights, truncate, truncate_by_splitting
 from bayesid.posterior.region import Region
 from bayesid.posterior.sampler import Sampling, sample
 from bayesid.robot.inertia import from_pseudo_inertia

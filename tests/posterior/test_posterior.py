@@ -12,10 +12,9 @@ from bayesid.effects.parameters import Cone
 from bayesid.posterior.inference import Posterior, widened
 from bayesid.posterior.likelihood import Likelihood
 from bayesid.posterior.modes import Mode, SampledMode
-from bayesid.posterior.prior import Prior
 from bayesid.posterior.region import Region
 from bayesid.posterior.sampler import Diagnostics, Draws, Sampling
-from bayesid.posterior.target import Target
+from bayesid.posterior.target import Prior, Target
 
 
 def test_what_the_data_decide():

@@ -9,7 +9,7 @@ from posterior_problems import information_of
 
 from bayesid.effects.parameters import Cone
 from bayesid.posterior.likelihood import make_likelihood
-from bayesid.posterior.prior import make_prior
+from bayesid.posterior.target import make_prior
 from bayesid.regression.knowledge import Links
 
 PROJECTION = [[1.0, 0.0, 0.6, 0.0], [0.0, 1.0, -2.0, 0.0], [0.0, 0.0, 0.0, 1.5]]

@@ -21,7 +21,7 @@ from bayesid.report.tuning import TUNING
 from bayesid.report.verdicts import check_findings, verdict
 from bayesid.robot import robot_from_table, robot_table
 from bayesid.signs.search.certified import Certified
-from bayesid.signs.search.result import Branch
+from bayesid.signs.search.protocol import Branch
 from bayesid.simulation.logs import simulate_log
 
 JOINTS = (

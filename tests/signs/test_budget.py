@@ -5,8 +5,7 @@ import pytest
 from sign_problems import synthetic
 
 from bayesid.signs.search.beam import Beam
-from bayesid.signs.search.protocol import OneBudget, Search, SignProblem
-from bayesid.signs.search.result import SearchResult
+from bayesid.signs.search.protocol import OneBudget, Search, SearchResult, SignProblem
 from bayesid.signs.tuning import TUNING
 
 

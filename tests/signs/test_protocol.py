@@ -9,8 +9,7 @@ from sign_problems import synthetic
 from bayesid.errors import InputError
 from bayesid.signs.search.beam import Beam
 from bayesid.signs.search.certified import Certified
-from bayesid.signs.search.protocol import Search, SignProblem
-from bayesid.signs.search.result import SearchResult
+from bayesid.signs.search.protocol import Search, SearchResult, SignProblem
 
 
 def given(seed=3, **options):

@@ -24,18 +24,16 @@ from bayesid.regression.solver import ConeLeastSquares
 from bayesid.signs.search.bounds import UnconstrainedBound
 from bayesid.signs.search.local import searched_locally
 from bayesid.signs.search.protocol import (
+    Branch,
     Budget,
     NodeCost,
     NodeCostFactory,
     PreparedNode,
+    Pruning,
     Search,
+    SearchResult,
     SignProblem,
     check_limits,
-)
-from bayesid.signs.search.result import (
-    Branch,
-    Pruning,
-    SearchResult,
     listed_without_proof,
     predicted_signs,
     turned_round,

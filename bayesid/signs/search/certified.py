@@ -32,8 +32,7 @@ from bayesid.signs.search.combinations import TooManyError, combinations, combin
 from bayesid.signs.search.local import searched_locally
 from bayesid.signs.search.patterns import LOG2, Keep
 from bayesid.signs.search.problem import OutOfTimeError, Problem
-from bayesid.signs.search.protocol import Search, SignProblem, check_limits
-from bayesid.signs.search.result import Branch, SearchResult, Way
+from bayesid.signs.search.protocol import Branch, Search, SearchResult, SignProblem, Way, check_limits
 from bayesid.signs.search.tree import Proof, prove, settled
 from bayesid.signs.tuning import TUNING, Tuning
 

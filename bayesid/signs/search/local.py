@@ -23,8 +23,15 @@ import numpy as np
 
 from bayesid.arrays import Integers
 from bayesid.signs.search.problem import Problem
-from bayesid.signs.search.protocol import SignProblem
-from bayesid.signs.search.result import Branch, SearchResult, Way, listed_without_proof, predicted_signs, turned_round
+from bayesid.signs.search.protocol import (
+    Branch,
+    SearchResult,
+    SignProblem,
+    Way,
+    listed_without_proof,
+    predicted_signs,
+    turned_round,
+)
 from bayesid.signs.tuning import TUNING
 
 

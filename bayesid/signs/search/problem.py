@@ -10,8 +10,7 @@ from bayesid.regression.moments import Moments
 from bayesid.regression.solver import ConeLeastSquares, PreparedLeastSquares, Solution
 from bayesid.signs.search.bounds import Flips, UnconstrainedBound
 from bayesid.signs.search.patterns import Patterns, make_blocks
-from bayesid.signs.search.protocol import Budget
-from bayesid.signs.search.result import EXACT, Branch, predicted_signs
+from bayesid.signs.search.protocol import EXACT, Branch, Budget, predicted_signs
 from bayesid.signs.tuning import TUNING, Tuning
 
 _ROUNDING = 1e-8

@@ -33,7 +33,7 @@ from bayesid.signs.search.bounds import Flips, UnconstrainedBound
 from bayesid.signs.search.combinations import Combinations
 from bayesid.signs.search.patterns import log_sum
 from bayesid.signs.search.problem import OutOfTimeError, Problem
-from bayesid.signs.search.result import Branch
+from bayesid.signs.search.protocol import Branch
 
 
 @dataclass(frozen=True)
