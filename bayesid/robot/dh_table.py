@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-import scipy
 
 from bayesid.arrays import Array
 from bayesid.errors import InputError, printable
@@ -148,9 +147,10 @@ def _transmission(value: object, n: int, where: str) -> Array | None:
 
 def _screw(along: str, angle: float, length: float) -> Array:
     """(4, 4) a turn about x or z, and a shift along it."""
-    matrix, axis = np.eye(4), "xyz".index(along)
-    matrix[:3, :3] = scipy.spatial.transform.Rotation.from_euler(along, angle).as_matrix()
-    matrix[axis, 3] = length
+    matrix, (i, j, axis) = np.eye(4), (1, 2, 0) if along == "x" else (0, 1, 2)
+    matrix[i, i] = matrix[j, j] = np.cos(angle)
+    matrix[j, i] = np.sin(angle)
+    matrix[i, j], matrix[axis, 3] = -matrix[j, i], length
     return matrix
 
 
