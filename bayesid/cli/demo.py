@@ -13,11 +13,10 @@ import numpy as np
 from rich.console import RenderableType
 
 from bayesid.arrays import Array
-from bayesid.cli.options import command_line, end_with, robot_of
+from bayesid.cli.options import check_file, command_line, end_with, robot_of
 from bayesid.cli.terminal import CountBar, StageBars, show, table, warn
 from bayesid.effects.coefficients import base_coefficients
 from bayesid.errors import BayesidError, InputError
-from bayesid.files.writing import check_place
 from bayesid.identification.identification import Identification
 from bayesid.identification.pipeline import identify
 from bayesid.identification.prediction import Validation
@@ -199,9 +198,7 @@ def _error_lines(experiment: Experiment, of_measured: Array) -> list[str]:
 
 def simulate_command(options: argparse.Namespace) -> None:
     """A log without signs, and beside it the same with its signs."""
-    if options.out.is_dir():
-        raise InputError("is a folder", str(options.out), "give --out the name of a file")
-    check_place(options.out)
+    check_file(options.out)
     robot = robot_of(options)
     for note in robot.notes:
         warn(note)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from bayesid.arrays import Array
-from bayesid.cli.options import beliefs, read, reading_options, robot_of, term_names
+from bayesid.cli.options import beliefs, numbers, read, reading_options, robot_of, term_names
 from bayesid.cli.terminal import StageBars, show, warn
 from bayesid.cli.tuning import TUNING
 from bayesid.discrepancy.workflow import CHANGE_OF
@@ -130,9 +130,9 @@ def design_for_result(options: argparse.Namespace) -> str:
         run = RunSettings(
             duration=options.duration,
             rate=options.rate,
-            start=_floats(options.start, "--start"),
+            start=numbers(options.start, "--start"),
             limits=_limits(options, robot),
-            effort_limits=_floats(options.effort_limits, "--effort-limits"),
+            effort_limits=numbers(options.effort_limits, "--effort-limits"),
             clearance=clearance if isinstance(clearance, CollisionModel) else None,
             no_clearance="" if isinstance(clearance, CollisionModel) else clearance.reason,
             payload=options.payload,
@@ -220,7 +220,7 @@ def _limits(options: argparse.Namespace, robot: Robot) -> MotionLimits | None:
 
 
 def _clearance(options: argparse.Namespace, robot: Robot, poses: Array) -> CollisionModel | NoShapes:
-    radii, tool = _floats(options.capsules, "--capsules"), _floats(options.tool, "--tool")
+    radii, tool = numbers(options.capsules, "--capsules"), numbers(options.tool, "--tool")
     if tool is not None and radii is None:
         raise InputError("is the end of capsules", "--tool", "give --capsules too")
     if radii is not None and options.meshes:
@@ -238,20 +238,13 @@ def _clearance(options: argparse.Namespace, robot: Robot, poses: Array) -> Colli
 
 def _height(text: str) -> float | None:
     """Of the floor, m."""
-    if text == "none":
-        return None
-    try:
-        height = float(text)
-    except ValueError:
-        height = np.nan
-    if not np.isfinite(height):
-        raise InputError(f"{text!r:.60} is no height", "--floor", "give m over the base's origin, or none")
-    return height
+    heights = None if text == "none" else numbers(text, "--floor", "give m over the base's origin, or none")
+    return None if heights is None else heights[0]
 
 
 def _poses(options: argparse.Namespace, robot: Robot, recorded: Motion | None) -> Array:
     """(M, n) where the robot has been."""
-    start = _floats(options.start, "--start")
+    start = numbers(options.start, "--start")
     parts = [] if start is None or len(start) != robot.n_joints else [np.array([start])]
     if recorded is not None:
         parts.append(recorded.q[:: max(1, len(recorded) // TUNING.poses)])
@@ -263,15 +256,3 @@ def _words(text: str | None, option: str) -> tuple[str, ...]:
     if text is not None and not words:
         raise InputError("names nothing", option, "give names with commas between, or leave it out")
     return words
-
-
-def _floats(text: str | None, option: str) -> tuple[float, ...] | None:
-    if text is None:
-        return None
-    try:
-        numbers = tuple(float(word) for word in text.split(","))
-    except ValueError:
-        raise InputError(f"{text!r:.60} is no list of numbers", option, "give numbers with commas between") from None
-    if not np.isfinite(numbers).all():
-        raise InputError(f"{text!r:.60} cannot be used", option, "give finite numbers")
-    return numbers

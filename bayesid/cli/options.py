@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 from bayesid.cli.terminal import warn
 from bayesid.effects import RigidBody
 from bayesid.errors import BayesidError, InputError, printable
+from bayesid.files.writing import check_place
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.log.formats.stated import parse_columns
 from bayesid.log.gains import Gains
@@ -50,6 +51,30 @@ def _positions(text: str) -> dict[str, float]:
         return {name.strip(): float(position) for name, _, position in words}
     except ValueError:
         raise InputError(f"{text!r} are no positions", "--hold", "give JOINT=POSITION,.. in rad or m") from None
+
+
+def numbers(
+    text: str | None, option: str, remedy: str = "give numbers with commas between"
+) -> tuple[float, ...] | None:
+    """The finite numbers of an option; None where it is not given."""
+    try:
+        found = None if text is None else tuple(float(word) for word in text.split(","))
+    except ValueError:
+        raise InputError(f"{text!r:.60} is no list of numbers", option, remedy) from None
+    if found is not None and not all(map(math.isfinite, found)):
+        raise InputError(f"{text!r:.60} cannot be used", option, "give finite numbers")
+    return found
+
+
+def check_file(out: Path) -> None:
+    """Checks that `--out` names a file that can be written.
+
+    Raises:
+        InputError: it does not.
+    """
+    if out.is_dir():
+        raise InputError("is a folder", str(out), "give --out the name of a file")
+    check_place(out)
 
 
 def reading_options(options: argparse.Namespace, identified: IdentifiedModel | None = None) -> dict[str, Any]:
@@ -133,12 +158,11 @@ def beliefs(options: argparse.Namespace, known: Mapping[str, tuple[float, float]
 
 
 def _links(text: str) -> Links:
-    try:
-        mass, reach = (float(word) for word in text.split(","))
-    except ValueError:
-        remedy = "give the scales of a link's mass and of its distances in kg and m, as in 30,0.5"
-        raise InputError(f"{text!r} are no scales of links", "--links", remedy) from None
-    return Links(mass=mass, reach=reach)
+    remedy = "give the scales of a link's mass and of its distances in kg and m, as in 30,0.5"
+    scales = numbers(text, "--links", remedy) or ()
+    if len(scales) != 2:
+        raise InputError(f"{text!r} are no scales of links", "--links", remedy)
+    return Links(mass=scales[0], reach=scales[1])
 
 
 def _tolerance(text: str) -> KinematicTolerance:

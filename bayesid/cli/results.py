@@ -5,11 +5,11 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from bayesid.cli.options import motion_options, read, read_positions, reading_options
+from bayesid.cli.options import check_file, motion_options, read, read_positions, reading_options
 from bayesid.cli.tables import payload_parts, prediction_parts, validation_parts
 from bayesid.cli.terminal import StageBars, show, warn
 from bayesid.errors import InputError
-from bayesid.files.writing import check_folder, check_place
+from bayesid.files.writing import check_folder
 from bayesid.identification.model_file import load_model
 from bayesid.identification.options import Preparation
 from bayesid.identification.payload import PayloadReading, identify_payload
@@ -56,11 +56,9 @@ def predict_command(options: argparse.Namespace) -> None:
 
 
 def _check_out(out: Path, motion: Path) -> None:
-    if out.is_dir():
-        raise InputError("is a folder", str(out), "give --out the name of a file")
+    check_file(out)
     if out.resolve() == motion.resolve():
         raise InputError("is the motion itself", str(out), "give --out another place")
-    check_place(out)
 
 
 def report_command(options: argparse.Namespace) -> None:

@@ -14,12 +14,12 @@ import numpy as np
 from rich.console import RenderableType
 
 from bayesid.arrays import Array
-from bayesid.cli.options import robot_of
+from bayesid.cli.options import check_file, numbers, robot_of
 from bayesid.cli.terminal import show, table, warn
 from bayesid.errors import InputError
 from bayesid.export.robot_file import robot_file, robot_template
 from bayesid.files.bounded import MOST_BYTES
-from bayesid.files.writing import check_place, replace_file
+from bayesid.files.writing import replace_file
 from bayesid.log.formats.text import look
 from bayesid.log.tuning import TUNING
 from bayesid.report.plot.robots import positions_text, skeleton_figure
@@ -40,7 +40,7 @@ def robot_command(options: argparse.Namespace) -> None:
 # ---------------------------------------------------------------------------------------------------------------
 def _new(options: argparse.Namespace) -> None:
     out: Path = options.out
-    _check_file(out)
+    check_file(out)
     if out.suffix != ".toml":
         raise InputError("does not end in .toml", str(out), "robot files are known by it: give --out FILE.toml")
     if out.exists() and not options.force:
@@ -79,7 +79,7 @@ def _table_of(source: str) -> tuple[str, str]:
 def _show(options: argparse.Namespace) -> None:
     out: Path | None = options.out
     if out is not None:
-        _check_file(out)
+        check_file(out)
         if out.suffix.lower() not in _PICTURES:
             raise InputError("is no picture by its name", str(out), f"let it end in {', '.join(_PICTURES)}")
     robot = robot_of(options)
@@ -118,12 +118,7 @@ def _pose_parts(here: Pose, about: Mapping[str, Any]) -> list[RenderableType]:
 
 
 def _positions(text: str, degrees: bool | None, robot: Robot) -> Array:
-    try:
-        values = np.array([float(word) for word in text.split(",")])
-    except ValueError:
-        values = np.array([np.nan])
-    if not np.isfinite(values).all():
-        raise InputError(f"{text!r} is not a list of numbers", "--q", "give Q1,Q2,.. as in 0,-1.57,1.57")
+    values = np.array(numbers(text, "--q", "give Q1,Q2,.. as in 0,-1.57,1.57"))
     if len(values) != robot.n_joints:
         said = f"holds {len(values)} positions, {robot.name} has {robot.n_joints} joints"
         raise InputError(said, "--q", "give one number a joint")
@@ -141,9 +136,3 @@ def _list(_options: argparse.Namespace) -> None:
     tables = {name: built_in_table(name) for name in BUILT_IN}
     rows = [(name, str(len(one["joints"])), one["description"], one["source"]) for name, one in tables.items()]
     show(table(["name", "joints", "robot", "source"], rows, left=["name", "robot", "source"]))
-
-
-def _check_file(out: Path) -> None:
-    if out.is_dir():
-        raise InputError("is a folder", str(out), "give --out the name of a file")
-    check_place(out)

@@ -19,29 +19,13 @@ from bayesid.cli.tuning import TUNING
 from bayesid.errors import printable
 from bayesid.parallel import onlookers
 
-OPTIONS = {
-    name: f"--{name.rpartition('.')[2].replace('_', '-')}"
-    for name in (
-        *("about", "between", "capsules", "changes", "columns", "complete", "criterion", "cutoff", "duration", "each"),
-        *(
-            "effort_limits",
-            "false_alarms",
-            "floor",
-            "gains",
-            "hold",
-            "holdout",
-            "joints",
-            "known_mass",
-            "lag",
-            "limits",
-        ),
-        *("margin", "noise", "payload", "q", "rate", "resume", "scheduler", "seed", "start", "terms", "tip", "tool"),
-        *("topic", "trials", "unsigned", "validation", "workers", "Beam.initial_segments", "Beam.time_limit"),
-        *("Beliefs.links", "Beliefs.nominal", "Certified.time_limit", "Preparation.max_memory", "Sampling.mode"),
-        *("Sampling.time_limit", "TrajectoryShape.duration", "TrajectoryShape.harmonics", "TrajectoryShape.periods"),
-        *("TrajectoryShape.rate",),
-    )
-} | {
+_SAME = """about between capsules changes columns complete criterion cutoff duration each effort_limits false_alarms
+floor gains hold holdout joints known_mass lag limits margin noise payload q rate resume scheduler seed start terms tip
+tool topic trials unsigned validation workers Beam.initial_segments Beam.time_limit Beliefs.links Beliefs.nominal
+Certified.time_limit Preparation.max_memory Sampling.mode Sampling.time_limit TrajectoryShape.duration
+TrajectoryShape.harmonics TrajectoryShape.periods TrajectoryShape.rate"""
+"""Arguments whose option has the same name."""
+OPTIONS = {name: f"--{name.rpartition('.')[2].replace('_', '-')}" for name in _SAME.split()} | {
     "Beam.budget": "--search-budget",
     "Beam.width": "--beam-width",
     "Certified.budget": "--search-budget",
