@@ -35,7 +35,7 @@ class Tuning:
     fewest_samples_of_way: float = 2.0
     """Samples in which a way that can be told from a step is passed."""
     usual_speed: float = 80.0
-    """Percentile of the speeds that counts as the usual one; a round number, not studied."""
+    """Percentile of the speeds that counts as the usual one. Halved, UR10e's model gets other effects."""
     stribeck_slow: float = 10.0
     """Stribeck speed over the speed of standstill, a hundredth of the highest, where no log is asked for it."""
     stribeck_speeds: tuple[float, ...] = (0.035, 0.06, 0.1, 0.17, 0.3)
@@ -59,27 +59,33 @@ class Tuning:
     most_harmonics: int = 400
     """Harmonics tried at most: bounds the time of a comparison."""
     lags: tuple[float, ...] = (0.0, 0.05, 0.12, 0.25, 0.4)
-    """s, about which the effort is linear in the lag; denser where bus cycles and filters make them; not studied."""
+    """s, about which the effort is linear in the lag; denser where bus cycles and filters make them. Halved or
+    doubled, no decision on logs of UR10e and KR300 changes."""
     clipping_limits: int = 16
     """Limits, between 0.8 and 1 times the highest readings; a round number, refined about the best of them."""
     near_limit: float = 0.94
-    """Readings above this share of the limit may be clipped: room for noise of a few percent; not studied."""
+    """Readings above this share of the limit may be clipped: room for noise of a few percent. Halved or doubled, no
+    decision on logs of UR10e and KR300 changes."""
     clipping_top: float = 99.8
-    """Percentile of the readings that counts as the highest: single spikes are none; a round number, not studied."""
+    """Percentile of the readings that counts as the highest: single spikes are none. Halved, no decision on logs of
+    UR10e and KR300 changes."""
     dead_zone_top: float = 99.0
-    """The same for dead zones; a round number, not studied."""
+    """The same for dead zones. Halved, no decision on logs of UR10e and KR300 changes."""
     dead_zone_growth: float = 1.3
     """Thresholds grow by this factor from 0.005 of the highest readings to 0.43 of them; refined in between."""
     blurs: tuple[float, ...] = (1.0, 1.05, 1.1, 1.2)
-    """Thresholds above a gap between readings, relative to it: noise may blur the edge; not studied."""
+    """Thresholds above a gap between readings, relative to it: noise may blur the edge. Halved or doubled, no
+    decision on logs of UR10e and KR300 changes."""
     gaps: int = 3
-    """Gaps between readings that are tried, the widest; not studied."""
+    """Gaps between readings that are tried, the widest. Halved or doubled, no decision on logs of UR10e and KR300
+    changes."""
     gaps_below: float = 0.6
     """Share of the highest readings below which gaps are looked for; above, readings are sparse by themselves."""
     clearly_above: float = 0.5
     """Readings above this share of the threshold are no zeros: midway between these and it."""
     clearly_read: float = 0.3
-    """The same where efforts are read smaller by the threshold, and only noise makes zeros larger; not studied."""
+    """The same where efforts are read smaller by the threshold, and only noise makes zeros larger. Halved or
+    doubled, no decision on logs of UR10e and KR300 changes."""
     payload_inertia: float = 0.03
     """kg m^2, prior sd of a payload's inertia: 1 kg (0.17 m)^2; a round number for tools and workpieces."""
     payload_moment: float = 0.15

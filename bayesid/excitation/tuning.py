@@ -11,7 +11,8 @@ class Tuning:
 
     # what a motion shows
     independent: float = 20.0
-    """1/s, samples that count as independent, at most: what a model leaves of efforts lasts so long. Not studied."""
+    """1/s, samples that count as independent, at most: what a model leaves of efforts lasts so long. Halved or doubled, a
+    designed motion leaves other coefficients undecided."""
     largest_group: int = 3
     """Joints turned at once: for up to seven joints all groups, as a group and its complement are the same."""
     robots: int = 3
@@ -25,9 +26,11 @@ class Tuning:
 
     # judgement of a log, from which on something is worth a word
     little: float = 0.2
-    """rad (m): a joint that covers less hardly moves; a round number, not studied."""
+    """rad (m): a joint that covers less hardly moves. Halved or doubled, no decision on a motion designed for UR10e
+    changes."""
     slow: float = 0.1
-    """rad/s (m/s): a joint that is never faster hardly moves; a round number, not studied."""
+    """rad/s (m/s): a joint that is never faster hardly moves. Halved or doubled, no decision on a motion designed
+    for UR10e changes."""
     idle: float = 0.5
     """Share of the time at standstill; a round number."""
     mistaken: float = 0.01
@@ -39,7 +42,8 @@ class Tuning:
 
     # splines
     spacing: float = 0.25
-    """s between knots: a joint may turn round every half second, as fast as usual arms may. Round; not studied."""
+    """s between knots: a joint may turn round every half second, as fast as usual arms may. Halved or doubled, the
+    next motion of UR10e leaves other questions open."""
     fewest_knots: int = 4
     """Of the shortest motion."""
     halves: int = 2
@@ -62,11 +66,12 @@ class Tuning:
     per_knot: int = 20
     """Of these instants, at most, between two knots."""
     starts: int = 8
-    """Random motions of which the best is the start; a round number, not studied."""
+    """Random motions of which the best is the start. Halved or doubled, a designed motion has other segments."""
     halvings: int = 8
     """Of a random motion that is not possible, until it is given up."""
     rise: float = 1.0
-    """s in which a start leaves its pose, and comes back: as long as usual arms need. Round; not studied."""
+    """s in which a start leaves its pose, and comes back: as long as usual arms need. Halved or doubled, a designed
+    motion has other segments and another weakest group."""
     searches: int = 2
     """From different random motions, the better of which counts: one a processor of a small machine."""
     kinds: tuple[float, float, float] = (0.6, 0.25, 0.15)

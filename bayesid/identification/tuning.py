@@ -11,12 +11,13 @@ class Tuning:
 
     # The pipeline
     quick_budget: float = 3.0
-    """Nominal seconds of a search of signs that an earlier log helps to settle. A round number, not studied."""
+    """Nominal seconds of a search of signs that an earlier log helps to settle. Halved or doubled, no decision on
+    logs of UR10e and TIAGo changes."""
     samples_a_coefficient: int = 3
-    """Samples in motion that a coefficient needs at least. A round number; not studied."""
+    """Samples in motion that a coefficient needs at least. Halved or doubled, no decision on UR10e's log changes."""
     pointwise_blocks: int = 150
-    """Blocks of each joint whose likelihood is kept by itself, for comparisons of models; weaker ones share one. A
-    round number; not studied."""
+    """Blocks of each joint whose likelihood is kept by itself, for comparisons of models; weaker ones share one.
+    Halved or doubled, no decision on UR10e's log changes."""
     smoothed_draws: int = 24
     """Draws of a mode over which the samples' probabilities are averaged: their Monte Carlo error is at most 0.1."""
     smoothed_draws_light: int = 8
@@ -52,14 +53,15 @@ class Tuning:
 
     # Other readings of a log
     suspicious: float = 0.1
-    """Share of a joint's effort that a fit leaves from which on other readings are tried, and the report has a look: a
-    model may well leave as much. A round number; not studied."""
+    """Share of a joint's effort that a fit leaves from which on other readings are tried, and the report has a
+    look: a model may well leave as much. Halved or doubled, no decision on logs of UR10e and TIAGo changes."""
     clearly_better: float = 0.8
     """Share of the given reading's residual that a better one may leave at most. Under right files the best of all
     others leaves 0.95 and more on the logs of study `real`, but 0.85 of the LWR4's with its signs. Not studied."""
     one_joint_better: float = 0.5
-    """Share of a joint's residual that other units of one joint may leave at most, where the others keep theirs: what
-    is wrong with one joint hardly shows in all. A round number; not studied."""
+    """Share of a joint's residual that other units of one joint may leave at most, where the others keep theirs:
+    what is wrong with one joint hardly shows in all. Halved or doubled, no decision on logs of UR10e and TIAGo
+    changes."""
     instants: int = 600
     """Of the log, that readings are fitted to: some 3600 rows for 60 to 80 coefficients. Not studied."""
     first_look: int = 3
@@ -72,7 +74,8 @@ class Tuning:
     longest_lag_share: int = 10
     """Of an excerpt's instants one in so many is the longest lag of a residual's autocorrelation. Not studied."""
     reading_rounds: int = 12
-    """In which signs and coefficients are made to agree; more change little. A round number; not studied."""
+    """In which signs and coefficients are made to agree; more change little. Halved or doubled, no decision on logs
+    of UR10e and TIAGo changes."""
 
     # Payloads
     payload_false_alarm: float = 0.01

@@ -11,14 +11,15 @@ class Tuning:
 
     # Samples and motion
     span: float = 0.12
-    """s of the window from which the motion is estimated: a longer one takes torques of one joint for those of another,
-    a shorter one is noisy. Set by hand; not studied."""
+    """s of the window from which the motion is estimated: a longer one takes torques of one joint for those of
+    another, a shorter one is noisy. Doubled, an alarm names another joint in a simulated stream; halved, none does."""
     fewest_periods: float = 10.0
     """Periods that the window spans at least: of fewer samples the noise is not known. Not studied."""
     spare: int = 2
     """Samples more than the polynomial has coefficients, from which on it is used: it then averages something."""
     memory: float = 1.0
-    """s over which the size of the fit's residual is averaged. A round number; not studied."""
+    """s over which the size of the fit's residual is averaged. Halved or doubled, no decision on a simulated stream
+    changes."""
     most_in_window: int = 400
     """Samples of the window, for memory and time: of 0.2 s at 2 kHz."""
     gap: float = 5.0
@@ -32,7 +33,8 @@ class Tuning:
     looks: float = 20.0
     """Hz at which the columns of the model are made: they cost as much as all the rest."""
     remembered: float = 20.0
-    """s that are remembered: as long as shorter logs from which robots are identified. A round number; not studied."""
+    """s that are remembered: as long as shorter logs from which robots are identified. Halved or doubled, no
+    decision on a simulated stream changes."""
     most_remembered: int = 20_000
     """Rows, for memory: the last 2 s at 10 kHz."""
 
@@ -40,7 +42,8 @@ class Tuning:
     slow: float = 5.0
     """Speeds of standstill at which dry friction is looked at: it is then all there (tanh 5 = 1 - 1e-4)."""
     near_rest: float = 4.0
-    """Speeds of standstill up to which the direction of friction is in doubt. A round number; not studied."""
+    """Speeds of standstill up to which the direction of friction is in doubt. Halved or doubled, no decision on a
+    simulated stream changes."""
     trust: float = 0.9
     """How far a sign is believed whose joint has changed since its model was identified. Not studied."""
 
@@ -50,7 +53,8 @@ class Tuning:
     release: float = 0.6
     """Share of its threshold below which an external torque has ended: it may flicker about it. Not studied."""
     flicker: float = 0.1
-    """s after which a contact that has ended is another one when it comes back. A round number; not studied."""
+    """s after which a contact that has ended is another one when it comes back. Halved or doubled, no decision on a
+    simulated stream changes."""
     most_alarms: float = 3600.0
     """False alarms an hour: one a second, with which nobody is served. A round number."""
     kept_alarms: int = 1000
@@ -58,13 +62,16 @@ class Tuning:
 
     # Changes
     wider: float = 2.0
-    """How many times as wide a residual is that is tested for. A round number; not studied."""
+    """How many times as wide a residual is that is tested for. Doubled, an alarm names other joints in a simulated
+    stream; at 1 there is nothing to test."""
     other_motion: float = 2.0
-    """Residual on another motion over that of the log a model was identified from. Set by hand; not studied."""
+    """Residual on another motion over that of the log a model was identified from. Halved or doubled, an alarm
+    names another joint in a simulated stream; doubled, another kind too."""
     largest: float = 6.0
     """Standard deviations beyond which a residual says no more: a single outlier is no change."""
     lasting: float = 0.6
-    """s of motion in which a change has shown, at least: three times as long as a push. A round number; not studied."""
+    """s of motion in which a change has shown, at least: three times as long as a push. Doubled, an alarm names
+    another joint in a simulated stream; halved, none does."""
     reached: float = 0.6
     """s over which a sum needs to grow to reach its limit, at least. Not studied."""
     often: float = 0.4
@@ -74,15 +81,18 @@ class Tuning:
     highest: float = 1.25
     """Of the sums, in limits: so that they come down again when a change is over."""
     calm: float = 2.0
-    """s of motion without a misfit after which a change is over. A round number; not studied."""
+    """s of motion without a misfit after which a change is over. Halved or doubled, no decision on a simulated
+    stream changes."""
     again: float = 2.0
     """A change is looked at again when it has lasted so many times as long."""
     longest: float = 20.0
     """s up to which it is looked at again: what is remembered."""
     explained: float = 0.5
-    """Share of the misfit that a named kind explains at least. A round number; not studied."""
+    """Share of the misfit that a named kind explains at least. Doubled, no kind explains a misfit; halved, no alarm
+    of a simulated stream changes."""
     passes: int = 4
-    """Fits of a kind, each with the signs of the one before it. A round number; not studied."""
+    """Fits of a kind, each with the signs of the one before it. Halved or doubled, no decision on a simulated
+    stream changes."""
 
     # Running identification
     pause: float = 0.5
@@ -90,9 +100,11 @@ class Tuning:
     clearly: float = 2.0
     """Standard deviations of the noise within which |effort| may be zero, as in `bayesid.signs`."""
     least_doubt: float = 1e-3
-    """No sign is surer than this: strong stretches come before those that are weak and sure. Round; not studied."""
+    """No sign is surer than this: strong stretches come before those that are weak and sure. Halved or doubled, no
+    decision on a simulated stream changes."""
     outliers: int = 3
-    """Samples up to which a stretch may be outliers alone: noise may have heavy tails. Round; not studied."""
+    """Samples up to which a stretch may be outliers alone: noise may have heavy tails. Halved or doubled, no
+    decision on a simulated stream changes."""
 
 
 TUNING = Tuning()

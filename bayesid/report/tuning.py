@@ -19,13 +19,15 @@ class Tuning:
     mostly_sure: float = 0.95
     """Share of the |effort| that should have a sign which is as good as certain: the custom of 95 %."""
     unsure: float = 0.8
-    """Such a share below which too much is guessed; a round number, not studied."""
+    """Such a share below which too much is guessed. Halved or doubled, no decision on UR10e's page changes."""
     ambiguous: float = 0.95
     """Confidence below which a segment's sign is called ambiguous: the custom of 95 %."""
     white: float = 0.3
-    """Share of the residual's variance that may last longer than sensor noise does; a round number, not studied."""
+    """Share of the residual's variance that may last longer than sensor noise does. Halved or doubled, no decision
+    on UR10e's page changes."""
     decided: float = 0.9
-    """Share of the coefficients that the data should decide; a round number, not studied."""
+    """Share of the coefficients that the data should decide. Halved or doubled, no decision on UR10e's page
+    changes."""
     half_decided: float = 0.5
     """Such a share below which the prior decides most."""
     poorly_known: float = 1.0
@@ -35,12 +37,12 @@ class Tuning:
     round numbers about 95 %."""
     worse: float = 1.5
     """Times the RMS residual of the log itself that a new log's may reach, as shares of the effort depend on the
-    motion; a round number, not studied."""
+    motion. Halved or doubled, no decision on UR10e's page changes."""
     larger: float = 4.0
     """Times a budget in seconds that did not suffice: enough to be worth another run; a round number."""
     another_robot: float = 10.0
     """Times as far off as believed from which on a geometry is another robot's: a centimetre where a millimetre was
-    stated. A round number; not studied."""
+    stated. Halved or doubled, no decision on UR10e's page changes."""
 
     # Verdicts of a discrepancy
     joints_named: int = 3
@@ -67,7 +69,8 @@ class Tuning:
     """Samples that are kept, evenly spread ones of a longer log: a minute of seven joints then makes a report of under
     5 MB (tests/report/test_identification_page.py)."""
     lags: float = 0.5
-    """s up to which the residual's autocorrelation is shown; a round number, not studied."""
+    """s up to which the residual's autocorrelation is shown. Halved or doubled, no decision on UR10e's page
+    changes."""
     bins: int = 24
     """Means of a curve, at most: points that can be kept from each other on a figure of 5 in."""
     most_different: int = 3

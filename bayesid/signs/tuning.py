@@ -34,7 +34,8 @@ class Tuning:
     strong: float = 0.1
     """Share of the energy of a joint's strongest segment from which on a branch without a proof decides a segment."""
     wider_beam: int = 4
-    """A first beam that leaves a poor fit is repeated so many times as wide; a round number, not studied."""
+    """A first beam that leaves a poor fit is repeated so many times as wide. Halved or doubled, no decision on logs
+    of UR10e, KR300 and TIAGo changes."""
     most_initial: int = 12
     """Segments that a beam may enumerate at the start: 2^12 nodes."""
 
@@ -117,15 +118,18 @@ class Tuning:
     first_noise: float = 0.05
     """Noise of each joint before any fit, as a share of its RMS effort: that of the paper's experiment."""
     least_noise: float = 1e-3
-    """The least noise that a fit is believed to reach, as a share of the RMS effort. A round number; not studied."""
+    """The least noise that a fit is believed to reach, as a share of the RMS effort. Halved or doubled, no decision
+    on logs of UR10e, KR300 and TIAGo changes."""
     clear_crossing: float = 2.0
     """Residual sd on both sides by which a predicted effort clearly crosses zero: by chance in one sample of twenty."""
     search_rounds: int = 4
-    """Searches of one log. A round number; not studied. The segments that still cross zero then are reported."""
+    """Searches of one log. The segments that still cross zero then are reported. Halved or doubled, no decision on
+    logs of UR10e, KR300 and TIAGo changes."""
     most_individual: int = 5_000
     """Segments of each joint with an H_k of their own; some 6 kB each (docs/certified-search.md)."""
     most_repriced: int = 32
-    """Of the listed assignments, cheapest first, that are priced by other weights. A round number; not studied."""
+    """Of the listed assignments, cheapest first, that are priced by other weights. Halved or doubled, no decision
+    on logs of UR10e, KR300 and TIAGo changes."""
     different_signs: float = 0.01
     """Share of a joint's energy in which two assignments differ if both count: less, and smoothing says as much."""
     most_alternatives: int = 6
@@ -137,12 +141,13 @@ class Tuning:
     grid_reach: float = 4.0
     """Half-width of the grid in standard deviations of b."""
     finest_step: float = 0.75
-    """Spacings of the grid: a narrower transition would fall between its points. A round number; not studied."""
+    """Spacings of the grid: a narrower transition would fall between its points. Halved, samples of UR10e and KR300
+    get other signs."""
     finest_noise: float = 1e-6
     """Of the grid's half-width: finer white noise, as of a joint without efforts, is taken to be as wide. It would fall
     between the grid's values, and singles could not tell which of them is the nearest."""
     rest_time: float = 0.5
-    """s; how fast static friction may build up. A round number; not studied."""
+    """s; how fast static friction may build up. Halved or doubled, samples of UR10e and KR300 get other signs."""
     turns_at_rest: float = 0.5
     """Probability that friction turns round at once in a standstill, at any of its samples: nothing is known of it."""
     middle: float = 8.0
@@ -162,19 +167,22 @@ class Tuning:
     side_by_side: int = 24_000
     """Samples times draws that run side by side, if one draw has not more."""
     fastest_filter: float = 125.0
-    """Hz; steps of b in a filter: between them, at higher rates, b is constant. A round number; not studied."""
+    """Hz; steps of b in a filter: between them, at higher rates, b is constant. Halved or doubled, no decision on
+    logs of UR10e and KR300 changes."""
 
     # A low-pass after the rectifier
     crossing_reach: float = 0.06
-    """s before and after a zero crossing that count as around it. Of 0.06, 0.08 and 0.12 the best on filtered dev logs
-    and simulated ones; not studied on others."""
+    """s before and after a zero crossing that count as around it. Of 0.06, 0.08 and 0.12 the best on filtered dev
+    logs and simulated ones. Halved or doubled, no decision on the demo, UR10e and KR300 changes."""
     low_pass_rest: float = 0.4
-    """s before and after that, in which a low-pass comes to rest. A round number; not studied."""
+    """s before and after that, in which a low-pass comes to rest. Halved or doubled, no decision on the demo, UR10e
+    and KR300 changes."""
     most_crossings: int = 240
     """Crossings that are looked at, evenly over log and joints: far more than what decides."""
     low_pass_false_alarm: float = 0.05
     """Bound on the probability of finding a low-pass where there is none. By the normal limit of the same sum it is
-    0.007. At 0.01 the Panda's dev log behind 8 Hz was missed; not studied on other logs."""
+    0.007. At 0.01 the Panda's dev log behind 8 Hz was missed. Halved or doubled, no decision on the demo, UR10e and
+    KR300 changes."""
     lowest_cutoff: float = 1.4
     """Hz; the first cut-off that is tried, where hardly a motion is left."""
     half_octaves: int = 9
@@ -190,16 +198,19 @@ class Tuning:
     longest_lag: float = 0.5
     """s; beyond this lag a residual's correlation is the motion's (`bayesid.regression.noise`)."""
     error_memories: tuple[float, ...] = (0.05, 0.1, 0.2, 0.5, 2.0)
-    """s; correlation times of the model's error that are told apart. Round numbers; not studied."""
+    """s; correlation times of the model's error that are told apart. Halved or doubled, no decision on the demo,
+    UR10e and KR300 changes."""
     least_noise_taken: float = 1.0
     """Least noise that a low-pass took, as a share of the residual's variance. A low-pass is known only so well, and
     slow noise looks like noise that has passed. Of 0.1 and 1 the one with fewer wrong signs on eight filtered logs."""
     low_pass_fits: int = 3
-    """Fits behind a low-pass, each with the signs of the one before it. A round number; not studied."""
+    """Fits behind a low-pass, each with the signs of the one before it. Halved or doubled, no decision on the demo,
+    UR10e and KR300 changes."""
 
     # Other models, and doubt where none helps
     lasting: float = 0.5
-    """Coloured over white noise of a residual from which on another model is asked. A round number; not studied."""
+    """Coloured over white noise of a residual from which on another model is asked. Halved or doubled, no decision
+    on logs of UR10e, KR300 and TIAGo changes."""
     largest_weight: float = 0.95
     """The model that was asked for keeps a say: neither is the truth, whatever their odds. Not studied."""
     tolerated_error: float = 0.3
@@ -219,7 +230,8 @@ class Tuning:
 
     # Completing the model
     completion_rounds: int = 3
-    """Selections, each under the signs that the one before it led to. A round number; not studied."""
+    """Selections, each under the signs that the one before it led to. Halved or doubled, no decision on logs of
+    UR10e, KR300 and TIAGo changes."""
     signs_changed: float = 1e-2
     """Share of the samples in motion whose sign must have changed for effects to be selected anew. A round number."""
     most_proposed: int = 2

@@ -15,7 +15,7 @@ class Tuning:
     shift: float = 0.5
     """Of its half range, within which a joint's centre stays around the middle, so that it has room to swing."""
     draws: int = 20
-    """Random motions, the best of which is improved; a round number, not studied."""
+    """Random motions, the best of which is improved. Halved or doubled, simulated motions are others."""
     precision: float = 1e-3
     """Of the logarithm of the condition number, at which the improvement ends."""
     # parameters
