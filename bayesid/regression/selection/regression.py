@@ -304,8 +304,8 @@ class Regression:
     def explanation(self) -> Explanation:
         """By all effects; what is left is judged by error models of its own."""
         (best, root, volume), index = self._best, self.indices(self.effects)
-        spread = np.zeros_like(best)
-        spread[index] = np.sqrt(np.sum(root**2, axis=0))
+        spread, amplitude = np.zeros_like(best), index >= self._ends[0]  # sd of coefficients without data overflows
+        spread[index[amplitude]] = np.sqrt(np.sum(root[:, amplitude] ** 2, axis=0))
         places = [self.place(effect) for effect in self.effects]
         return Explanation(
             data=self.data,
