@@ -11,8 +11,8 @@ class Tuning:
 
     # what a motion shows
     independent: float = 20.0
-    """1/s, samples that count as independent, at most: what a model leaves of efforts lasts so long. Halved or doubled, a
-    designed motion leaves other coefficients undecided."""
+    """1/s, samples that count as independent, at most: what a model leaves of efforts lasts so long. Halved or doubled,
+    a designed motion leaves other coefficients undecided."""
     largest_group: int = 3
     """Joints turned at once: for up to seven joints all groups, as a group and its complement are the same."""
     robots: int = 3
