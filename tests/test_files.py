@@ -13,8 +13,7 @@ import pytest
 
 from bayesid.errors import InputError
 from bayesid.files.bounded import read_source
-from bayesid.files.tables import plain, read_json, write_columns, write_json
-from bayesid.files.writing import check_folder, replace_file, save_folder
+from bayesid.files.writing import check_folder, plain, read_json, replace_file, save_folder, write_columns, write_json
 
 NAMES = frozenset({"summary.json", *(f"part{k}.txt" for k in range(20))})
 WRITER = """

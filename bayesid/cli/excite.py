@@ -21,8 +21,7 @@ from bayesid.excitation.judgement import judge_log
 from bayesid.excitation.limits import read_limits
 from bayesid.excitation.next_motion import NextMotion, RunSettings, design_next
 from bayesid.excitation.rivals import Hypotheses, equivalent_classes, hypotheses_of
-from bayesid.files.tables import read_json
-from bayesid.files.writing import check_folder
+from bayesid.files.writing import check_folder, read_json
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.model_file import load_model
 from bayesid.motion import Motion

@@ -18,8 +18,7 @@ from bayesid.cli.tables import line_of
 from bayesid.cli.terminal import StageBars, in_options, note, show, table, warn
 from bayesid.cli.tuning import TUNING
 from bayesid.errors import BayesidError, InputError
-from bayesid.files.tables import plain
-from bayesid.files.writing import check_folder, save_folder
+from bayesid.files.writing import check_folder, plain, save_folder
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.model_file import load_model
 from bayesid.identification.prediction import Validation, check_joints

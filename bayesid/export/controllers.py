@@ -19,7 +19,7 @@ from bayesid.errors import InputError
 from bayesid.excitation.next_motion import SPEEDS
 from bayesid.export.planned_motion import PlannedMotion, cubic, decimals, quintic
 from bayesid.export.tuning import TUNING
-from bayesid.files.tables import write_motion
+from bayesid.files.writing import write_motion
 
 # ---------------------------------------------------------------------------------------------------------------
 # ROS 2

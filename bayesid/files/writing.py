@@ -8,14 +8,22 @@ and nothing keeps two processes from replacing one target: the last one wins, as
 
 from __future__ import annotations
 
+import csv
+import json
 import os
 import tempfile
-from collections.abc import Callable, Iterator, Set
+from collections.abc import Callable, Iterable, Iterator, Sequence, Set
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any, TypeVar
 
-from bayesid.errors import InputError
+import msgspec
+import numpy as np
+
+from bayesid.arrays import Array
+from bayesid.errors import InputError, printable
 from bayesid.files.bounded import check_name
+from bayesid.motion import Motion
 
 
 def replace_file(path: Path, write: Callable[[Path], object]) -> None:
@@ -110,3 +118,103 @@ def _input_error(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise InputError(f"cannot be written ({error.strerror})", str(path), "give `folder` another place") from None
+
+
+Kind = TypeVar("Kind")
+
+
+def write_rows(path: Path, header: Sequence[str], rows: Iterable[Iterable[object]]) -> None:
+    """Writes a CSV file; floats to their last digit, unless they come as text."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(header)
+        writer.writerows(rows)
+
+
+def write_table(path: Path, rows: Sequence[dict[str, object]]) -> None:
+    """Writes a CSV file, one column a key; floats to nine digits."""
+    table = ([row[key] for key in rows[0]] for row in rows)
+    texts = ([f"{one:.9g}" if isinstance(one, float) else one for one in row] for row in table)
+    write_rows(path, list(rows[0]), texts)
+
+
+def save_table(path: Path, rows: Sequence[dict[str, object]]) -> None:
+    """`write_table`, aside first and then renamed; InputError where it cannot be written."""
+    replace_file(path, lambda aside: write_table(aside, rows))
+
+
+def write_columns(
+    path: Path,
+    names: Sequence[str],
+    t: Array,
+    values: Array | Callable[[slice], Array],
+    digits: str = "",
+    sources: Sequence[str] | None = None,
+) -> None:
+    """Writes columns over time as CSV, in bounded memory.
+
+    Args:
+        path: the file.
+        names: of t and of the k columns.
+        t: (N,) time; to the last digit, as it may count from 1970.
+        values: (N, k), or what gives those of some rows.
+        digits: format of the values; to the last digit by default.
+        sources: (N,) the log that each row is of, in a last column; none by default.
+    """
+
+    def rows() -> Iterable[list[object]]:
+        at_once = 10_000  # rows that are in memory as text
+        for start in range(0, len(t), at_once):
+            some = slice(start, start + at_once)
+            block = (values(some) if callable(values) else values[some]).tolist()
+            logs = [[]] * len(block) if sources is None else [[source] for source in sources[some]]
+            for time, row, log in zip(t[some].tolist(), block, logs, strict=True):
+                yield [time, *([format(value, digits) for value in row] if digits else row), *log]
+
+    write_rows(path, [*names, *([] if sources is None else ["log"])], rows())
+
+
+def write_motion(path: Path, motion: Motion) -> None:
+    """t, q1..qn, dq1..dqn, ddq1..ddqn: s, rad, rad/s, rad/s^2 (m of prismatic joints), to nine decimals."""
+    names = ["t", *(name for prefix in ("q", "dq", "ddq") for name in numbered(prefix, motion.n_joints))]
+    values = np.round(np.column_stack([motion.t, motion.q, motion.dq, motion.ddq]), 9) + 0.0  # no -0
+    write_rows(path, names, ([f"{t:.9g}", *(f"{value:.9f}" for value in row)] for t, *row in values.tolist()))
+
+
+def numbered(prefix: str, n: int) -> list[str]:
+    """Names of the columns of n joints."""
+    return [f"{prefix}{j}" for j in range(1, n + 1)]
+
+
+def write_json(path: Path, content: dict[str, Any] | list[dict[str, Any]]) -> None:
+    """Writes a dictionary, or several, as JSON, infinity as null."""
+    path.write_text(json.dumps(plain(content), indent=2) + "\n", encoding="utf-8")
+
+
+def plain(value: Any) -> Any:
+    """A value as JSON can hold it; it has no infinity, and null stands for it."""
+    if isinstance(value, dict):
+        return {key: plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    return None if isinstance(value, float) and not np.isfinite(value) else value
+
+
+def typed(content: Any, kind: type[Kind]) -> Kind:
+    """What JSON holds, as a type that msgspec knows; what that does not know is left out. ValueError: it is none."""
+    return msgspec.convert(content, kind)
+
+
+def read_json(path: Path, kind: type[Kind], remedy: str) -> Kind:
+    """What a JSON file that bayesid wrote holds, as `typed` gives it.
+
+    Raises:
+        InputError: it cannot be read, or holds something else.
+    """
+    try:
+        return msgspec.json.decode(path.read_bytes(), type=kind)
+    except (OSError, RecursionError, ValueError) as error:  # a DecodeError and a ValidationError are ValueErrors
+        said = " ".join(printable(str(error)).split())
+        raise InputError(f"does not hold what bayesid writes ({said})", str(path), remedy) from None

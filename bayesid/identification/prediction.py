@@ -13,8 +13,7 @@ from bayesid.arrays import Array, Integers
 from bayesid.effects.coefficients import base_coefficients
 from bayesid.effects.model import Model
 from bayesid.errors import InputError
-from bayesid.files.tables import numbered, write_columns
-from bayesid.files.writing import replace_file
+from bayesid.files.writing import numbered, replace_file, write_columns
 from bayesid.log.formats.memory import Frame, Variables
 from bayesid.log.log import GIVEN, Log, RecordedMotion, motion_of_log
 from bayesid.log.reading import motion_of_arrays, motion_of_variables, read_motion

@@ -15,8 +15,7 @@ import numpy as np
 
 from bayesid.arrays import Array, Integers, Labels, Mask, frozen
 from bayesid.errors import InputError, printable
-from bayesid.files.tables import numbered, write_columns
-from bayesid.files.writing import replace_file
+from bayesid.files.writing import numbered, replace_file, write_columns
 from bayesid.log.gains import Gains
 from bayesid.log.tuning import TUNING
 from bayesid.motion import check_label, labels, unlabelled

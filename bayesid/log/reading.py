@@ -16,7 +16,7 @@ import numpy as np
 from bayesid.arrays import Array, Mask
 from bayesid.errors import InputError
 from bayesid.files.bounded import whole_number
-from bayesid.files.tables import numbered
+from bayesid.files.writing import numbered
 from bayesid.log.formats import Column, Options, Table, is_log_folder, read_table
 from bayesid.log.formats.labels import factor_of, pattern_of, split_brackets
 from bayesid.log.formats.memory import Variables, read_variables

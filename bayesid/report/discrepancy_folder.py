@@ -11,7 +11,7 @@ import numpy as np
 from bayesid.discrepancy.comparison import EffectHistory, LogComparison
 from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.effects.catalogue import forms
-from bayesid.files.tables import write_json, write_table
+from bayesid.files.writing import write_json, write_table
 from bayesid.progress import SILENT, Progress
 from bayesid.regression.selection.added_effect import AddedEffect
 from bayesid.regression.selection.explanation import LN10

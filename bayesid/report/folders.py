@@ -25,8 +25,16 @@ import tomli_w
 from bayesid.arrays import Array
 from bayesid.errors import InputError, printable
 from bayesid.export import mjcf, urdf
-from bayesid.files.tables import numbered, write_columns, write_json, write_table
-from bayesid.files.writing import check_folder, check_place, replace_file, save_folder
+from bayesid.files.writing import (
+    check_folder,
+    check_place,
+    numbered,
+    replace_file,
+    save_folder,
+    write_columns,
+    write_json,
+    write_table,
+)
 from bayesid.identification.identification import Identification
 from bayesid.identification.model_file import model_table
 from bayesid.identification.prediction import Validation

@@ -6,8 +6,7 @@ import shlex
 from pathlib import Path
 from typing import Any
 
-from bayesid.files.tables import write_json
-from bayesid.files.writing import save_folder
+from bayesid.files.writing import save_folder, write_json
 from bayesid.identification.payload import AXES, Estimate, PayloadReading
 from bayesid.report.summary import as_object, taken
 from bayesid.report.verdicts import Check

@@ -11,8 +11,7 @@ from typing import Any, TextIO
 import numpy as np
 
 from bayesid.arrays import Array
-from bayesid.files.tables import numbered, write_columns, write_json
-from bayesid.files.writing import save_folder
+from bayesid.files.writing import numbered, save_folder, write_columns, write_json
 from bayesid.monitor.changes import CONTACT, FRICTION, GAIN, PAYLOAD, Alarm
 from bayesid.monitor.replay import Agreement, Replay
 from bayesid.monitor.tracked import Counts, StreamFigures, Tracked

@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from bayesid.arrays import TINY, Array
-from bayesid.files.tables import plain, typed
+from bayesid.files.writing import plain, typed
 from bayesid.identification.identification import Identification
 from bayesid.identification.options import Provenance
 from bayesid.identification.other_readings import BetterReading

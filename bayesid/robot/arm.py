@@ -20,7 +20,7 @@ import numpy as np
 import pinocchio as pin
 
 from bayesid.arrays import Array, Mask, frozen
-from bayesid.errors import printable
+from bayesid.errors import InputError, printable
 from bayesid.motion import Motion
 from bayesid.robot import inertia
 from bayesid.robot.tuning import TUNING
@@ -342,3 +342,14 @@ def _pinocchio_model(robot: Robot) -> pin.Model:
 
 def _revolute_z(_axis: Array) -> pin.JointModelRZ:
     return pin.JointModelRZ()
+
+
+def check_count(n_joints: int, where: str) -> None:
+    """Refuses what has more moving joints than any robot.
+
+    Raises:
+        InputError: it has.
+    """
+    if n_joints > TUNING.most_joints:
+        remedy = f"give a robot of {TUNING.most_joints} joints at most, or the chain to identify (`tip`)"
+        raise InputError(f"has {n_joints} moving joints", where, remedy)

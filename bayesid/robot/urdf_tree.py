@@ -14,8 +14,7 @@ import scipy
 
 from bayesid.arrays import Array
 from bayesid.errors import InputError
-from bayesid.files.bounded import LARGEST, xml_of
-from bayesid.robot.numbers import given_numbers
+from bayesid.files.bounded import LARGEST, given_numbers, xml_of
 from bayesid.robot.tuning import TUNING
 
 MOVING = ("revolute", "continuous", "prismatic")

@@ -31,8 +31,8 @@ Single = NDArray[np.float32]
 """Array of floats in single precision."""
 
 TAILS = 4.0
-"""Degrees of freedom of the white noise: real residuals have outliers that a normal distribution thinks impossible. A
-round number; not studied. Powers of 2.5 in smoothing and filtering are (nu + 1) / 2."""
+"""Degrees of freedom of the white noise: real residuals have outliers that a normal distribution thinks impossible.
+Four is usual (Lange, Little, Taylor 1989). Powers of 2.5 in smoothing and filtering are (nu + 1) / 2."""
 
 _SUM = np.float32(2.0**108)
 """Of a belief's weights: near the largest single, 2^128, so that products with the least transition are no smaller than

@@ -15,8 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from bayesid.errors import InputError
-from bayesid.files.tables import save_table
-from bayesid.files.writing import check_place
+from bayesid.files.writing import check_place, save_table
 from bayesid.identification.identification import Identification
 from bayesid.identification.pipeline import identify
 from bayesid.log.formats import is_stream

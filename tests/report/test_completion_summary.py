@@ -5,7 +5,7 @@ import json
 import pytest
 from completion_problems import identified
 
-from bayesid.files.tables import read_json
+from bayesid.files.writing import read_json
 from bayesid.report.findings import find_findings
 from bayesid.report.folders import save_identification
 from bayesid.report.summary import EffectSummary, Summary, as_json

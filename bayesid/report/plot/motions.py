@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike
 from bayesid.arrays import Array
 from bayesid.excitation.design import ExcitationDesign
 from bayesid.motion import Motion
+from bayesid.report.findings import evenly
 from bayesid.report.plot import figure as fig
 from bayesid.report.plot.drawing import SIZE, draw, draw_panel, handle, new_figure
-from bayesid.report.thinning import evenly
 from bayesid.report.tuning import TUNING
 from bayesid.robot import Robot
 from bayesid.robot.kinematics import pose
