@@ -17,12 +17,14 @@ import os
 import signal
 import sys
 import threading
+import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ContextDecorator, contextmanager, suppress
 from functools import wraps
+from itertools import chain
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from typing import Any, ParamSpec, TypeVar
@@ -148,13 +150,17 @@ def _end_with_leash(held: Connection) -> None:
 _tasks: Sequence[Callable[[], Any]] = ()
 """Those that this process is sharing at the moment; workers inherit them."""
 _onlookers: set[threading.Thread] = set()
+_FORKING = 0.25
+"""s: tasks that take less together are done in this process. Two workers of a process of 1 GB cost as much: every page
+that either side writes to is copied."""
 
 
 def in_parallel(tasks: Sequence[Callable[[], Result]], done: Steps = no_steps) -> list[Result]:
     """What every task returns, in their order.
 
     Args:
-        tasks: that change nothing; what they return is pickled. Each should take far longer than 10 ms.
+        tasks: that change nothing; what they return is pickled. Of more tasks than processors the first is done in this
+            process, and so are the others where that was quick.
         done: called as done(tasks done, tasks).
 
     Raises:
@@ -172,10 +178,16 @@ def in_parallel(tasks: Sequence[Callable[[], Result]], done: Steps = no_steps) -
         return list(_counted((task() for task in tasks), len(tasks), done))
     _tasks = tasks
     try:
-        with one_blas_thread, WorkerPool(workers, "fork") as pool:
-            with quiet(DeprecationWarning):  # of threads; see `_may_fork`
-                futures = [pool.submit(_run, k) for k in range(len(tasks))]
-            return list(_counted((future.result() for future in futures), len(tasks), done))
+        with one_blas_thread:
+            began, first = time.perf_counter(), [task() for task in (tasks[:1] if len(tasks) > workers else ())]
+            others = range(len(first), len(tasks))
+            if first and (time.perf_counter() - began) * len(others) < _FORKING:
+                return list(_counted(chain(first, map(_run, others)), len(tasks), done))
+            with WorkerPool(workers, "fork") as pool:
+                with quiet(DeprecationWarning):  # of threads; see `_may_fork`
+                    futures = [pool.submit(_run, k) for k in others]
+                results = (future.result() for future in futures)
+                return list(_counted(chain(first, results), len(tasks), done))
     except BrokenProcessPool:
         raise WorkerDiedError("a worker process was killed, perhaps for lack of memory") from None
     finally:

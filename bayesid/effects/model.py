@@ -17,7 +17,7 @@ from bayesid.effects.parameters import Cone, Parameter
 from bayesid.effects.term import Term
 from bayesid.effects.tuning import TUNING
 from bayesid.motion import Motion
-from bayesid.parallel import in_parallel
+from bayesid.parallel import in_parallel, processors
 from bayesid.robot import Robot
 
 
@@ -182,7 +182,10 @@ class Model:
         chunks = [slice(start, min(start + TUNING.chunk, len(motion))) for start in range(0, len(motion), TUNING.chunk)]
         for k in range(first, len(chunks), TUNING.chunks_together):
             some = chunks[k : k + TUNING.chunks_together]
-            yield from zip(some, in_parallel([partial(self._chunk, motion, rows) for rows in some]), strict=True)
+            if len(some) <= processors():  # a chunk takes less than to fork for it
+                yield from ((rows, self._chunk(motion, rows)) for rows in some)
+            else:
+                yield from zip(some, in_parallel([partial(self._chunk, motion, rows) for rows in some]), strict=True)
 
     def _chunk(self, motion: Motion, rows: slice) -> FeltColumns:
         memory = any(effect.memory for effect in self.effects)

@@ -19,6 +19,7 @@ from bayesid.posterior.sampler import Sampling
 from bayesid.progress import SILENT, no_steps
 from bayesid.signs.search.beam import Beam
 from bayesid.signs.search.certified import Certified
+from bayesid.signs.search.protocol import Search
 
 
 def test_a_run_is_told_as_a_python_call(tmp_path):
@@ -43,7 +44,7 @@ def test_a_run_is_told_as_a_python_call(tmp_path):
 
 
 @dataclass(frozen=True)
-class Mine:
+class Mine(Search):
     """A beam under another name, which claims nothing and has no last word."""
 
     width: int = 2
