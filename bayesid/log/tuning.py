@@ -8,22 +8,25 @@ from math import pi
 
 @dataclass(frozen=True)
 class Tuning:
-    """Their values; the sentence under each says where it is from."""
+    """Their values; the sentence under each says where it is from.
+
+    A number whose sentence gives no reason: halved or doubled, no decision on UR10e's log changes.
+    """
 
     # What a table may hold
     fewest_rows: int = 50
-    """Rows of a log, and distinct instants in it, at least: 0.5 s at 100 Hz, too short to filter. Not studied."""
+    """Rows of a log, and distinct instants in it, at least: 0.5 s at 100 Hz, too short to filter."""
     absurd: float = 1e6
     """No robot moves or pushes this much in SI units; logs hold 1e282 from uninitialised memory."""
     longest_gap: float = 3600.0
-    """s; a log that pauses longer is two recordings, or its clock was set in between. Not studied."""
+    """s; a log that pauses longer is two recordings, or its clock was set in between."""
     slowest_step: float = 0.5
     """s; a typical step this long counts something else than seconds. Controllers log every 1 to 12 ms (UR RTDE 2 or 8,
     KUKA RSI 4 or 12, ABB EGM 4, Franka FCI 1), a slow bus every 0.1 s; a count of ms grows by 0.5 and more a row."""
     unsorted: float = 0.01
-    """Share of steps backwards above which a time is out of order, whatever its unit. Not studied."""
+    """Share of steps backwards above which a time is out of order, whatever its unit."""
     stands: float = 0.75
-    """Share of rows that move at the time of the row before, above which a clock is too coarse. Not studied."""
+    """Share of rows that move at the time of the row before, above which a clock is too coarse."""
     few_turns: float = 4.0 * pi
     """rad; two turns either way, which few joints leave: positions beyond may be degrees."""
     many_turns: float = 20.0 * pi
@@ -31,16 +34,16 @@ class Tuning:
     strongest_effort: float = 1e5
     """N m; no joint of an arm is as strong: those for payloads of 2 t have some 5e4."""
     efforts_as_velocities: float = 0.1
-    """Share by which efforts may differ from velocities that are taken for them. Not studied."""
+    """Share by which efforts may differ from velocities that are taken for them."""
     most_uncertain_gain: float = 1.0
-    """Relative standard deviation of a gain beyond which it is unknown. Not studied."""
+    """Relative standard deviation of a gain beyond which it is unknown."""
     held_periods: int = 10
-    """A repeated row is kept after so many typical periods without a new one: the robot stood still. A log pauses
-    after twice as many: what would be interpolated is left out. Not studied."""
+    """A repeated row is kept after so many typical periods without a new one: the robot stood still. A log pauses after
+    twice as many: what would be interpolated is left out."""
 
     # Velocities beside positions
     speed_window: int = 20
-    """Rows over which velocities are summed before they are compared, so that noise counts little. Not studied."""
+    """Rows over which velocities are summed before they are compared, so that noise counts little."""
     same_motion: float = 0.9
     """Correlation from which on two signals show the same motion: real logs have 0.99 and more, other signals 0."""
     another_unit: float = 2.0
@@ -48,11 +51,11 @@ class Tuning:
     fastest: float = 60.0
     """rad/s; faster than any joint by its data sheet (wrists of small arms 10 to 20, delta robots 50)."""
     named_unit: float = 0.03
-    """How far a factor may be from that of a unit to name it. Not studied."""
+    """How far a factor may be from that of a unit to name it."""
 
     # Files of one run, and logs of one robot
     in_common: float = 0.5
-    """Share of the shortest part of a run that all parts have in common, at least. Not studied."""
+    """Share of the shortest part of a run that all parts have in common, at least."""
     same_stamp: float = 0.01
     """Share of a period by which two stamps of one instant may differ: rounding."""
     joined_pause: float = 3.0
@@ -60,7 +63,7 @@ class Tuning:
     joined_pause_periods: int = 100
     """Periods between two logs that are joined, at least: well above those from which on a log pauses."""
     same_rate: float = 0.2
-    """Logs whose rates differ by more than this share are not joined. Not studied."""
+    """Logs whose rates differ by more than this share are not joined."""
 
     # Text
     header_lines: int = 100
@@ -82,27 +85,27 @@ class Tuning:
     """A reading that departs from both sides by so many steps of its neighbours is one, a position by that alone;
     positions of nine real logs depart by 2."""
     neighbours: int = 8
-    """Runs on either side that an outlier is compared with: a median past a second outlier. Not studied."""
+    """Runs on either side that an outlier is compared with: a median past a second outlier. Halved, UR10e's log gets
+    other segments."""
     weak: float = 0.05
     """Share of a channel's 99th percentile below which an outlier does no harm: as for samples whose sign counts."""
     slight: float = 1e-3
-    """Share of a joint's range below which a jump of its position does no harm. Not studied."""
+    """Share of a joint's range below which a jump of its position does no harm."""
     dropout: float = 0.05
     """s; a shorter run is no dropout: the shortest that transports and drives are known for."""
     dropout_rows: int = 4
-    """Rows of a dropout: equal neighbours are no rarity in slow logs. Not studied."""
+    """Rows of a dropout: equal neighbours are no rarity in slow logs."""
     unusual: float = 4.0
-    """A dropout lasts this many times what all but a twentieth of a channel's runs last. Not studied."""
+    """A dropout lasts this many times what all but a twentieth of a channel's runs last."""
     abrupt: float = 4.0
     """Steps by which a channel catches up after a dropout, or changes of speed by which it stops; nine real logs have
-    no run of 50 ms in motion at all. Not studied."""
+    no run of 50 ms in motion at all."""
     clearly_moving: float = 0.2
-    """Share of a joint's usual top speed from which on it does not stop between two rows. Not studied."""
+    """Share of a joint's usual top speed from which on it does not stop between two rows."""
     steady: float = 1e-3
-    """Share by which a speed must vary over a dropout: without noise a steady motion needs a constant effort. Not
-    studied."""
+    """Share by which a speed must vary over a dropout: without noise a steady motion needs a constant effort."""
     past_blind: float = 3.0
-    """Times the least reading above zero, within which a sensor with a dead zone may fall to zero. Not studied."""
+    """Times the least reading above zero, within which a sensor with a dead zone may fall to zero."""
 
     # Signals
     filter_order: int = 4
@@ -110,29 +113,33 @@ class Tuning:
     encoder: float = 1e-3
     """rad, or m; a joint that never leaves this range shows its encoder's noise."""
     slowest_cutoff: float = 5.0
-    """Hz; no cut-off is chosen below it: friction's steps are faster than any motion. Not studied."""
+    """Hz; no cut-off is chosen below it: friction's steps are faster than any motion. Halved or doubled, UR10e's log
+    gets other segments."""
     grid_always: int = 1_000_000
     """Samples that an even grid may have whatever the log; they fit any machine."""
     grid_per_row: int = 20
     """Samples a row that a larger grid may have: an emptier one comes of stamps in bursts, or of pauses of hours."""
     thinned_from: int = 100_000
-    """Samples from which on a long log is thinned, filtered before. Not studied."""
+    """Samples from which on a long log is thinned, filtered before."""
     least_over_cutoff: float = 6.0
-    """Rate of a thinned log over the motion's cut-off: three times that of the efforts' low-pass. Not studied."""
+    """Rate of a thinned log over the motion's cut-off: three times that of the efforts' low-pass."""
     evened_rows: int = 51
-    """Rows over which jittering time stamps are evened out: half a second at 100 Hz. Not studied."""
+    """Rows over which jittering time stamps are evened out: half a second at 100 Hz."""
     smoother: float = 0.25
-    """Evened stamps are used where they divide the positions' roughness by four or more. Not studied."""
+    """Evened stamps are used where they divide the positions' roughness by four or more."""
     filter_memory: float = 3.0
     """Periods of the cut-off after which a low-pass's response has died out: to e^-13 at orders one and two."""
 
     # Segments
     slope_jump: float = 0.1
-    """Share of the 99th percentile by which the slope of |effort| must jump to be a cut. Not studied."""
+    """Share of the 99th percentile by which the slope of |effort| must jump to be a cut. Halved or doubled, UR10e's log
+    gets other segments."""
     acceleration_jump: float = 0.5
-    """Share of its 99th percentile by which the acceleration must jump to be a cut. Not studied."""
+    """Share of its 99th percentile by which the acceleration must jump to be a cut. Halved or doubled, UR10e's log gets
+    other segments."""
     zero_ceiling: float = 0.35
-    """Share of the 99th percentile of |effort| above which no minimum is a zero in disguise. Not studied."""
+    """Share of the 99th percentile of |effort| above which no minimum is a zero in disguise. Halved or doubled, UR10e's
+    log gets other segments."""
 
 
 TUNING = Tuning()

@@ -7,19 +7,21 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, kw_only=True)
 class Tuning:
-    """Choices of this package, with what each is for; `TUNING` holds those in use."""
+    """Choices of this package, with what each is for; `TUNING` holds those in use.
+
+    A number whose sentence gives no reason: halved or doubled, no decision on a simulated stream changes.
+    """
 
     # Samples and motion
     span: float = 0.12
     """s of the window from which the motion is estimated: a longer one takes torques of one joint for those of
     another, a shorter one is noisy. Doubled, an alarm names another joint in a simulated stream; halved, none does."""
     fewest_periods: float = 10.0
-    """Periods that the window spans at least: of fewer samples the noise is not known. Not studied."""
+    """Periods that the window spans at least: of fewer samples the noise is not known."""
     spare: int = 2
     """Samples more than the polynomial has coefficients, from which on it is used: it then averages something."""
     memory: float = 1.0
-    """s over which the size of the fit's residual is averaged. Halved or doubled, no decision on a simulated stream
-    changes."""
+    """s over which the size of the fit's residual is averaged."""
     most_in_window: int = 400
     """Samples of the window, for memory and time: of 0.2 s at 2 kHz."""
     gap: float = 5.0
@@ -29,12 +31,11 @@ class Tuning:
     fastest: float = 2e4
     """Hz; no controller logs faster: a rate in mHz, or a period in its place, is told."""
     farthest: float = 3.0
-    """Factor between a tracker's rate and that of a log's rows: beyond 5 every row comes after a gap. Round number."""
+    """Factor between a tracker's rate and that of a log's rows: beyond 5 every row comes after a gap."""
     looks: float = 20.0
     """Hz at which the columns of the model are made: they cost as much as all the rest."""
     remembered: float = 20.0
-    """s that are remembered: as long as shorter logs from which robots are identified. Halved or doubled, no
-    decision on a simulated stream changes."""
+    """s that are remembered: as long as shorter logs from which robots are identified."""
     most_remembered: int = 20_000
     """Rows, for memory: the last 2 s at 10 kHz."""
 
@@ -42,21 +43,19 @@ class Tuning:
     slow: float = 5.0
     """Speeds of standstill at which dry friction is looked at: it is then all there (tanh 5 = 1 - 1e-4)."""
     near_rest: float = 4.0
-    """Speeds of standstill up to which the direction of friction is in doubt. Halved or doubled, no decision on a
-    simulated stream changes."""
+    """Speeds of standstill up to which the direction of friction is in doubt."""
     trust: float = 0.9
-    """How far a sign is believed whose joint has changed since its model was identified. Not studied."""
+    """How far a sign is believed whose joint has changed since its model was identified."""
 
     # Contacts
     observer: float = 35.0
     """1/s, gain of the momentum observer (Haddadin et al. use 25 to 100); studied by `bayesid study tracking` alone."""
     release: float = 0.6
-    """Share of its threshold below which an external torque has ended: it may flicker about it. Not studied."""
+    """Share of its threshold below which an external torque has ended: it may flicker about it."""
     flicker: float = 0.1
-    """s after which a contact that has ended is another one when it comes back. Halved or doubled, no decision on a
-    simulated stream changes."""
+    """s after which a contact that has ended is another one when it comes back."""
     most_alarms: float = 3600.0
-    """False alarms an hour: one a second, with which nobody is served. A round number."""
+    """False alarms an hour: one a second, with which nobody is served."""
     kept_alarms: int = 1000
     """Alarms that are remembered: a stream may last for weeks."""
 
@@ -73,16 +72,17 @@ class Tuning:
     """s of motion in which a change has shown, at least: three times as long as a push. Doubled, an alarm names
     another joint in a simulated stream; halved, none does."""
     reached: float = 0.6
-    """s over which a sum needs to grow to reach its limit, at least. Not studied."""
+    """s over which a sum needs to grow to reach its limit, at least. Doubled, an alarm names another joint in a
+    simulated stream."""
     often: float = 0.4
-    """Share of the motion since it began in which a change has shown, at least: pushes are none. Not studied."""
+    """Share of the motion since it began in which a change has shown, at least: pushes are none. Doubled, an alarm
+    names other joints in a simulated stream."""
     shortest: float = 0.05
     """s that count as one sample at least: what a model lacks changes with the motion, not from sample to sample."""
     highest: float = 1.25
     """Of the sums, in limits: so that they come down again when a change is over."""
     calm: float = 2.0
-    """s of motion without a misfit after which a change is over. Halved or doubled, no decision on a simulated
-    stream changes."""
+    """s of motion without a misfit after which a change is over."""
     again: float = 2.0
     """A change is looked at again when it has lasted so many times as long."""
     longest: float = 20.0
@@ -91,8 +91,7 @@ class Tuning:
     """Share of the misfit that a named kind explains at least. Doubled, no kind explains a misfit; halved, no alarm
     of a simulated stream changes."""
     passes: int = 4
-    """Fits of a kind, each with the signs of the one before it. Halved or doubled, no decision on a simulated
-    stream changes."""
+    """Fits of a kind, each with the signs of the one before it."""
 
     # Running identification
     pause: float = 0.5
@@ -100,11 +99,9 @@ class Tuning:
     clearly: float = 2.0
     """Standard deviations of the noise within which |effort| may be zero, as in `bayesid.signs`."""
     least_doubt: float = 1e-3
-    """No sign is surer than this: strong stretches come before those that are weak and sure. Halved or doubled, no
-    decision on a simulated stream changes."""
+    """No sign is surer than this: strong stretches come before those that are weak and sure."""
     outliers: int = 3
-    """Samples up to which a stretch may be outliers alone: noise may have heavy tails. Halved or doubled, no
-    decision on a simulated stream changes."""
+    """Samples up to which a stretch may be outliers alone: noise may have heavy tails."""
 
 
 TUNING = Tuning()

@@ -7,27 +7,27 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Tuning:
-    """Sizes, shares and thresholds of sampling, of modes, and of what is kept of the draws."""
+    """Sizes, shares and thresholds of sampling, of modes, and of what is kept of the draws.
+
+    A number whose sentence gives no reason: halved or doubled, no decision on the demo and UR10e's log changes.
+    """
 
     # prior
     log_scale_sd: float = 0.5
     """Sd of the logarithm of a joint's noise over its reference: a factor of 1.6 (docs/posterior.md). Set by hand,
     wide beside what a log leaves, 1 / sqrt(2 n_j)."""
     least_noise: float = 1e-3
-    """Noise that no effort is free of, as a share of its RMS. Halved or doubled, no decision on the demo and UR10e
-    changes."""
+    """Noise that no effort is free of, as a share of its RMS."""
     link_reach: float = 0.25
-    """Scale of a link's distances over the stretched arm: most of its length is two or three links. A round number."""
+    """Scale of a link's distances over the stretched arm: most of its length is two or three links."""
     link_mass: float = 3.0
     """Scale of a link's mass over the mass that would make the log's efforts: the typical link has 0.3 of the scale."""
 
     # modes
     most_branches: int = 32
-    """Assignments of the search's list, cheapest first, that are followed to their centres. A round number; not
-    studied."""
+    """Assignments of the search's list, cheapest first, that are followed to their centres."""
     most_modes: int = 6
-    """Modes that are sampled: each takes its share of the budget. Halved or doubled, no decision on the demo and
-    UR10e changes."""
+    """Modes that are sampled: each takes its share of the budget."""
     mode_depth: float = 10.0
     """Nats below the best mode's centre under which a mode does not matter: exp(-10) is 5e-5."""
     hopeless: float = 50.0
@@ -36,11 +36,9 @@ class Tuning:
     valley: float = 3.0
     """Nats that a valley between two modes is deep, at least: walkers cross one of exp(-3) = 5 % of the density."""
     valley_steps: int = 12
-    """Into which the straight way between two modes is divided to look for the valley. Halved or doubled, no
-    decision on the demo and UR10e changes."""
+    """Into which the straight way between two modes is divided to look for the valley."""
     sign_rounds: int = 4
-    """In which signs and parameters are made to agree; more change little. Halved or doubled, no decision on the
-    demo and UR10e changes."""
+    """In which signs and parameters are made to agree; more change little."""
     negligible_mode: float = 1e-3
     """A mode of less weight leaves no draws: of the 4096 that posterior.nc keeps, four."""
 
@@ -48,7 +46,7 @@ class Tuning:
     hot: float = 4.0
     """Temperature at which walkers are spread: twice the posterior's sd, as R-hat wants it (Gelman and Rubin 1992)."""
     hot_sweeps: int = 3
-    """Sweeps at that temperature. Halved or doubled, no decision on the demo changes."""
+    """Sweeps at that temperature."""
     reach: float = 0.9
     """Of the ellipsoid's radius, in which walkers begin: short of 1, for rounding."""
 
@@ -65,8 +63,7 @@ class Tuning:
     idle: float = 0.05
     """Share of the walkers that may stay on a line: the last few take as many tries as all others."""
     most_tries: int = 200
-    """A bracket that has shrunk this often is a point; the walker stays. Halved or doubled, no decision on the demo
-    changes."""
+    """A bracket that has shrunk this often is a point; the walker stays."""
     line_seconds: float = 2e-4
     """Nominal seconds of a line."""
     entry_seconds: float = 1.5e-9
@@ -91,7 +88,7 @@ class Tuning:
     precision are then theirs. A round number; docs/posterior.md, section 3, states it."""
     from_zero: float = 1.02
     """Times the shortest interval that one from zero may be long: the place of the shortest is uncertain among
-    draws. Halved or doubled, no decision on the demo and UR10e changes."""
+    draws."""
     near_edge: float = 0.9
     """Share of a window from which on a draw is near its edge: in its last tenth."""
     pressed: float = 0.2
@@ -103,29 +100,25 @@ class Tuning:
     """Autocorrelation times that a block lasts at least, so that neighbours say little of each other. On six real logs
     1 to 7 % of the blocks then have a Pareto k above 0.7, of segments 5 to 30 % (docs/posterior.md, section 7)."""
     most_blocks: int = 64
-    """Blocks of a joint, but for those that are shorter because their segment is: each then holds a few hundredths
-    of what a log says, whatever its length, and posterior.nc stays small. Halved or doubled, no decision on the
-    demo and UR10e changes."""
+    """Blocks of a joint, but for those that are shorter because their segment is: each then holds a few hundredths of
+    what a log says, whatever its length, and posterior.nc stays small."""
     agreed: float = 1e-3
     """Nats that a draw may leave to the other sign of a segment on which draws agree: what summing it out would add to
     the segment's likelihood, and ArviZ's summaries have two digits."""
 
     # mass of a mode
     mass_groups: int = 8
-    """Groups of walkers whose spread gives the standard error of a mode's mass. Halved or doubled, no decision on
-    the demo and UR10e changes."""
+    """Groups of walkers whose spread gives the standard error of a mode's mass."""
     mass_walkers: int = 64
-    """Walkers in each group. Halved or doubled, no decision on the demo and UR10e changes."""
+    """Walkers in each group."""
     mass_share: float = 0.3
-    """Share of these walkers that stays at a level of the splitting. Halved or doubled, no decision on the demo and
-    UR10e changes."""
+    """Share of these walkers that stays at a level of the splitting."""
     level_sweeps: int = 3
-    """Sweeps of hit-and-run at each level. Halved or doubled, no decision on the demo and UR10e changes."""
+    """Sweeps of hit-and-run at each level."""
     mass_steps: int = 3
-    """Steps from the first normal distribution to the second. Halved or doubled, no decision on the demo and UR10e
-    changes."""
+    """Steps from the first normal distribution to the second."""
     step_sweeps: int = 8
-    """Sweeps of hit-and-run at each step. Halved or doubled, no decision on the demo and UR10e changes."""
+    """Sweeps of hit-and-run at each step."""
 
 
 TUNING = Tuning()

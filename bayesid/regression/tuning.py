@@ -7,15 +7,21 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Tuning:
-    """Thresholds, counts, widths and budgets of this package and of `selection`."""
+    """Thresholds, counts, widths and budgets of this package and of `selection`.
+
+    A number whose sentence gives no reason: halved or doubled, no decision on UR10e's log changes.
+    """
 
     # noise
     white_lag: float = 0.02
-    """s; sensor noise is forgotten after this long, model error is not. Not studied."""
+    """s; sensor noise is forgotten after this long, model error is not. Halved or doubled, UR10e's model gets other
+    effects."""
     coloured_share: tuple[float, float] = (0.05, 0.98)
-    """Least and largest share of the coloured part in a residual's variance, so that logarithms exist. Not studied."""
+    """Least and largest share of the coloured part in a residual's variance, so that logarithms exist. Halved, samples
+    of UR10e get other signs."""
     longest_lag: float = 0.5
-    """s; beyond it a residual's correlation is not followed, and taken for the motion's. Not studied."""
+    """s; beyond it a residual's correlation is not followed, and taken for the motion's. Halved, UR10e's model gets
+    other effects."""
     sokal: float = 5.0
     """Autocorrelation times that the window of the integrated time spans: Sokal 1997, section 3, gives 4 to 10."""
     noise_replicates: int = 12
@@ -23,17 +29,17 @@ class Tuning:
     noise_iterations: int = 4
     """Of the indirect inference: `bayesid study calibration` was run with as many."""
     most_change: float = 3.0
-    """Factor by which one such iteration may change a figure, up or down. Not studied."""
+    """Factor by which one such iteration may change a figure, up or down."""
 
     # least squares
     poor_fit: float = 0.25
-    """A fit that leaves more than this share of a joint's effort is poor. Not studied."""
+    """A fit that leaves more than this share of a joint's effort is poor."""
     most_corrected: int = 30_000
-    """Samples up to which the noise is corrected for what the fit took of it: time grows with them. Not studied."""
+    """Samples up to which the noise is corrected for what the fit took of it: time grows with them."""
     involved: float = 1e-3
-    """Component in a direction without curvature from which on a coefficient is unexcited. Not studied."""
+    """Component in a direction without curvature from which on a coefficient is unexcited."""
     near_edge: float = 10.0
-    """Margins of the solver at which a pseudo-inertia counts as on the edge of the feasible set. Not studied."""
+    """Margins of the solver at which a pseudo-inertia counts as on the edge of the feasible set."""
 
     # the cone's solver
     pull_reach: float = 100.0
@@ -46,7 +52,7 @@ class Tuning:
     most_pull: float = 1e-7
     """Largest weight as such a share, where efforts are so few or weak that nothing is decided."""
     inside_nearness: float = 1e-4
-    """Weight of the distance to typical links, in sizes squared, where parameters move inside the cone. Not studied."""
+    """Weight of the distance to typical links, in sizes squared, where parameters move inside the cone."""
     inside_tolerance: float = 1e-6
     """Relative gap to which parameters are moved inside: no data depend on where they end."""
     precise_tolerances: tuple[float, ...] = (1e-10, 1e-9, 1e-8, 1e-7, 1e-6)
@@ -62,7 +68,7 @@ class Tuning:
     arm_mass: float = 40.0
     """kg m^-2: mass of an arm over the square of its stretched length; data sheets: 10 (UR10e) to 133 (TX40)."""
     taper: float = 0.6
-    """Mass of a link over that of the one before it. A round number."""
+    """Mass of a link over that of the one before it."""
     gain_reach: float = 0.25
     """Scale of distances over the stretched arm, as in `bayesid.posterior.target`."""
     gains_settled: float = 1e-3
@@ -82,15 +88,15 @@ class Tuning:
     faint: float = 1e-3
     """D below which a direction changes nothing: the spread grows by D^2 / 2."""
     long_log: int = 20_000
-    """Samples from which on directions are kept in single precision. A round number."""
+    """Samples from which on directions are kept in single precision."""
 
     # error models
     error_shares: tuple[float, ...] = (1e-4, 0.01, 0.03, 0.1, 0.25, 0.5, 0.7, 0.85, 0.93, 0.97, 0.99, 0.998)
-    """Of the coloured part in the variance, a coarse grid from which the fit starts. Not studied."""
+    """Of the coloured part in the variance, a coarse grid from which the fit starts."""
     error_times: tuple[float, ...] = (0.006, 0.01, 0.02, 0.035, 0.06, 0.11, 0.2, 0.4, 0.8, 1.6, 3.0)
     """s, the grid of correlation times: a factor of about 2 from one to the next."""
     error_lags: int = 1_000
-    """Of the sample autocovariances that the grid is judged by. Not studied."""
+    """Of the sample autocovariances that the grid is judged by."""
     shortest_time: float = 0.005
     """s; a shorter correlation is white at usual rates."""
     longest_time: float = 3.0
@@ -108,37 +114,37 @@ class Tuning:
     grid_error: float = 0.005
     """Share of the sum of squares by which the grid may be off: it sees what is bridged as well. Set by hand."""
     limited_evaluations: int = 40
-    """Of the search for an error model within limits. A round number."""
+    """Of the search for an error model within limits."""
     limited_step: float = 0.5
-    """First step of that search. A round number."""
+    """First step of that search."""
     unseen_size: float = 1e-3
     """Change of an error's size that weighs samples as before: below its sampling error of some 1e-2."""
     whitened_at_once: int = 100_000
-    """Numbers of columns that are whitened together: 1 MB, which a processor's cache holds. A round number."""
+    """Numbers of columns that are whitened together: 1 MB, which a processor's cache holds."""
     kept_bytes: int = 128_000_000
-    """Of whitened columns that are kept; what was asked for longest ago goes. A round number."""
+    """Of whitened columns that are kept; what was asked for longest ago goes."""
 
     # scores
     usual_effort: float = 0.3
-    """Prior sd of an effect's largest effort as a share of the joint's RMS effort. A round number."""
+    """Prior sd of an effect's largest effort as a share of the joint's RMS effort."""
     sharper_turn: float = 4.0
-    """Factor by which friction turns round faster where it turns at once: a shorter turn shows no more. Round."""
+    """Factor by which friction turns round faster where it turns at once: a shorter turn shows no more."""
     settlings: int = 2
-    """Times that an explanation is found again with the error models it has left. Not studied."""
+    """Times that an explanation is found again with the error models it has left."""
     initial_coloured: float = 0.05
     """Coloured part over the white one in the error model to begin with; it weighs the first fit alone."""
     initial_time: float = 0.1
     """s, its correlation time."""
     proposed_sets: tuple[int, int, int] = (3, 5, 4)
-    """Sets of one, two and three effects of a joint that are proposed. Round numbers."""
+    """Sets of one, two and three effects of a joint that are proposed."""
     set_beam: int = 24
-    """Sets of different effects that larger ones are made of. A round number."""
+    """Sets of different effects that larger ones are made of."""
     forms_in_sets: int = 12
-    """Forms of one effect that take part in sets: half the best by themselves, half spread over the grid. Round."""
+    """Forms of one effect that take part in sets: half the best by themselves, half spread over the grid."""
     forms_at_once: int = 16
-    """Forms that are multiplied together where each is scored alone. A round number."""
+    """Forms that are multiplied together where each is scored alone."""
     sets_at_once: int = 4096
-    """Sets whose products are in memory at once. A round number."""
+    """Sets whose products are in memory at once."""
     number_evaluations: int = 12
     """In the search for a nonlinear number: golden sections narrow its bracket to a hundredth or better."""
     noticed: float = 0.01
@@ -150,20 +156,21 @@ class Tuning:
 
     # forward selection
     blocks: int = 16
-    """Equal stretches of a log that are held back: they give a standard error to 18 %. Not studied."""
+    """Equal stretches of a log that are held back: they give a standard error to 18 %. Halved or doubled, UR10e's model
+    gets other effects."""
     folds: int = 4
-    """Groups of them, each with data from all of the log. Not studied."""
+    """Groups of them, each with data from all of the log. Halved or doubled, UR10e's model gets other effects."""
     shortest_block: float = 1.0
-    """s, that a block lasts at least: halves of 10 s of Panda's log (study `complete`). A round number."""
+    """s, that a block lasts at least: halves of 10 s of Panda's log (study `complete`)."""
     harm: float = 0.04
-    """Share of a joint's mean squared error by which it may rise in any case, 2 % of the error. A round number."""
+    """Share of a joint's mean squared error by which it may rise in any case, 2 % of the error."""
     help: float = 0.1
-    """Share of the joints' mean squared errors, added up, by which an effect lowers them at least. A round number."""
+    """Share of the joints' mean squared errors, added up, by which an effect lowers them at least."""
     sure: float = 1.5
     """Standard errors over the blocks by which it does: two keep effects out of half of TX40's log that hold in the
     other half, one lets effects enter that do not."""
     sets_predicted_at_once: int = 16
-    """Candidates at most whose predictions of held-back blocks are made together. A round number."""
+    """Candidates at most whose predictions of held-back blocks are made together."""
     needed: float = 12.0
     """Nats by which an effect enters: e^-12 times some 150 places a log leave 1e-3 false ones, even if the noise model
     is off by a factor of two in nats (DESIGN.md 4)."""
@@ -172,25 +179,25 @@ class Tuning:
     significant: float = 3.0
     """Standard deviations that one number of an effect must be from zero under the final fit: one in 370 by chance."""
     short_list: int = 60
-    """Effects that are looked at again after the first look, in their best form. Not studied."""
+    """Effects that are looked at again after the first look, in their best form."""
     thinned_samples: int = 2_500
-    """Samples on which effects are selected, thinned evenly: time grows with them. A round number."""
+    """Samples on which effects are selected, thinned evenly: time grows with them."""
     slowest_rate: float = 25.0
     """Hz; a log is not thinned below it, as friction turns round within 0.1 s: of longer ones stretches are taken."""
     stretches: int = 8
-    """Of a log that is too long. A round number."""
+    """Of a log that is too long."""
     moved_effort: float = 0.1
-    """Share of a joint's effort by which the model's changes before distortions are linearised anew. Not studied."""
+    """Share of a joint's effort by which the model's changes before distortions are linearised anew."""
 
     # unseen effects
     relevance_rounds: int = 60
-    """Of the scales' fixed point; it has settled to a few per cent by then. Not studied."""
+    """Of the scales' fixed point; it has settled to a few per cent by then."""
     relevance_start: float = 0.3
     """Of s, in units of what was believed before: the fixed point leaves large values slowly."""
     absent: float = 0.5
     """h: half an observation of nothing, as of Jeffreys's prior of a variance."""
     own_share: float = 1e-2
-    """Share of a direction's square that the model's columns must not explain. Not studied."""
+    """Share of a direction's square that the model's columns must not explain."""
     gone: float = 1e-3
     """Of s, below which a group is left out."""
     moved_coefficient: float = 2.0
@@ -200,9 +207,9 @@ class Tuning:
 
     # learned functions
     lengths: tuple[float, ...] = (0.1, 0.2, 0.4, 0.8)
-    """Of the kernel, as shares of the range seen. Round numbers."""
+    """Of the kernel, as shares of the range seen."""
     sizes: tuple[float, ...] = (0.02, 0.06, 0.2, 0.6)
-    """Prior sd of a function as a share of the joint's RMS effort. Round numbers."""
+    """Prior sd of a function as a share of the joint's RMS effort."""
     cosines_screened: int = 6
     """Of a variable while pairs are screened. Set by hand."""
     cosines_coarse: int = 8
@@ -210,7 +217,7 @@ class Tuning:
     cosines_fine: int = 14
     """In the finest of them: they resolve a kernel of a tenth of the range."""
     variables_tried: int = 10
-    """Sets of variables whose forms are all tried at first. A round number."""
+    """Sets of variables whose forms are all tried at first."""
     variables_tried_again: int = 4
     """The same by what a function has left."""
     variables_looked_at: int = 6

@@ -7,7 +7,10 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, kw_only=True)
 class Tuning:
-    """Choices of this package, with what each is for; `TUNING` holds those in use."""
+    """Choices of this package, with what each is for; `TUNING` holds those in use.
+
+    A number whose sentence gives no reason: halved or doubled, no decision on UR10e's page changes.
+    """
 
     # Verdicts of an identification
     well_conditioned: float = 100.0
@@ -19,15 +22,13 @@ class Tuning:
     mostly_sure: float = 0.95
     """Share of the |effort| that should have a sign which is as good as certain: the custom of 95 %."""
     unsure: float = 0.8
-    """Such a share below which too much is guessed. Halved or doubled, no decision on UR10e's page changes."""
+    """Such a share below which too much is guessed."""
     ambiguous: float = 0.95
     """Confidence below which a segment's sign is called ambiguous: the custom of 95 %."""
     white: float = 0.3
-    """Share of the residual's variance that may last longer than sensor noise does. Halved or doubled, no decision
-    on UR10e's page changes."""
+    """Share of the residual's variance that may last longer than sensor noise does."""
     decided: float = 0.9
-    """Share of the coefficients that the data should decide. Halved or doubled, no decision on UR10e's page
-    changes."""
+    """Share of the coefficients that the data should decide."""
     half_decided: float = 0.5
     """Such a share below which the prior decides most."""
     poorly_known: float = 1.0
@@ -37,18 +38,18 @@ class Tuning:
     round numbers about 95 %."""
     worse: float = 1.5
     """Times the RMS residual of the log itself that a new log's may reach, as shares of the effort depend on the
-    motion. Halved or doubled, no decision on UR10e's page changes."""
+    motion."""
     larger: float = 4.0
-    """Times a budget in seconds that did not suffice: enough to be worth another run; a round number."""
+    """Times a budget in seconds that did not suffice: enough to be worth another run."""
     another_robot: float = 10.0
     """Times as far off as believed from which on a geometry is another robot's: a centimetre where a millimetre was
-    stated. Halved or doubled, no decision on UR10e's page changes."""
+    stated."""
 
     # Verdicts of a discrepancy
     joints_named: int = 3
     """Joints whose gaps are named one by one: more make a sentence that nobody reads."""
     sure: float = 0.9
-    """Probability below which it is mentioned; a round number."""
+    """Probability below which it is mentioned."""
     set_listed: float = 0.01
     """Probability from which on a set of effects is listed; for display."""
 
@@ -69,12 +70,11 @@ class Tuning:
     """Samples that are kept, evenly spread ones of a longer log: a minute of seven joints then makes a report of under
     5 MB (tests/report/test_identification_page.py)."""
     lags: float = 0.5
-    """s up to which the residual's autocorrelation is shown. Halved or doubled, no decision on UR10e's page
-    changes."""
+    """s up to which the residual's autocorrelation is shown."""
     bins: int = 24
     """Means of a curve, at most: points that can be kept from each other on a figure of 5 in."""
     most_different: int = 3
-    """Coefficients of another mode that are named; a round number."""
+    """Coefficients of another mode that are named."""
     most_listed: int = 4
     """Of what is listed in one sentence of a time line: more make one that nobody reads."""
     worst_coefficients: int = 10

