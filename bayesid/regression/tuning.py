@@ -126,7 +126,8 @@ class Tuning:
 
     # scores
     usual_effort: float = 0.3
-    """Prior sd of an effect's largest effort as a share of the joint's RMS effort."""
+    """Prior sd of an effect's largest effort as a share of the joint's RMS effort. Halved, UR10e's model gets other
+    effects."""
     sharper_turn: float = 4.0
     """Factor by which friction turns round faster where it turns at once: a shorter turn shows no more."""
     settlings: int = 2
@@ -161,7 +162,8 @@ class Tuning:
     folds: int = 4
     """Groups of them, each with data from all of the log. Halved or doubled, UR10e's model gets other effects."""
     shortest_block: float = 1.0
-    """s, that a block lasts at least: halves of 10 s of Panda's log (study `complete`)."""
+    """s, that a block lasts at least: halves of 10 s of Panda's log (study `complete`). Doubled, UR10e's model gets
+    other effects."""
     harm: float = 0.04
     """Share of a joint's mean squared error by which it may rise in any case, 2 % of the error."""
     help: float = 0.1
@@ -181,7 +183,8 @@ class Tuning:
     short_list: int = 60
     """Effects that are looked at again after the first look, in their best form."""
     thinned_samples: int = 2_500
-    """Samples on which effects are selected, thinned evenly: time grows with them."""
+    """Samples on which effects are selected, thinned evenly: time grows with them. Halved, UR10e's model gets other
+    effects."""
     slowest_rate: float = 25.0
     """Hz; a log is not thinned below it, as friction turns round within 0.1 s: of longer ones stretches are taken."""
     stretches: int = 8
