@@ -382,9 +382,12 @@ def read_findings(folder: str | Path) -> Findings:
             }
             parts |= {name: tuple(arrays[name].tolist()) for name in _WORDS}
         return Findings(summary=summary, **parts, draws=_draws(place / "posterior.nc"), folder=str(folder))
-    except Exception as error:  # a damaged archive raises whatever its parser stumbles over
-        said = " ".join(printable(str(error)).split()) or type(error).__name__
-        raise InputError(f"cannot be read ({said})", str(folder), _REMEDY) from None
+    except InputError as error:
+        raise InputError(f"{Path(error.where).name} {error.what}", str(folder), _REMEDY) from None
+    except KeyError as error:
+        raise InputError(f"{FILE} lacks {printable(str(error))}", str(folder), _REMEDY) from None
+    except Exception:  # a damaged archive raises whatever its parser stumbles over
+        raise InputError(f"{FILE} is damaged", str(folder), _REMEDY) from None
 
 
 def _part(name: str, arrays: Mapping[str, Any]) -> Any:

@@ -107,8 +107,10 @@ def parse_effect(text: str, robot: Robot) -> SimulatedEffect:
     if effect.name not in main_forms():
         remedy = f"{near_names(effect.name, main_forms())} {remedy}".strip()
         raise InputError(f"{text!r} names no effect of the catalogue", field="effects", remedy=remedy)
-    if not (1 <= effect.joint <= robot.n_joints and 0.0 <= effect.level <= 1e3):
-        raise InputError(f"{text!r} names no effect of this robot", field="effects", remedy=remedy)
+    if not 1 <= effect.joint <= robot.n_joints:
+        raise InputError(f"{text!r} names joint {effect.joint}", field="effects", remedy=f"give 1 to {robot.n_joints}")
+    if not 0.0 <= effect.level <= 1e3:
+        raise InputError(f"{text!r} has a level of {effect.level:g}", field="effects", remedy="give 0 to 1000")
     return effect
 
 

@@ -369,7 +369,7 @@ def glued(segments: Segments, effort: Array) -> Segments:
     return replace(segments, end=end)[keep]
 
 
-def test_bad_input_is_named(truth):
+def test_bad_input_is_named(truth, tmp_path):
     given = {"robot": truth.model.robot, "log": truth.log(grid())}
     t = grid(1.2)  # one short move in a second of rest
     short = replace(truth.log(t), q=point_to_point(3, 1, seed=0)(np.clip((t - 0.5) * 5.0, 0.0, 1.0)).q)
@@ -384,6 +384,7 @@ def test_bad_input_is_named(truth):
         (lambda: {"posterior": Sampling(budget=np.nan)}, "Sampling.budget", "nan"),
         (lambda: {"beliefs": Beliefs(nominal={"m9": (1.0, 0.1)})}, "nominal", "m9"),
         (lambda: {"log": "nowhere.csv"}, "nowhere.csv", "no such file"),
+        (lambda: {"log": str(tmp_path)}, str(tmp_path), "is a folder"),
         (lambda: {"robot": "nobody"}, "nobody", "no such robot"),
         (lambda: {"log": replace(given["log"], q=0.3 + 1e-6 * given["log"].q)}, "simulated arm3", "no joint moves"),
         (lambda: {"log": short}, "simulated arm3", "samples in motion for 28 coefficients"),

@@ -131,7 +131,9 @@ def read_table(path: Path, options: Options) -> Table:
         return check(join_parts(tables, options.columns, motion=options.motion), options.columns)
     try:
         return (_read_stream if is_stream(check_name(path)) else _read_file)(path, options)
-    except (FileNotFoundError, IsADirectoryError, NotADirectoryError):
+    except IsADirectoryError:
+        raise InputError("is a folder, but no recording", str(path), "give the path of a log") from None
+    except (FileNotFoundError, NotADirectoryError):
         raise InputError("no such file", str(path), "give the path of a log") from None
     except OSError as error:
         raise InputError(f"cannot be read ({error.strerror or error})", str(path), "check the file") from None
