@@ -13,9 +13,6 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from bayesid.arrays import Array, frozen
 from bayesid.errors import InputError, printable
 
 MOST_BYTES = 1 << 23
@@ -139,30 +136,3 @@ def check_name(path: str | Path) -> Path:
         said = f"cannot be the name of a file ({_said(error)})"
         raise InputError(said, printable(str(path))[:200], "give another path") from None
     return Path(path)
-
-
-def given_numbers(value: object, shape: tuple[int, ...], key: str, where: str, most: float = LARGEST) -> Array:
-    """What a key of a robot file holds, as numbers of this world in a shape.
-
-    Args:
-        value: of the key.
-        shape: of the numbers.
-        key: for messages.
-        where: for messages.
-        most: that each may be, either way.
-
-    Raises:
-        InputError: it holds something else.
-    """
-    try:
-        numbers = frozen(value, shape, key)
-        if np.abs(numbers).max(initial=0.0) > most:
-            raise InputError(
-                f"key '{key}' holds {np.abs(numbers).max():g}", where, f"give {most:g} at most, in SI units"
-            )
-        return numbers
-    except InputError:
-        raise
-    except (TypeError, ValueError):
-        wanted = "a finite number" if not shape else f"finite numbers in the shape {' x '.join(map(str, shape))}"
-        raise InputError(f"key '{key}' cannot be used", where, f"give {wanted}") from None

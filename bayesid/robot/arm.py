@@ -21,6 +21,7 @@ import pinocchio as pin
 
 from bayesid.arrays import Array, Mask, frozen
 from bayesid.errors import InputError, printable
+from bayesid.files.bounded import LARGEST
 from bayesid.motion import Motion
 from bayesid.robot import inertia
 from bayesid.robot.tuning import TUNING
@@ -342,6 +343,33 @@ def _pinocchio_model(robot: Robot) -> pin.Model:
 
 def _revolute_z(_axis: Array) -> pin.JointModelRZ:
     return pin.JointModelRZ()
+
+
+def given_numbers(value: object, shape: tuple[int, ...], key: str, where: str, most: float = LARGEST) -> Array:
+    """What a key of a robot file holds, as numbers of this world in a shape.
+
+    Args:
+        value: of the key.
+        shape: of the numbers.
+        key: for messages.
+        where: for messages.
+        most: that each may be, either way.
+
+    Raises:
+        InputError: it holds something else.
+    """
+    try:
+        numbers = frozen(value, shape, key)
+        if np.abs(numbers).max(initial=0.0) > most:
+            raise InputError(
+                f"key '{key}' holds {np.abs(numbers).max():g}", where, f"give {most:g} at most, in SI units"
+            )
+        return numbers
+    except InputError:
+        raise
+    except (TypeError, ValueError):
+        wanted = "a finite number" if not shape else f"finite numbers in the shape {' x '.join(map(str, shape))}"
+        raise InputError(f"key '{key}' cannot be used", where, f"give {wanted}") from None
 
 
 def check_count(n_joints: int, where: str) -> None:

@@ -9,8 +9,8 @@ import numpy as np
 
 from bayesid.arrays import Array
 from bayesid.errors import InputError, printable
-from bayesid.files.bounded import LARGEST, given_numbers
-from bayesid.robot.arm import Joint, Robot, check_count
+from bayesid.files.bounded import LARGEST
+from bayesid.robot.arm import Joint, Robot, check_count, given_numbers
 from bayesid.robot.tuning import TUNING
 
 

@@ -17,9 +17,9 @@ import scipy
 
 from bayesid.arrays import Array
 from bayesid.errors import InputError, printable
-from bayesid.files.bounded import MOST_BYTES, given_numbers, read_source, xml_of
+from bayesid.files.bounded import MOST_BYTES, read_source, xml_of
 from bayesid.robot import Robot
-from bayesid.robot.arm import Origin
+from bayesid.robot.arm import Origin, given_numbers
 from bayesid.robot.tuning import TUNING
 from bayesid.robot.urdf import hold_joints, place_links
 from bayesid.robot.urdf_tree import origin_of, read_tree

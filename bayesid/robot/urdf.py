@@ -17,8 +17,7 @@ import scipy
 
 from bayesid.arrays import Array
 from bayesid.errors import InputError
-from bayesid.files.bounded import given_numbers
-from bayesid.robot.arm import Joint, Robot, check_count
+from bayesid.robot.arm import Joint, Robot, check_count, given_numbers
 from bayesid.robot.tuning import TUNING
 from bayesid.robot.urdf_tree import FREE, UrdfJoint, UrdfTree, read_tree
 

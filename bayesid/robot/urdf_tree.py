@@ -14,7 +14,8 @@ import scipy
 
 from bayesid.arrays import Array
 from bayesid.errors import InputError
-from bayesid.files.bounded import LARGEST, given_numbers, xml_of
+from bayesid.files.bounded import LARGEST, xml_of
+from bayesid.robot.arm import given_numbers
 from bayesid.robot.tuning import TUNING
 
 MOVING = ("revolute", "continuous", "prismatic")
