@@ -97,7 +97,7 @@ class Tuning:
     most_recorded: int = 4000
     """Instants of the earlier motion that are looked at."""
     usual_motion: tuple[float, float] = (20.0, 20.0)
-    """s and Hz of the random motion that stands for any; round numbers."""
+    """s and Hz of the random motion that stands for any. Halved or doubled, a designed motion has other segments."""
     chance: float = 1.1
     """Times the largest eigenvalue of many draws by chance: what few have beyond it (Johnstone 2001)."""
     sign: float = 1.0

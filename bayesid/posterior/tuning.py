@@ -19,7 +19,8 @@ class Tuning:
     least_noise: float = 1e-3
     """Noise that no effort is free of, as a share of its RMS."""
     link_reach: float = 0.25
-    """Scale of a link's distances over the stretched arm: most of its length is two or three links."""
+    """Scale of a link's distances over the stretched arm: most of its length is two or three links. Halved or doubled,
+    samples of the demo get other signs."""
     link_mass: float = 3.0
     """Scale of a link's mass over the mass that would make the log's efforts: the typical link has 0.3 of the scale."""
 

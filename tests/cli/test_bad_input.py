@@ -267,7 +267,7 @@ def test_results_that_are_none_or_damaged(arm_result, arm_place, refused):
     refused("report", "result", "--validation", "no.csv", says=["no.csv"])
     refused("report", "result", "--validation", "log.csv", "--cutoff", "900", says=["--cutoff"])
     (arm_result / "findings.npz").write_bytes(whole["findings.npz"][:-100])
-    refused("report", "result", says=["result", "cannot be read"])
+    refused("report", "result", says=["result", "findings.npz is damaged"])
     (arm_result / "findings.npz").unlink()
     refused("report", "result", says=["result", "no findings.npz"])
 
