@@ -9,7 +9,8 @@ from dataclasses import dataclass
 class Tuning:
     """Choices; `TUNING` holds those in use.
 
-    A number whose sentence gives no reason: halved or doubled, no decision on a motion for UR10e changes.
+    Many of them were halved and doubled (`python -m bayesid.studies.ablation excitation`). Where that was seen to
+    change a decision on a motion for UR10e, the number's sentence says so.
     """
 
     # what a motion shows

@@ -10,7 +10,8 @@ from math import pi
 class Tuning:
     """Their values; the sentence under each says where it is from.
 
-    A number whose sentence gives no reason: halved or doubled, no decision on UR10e's log changes.
+    Many of them were halved and doubled (`python -m bayesid.studies.ablation log`). Where that was seen to change a
+    decision on UR10e's log, the number's sentence says so.
     """
 
     # What a table may hold

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 class Tuning:
     """Choices of this package, with what each is for; `TUNING` holds those in use.
 
-    A number whose sentence gives no reason: halved or doubled, no decision on UR10e's page changes.
+    Many of them were halved and doubled (`python -m bayesid.studies.ablation report`). Where that was seen to change a
+    decision on UR10e's page, the number's sentence says so.
     """
 
     # Verdicts of an identification

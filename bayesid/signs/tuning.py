@@ -13,7 +13,8 @@ class Tuning:
     true: whatever is left out counts as not excluded. They were set by hand on the logs of `studies.real` and on
     simulated ones (`python -m bayesid.studies.benchmarks.search` shows seconds and certificates).
 
-    A number whose sentence gives no reason: halved or doubled, no decision on logs of UR10e, KR300 and TIAGo changes.
+    Many of them were halved and doubled (`python -m bayesid.studies.ablation signs`). Where that was seen to change a
+    decision on logs of UR10e, KR300 and TIAGo, the number's sentence says so.
     """
 
     # Budgets: what work counts as, on one core; it changes how long a budget takes, never what a search gives
