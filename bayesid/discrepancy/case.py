@@ -23,9 +23,9 @@ from bayesid.regression.least_squares import fit_signed
 from bayesid.regression.noise import Noise, residual_noise
 from bayesid.regression.selection.columns import Columns, Whitening, blocks_of
 from bayesid.regression.selection.explanation import Explanation, Observations, Thresholds
+from bayesid.regression.selection.geometry import kinematic_columns
 from bayesid.regression.selection.held_back import HeldBackErrors
-from bayesid.regression.selection.refinement import Extension, effort_of
-from bayesid.regression.selection.unseen import kinematic_columns
+from bayesid.regression.selection.modelled_log import Extension, effort_of
 from bayesid.signs.averaging import with_standard_terms
 from bayesid.signs.search.protocol import Search
 from bayesid.signs.settling import Settled, restored, settle_signs

@@ -23,7 +23,8 @@ from bayesid.regression.selection.explanation import LN10, Explanation, Observat
 from bayesid.regression.selection.forward import Rules, select_forward
 from bayesid.regression.selection.held_back import HeldBackErrors, bears_out, log_density, surely_better
 from bayesid.regression.selection.hypotheses import EffectKey, Hypothesis, Library, hypotheses
-from bayesid.regression.selection.refinement import Extension, extend, refined, sharpened
+from bayesid.regression.selection.modelled_log import Extension, extend, sharpened
+from bayesid.regression.selection.refinement import refined
 from bayesid.regression.selection.regression import Effects, Regression, explain
 from bayesid.regression.selection.scores import Score, assess, at_blunt_floor, best_forms, joint_sets
 

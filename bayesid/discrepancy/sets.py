@@ -19,7 +19,8 @@ from bayesid.regression.selection.added_effect import Cost
 from bayesid.regression.selection.explanation import Explanation, Observations
 from bayesid.regression.selection.held_back import HeldBackErrors
 from bayesid.regression.selection.hypotheses import EffectKey, Hypothesis, Library, forms_of, maker
-from bayesid.regression.selection.refinement import Extension, effort_of, extend, refined, sharpened
+from bayesid.regression.selection.modelled_log import Extension, effort_of, extend, sharpened
+from bayesid.regression.selection.refinement import refined
 from bayesid.regression.selection.regression import Effects, Regression, explain, plain_errors
 from bayesid.regression.selection.scores import best_forms
 

@@ -43,7 +43,7 @@ class Proposal:
 class PoorJoint:
     """One joint that is explained poorly, the others as they are."""
 
-    log: SignedLog  # on thinned rows
+    log: SignedLog
     joint: int  # 0-based
     weight: float  # sd of the joint's error, N m, its autocorrelation included
     count: float  # effective samples of the joint
@@ -73,7 +73,7 @@ class PoorJoint:
         used = self.log.data.used[:, self.joint]
         return _Rows(
             columns=self.log.data.columns[used, self.joint],
-            magnitude=self.log.evidence.signals.magnitude[self.log.rows, self.joint][used],
+            magnitude=self.log.modelled.magnitude[:, self.joint][used],
             known=self.log.fit.predicted[self.log.rows, self.joint][used],
             place=np.flatnonzero(used),
         )
@@ -96,8 +96,8 @@ class PoorJoint:
             return replace(plain, columns=np.concatenate([plain.columns, more], axis=1))
         evidence = self.log.evidence
         model = evidence.model.extend(effect.source)
-        columns = model.columns(evidence.signals.motion[self.log.rows])[used, self.joint]
-        magnitude, readable = (x[used, self.joint] for x in model.unread(evidence.signals.magnitude[self.log.rows]))
+        columns = model.columns(self.log.modelled.motion)[used, self.joint]
+        magnitude, readable = (x[used, self.joint] for x in model.unread(self.log.modelled.magnitude))
         columns = columns[:, evidence.coefficients.kept]
         return _Rows(columns[readable], magnitude[readable], plain.known[readable], plain.place[readable])
 

@@ -34,6 +34,12 @@ class Columns:
     sd: Array
     positive: Mask
 
+    @classmethod
+    def of_joints(cls, columns: Array, sd: Array) -> Columns:
+        """Columns (N, n, p) of all joints, of either sign."""
+        rows = {j: columns[:, j] for j in range(columns.shape[1])}
+        return cls(rows, {}, sd, np.zeros(len(sd), dtype=bool))
+
     @property
     def joints(self) -> set[int]:
         """Joints in which it acts."""

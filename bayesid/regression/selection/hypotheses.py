@@ -209,7 +209,7 @@ def near_standstill(model: Model, motion: Motion, size: Array, used: Mask) -> Co
         return NO_COLUMNS
     together = np.concatenate(columns, axis=2)
     rows = {j: together[:, j] for j in range(len(size))}
-    return Columns(rows, {}, usual_amplitudes(rows, size, used), np.zeros(together.shape[2], dtype=bool))
+    return Columns.of_joints(together, usual_amplitudes(rows, size, used))
 
 
 def _turning_at_once(model: Model, term: DryTerm, motion: Motion) -> Array:

@@ -18,7 +18,7 @@ that balances gravity well is gravity to a log. Of a geometry far off its table 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -28,27 +28,14 @@ from scipy.linalg import block_diag
 
 from bayesid.arrays import Array, Integers, Mask
 from bayesid.effects.effect import Effect, Scene
-from bayesid.effects.kinematic_errors import is_distal, shift, turn, with_joint, with_link
-from bayesid.motion import Motion
-from bayesid.parallel import in_parallel
 from bayesid.regression.evidence import Evidence, Nuisance, make_nuisance
 from bayesid.regression.knowledge import KinematicTolerance, inverse_of
 from bayesid.regression.least_squares import Fit
-from bayesid.regression.selection.columns import Columns
+from bayesid.regression.selection.geometry import KINEMATICS, Geometry
 from bayesid.regression.selection.hypotheses import EffectKey, Hypothesis
 from bayesid.regression.selection.regression import Regression, explain
 from bayesid.regression.selection.wanted import SignedLog
 from bayesid.regression.tuning import TUNING
-from bayesid.robot import Robot
-
-KINEMATICS: tuple[str, tuple[int, ...]] = ("kinematics", ())
-"""Where effects are named: the robot's geometry."""
-
-
-class _Geometry(Effect):
-    """The robot's geometry, off its table: always there, and not of the catalogue."""
-
-    name = KINEMATICS[0]
 
 
 @dataclass(frozen=True)
@@ -76,7 +63,7 @@ def find_unseen(
     may grow, and shrink if nobody has stated it.
     """
     case = SignedLog.of(evidence, fit, probability)
-    geometry = _geometry(case, tolerance)
+    geometry = Hypothesis(Geometry(), case.modelled.geometry(tolerance), _no_other_form)
     groups = [*rest, *([geometry] if len(geometry.columns.sd) else [])]
     if not groups:
         return Unseen()
@@ -86,7 +73,7 @@ def find_unseen(
         always = group is geometry
         least = float(always and tolerance.stated)
         placed.append(Group(regression.place(group), group.columns.sd, always, least))
-    free = case.data.columns.shape[2]
+    free = len(evidence.coefficients)
     relevance = learn_scales(regression.hessian, regression.gradient, placed, free)
     moves = inverse_of(regression.hessian[:free, :free]) @ regression.hessian[:free]
     stood_for = tuple(
@@ -127,15 +114,6 @@ def _nuisance(
     )
 
 
-def _geometry(case: SignedLog, tolerance: KinematicTolerance) -> Hypothesis:
-    motion, model = case.evidence.signals.motion[case.rows], case.evidence.model
-    columns = kinematic_columns(model.robot, motion, model.links(case.fit.theta).ravel(), tolerance)
-    rows = {j: columns[:, j] for j in range(columns.shape[1])}
-    count = columns.shape[2]
-    changes = Columns(rows, {}, np.ones(count), np.zeros(count, dtype=bool))
-    return Hypothesis(_Geometry(), changes, _no_other_form)
-
-
 def _no_other_form(source: Effect) -> Hypothesis:
     raise NotImplementedError(f"{source.name} has one form")
 
@@ -147,7 +125,7 @@ def _on_all_rows(group: Hypothesis, turn: Array, case: SignedLog, scene: Scene) 
     """
     n, t = scene.robot.n_joints, scene.motion.t
     of_joint: dict[int, Callable[[slice], Array]] = {}
-    if isinstance(group.source, _Geometry):
+    if isinstance(group.source, Geometry):
         for j, rows in group.columns.rows.items():
             spline = scipy.interpolate.CubicSpline(t[case.rows], rows @ turn)
             of_joint[j] = partial(lambda place, spline: spline(t[place]), spline=spline)
@@ -337,44 +315,3 @@ def geometry_far_off(scale: float, by_geometry: Array, names: Sequence[str], sd:
 def _named(names: Sequence[str], times: Array) -> tuple[str, ...]:
     order = np.argsort(-times, kind="stable")
     return tuple(names[k] for k in order.tolist() if times[k] > TUNING.moved_coefficient)
-
-
-_STEP = 1e-5
-"""m and rad, of the central differences: their error is its square, and rounding 1e-10 of the effort."""
-
-
-def kinematic_columns(
-    robot: Robot, motion: Motion, links: Array, tolerance: KinematicTolerance, *, known: bool = False
-) -> Array:
-    """(N, n, k) efforts of one standard deviation of each place and direction of the robot's geometry, N m.
-
-    Those are of each joint, along the axes of its frame; in the standard convention, where a link's frame stands at the
-    next joint and its parameters (10 n,) are about that, of the base, and the numbers d, theta, a and alpha of each
-    row. Where base and parameters are known by another log of the robot, they do not go along.
-    """
-
-    def column(move: _Move, axis: Array, moved: Callable[[Array], Robot], sd: float) -> Array:
-        there, back = (moved(move(axis, step)).inverse_dynamics(motion, links) for step in (_STEP, -_STEP))
-        return sd * (there - back) / (2.0 * _STEP)
-
-    sds: dict[_Move, float] = {shift: tolerance.length, turn: tolerance.angle}
-    places = [place for place in _displacements(robot, known=known) if sds[place[0]] > 0.0]
-    columns = in_parallel([partial(column, *place, sds[place[0]]) for place in places])
-    return np.stack(columns, axis=2) if columns else np.zeros((len(motion), robot.n_joints, 0))
-
-
-_Move = Callable[[Array, float], Array]
-"""A step along or about an axis (3,), as a matrix (4, 4)."""
-
-
-def _displacements(robot: Robot, *, known: bool) -> Iterator[tuple[_Move, Array, Callable[[Array], Robot]]]:
-    """Shifts and turns, their axes, and the robot of which one part is moved so."""
-    distal = not known and is_distal(robot)
-    for i in range(1 if known else 0, 1 if distal else robot.n_joints):
-        for move in (shift, turn):
-            for axis in np.eye(3):
-                yield move, axis, partial(with_joint, robot, i)
-    for i in range(robot.n_joints if distal else 0):
-        for axis, first in ((robot.joints[i].axis, True), (np.array([1.0, 0.0, 0.0]), False)):
-            for move in (shift, turn):
-                yield move, axis, partial(with_link, robot, i, first=first)

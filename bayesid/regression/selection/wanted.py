@@ -17,9 +17,8 @@ from bayesid.effects.model import Model
 from bayesid.log.signals import Signals
 from bayesid.parallel import in_parallel
 from bayesid.regression.evidence import Evidence
-from bayesid.regression.knowledge import Information, Knowledge
+from bayesid.regression.knowledge import Knowledge
 from bayesid.regression.least_squares import Fit
-from bayesid.regression.selection.columns import Whitening
 from bayesid.regression.selection.explanation import LN10, Explanation, Observations
 from bayesid.regression.selection.forward import Rules, select_forward
 from bayesid.regression.selection.held_back import HeldBackErrors
@@ -28,10 +27,9 @@ from bayesid.regression.selection.hypotheses import (
     Hypothesis,
     hypotheses_of,
     kinds_of_forms,
-    maker,
     near_standstill,
 )
-from bayesid.regression.selection.refinement import Extension, about, effort_of, extend, sharpened
+from bayesid.regression.selection.modelled_log import Extension, ModelledLog, about, effort_of
 from bayesid.regression.selection.regression import Effects, Regression, explain
 from bayesid.regression.selection.scores import BestOfGroup, best_groups
 from bayesid.regression.tuning import TUNING
@@ -142,20 +140,17 @@ def borne_out(evidence: Evidence, fit: Fit, probability: Array, effects: Sequenc
     """
     case = SignedLog.of(evidence, fit, probability)
     begun = case.made(effects)
-    motion = evidence.signals.motion[case.rows]
-    uncertain = near_standstill(evidence.model, motion, case.rms_effort, case.data.used)
+    uncertain = near_standstill(evidence.model, case.modelled.motion, case.rms_effort, case.data.used)
     regression = Regression(case.data, begun, explain(case.data, ()).errors, uncertain)
     return _selected(case, regression, frozenset(hypothesis.key for hypothesis in begun), 0)
 
 
 def _selected(case: SignedLog, regression: Regression, start: frozenset[EffectKey], most: int) -> Wanted:
     """The result of a forward selection from a start, with so many effects at most or, with none, of what stays."""
-    evidence = case.evidence
     regression, chosen = select_forward(regression, Rules(TUNING.needed, most, case.sharpened), start)
     explanation = explain(case.data, chosen)
-    knowledge = Knowledge(evidence.model, case.fit.theta, np.zeros_like(case.data.information.hessian))
     return Wanted(
-        extension=extend(knowledge, evidence.coefficients, explanation),
+        extension=case.modelled.extended(explanation),
         effects=tuple(_entered(regression, explanation)),
         before=regression.held_back(()),
         after=regression.held_back(chosen),
@@ -181,35 +176,29 @@ def _entered(regression: Regression, explanation: Explanation) -> list[EnteredEf
 
 @dataclass(frozen=True)
 class SignedLog:
-    """A log with its signs settled, as effects are looked for in it.
-
-    On thinned rows there are the observations, and the model's columns (N, n, r) at samples that are not used too.
-    """
+    """A log with its signs settled, and a fit of a model to it: what a first log says, on thinned rows of it."""
 
     evidence: Evidence
     fit: Fit
     rows: Integers
+    modelled: ModelledLog
     data: Observations
-    columns: Array
 
     @classmethod
     def of(cls, evidence: Evidence, fit: Fit, probability: Array) -> SignedLog:
         """With efforts in their expected signs, of (N, n) P(sign = +)."""
-        residual = fit.residual
         signals, (rows, rate) = evidence.signals, thinned(evidence.signals)
-        used = evidence.used[rows]
-        columns = evidence.model.columns(signals.motion[rows])[:, :, evidence.coefficients.kept]
-        effort = np.where(signals.signed, signals.raw_effort, (2.0 * probability - 1.0) * signals.magnitude)[rows]
-        data = Observations(
-            whitening=Whitening(columns * used[:, :, None], used),
-            effort=effort * used,
-            information=Information.none(columns.shape[2]),
-            floor=residual.sigma,
-            sharp=np.ones(len(residual.sigma), dtype=bool),
-            limits=np.stack([residual.white, residual.coloured], axis=1),
-            rate=rate,
+        r, floor = len(evidence.coefficients), fit.residual
+        knowledge = Knowledge(evidence.model, fit.theta, np.zeros((r, r)))
+        motion, magnitude, used = signals.motion[rows], signals.magnitude[rows], evidence.used[rows]
+        modelled = ModelledLog(knowledge, evidence.coefficients, motion, magnitude, used, rate)
+        data = modelled.observed(
+            np.where(signals.signed, signals.raw_effort, (2.0 * probability - 1.0) * signals.magnitude)[rows],
+            floor=floor.sigma,
+            sharp=np.ones(len(floor.sigma), dtype=bool),
+            limits=np.stack([floor.white, floor.coloured], axis=1),
         )
-        return cls(evidence, fit, rows, data, columns)
+        return cls(evidence, fit, rows, modelled, data)
 
     @property
     def rms_effort(self) -> Array:
@@ -224,24 +213,19 @@ class SignedLog:
         effects is another one by now, all others are linearised anew for it.
         """
         forms: dict[int, Hypothesis] = {}
-        best = regression.best(chosen)
-        beta, parts = best[: self.columns.shape[2]], [(effect, best[regression.place(effect)]) for effect in chosen]
+        best, r = regression.best(chosen), len(self.evidence.coefficients)
+        beta, parts = best[:r], [(effect, best[regression.place(effect)]) for effect in chosen]
         if not all(effect.source.linear for effect in chosen):
-            explanation = sharpened(self.data, chosen, self.columns, self.scene)
+            explanation = self.modelled.sharpened(self.data, chosen)
             forms = {id(old): new for old, new in zip(chosen, explanation.effects, strict=True)}
             beta, parts = explanation.beta, explanation.parts
-        effort = effort_of(self.columns, beta, parts, distorted=False)
+        effort = effort_of(self.modelled.columns, beta, parts, distorted=False)
         change = np.where(self.data.used, effort - self.fit.predicted[self.rows], 0.0)
         rms = np.sqrt((change**2).sum(axis=0) / np.maximum(self.data.used.sum(axis=0), 1))
         if np.any(rms > TUNING.moved_effort * self.rms_effort):
             others = [h for h in regression.effects if not h.source.linear and all(h is not e for e in chosen)]
-            forms |= {id(old): new for old, new in zip(others, about(others, self.scene(effort)), strict=True)}
+            forms |= {id(old): new for old, new in zip(others, about(others, self.modelled.scene(effort)), strict=True)}
         return forms
-
-    def scene(self, effort: Array) -> Scene:
-        """What effects may look at."""
-        signals, model = self.evidence.signals, self.evidence.model
-        return model.scene(signals.motion[self.rows], self.fit.theta, effort, signals.magnitude[self.rows])
 
     def made(self, effects: Sequence[Effect]) -> list[Hypothesis]:
         """Effects as what they would do to the log; distortions last, what leaves no trace left out."""
@@ -274,11 +258,11 @@ class SignedLog:
 
     @cached_property
     def _scene(self) -> Scene:
-        return self.scene(self.fit.predicted[self.rows])
+        return self.modelled.scene(self.fit.predicted[self.rows])
 
     @cached_property
     def _make(self) -> Callable[[Effect], Hypothesis]:
-        return maker(self.evidence.model, self._scene, self.data.used)
+        return self.modelled.maker(self._scene)
 
 
 def _testable(hypothesis: Hypothesis, scene: Scene) -> bool:

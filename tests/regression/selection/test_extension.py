@@ -12,7 +12,7 @@ from bayesid.regression.knowledge import Knowledge
 from bayesid.regression.selection.columns import NO_COLUMNS
 from bayesid.regression.selection.explanation import Explanation
 from bayesid.regression.selection.hypotheses import hypotheses
-from bayesid.regression.selection.refinement import extend
+from bayesid.regression.selection.modelled_log import extend
 from bayesid.simulation.parameters import random_parameters
 
 JOINTS = 3

@@ -26,14 +26,8 @@ from bayesid.effects.catalogue import make_effect, make_terms
 from bayesid.effects.model import Model
 from bayesid.identification.pipeline import identify
 from bayesid.regression.knowledge import KinematicTolerance, inverse_of
-from bayesid.regression.selection.unseen import (
-    Group,
-    TooNarrow,
-    geometry_far_off,
-    kinematic_columns,
-    learn_scales,
-    too_narrow,
-)
+from bayesid.regression.selection.geometry import kinematic_columns
+from bayesid.regression.selection.unseen import Group, TooNarrow, geometry_far_off, learn_scales, too_narrow
 from bayesid.robot import robot_from_table
 from bayesid.signs.search.certified import Certified
 from bayesid.simulation.logs import simulate

@@ -1,0 +1,205 @@
+"""A model on a log: its columns, what effects may see of both, and the model with effects added.
+
+Distortions are linear in their numbers near them alone, so that they are linearised about those that were found, again
+and again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from bayesid.arrays import Array, Mask
+from bayesid.effects.coefficients import BaseCoefficients
+from bayesid.effects.effect import Effect, Scene
+from bayesid.effects.model import Model
+from bayesid.motion import Motion
+from bayesid.regression.knowledge import Information, KinematicTolerance, Knowledge
+from bayesid.regression.selection.columns import Columns, Whitening
+from bayesid.regression.selection.explanation import Explanation, Observations, Thresholds
+from bayesid.regression.selection.geometry import kinematic_columns
+from bayesid.regression.selection.hypotheses import Hypothesis, maker
+from bayesid.regression.selection.regression import Effects, Regression, explain
+from bayesid.regression.tuning import TUNING
+
+
+@dataclass(frozen=True, eq=False)
+class ModelledLog:
+    """A log beside a model of its robot; the signs of its efforts come from elsewhere.
+
+    Attributes:
+        knowledge: of the model's parameters, from an earlier log; of no precision without one.
+        coefficients: the model's r base coefficients.
+        motion: N instants.
+        magnitude: (N, n) absolute values of the unfiltered efforts, N m.
+        used: (N, n) samples that count.
+        rate: Hz.
+    """
+
+    knowledge: Knowledge
+    coefficients: BaseCoefficients
+    motion: Motion
+    magnitude: Array
+    used: Mask
+    rate: float
+
+    @property
+    def model(self) -> Model:
+        """Without any effect added."""
+        return self.knowledge.model
+
+    @cached_property
+    def columns(self) -> Array:
+        """(N, n, r) of the base coefficients, at samples that are not used too."""
+        return self.model.columns(self.motion)[:, :, self.coefficients.kept]
+
+    @cached_property
+    def information(self) -> Information:
+        """What is known of the base coefficients."""
+        return self.knowledge.information(self.model, self.coefficients)
+
+    @cached_property
+    def _whitening(self) -> Whitening:
+        return Whitening(self.columns * self.used[:, :, None], self.used)
+
+    def observed(
+        self, effort: Array, *, floor: Array, sharp: Mask, limits: Array, thresholds: Thresholds = Thresholds()
+    ) -> Observations:
+        """The log with efforts (N, n) in their expected signs, N m; the rest as `Observations` has it."""
+        return Observations(
+            whitening=self._whitening,
+            effort=effort * self.used,
+            information=self.information,
+            floor=floor,
+            sharp=sharp,
+            limits=limits,
+            rate=self.rate,
+            thresholds=thresholds,
+        )
+
+    # -----------------------------------------------------------------------------------------------------------
+    # Effects
+    # -----------------------------------------------------------------------------------------------------------
+    def scene(self, effort: Array) -> Scene:
+        """What effects may look at, given efforts (N, n) of model and terms, N m."""
+        return self.model.scene(self.motion, self.knowledge.theta, effort, self.magnitude)
+
+    def maker(self, scene: Scene) -> Callable[[Effect], Hypothesis]:
+        """What makes a hypothesis of an effect."""
+        return maker(self.model, scene, self.used)
+
+    def geometry(self, tolerance: KinematicTolerance, *, known: bool = False) -> Columns:
+        """What an error of the robot's geometry does, in units of its tolerance (see `kinematic_columns`)."""
+        links = self.model.links(self.knowledge.theta).ravel()
+        columns = kinematic_columns(self.model.robot, self.motion, links, tolerance, known=known)
+        return Columns.of_joints(columns, np.ones(columns.shape[2]))
+
+    def effort(self, explanation: Explanation, *, distorted: bool = True) -> Array:
+        """(N, n) efforts of an explanation, N m; or of model and terms alone, not distorted."""
+        return effort_of(self.columns, explanation.beta, explanation.parts, distorted=distorted)
+
+    def sharpened(self, data: Observations, effects: Sequence[Hypothesis]) -> Explanation:
+        """By the effects, distortions linearised about the numbers that were found."""
+        return sharpened(data, effects, self.columns, self.scene)
+
+    def sharper(self, regression: Regression, chosen: Effects) -> Mapping[int, Hypothesis]:
+        """Chosen distortions as they are near what has been found, by the ids of their old forms."""
+        if all(effect.source.linear for effect in chosen):
+            return {}
+        new = self.sharpened(regression.data, chosen).effects
+        return {id(old): form for old, form in zip(chosen, new, strict=True)}
+
+    def extended(self, explanation: Explanation) -> Extension:
+        """The model with the effects of an explanation added."""
+        return extend(self.knowledge, self.coefficients, explanation)
+
+
+def sharpened(
+    data: Observations, effects: Sequence[Hypothesis], columns: Array, scene_of: Callable[[Array], Scene]
+) -> Explanation:
+    """By the effects, linearised about the numbers that were found.
+
+    Args:
+        data: what is to be explained.
+        effects: some of them distortions, or none.
+        columns: (N, n, r) of the model, at samples that are not used too.
+        scene_of: what effects may look at, given the efforts (N, n) of model and terms, N m.
+    """
+    explanation = explain(data, effects)
+    for _ in range(TUNING.relinearisations):
+        if not _moves(explanation):
+            break
+        scene = scene_of(effort_of(columns, explanation.beta, explanation.parts, distorted=False))
+        explanation = explain(data, about(moved(explanation), scene), explanation)
+    return explanation
+
+
+def _moves(explanation: Explanation) -> bool:
+    """Whether a distortion is still on its way, by more than nobody would see, or what it does may be."""
+    distortions = [(effect, amplitude) for effect, amplitude in explanation.parts if not effect.source.linear]
+    if any(effect.source.of_effort for effect, _ in distortions):
+        return True
+    return any(np.any(np.abs(amplitude) > TUNING.still * effect.columns.sd) for effect, amplitude in distortions)
+
+
+def about(effects: Sequence[Hypothesis], scene: Scene) -> list[Hypothesis]:
+    """The effects linearised where a scene is, about their own numbers."""
+    return [_relinearised(effect, scene) for effect in effects]
+
+
+def _relinearised(effect: Hypothesis, scene: Scene) -> Hypothesis:
+    if effect.source.linear:
+        return effect
+    shift, columns = effect.source.change(scene)
+    acting = sorted(effect.columns.joints)
+    rows = {j: columns[:, j] for j in acting} if columns.shape[2] else {}
+    return replace(effect, columns=replace(effect.columns, rows=rows, shift={j: shift[:, j] for j in acting}))
+
+
+def moved(explanation: Explanation) -> list[Hypothesis]:
+    """Its effects, their own numbers where the explanation puts them."""
+    return [h if h.source.linear else replace(h, source=h.source.moved(a)) for h, a in explanation.parts]
+
+
+def effort_of(columns: Array, beta: Array, parts: Iterable[tuple[Hypothesis, Array]], *, distorted: bool) -> Array:
+    """(N, n) efforts, N m, of a model's columns (N, n, r), and of effects or the terms among them."""
+    effort: Array = columns @ beta
+    for effect, amplitude in parts:
+        if distorted or effect.source.linear:
+            for j, rows in effect.columns.rows.items():
+                effort[:, j] += rows @ amplitude
+            for j, shift in effect.columns.shift.items():
+                effort[:, j] += shift
+    return effort
+
+
+@dataclass(frozen=True)
+class Extension:
+    """A model with effects added.
+
+    The knowledge of its parameters, from the earlier log, is wider where an effect is a change of what was there. The
+    parameters theta (P,) of the explanation are not feasible in general, but have its efforts.
+    """
+
+    model: Model
+    knowledge: Knowledge
+    theta: Array
+
+
+def extend(knowledge: Knowledge, coefficients: BaseCoefficients, explanation: Explanation) -> Extension:
+    """The model of an explanation by some effects, from what is known of it without them and its base coefficients."""
+    model, names = knowledge.model, [parameter.name for parameter in knowledge.model.parameters]
+    without_trace = knowledge.theta - coefficients.lift(coefficients.project(knowledge.theta))
+    theta = coefficients.lift(explanation.beta) + without_trace
+    added: list[Array] = []
+    for hypothesis, amplitude in explanation.parts:
+        if hypothesis.changes:
+            theta[[names.index(name) for name in hypothesis.changes]] += amplitude
+            knowledge = knowledge.widened(hypothesis.changes, hypothesis.columns.sd, coefficients)
+        else:
+            model = model.extend(hypothesis.source.moved(amplitude))
+            added.append(amplitude[: len(hypothesis.source.parameters(model.robot))])
+    return Extension(model, knowledge, np.concatenate([theta, *added]))
