@@ -11,6 +11,7 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from bayesid.cli.terminal import table
+from bayesid.identification.checks import Check
 from bayesid.identification.identification import KNOWN, SURE, Identification
 from bayesid.identification.payload import PayloadReading
 from bayesid.identification.prediction import PredictedEfforts, Validation
@@ -19,7 +20,6 @@ from bayesid.report.summary import Summary, summarise
 from bayesid.report.verdicts import (
     EFFECT_HEADINGS,
     GAIN_HEADINGS,
-    Check,
     beyond_the_terms,
     effect_rows,
     gain_rows,

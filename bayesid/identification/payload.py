@@ -28,6 +28,7 @@ from bayesid.effects.coefficients import base_coefficients, embedding
 from bayesid.effects.model import Model
 from bayesid.errors import InputError
 from bayesid.files.bounded import LARGEST
+from bayesid.identification.checks import on_edge
 from bayesid.identification.gains import BY_PRIOR, IdentifiedGains
 from bayesid.identification.identification import Identification, identified_of
 from bayesid.identification.identified_model import IdentifiedModel
@@ -35,7 +36,6 @@ from bayesid.identification.options import Preparation, call_of, call_of_log
 from bayesid.identification.pipeline import QUICK, identify_again
 from bayesid.identification.prediction import check_joints
 from bayesid.identification.tuning import TUNING
-from bayesid.identification.warnings import edge_warning
 from bayesid.log.gains import gains_of
 from bayesid.log.log import Log
 from bayesid.log.reading import LogSource, as_log
@@ -363,7 +363,7 @@ def identify_payload(
         known_mass=stated,
         identification=again,
         warnings=(
-            *(said for said in again.warnings if said not in edge_warning(again.fit, log.n_joints)),
+            *(said for said in again.warnings if said not in map(str, on_edge(again.fit, log.n_joints))),
             *_ratios_warning(known.gains),
         ),
         seconds=time.perf_counter() - began,

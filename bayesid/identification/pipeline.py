@@ -20,6 +20,7 @@ from bayesid.effects.bodies import carried_payloads
 from bayesid.effects.coefficients import BaseCoefficients, base_coefficients
 from bayesid.effects.model import Model
 from bayesid.errors import InputError
+from bayesid.identification.checks import warnings_of
 from bayesid.identification.gains import UnknownGains, widened_by_gains
 from bayesid.identification.identification import Identification
 from bayesid.identification.options import (
@@ -37,7 +38,6 @@ from bayesid.identification.other_readings import suspected_reading
 from bayesid.identification.records import segment_signs
 from bayesid.identification.sampling import average_over_draws, fit_of_mode, identified_model, sample
 from bayesid.identification.tuning import TUNING
-from bayesid.identification.warnings import warnings_of
 from bayesid.log.log import Log, check_exact_gains
 from bayesid.log.reading import LogSource, as_log
 from bayesid.log.segments import Segments, find_segments

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
+from bayesid.identification.checks import Check
 from bayesid.report.findings import Findings
 from bayesid.report.summary import Summary
+from bayesid.report.tuning import TUNING
 
 _READING = {"--degrees": 0, "--no-degrees": 0} | dict.fromkeys(
     ("--columns", "--gains", "--joints", "--topic", "--unsigned"), 1
@@ -19,7 +22,8 @@ ANOTHER_LOG = "ANOTHER_LOG.csv"
 
 def find_discrepancy(findings: Findings, log: str = "") -> str:
     """What names what the model lacks to explain another log."""
-    return f"`bayesid discrepancy {_folder(findings)} {_log(log)}{_as_read(findings.summary)}`"
+    source = shlex.quote(log) if log and Path(log).exists() else ANOTHER_LOG
+    return f"`bayesid discrepancy {_folder(findings)} {source}{_as_read(findings.summary)}`"
 
 
 def validate(findings: Findings) -> str:
@@ -41,13 +45,19 @@ def excite(summary: Summary) -> str:
 def again(summary: Summary, added: str = "", without: Sequence[str] = ()) -> str:
     """The command that was run, with an option more, or without an option and its value; empty if none was run."""
     words = _words(summary)
-    if not words:
-        return ""
     for k in range(len(words) - len(without) + 1) if without else ():
         if words[k : k + len(without)] == list(without):
             words = words[:k] + words[k + len(without) :]
             break
-    return f": `{shlex.join(words)}{f' {added}' if added else ''}`"
+    return f": `{shlex.join(words)}{f' {added}' if added else ''}`" if words else ""
+
+
+def with_more(summary: Summary, check: Check, budget: str) -> Check:
+    """The check; where more of a budget is its remedy, with the command."""
+    option, given = f"--{budget}-budget", summary.provenance.options.get(f"{budget}.budget")
+    if f"give more {option}" not in check.remedy or not isinstance(given, float):
+        return check
+    return replace(check, remedy=check.remedy + again(summary, f"{option} {TUNING.larger * given:g}"))
 
 
 def _as_read(summary: Summary) -> str:
@@ -70,7 +80,3 @@ def _words(summary: Summary) -> list[str]:
 
 def _folder(findings: Findings) -> str:
     return shlex.quote(findings.folder) if findings.folder else "RESULT"
-
-
-def _log(source: str) -> str:
-    return shlex.quote(source) if source and Path(source).exists() else ANOTHER_LOG

@@ -14,9 +14,9 @@ from bayesid.discrepancy.sets import WeighedSet
 from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.effects.catalogue import forms, noun, owner
 from bayesid.effects.effect import ReadableUnit
+from bayesid.identification.checks import Check
 from bayesid.regression.selection.added_effect import AddedEffect, Quantity
 from bayesid.report.tuning import TUNING
-from bayesid.report.verdicts import Check
 from bayesid.report.words import in_percent, joints_in_words, label, listed, quantity, rounded, unit_of, upper
 
 _WHOSE = {MODELS_RESIDUAL: "earlier model's", REFIT: "refitted model's"}

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from bayesid.files.writing import save_folder, write_json
+from bayesid.identification.checks import Check
 from bayesid.identification.payload import AXES, Estimate, PayloadReading
 from bayesid.report.summary import as_object, taken
-from bayesid.report.verdicts import Check
 from bayesid.report.words import joints_in_words, quantity, rounded
 
 PAYLOAD = "payload.json"

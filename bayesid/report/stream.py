@@ -12,13 +12,13 @@ import numpy as np
 
 from bayesid.arrays import Array
 from bayesid.files.writing import numbered, save_folder, write_columns, write_json
+from bayesid.identification.checks import Check
 from bayesid.monitor.changes import CONTACT, FRICTION, GAIN, PAYLOAD, Alarm
 from bayesid.monitor.replay import Agreement, Replay
 from bayesid.monitor.tracked import Counts, StreamFigures, Tracked
 from bayesid.report.plot.stream import stream_figure
 from bayesid.report.summary import as_json, as_object, taken
 from bayesid.report.tuning import TUNING
-from bayesid.report.verdicts import Check
 from bayesid.report.words import joints_in_words, rounded
 
 STREAM = "stream.json"

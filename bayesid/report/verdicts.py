@@ -1,64 +1,33 @@
 """Traffic lights: what speaks for an identification, what against it, and what to do about it.
 
-A check is `good`, to be `looked at`, `bad`, or `not done`. Its limits stand in `tuning.py`.
+A check is `good`, to be `looked at`, `bad`, or `not done`. Its limits stand in `tuning.py`. Sentences of what an
+identification warns of stand in `bayesid.identification.checks`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Literal
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from bayesid.arrays import TINY
 from bayesid.effects.catalogue import noun
+from bayesid.identification import checks
+from bayesid.identification.checks import ALTERNATIVES, Check, State
 from bayesid.identification.gains import BY_DATA, BY_PRIOR, GIVEN
 from bayesid.identification.identification import SURE, sure_share_of
 from bayesid.identification.tuning import TUNING as IDENTIFICATION
-from bayesid.identification.warnings import (
-    FACTOR_REMEDY,
-    GAINS_UNSETTLED,
-    WITHHELD,
-    confidences_lowered,
-    convergence,
-    excluded_yet_likely,
-    low_passed,
-    not_excited,
-    not_proven,
-    other_modes,
-    other_reading,
-    pressed_windows,
-    spread_in_words,
-)
 from bayesid.regression.tuning import TUNING as REGRESSION
 from bayesid.report import commands
 from bayesid.report.findings import Findings
 from bayesid.report.summary import Numbers, Summary
 from bayesid.report.tuning import TUNING
-from bayesid.report.words import in_percent, joints_in_words, label, listed, quantity, rounded
-
-State = Literal["good", "look", "bad", "not done"]
-
-_TELL_APART = "record a motion that loads or accelerates these joints"
-_ALTERNATIVES = "see below where they differ; the posterior weighs them"
+from bayesid.report.words import counted, in_percent, joints_in_words, label, listed, quantity, rounded
 
 
-@dataclass(frozen=True)
-class Check:
-    """One traffic light."""
-
-    name: str  #: of what was checked
-    state: State  #: how it stands
-    message: str  #: what was seen, one sentence
-    remedy: str = ""  #: what to do about it; empty where nothing is to be done
-    value: float | None = None  #: that was judged; None where it is no number
-    limit: float | None = None  #: up to which, or from which on, it is good
-
-
-def graded(
-    name: str, value: float, limits: tuple[float, float], message: str, look: str = "", bad: str | None = None
-) -> Check:
+def graded(name: str, value: float, limits: tuple[float, float], message: str, look: str = "", bad: str = "") -> Check:
     """A check of a number: good within the first limit, bad beyond the second, to be looked at between.
 
     Args:
@@ -71,11 +40,9 @@ def graded(
     """
     good, passable = limits
     way = 1.0 if good <= passable else -1.0
-    if way * value <= way * good:
-        return Check(name, "good", message, "", value, good)
-    if way * value <= way * passable:
-        return Check(name, "look", message, look, value, good)
-    return Check(name, "bad", message, look if bad is None else bad, value, good)
+    state: State = "good" if way * value <= way * good else "look" if way * value <= way * passable else "bad"
+    remedy = {"good": "", "look": look, "bad": bad or look}[state]
+    return Check(name, state, message, remedy, value, good)
 
 
 def check_findings(findings: Findings) -> tuple[Check, ...]:
@@ -117,11 +84,10 @@ def worst(checks: Iterable[Check]) -> State:
 def verdict(checks: Sequence[Check]) -> dict[str, object]:
     """For summary.json: the worst state of the checks, and those that are not good, the worst ones first."""
     order: tuple[State, ...] = ("bad", "look", "not done")
+    failed = sorted((check for check in checks if check.state in order), key=lambda check: order.index(check.state))
     reasons = [
-        {"check": check.name, "state": state, "message": check.message, "remedy": check.remedy}
-        for state in order
-        for check in checks
-        if check.state == state
+        {"check": check.name, "state": check.state, "message": check.message, "remedy": check.remedy}
+        for check in failed
     ]
     return {"state": worst(checks), "reasons": reasons}
 
@@ -131,36 +97,25 @@ def verdict(checks: Sequence[Check]) -> dict[str, object]:
 # ---------------------------------------------------------------------------------------------------------------
 def robot_file(summary: Summary) -> Check:
     """Whether the log is of another robot than the file's, or read wrongly, or of a geometry that is far off."""
-    name, reading = "Robot file", summary.better_reading
-    if reading is not None:
-        message = other_reading(reading.change, reading.leaves, reading.given)
-        return Check(name, "bad", message, f"check the robot file{_REMEDY_OF_READING[reading.kind]}")
+    if summary.better_reading is not None:
+        return checks.another_robot(summary.better_reading)
     found = () if summary.complete is None else summary.complete.too_narrow
     times = max((one.times or 0.0 for one in found), default=0.0)
     if times >= TUNING.another_robot:
         said = f"the residual looks like a geometry {times:.0f} times as far off the file's as believed"
-        return Check(name, "bad", said, "check that it is the robot of the log, and its lengths")
-    return Check(name, "good", "robot, joint order and units look consistent")
-
-
-_REMEDY_OF_READING = {
-    "joint order": ", and the order of the joints in the log",
-    "direction": ", and which way the log counts its joints",
-    "units": " and the log for their units",
-    "mounting": " for its gravity",
-    "robot": ": it is not that of the log's robot",
-}
+        return Check("Robot file", "bad", said, "check that it is the robot of the log, and its lengths")
+    return Check("Robot file", "good", "robot, joint order and units look consistent")
 
 
 def _excitation(findings: Findings) -> Check:
-    name, condition = "Excitation", findings.summary.fit.condition_number
-    silent, design = int(np.isinf(findings.coefficients.sd).sum()), commands.excite(findings.summary)
+    condition, design = findings.summary.fit.condition_number, commands.excite(findings.summary)
+    silent = int(np.isinf(findings.coefficients.sd).sum())
     if condition is None or silent:
-        message = not_excited(silent or "some", len(findings.coefficients.mean))
-        return Check(name, "bad", message, f"record a motion that moves more joints at once: {design} designs one")
+        found = checks.not_excited(silent or "some", len(findings.coefficients.mean))
+        return replace(found, remedy=f"{found.remedy}: {design} designs one")
     message = f"the condition number of the regressor is {condition:.0f}"
     remedy = f"some coefficients can hardly be separated: {design} designs a better motion"
-    return graded(name, condition, (TUNING.well_conditioned, TUNING.ill_conditioned), message, remedy)
+    return graded("Excitation", condition, (TUNING.well_conditioned, TUNING.ill_conditioned), message, remedy)
 
 
 def _segments(findings: Findings) -> Check:
@@ -178,16 +133,15 @@ def _segments(findings: Findings) -> Check:
     if max(doubt, default=0.0) < IDENTIFICATION.shown_doubt:
         return found
     state: State = "look" if found.state == "good" else found.state
-    return replace(found, state=state, message=f"{message}; {confidences_lowered(doubt)}", remedy=remedy)
+    return replace(found, state=state, message=f"{message}; {checks.confidences_lowered(doubt)}", remedy=remedy)
 
 
 def at_standstill(findings: Findings) -> str:
     """How many segments at standstill are ambiguous, the one of the largest |effort| named; empty where none is."""
-    table = findings.segments
+    table, size = findings.segments, findings.segment_size
     doubtful = np.flatnonzero(table.ambiguous & ~table.moving)
     if not len(doubtful):
         return ""
-    size = findings.segment_size
     largest = doubtful[int(np.argmax(size[doubtful]))]
     where = f"joint {table.joint[largest] + 1}, {table.start[largest]:.2f} to {table.end[largest]:.2f} s"
     return (
@@ -204,11 +158,7 @@ def sure_share(findings: Findings) -> float:
 
 def _low_pass(summary: Summary) -> list[Check]:
     found = summary.low_pass_after_rectifier
-    if found is None:
-        return []
-    message = f"{low_passed(found.words)}; signs are less sure around zero crossings"
-    remedy = "log |effort| as the controller has it, without a filter, or filtered before it is rectified"
-    return [Check("Low-pass after the rectifier", "look", message, remedy)]
+    return [] if found is None else [checks.low_pass(found.words)]
 
 
 def proof(summary: Summary) -> Check:
@@ -218,35 +168,22 @@ def proof(summary: Summary) -> Check:
         return Check(name, "good", "not needed: all signs were known")
     excluded = 0.0 if summary.posterior is None else summary.posterior.excluded or 0.0
     if excluded > IDENTIFICATION.excluded:
-        return Check(
-            name, "bad", excluded_yet_likely(excluded), f"{_TELL_APART}; or validate on a log with known signs"
-        )
+        return checks.contradiction(excluded)
     if search.certified:
         others, within = (search.assignments or 1) - 1, search.within or 0.0
         if not others:
             message = f"proven: every alternative is at least {np.exp(0.5 * within):.0f} times less likely"
             return Check(name, "good", message)
         also = "one other costs" if others == 1 else f"{others} others cost"
-        return Check(name, "look", f"proven: no assignment costs less; {also} up to {within:.1f} more", _ALTERNATIVES)
+        return Check(name, "look", f"proven: no assignment costs less; {also} up to {within:.1f} more", ALTERNATIVES)
     if search.lower_bound is None:
         message = "not proven (a beam search proves nothing)"
         if undecided := (search.beam_nodes or {}).get("undecided", 0):
-            segments = f"{undecided} segment{'s' * (undecided != 1)}"
-            message += f"; its budget ended before {segments}, whose signs are predicted"
+            message += f"; its budget ended before {counted(undecided, 'segment')}, whose signs are predicted"
         remedy = f"leave out --search beam{commands.again(summary, without=('--search', 'beam'))}"
         return Check(name, "look", message, remedy)
-    if search.withheld:
-        return Check(name, "look", f"not proven ({WITHHELD[search.withheld]})", f"{_TELL_APART}; {_ALTERNATIVES}")
-    message = not_proven(search.gap or 0.0, search.cost or 0.0, search.seconds)
-    if search.timed_out:
-        return Check(name, "look", message, "give a larger --time-limit")
-    return Check(name, "look", message, f"give more --search-budget, or a longer log{_more(summary, 'search')}")
-
-
-def _more(summary: Summary, budget: str) -> str:
-    """The command with more of a budget."""
-    given = summary.provenance.options.get(f"{budget}.budget")
-    return commands.again(summary, f"--{budget}-budget {TUNING.larger * given:g}") if isinstance(given, float) else ""
+    found = checks.not_proven(search.cost or 0.0, search.lower_bound, search.withheld, search.timed_out)
+    return commands.with_more(summary, found, "search")
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -254,39 +191,30 @@ def _more(summary: Summary, budget: str) -> str:
 # ---------------------------------------------------------------------------------------------------------------
 def sampling(summary: Summary) -> Check:
     """Whether the posterior was sampled, and has converged."""
-    name, posterior = "Sampling", summary.posterior
+    posterior = summary.posterior
     if posterior is None:
         remedy = f"leave out --no-posterior{commands.again(summary, without=('--no-posterior',))}"
-        return Check(name, "not done", "not sampled: standard deviations leave physical feasibility out", remedy)
-    message = convergence(posterior.max_rhat, posterior.min_ess)
-    if posterior.converged:
-        return Check(name, "good", f"converged: {message}, at worst")
-    wanted = "wanted are at most 1.01, and at least 400 and four a walker"
-    if posterior.timed_out:
-        said = f"stopped by the time limit: {message}, at worst; {wanted}"
-        return Check(name, "bad", said, "give a larger --time-limit")
-    remedy = f"give more --posterior-budget{_more(summary, 'posterior')}"
-    return Check(name, "bad", f"not converged: {message}, at worst; {wanted}", remedy)
+        return Check("Sampling", "not done", "not sampled: standard deviations leave physical feasibility out", remedy)
+    found = checks.sampling(posterior.converged, posterior.max_rhat, posterior.min_ess, posterior.timed_out)
+    return commands.with_more(summary, found, "posterior")
 
 
 def _modes(findings: Findings) -> list[Check]:
     """Whether the log allows other models than the one that is written; nothing without a posterior."""
-    posterior = findings.summary.posterior
+    posterior, of_log = findings.summary.posterior, findings.summary.modes
     if posterior is None:
         return []
-    name, found, written = "Modes", findings.summary.modes, posterior.mode - 1
-    weights = [mode.weight or 0.0 for mode in found]
-    others = [k for k in range(len(weights)) if k != written and weights[k] > IDENTIFICATION.other_mode]
-    if not others:
-        said = f"no other model has more than {IDENTIFICATION.other_mode:.0%} of the probability"
-        return [Check(name, "good", said)]
-    message = other_modes(weights, [mode.turned_joints for mode in found], written)
+    weights, written = [mode.weight or 0.0 for mode in of_log], posterior.mode - 1
+    found = checks.modes(weights, [mode.turned_joints for mode in of_log], written)
+    if found.state == "good":
+        return [found]
+    other = next(k for k in range(len(weights)) if k != written and weights[k] > IDENTIFICATION.other_mode)
     first = dict(zip(findings.coefficients.name, findings.coefficients.mean.tolist(), strict=True))
-    values = found[others[0]].coefficients.items()
+    values = of_log[other].coefficients.items()
     differs = [f"{label} {value:.3g} instead of {first[label]:.3g}" for label, value in values if value is not None]
-    message += f"; in mode {others[0] + 1}: {', '.join(differs)}" if differs else ""
+    more = f"; in mode {other + 1}: {', '.join(differs)}" if differs else ""
     state: State = "look" if weights[written] >= TUNING.mostly_sure else "bad"
-    return [Check(name, state, message, f"`--mode` writes another one; {_TELL_APART} to tell them apart")]
+    return [replace(found, state=state, message=found.message + more)]
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -329,9 +257,8 @@ EFFECT_HEADINGS = ("beyond the terms", "log10 Bayes factor", "size and sd", "not
 """Of `effect_rows`."""
 
 
-def effect_rows(summary: Summary) -> list[tuple[str, str, str, str]]:
+def effect_rows(summary: Summary) -> list[tuple[str, ...]]:
     """The effects that came on top of the terms: which, its evidence, its numbers, what could stand in its place."""
-    effects = () if summary.complete is None else summary.complete.effects
     return [
         (
             label(effect.form, effect.joints),
@@ -339,7 +266,7 @@ def effect_rows(summary: Summary) -> list[tuple[str, str, str, str]]:
             "; ".join(_number(name, value) for name, value in effect.parameters.items()),
             ", ".join(label(other) for other in effect.equivalent),
         )
-        for effect in effects
+        for effect in (() if summary.complete is None else summary.complete.effects)
     ]
 
 
@@ -350,11 +277,11 @@ def _number(name: str, number: Mapping[str, Any]) -> str:
 
 def gains(summary: Summary) -> list[Check]:
     """What the log says of gains; nothing where all were exact."""
-    of_log, name = summary.gains, "Gains"
+    of_log = summary.gains
     if of_log is None:
         return []
     if not of_log.settled:
-        return [Check(name, "bad", GAINS_UNSETTLED, "give narrower --gains")]
+        return [checks.UNSETTLED_GAINS]
     by_data, by_prior = (
         [j for j, by in enumerate(of_log.decided_by, start=1) if by == kind] for kind in (BY_DATA, BY_PRIOR)
     )
@@ -365,19 +292,19 @@ def gains(summary: Summary) -> list[Check]:
     if by_prior:
         parts.append(f"{joints_in_words(by_prior)} as stated (prior)")
     unknown_scale = of_log.factor_decided_by == BY_PRIOR
+    known = f"the common factor known to {checks.spread_in_words(of_log.factor_sd or 0.0)}"
     if of_log.factor_decided_by == GIVEN:
-        parts.append("the common factor is that of the exact ones")
-    else:
-        parts.append(f"the common factor known to {spread_in_words(of_log.factor_sd or 0.0)}")
-        if unknown_scale:
-            parts[-1] += " by the prior only"
-        elif of_log.factor is not None:
-            parts[-1] += f": {rounded(of_log.factor)} times that of the gains stated"
+        known = "the common factor is that of the exact ones"
+    elif unknown_scale:
+        known += " by the prior only"
+    elif of_log.factor is not None:
+        known += f": {rounded(of_log.factor)} times that of the gains stated"
+    parts.append(known)
     if of_log.like_friction:
         whose = joints_in_words(of_log.like_friction)
         parts.append(f"load-dependent friction in {whose} would explain the log as well")
-    look = unknown_scale or of_log.like_friction
-    return [Check(name, "look" if look else "good", "; ".join(parts), FACTOR_REMEDY if unknown_scale else "")]
+    state: State = "look" if unknown_scale or of_log.like_friction else "good"
+    return [Check("Gains", state, "; ".join(parts), checks.FACTOR_REMEDY if unknown_scale else "")]
 
 
 GAIN_HEADINGS = ("gain of joint", "stated", "value and sd", "95 % interval", "ratio to others known to", "decided by")
@@ -386,21 +313,22 @@ GAIN_HEADINGS = ("gain of joint", "stated", "value and sd", "95 % interval", "ra
 
 def gain_rows(summary: Summary) -> list[tuple[str, ...]]:
     """Gains that were unknowns: as stated, as found, the interval, how well its ratio to others is known, by what."""
-    of_log = summary.gains
-    if of_log is None:
+    found = summary.gains
+    if found is None:
         return []
-    stated = of_log.stated.split(",")
-    columns = (stated, of_log.mean, of_log.sd, of_log.lower, of_log.upper, of_log.ratio_sd, of_log.decided_by)
+    columns = (found.stated.split(","), found.mean, found.sd, found.lower, found.upper, found.ratio_sd)
     return [
         (
             str(joint),
             said,
-            quantity(mean or 0.0, sd or 0.0, of_log.unit),
+            quantity(mean or 0.0, sd or 0.0, found.unit),
             f"{rounded(lower or 0.0)} to {rounded(upper or 0.0)}",
             "" if by == GIVEN else in_percent(ratio or 0.0),
             by,
         )
-        for joint, (said, mean, sd, lower, upper, ratio, by) in enumerate(zip(*columns, strict=True), start=1)
+        for joint, (said, mean, sd, lower, upper, ratio, by) in enumerate(
+            zip(*columns, found.decided_by, strict=True), start=1
+        )
     ]
 
 
@@ -413,18 +341,17 @@ def intervals(summary: Summary) -> Check:
         return Check(name, "not done", "not judged: the fit is too poor", "mend the fit first")
     found = summary.complete.too_narrow
     if not found:
-        return Check(name, "good", "nothing of the catalogue would look like the links' own coefficients")
+        return Check(name, "good", "no effect of the catalogue would look like the links' own coefficients")
     parts, remedies = [], []
     for one in found:
-        named = listed(one.coefficients)
+        narrow = f"these intervals are too narrow: {listed(one.coefficients)}"
         if one.times is not None:
             looks = f"the residual looks like a geometry {one.times:.1f} times as far off its table as believed"
-            parts.append(f"{looks}, so these intervals are too narrow: {named}")
+            parts.append(f"{looks}, so {narrow}")
             remedies.append("check the robot file's geometry")
         else:
             there = listed([noun(effect) for effect in one.effects], "or")
-            where = joints_in_words(one.joints) if one.joints else "the robot"
-            parts.append(f"if {where} has {there}, these intervals are too narrow: {named}")
+            parts.append(f"if {joints_in_words(one.joints) if one.joints else 'the robot'} has {there}, {narrow}")
             remedies.append("if it has one, state what is known of these links by `--nominal`")
     return Check(name, "look", "; ".join(parts), " and ".join(dict.fromkeys(remedies)))
 
@@ -437,28 +364,26 @@ def _whiteness(findings: Findings) -> Check:
         f"up to {lasting.max():.0%} of the residual's variance lasts longer than sensor noise (joint {joint + 1}); "
         f"residual correlation time: {counts.max():.0f} samples (joint {int(counts.argmax()) + 1})"
     )
-    shows = (
-        joints_in_words((np.flatnonzero(lasting > TUNING.white) + 1).tolist()) if lasting.max() > TUNING.white else ""
-    )
-    remedy = f"intervals of what shows in {shows} may be too narrow: {_names_it(findings)}"
+    shown = (np.flatnonzero(lasting > TUNING.white) + 1).tolist()
+    remedy = f"intervals of what shows in {joints_in_words(shown)} may be too narrow: {_names_it(findings)}"
     limits = TUNING.white, np.inf  # how large it is, the fit says
     return graded("Whiteness of the residual", lasting.max(), limits, message, remedy)
 
 
 def _decided(findings: Findings) -> Check:
-    name, table, by_prior = "Data or prior", findings.coefficients, len(findings.prior_parameters)
-    count, by_data = len(table.mean), int(table.by_data.sum())
-    poor = int((table.relative_sd > TUNING.poorly_known).sum())
+    table, count = findings.coefficients, len(findings.coefficients.mean)
+    by_data, poor = int(table.by_data.sum()), int((table.relative_sd > TUNING.poorly_known).sum())
     message = (
         f"the data decide {by_data} of {count} coefficients; {poor} are smaller than their standard deviation; "
-        f"{by_prior} individual parameters are not identifiable"
+        f"{len(findings.prior_parameters)} individual parameters are not identifiable"
     )
     remedy = f"{commands.excite(findings.summary)} designs a motion; or give what you know by --nominal"
     posterior = findings.summary.posterior
     if posterior is not None and posterior.pressed_windows:
-        message = f"{pressed_windows(posterior.pressed_windows)}; {message}"
-        return Check(name, "bad", message, f"give the scales of the links by --links, then {remedy}")
-    return graded(name, by_data, (TUNING.decided * count, TUNING.half_decided * count), message, remedy)
+        found = checks.pressed_windows(posterior.pressed_windows)
+        return replace(found, message=f"{found.message}; {message}", remedy=f"{found.remedy}, then {remedy}")
+    limits = TUNING.decided * count, TUNING.half_decided * count
+    return graded("Data or prior", by_data, limits, message, remedy)
 
 
 def _validation(findings: Findings) -> Check:

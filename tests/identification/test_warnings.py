@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from conftest import smooth_motion
 
+from bayesid.identification.checks import warnings_of
 from bayesid.identification.other_readings import BetterReading
-from bayesid.identification.warnings import warnings_of
 from bayesid.log.log import Log
 from bayesid.log.low_pass import AfterRectifier, LowPass
 
@@ -98,7 +98,7 @@ def test_nothing_wrong_is_nothing_said(log):
 
 FAULTS = (
     ({"fit": fit_with(relative=(0.1, 0.26))}, ("joint 2", "26%")),
-    ({"fit": fit_with(sd=(0.3, np.inf, np.inf))}, ("2 coefficients",)),
+    ({"fit": fit_with(sd=(0.3, np.inf, np.inf))}, ("2 of 3 coefficients",)),
     ({"fit": fit_with(on_edge=(True, True, False))}, ("links 1, 2", "--nominal")),
     ({"fit": fit_with(tolerance=2e-8)}, ("2e-08",)),
     ({"settled": unproven()}, ("not proven", "30 less than 120", "--search-budget")),

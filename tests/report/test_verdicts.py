@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from made_findings import make_findings, make_samples, with_summary
 
+from bayesid.identification.checks import Check
 from bayesid.identification.other_readings import BetterReading
 from bayesid.regression.selection.unseen import TooNarrow
 from bayesid.report.summary import CompletionSummary, ErrorsSummary, GainsSummary, LowPassSummary, ModeSummary
-from bayesid.report.verdicts import Check, check_findings, sure_share, verdict, worst
+from bayesid.report.verdicts import check_findings, sure_share, verdict, worst
 
 
 def asked(findings, *narrow):

@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterator, Mapping
 import numpy as np
 from markupsafe import Markup
 
+from bayesid.identification.checks import State, convergence
 from bayesid.identification.identification import SURE, Identification
-from bayesid.identification.warnings import convergence
 from bayesid.parallel import one_at_a_time
 from bayesid.progress import SILENT, Progress
 from bayesid.report import commands
@@ -31,7 +31,6 @@ from bayesid.report.tuning import TUNING
 from bayesid.report.verdicts import (
     EFFECT_HEADINGS,
     GAIN_HEADINGS,
-    State,
     at_standstill,
     check_findings,
     effect_rows,

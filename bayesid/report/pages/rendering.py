@@ -17,10 +17,10 @@ from markupsafe import Markup, escape
 from numpy.typing import ArrayLike
 
 from bayesid.arrays import Array
+from bayesid.identification.checks import Check
 from bayesid.report.findings import evenly
 from bayesid.report.plot.figure import Band, Boxes, Figure, Line, Mark, Panel, Strokes, Ticks, corners
 from bayesid.report.tuning import TUNING
-from bayesid.report.verdicts import Check
 from bayesid.report.words import rounded
 
 _ROOM = "bayesid.report.pages"

@@ -1,0 +1,293 @@
+"""Checks of an identification: what was seen, how it stands, and what to do. Those that fail are its warnings.
+
+A check and its sentence are defined once: here where an identification warns of it, else in `bayesid.report.verdicts`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from bayesid.arrays import Array
+from bayesid.identification.gains import BY_PRIOR, IdentifiedGains
+from bayesid.identification.other_readings import BetterReading
+from bayesid.identification.tuning import TUNING
+from bayesid.log.log import Log
+from bayesid.log.signals import still_joints
+from bayesid.posterior.inference import Posterior
+from bayesid.regression.evidence import Evidence
+from bayesid.regression.knowledge import Nominal
+from bayesid.regression.least_squares import Fit
+from bayesid.regression.tuning import TUNING as REGRESSION
+from bayesid.signs.averaging import AveragedSigns
+
+State = Literal["good", "look", "bad", "not done"]
+
+TELL_APART = "record a motion that loads or accelerates these joints"
+ALTERNATIVES = "see below where they differ; the posterior weighs them"
+FACTOR_REMEDY = "add a log with a weighed --payload, or give one gain that you trust as exact"
+_MORE_TIME = "give a larger --time-limit"
+
+
+@dataclass(frozen=True)
+class Check:
+    """One traffic light."""
+
+    name: str  #: of what was checked; empty for a remark on the log
+    state: State  #: how it stands
+    message: str  #: what was seen, one sentence
+    remedy: str = ""  #: what to do about it; empty where nothing is to be done
+    value: float | None = None  #: that was judged; None where it is no number
+    limit: float | None = None  #: up to which, or from which on, it is good
+
+    def __str__(self) -> str:
+        return f"{self.message}; {self.remedy}" if self.remedy else self.message
+
+
+def warnings_of(
+    log: Log,
+    averaged: AveragedSigns,
+    doubt: Array,
+    posterior: Posterior | None,
+    reading: BetterReading | None = None,
+    gains: IdentifiedGains | None = None,
+    nominal: Nominal | None = None,
+) -> tuple[str, ...]:
+    """All warnings of an identification.
+
+    Args:
+        log: the raw log.
+        averaged: signs and fit.
+        doubt: (n,) probability that signs are guesses because the model is not the robot's.
+        posterior: draws; None if it was not asked for.
+        reading: of the log, that explains it better than the one given; None without one.
+        gains: where they were unknowns.
+        nominal: what was stated of the parameters.
+    """
+    checks = (
+        *_of_the_log(log, averaged, reading),
+        *_of_the_fit(averaged.fit, log.n_joints),
+        *_of_the_signs(averaged, doubt),
+        *([] if posterior is None else _of_the_posterior(posterior)),
+        *([] if gains is None else _of_the_gains(gains)),
+        *([] if nominal is None else _contradicted(averaged.asked.evidence, averaged.fit, nominal)),
+    )
+    return tuple(str(check) for check in checks if check.state != "good")
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Checks that a report makes too
+# ---------------------------------------------------------------------------------------------------------------
+def another_robot(reading: BetterReading) -> Check:
+    """A log is explained better with something else than what was given."""
+    leaves = f"{reading.leaves:.1%} of the effort instead of {reading.given:.1%}"
+    remedies = {
+        "joint order": ", and the order of the joints in the log",
+        "direction": ", and which way the log counts its joints",
+        "units": " and the log for their units",
+        "mounting": " for its gravity",
+        "robot": ": it is not that of the log's robot",
+    }
+    message = f"with {reading.change} the model leaves {leaves}"
+    return Check("Robot file", "bad", message, f"check the robot file{remedies[reading.kind]}")
+
+
+def low_pass(cutoff: str) -> Check:
+    """|effort| has passed a low-pass, in words, after it was rectified."""
+    message = f"|effort| was low-passed after it was rectified, at about {cutoff}; signs near zero are less sure"
+    return Check("Low-pass after the rectifier", "look", message, "log |effort| unfiltered, or filter it with its sign")
+
+
+def not_excited(count: int | str, of: int) -> Check:
+    """A log does not show some coefficients."""
+    message = f"the log does not excite {count} of {of} coefficients"
+    return Check("Excitation", "bad", message, "record a motion that moves more joints at once")
+
+
+def not_proven(cost: float, lower_bound: float | None, withheld: str, timed_out: bool) -> Check:
+    """A proof was tried, and no search has excluded every other assignment; numbers as in `SearchResult`."""
+    if withheld:
+        why = {
+            "pull": "the data alone prefer another listed assignment; what is assumed of links decides",
+            "noise": "the best assignment depends on the noise level assumed of each joint",
+        }
+        return Check("Proof", "look", f"not proven ({why[withheld]})", f"{TELL_APART}; {ALTERNATIVES}")
+    if timed_out or lower_bound is None:
+        return Check("Proof", "look", "not proven (the time limit ended the search)", _MORE_TIME)
+    gap = cost - lower_bound
+    found = f"a better assignment may cost up to {gap:.3g} less than {cost:.4g}"
+    message = f"not proven ({found if gap < cost else 'no lower bound was found'})"
+    return Check("Proof", "look", message, "give more --search-budget, or a longer log")
+
+
+def contradiction(share: float) -> Check:
+    """Search and posterior do not agree."""
+    message = f"search and posterior disagree on signs carrying up to {share:.0%} of a joint's effort"
+    return Check("Proof", "bad", message, f"{TELL_APART}; or validate on a log with known signs")
+
+
+def confidences_lowered(doubt: Sequence[float]) -> str:
+    """That (n,) signs are guesses with a probability, because the model is not the robot's."""
+    joints = ", ".join(str(j) for j, share in enumerate(doubt, start=1) if share >= TUNING.shown_doubt)
+    lowered = f"confidences of joint {joints} are lowered, to {1.0 - 0.5 * max(doubt):.2f} at worst"
+    return f"the model's own error is large: {lowered}"
+
+
+def convergence(max_rhat: float | None, min_ess: float | None) -> str:
+    """R-hat and effective sample size at worst; None where they are not finite."""
+    rhat = "unknown" if max_rhat is None else f"{max_rhat:.3f}"
+    size = "unknown" if min_ess is None else f"{min_ess:.0f}"
+    return f"R-hat {rhat}, effective sample size {size}"
+
+
+def sampling(converged: bool, max_rhat: float | None, min_ess: float | None, timed_out: bool) -> Check:
+    """Whether the draws have converged."""
+    name, message = "Sampling", f"{convergence(max_rhat, min_ess)}, at worst"
+    if converged:
+        return Check(name, "good", f"converged: {message}")
+    message += "; wanted are at most 1.01, and at least 400 and four a walker"
+    if timed_out:
+        return Check(name, "bad", f"the time limit ended sampling: {message}", _MORE_TIME)
+    return Check(name, "bad", f"not converged: {message}", "give more --posterior-budget")
+
+
+def pressed_windows(pressed: Mapping[str, float | None]) -> Check:
+    """The prior's windows, not the data, end some quantities, with the share of draws near the edge of each."""
+    parts = ", ".join(f"{name} ({share or 0.0:.0%} of the draws near its edge)" for name, share in pressed.items())
+    message = f"the prior's window on the {parts} decides, not the data"
+    return Check("Data or prior", "bad", message, "give the scales of the links by --links")
+
+
+def modes(weights: Sequence[float], turned: Sequence[Sequence[int]], chosen: int = 0) -> Check:
+    """Whether a log allows several models: their weights, and the joints (from 1) that each turns against the first."""
+    others = [k for k in range(len(weights)) if k != chosen and weights[k] > TUNING.other_mode]
+    if not others:
+        return Check("Modes", "good", f"no other model has more than {TUNING.other_mode:.0%} of the probability")
+    parts = []
+    for k in others:
+        signs = (
+            f"signs of joint {', '.join(map(str, turned[k]))} turned round" if turned[k] else "single segments differ"
+        )
+        parts.append(f"{weights[k]:.2g} for mode {k + 1}{f' ({signs})' if k else ''}")
+    message = f"the log allows other models than mode {chosen + 1} ({weights[chosen]:.2g}): {', '.join(parts)}"
+    return Check("Modes", "look", message, f"`--mode` writes another one; {TELL_APART} to tell them apart")
+
+
+UNSETTLED_GAINS = Check("Gains", "bad", "signs and gains did not come to agree", "give narrower --gains")
+
+
+def spread_in_words(relative_sd: float) -> str:
+    """A relative standard deviation: 12 %; a factor of 3.7."""
+    wide = relative_sd > TUNING.wide_factor
+    return f"a factor of {math.exp(relative_sd):.2g}" if wide else f"{100.0 * relative_sd:.2g} %"
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# What an identification warns of
+# ---------------------------------------------------------------------------------------------------------------
+def _remark(message: str, remedy: str = "") -> Check:
+    return Check("", "look", message, remedy)
+
+
+def _of_the_log(log: Log, averaged: AveragedSigns, reading: BetterReading | None) -> Iterator[Check]:
+    signals = averaged.asked.evidence.signals
+    yield from map(_remark, (*averaged.asked.model.robot.notes, *map(str, signals.faults)))
+    for j in np.flatnonzero(still_joints(signals.motion.q)):
+        start, end = signals.motion.t[[0, -1]]
+        message = f"joint {j + 1}: it stands still in all of the log, {start:.3f} to {end:.3f} s, and shows no friction"
+        yield _remark(f"{message} or sign", "if it moved, its positions were not read")
+    if reading is not None:
+        yield another_robot(reading)
+    least, most = log.effort.min(axis=0), log.effort.max(axis=0)
+    largest = np.maximum(most, -least)
+    for j in np.flatnonzero(log.signed & (least > -TUNING.undershoot * largest)):
+        remedy = f"if it was rectified and then filtered, say --unsigned {j + 1}"
+        yield _remark(f"the effort of joint {j + 1} is hardly ever negative", remedy)
+    if (after := signals.after_rectifier) is not None:
+        yield low_pass(str(after.low_pass))
+
+
+def _of_the_fit(fit: Fit, n_links: int) -> Iterator[Check]:
+    for j in np.flatnonzero(fit.relative_residual > REGRESSION.poor_fit):
+        message = f"joint {j + 1} leaves {fit.relative_residual[j]:.0%} of its effort unexplained"
+        remedy = "a term is missing or signs are wrong, whatever their confidence; try a wider beam"
+        yield Check("Fit", "bad", message, remedy)
+    if unexcited := int(np.isinf(fit.sd).sum()):
+        yield not_excited(unexcited, len(fit.sd))
+    yield from on_edge(fit, n_links)
+
+
+def on_edge(fit: Fit, n_links: int) -> list[Check]:
+    """Bodies beyond the links are what the last one carries: gravity shows its mass and centre of mass."""
+    bodies = (np.flatnonzero(fit.on_edge) + 1).tolist()
+    if not bodies:
+        return []
+    links = [str(k) for k in bodies if k <= n_links]
+    parts = [f"of link{'s' * (len(links) > 1)} {', '.join(links)}"] if links else []
+    parts += ["of what the last link carries"] if bodies[-1] > n_links else []
+    message = f"single inertial parameters {' and '.join(parts)} cannot be trusted: the fit is at the edge of what is "
+    message += "physically possible; coefficients and predicted efforts are not affected"
+    return [_remark(message, "state what is known of them by --nominal")]
+
+
+def _of_the_signs(averaged: AveragedSigns, doubt: Array) -> Iterator[Check]:
+    signs, fit = averaged.settled.signs, averaged.fit
+    search = signs.search
+    if not search.certified and (search.lower_bound is not None or search.timed_out):  # a beam proves nothing
+        yield not_proven(search.cost, search.lower_bound, search.withheld, search.timed_out)
+    if signs.unsplit:
+        segments = "1 segment still crosses" if signs.unsplit == 1 else f"{signs.unsplit} segments still cross"
+        yield _remark(f"{segments} zero after {signs.rounds} searches")
+    if fit.tolerance > TUNING.solver_gap:
+        yield _remark(f"the final fit reached a relative gap of {fit.tolerance:g} only")
+    if not averaged.by_asked:
+        known = {(effect.name, effect.joints) for effect in averaged.asked.model.effects}
+        added = [effect for effect in averaged.settled.model.effects if (effect.name, effect.joints) not in known]
+        missing = ", ".join(" ".join([effect.name, *map(str, effect.joints)]) for effect in added)
+        yield _remark(f"the model lacks {missing}: these terms explain the log far better, and signs rest on them")
+    if doubt.max(initial=0.0) >= TUNING.shown_doubt:
+        yield _remark(confidences_lowered(doubt.tolist()))
+
+
+def _of_the_posterior(posterior: Posterior) -> Iterator[Check]:
+    yield sampling(posterior.converged, posterior.max_rhat, posterior.min_ess, posterior.timed_out)
+    if posterior.pressed:
+        yield pressed_windows(dict(posterior.pressed))
+    weights, asked = [mode.weight for mode in posterior.modes], posterior.sampling.mode
+    if asked > len(weights):
+        yield _remark(f"there is no mode {asked} of the posterior, of {len(weights)}: the heaviest is written")
+    else:
+        yield modes(weights, [posterior.turned_joints(k) for k in range(len(weights))], posterior.chosen)
+    if posterior.excluded is not None and posterior.excluded > TUNING.excluded:
+        yield contradiction(posterior.excluded)
+
+
+def _of_the_gains(gains: IdentifiedGains) -> Iterator[Check]:
+    if not gains.settled:
+        yield UNSETTLED_GAINS
+    if gains.factor_decided_by == BY_PRIOR:
+        source = "by what arms of its length weigh" if gains.stated.unknown.any() else "by the prior"
+        known = f"efforts, masses and frictions are known to {spread_in_words(gains.factor_sd)}, {source} only"
+        message = f"the log does not tell the factor common to all gains: {known}"
+        yield Check("Gains", "look", message, FACTOR_REMEDY)
+
+
+def _contradicted(evidence: Evidence, fit: Fit, nominal: Nominal) -> Iterator[Check]:
+    """Parameters that the log shows by themselves, and not as they were stated."""
+    projection = evidence.coefficients.projection
+    for row in np.flatnonzero(np.count_nonzero(projection, axis=1) == 1).tolist():
+        place = int(np.flatnonzero(projection[row])[0])
+        value, sd = fit.beta[row] / projection[row, place], fit.sd[row] / abs(projection[row, place])
+        stated, spread = nominal.mean[place], nominal.sd[place]
+        far = abs(value - stated) / np.hypot(sd, spread)
+        if far > TUNING.contradicts:  # not where nothing is stated: NaN
+            name = evidence.model.parameters[place].name
+            yield _remark(
+                f"{name} was stated as {stated:.4g} +- {spread:.2g}, the log alone says {value:.4g} +- {sd:.2g}: "
+                f"{far:.0f} standard deviations apart",
+                "check it; where gains may be off, state them as uncertain, as in --gains 12~20%,..",
+            )
