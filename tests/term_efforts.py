@@ -164,16 +164,18 @@ def load_dependent_friction(table, motion, theta, smoothing, links):
 LEARNED = {
     "joints": [2],
     "number": [1.0],
-    "component": [0.0, 0.0, 1.0, 1.0, 2.0, 3.0, 3.0],
-    "quantity": [0.0, 1.0, 3.0, 4.0, 0.0, 2.0, 1.0],
-    "of_joint": [1.0, 2.0, 1.0, 0.0, 3.0, 3.0, 1.0],
-    "family": [0.0, 4.0, 2.0, 5.0, 1.0, 3.0, 6.0],
-    "low": [-0.6, -1.0, -900.0, 0.0, -1.0, -2.0, -1.0],
-    "high": [0.9, 1.0, 900.0, 1.0, 1.0, 2.0, 1.0],
-    "order": [0.0, 0.3, 1.0, 0.07, 2.0, 2.0, 1.0],
-    "count": [3.0, 1.0, 1.0, 2.0, 3.0, 1.0, 1.0],
-    "kept": [2.0, 1.0, 1.0, 1.0],
-    "weights": [0.3, -1.0, 0.7, 0.2, 0.1, 2.0, *(0.01, -0.02), *(0.4, 1.5, -0.6), 0.25],
+    "functions": [  # each axis: quantity, joint, family, low, high, order, count; then the rows of the weights
+        [
+            [[0.0, 1.0, 0.0, -0.6, 0.9, 0.0, 3.0], [1.0, 2.0, 4.0, -1.0, 1.0, 0.3, 1.0]],
+            [[0.3, -1.0], [0.7, 0.2], [0.1, 2.0]],
+        ],
+        [
+            [[3.0, 1.0, 2.0, -900.0, 900.0, 1.0, 1.0], [4.0, 0.0, 5.0, 0.0, 1.0, 0.07, 2.0]],  # rows of load and time
+            [[0.01], [-0.02]],
+        ],
+        [[[0.0, 3.0, 1.0, -1.0, 1.0, 2.0, 3.0]], [[0.4], [1.5], [-0.6]]],
+        [[[2.0, 3.0, 3.0, -2.0, 2.0, 2.0, 1.0], [1.0, 1.0, 6.0, -1.0, 1.0, 1.0, 1.0]], [[0.25]]],
+    ],
 }
 """Four functions: of q1 and the direction of joint 2, of the load of joint 1 and time, of q3, of ddq3 and the speed of
 joint 1. The ranges are shorter than what joints do, but for the load's."""

@@ -106,7 +106,7 @@ class EffectSet:
         """
         extension = extend(self.case.knowledge, self.case.coefficients, self.explanation)
         learned = any(isinstance(effect.source, LearnedEffect) for effect in self.effects)
-        if learned and not any(effect.source.reveals for effect in self.effects):
+        if learned and not any(effect.beyond_numbers for effect in self.effects):
             return extension
         return self.case.refitted(extension, self.case.predicted(self.explanation))
 

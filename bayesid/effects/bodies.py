@@ -37,19 +37,15 @@ class RigidBody(WholeRobotTerm):
         return tuple(Parameter(f"{stem}{i}{axes}", unit, i) for i in links for stem, axes, unit in parts)
 
     def cone(self, robot: Robot) -> Cone:
-        """One positive semidefinite pseudo-inertia a link."""
         return Cone.rigid_bodies(robot.n_joints)
 
     def columns(self, robot: Robot, motion: Motion) -> Array:
-        """(N, n, 10 n) Newton-Euler regressor."""
         return robot.regressor(motion)
 
     def effort(self, robot: Robot, motion: Motion, theta: Array) -> Array:
-        """(N, n) by recursive Newton-Euler."""
         return robot.inverse_dynamics(motion, theta)
 
     def link_parameters(self, robot: Robot, theta: Array) -> Array:
-        """(n, 10) the parameters themselves."""
         return theta.reshape(-1, 10)
 
 
@@ -78,11 +74,9 @@ class BodyOnFlange(WholeRobotTerm):
         return tuple(Parameter(name + suffix, unit, robot.n_joints) for name, unit in zip(NAMES, UNITS, strict=True))
 
     def cone(self, robot: Robot) -> Cone:
-        """A positive semidefinite pseudo-inertia."""
         return Cone.rigid_bodies(1)
 
     def columns(self, robot: Robot, motion: Motion) -> Array:
-        """(N, n, 10) those of the last link."""
         return robot.regressor(motion)[:, :, -10:]
 
 
@@ -102,18 +96,19 @@ class Payload(BodyOnFlange):
         "link's frame",
     )
     of_links = True
-    links_remark = "{last} includes the payload."
     needs_earlier = True
-    typical = (*(TUNING.payload_inertia,) * 6, *(TUNING.payload_moment,) * 3, 1.0)
-    typical_scales = (0.1, 0.5, 3.0)  # kg
+    typical = tuple(
+        (*(mass * TUNING.payload_inertia,) * 6, *(mass * TUNING.payload_moment,) * 3, mass) for mass in (0.1, 0.5, 3.0)
+    )
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
-        """Jxxp6 ... mp6 of six joints."""
         return self.suffixed(f"p{robot.n_joints}", robot)
 
     def link_parameters(self, robot: Robot, theta: Array) -> Array:
-        """(n, 10) added to the last link, in whose frame they are."""
         return np.concatenate([np.zeros((robot.n_joints - 1, 10)), theta[None, :]])
+
+    def export_remark(self, last_link: str) -> str:
+        return f"{last_link} includes the payload."
 
 
 def carried_payloads(motion: Motion) -> tuple[CarriedPayload, ...]:
@@ -130,7 +125,7 @@ class CarriedPayload(BodyOnFlange):
         label: (1,) of the rows, as in `bayesid.Log.carrying`.
     """
 
-    label: tuple[str, ...] = number(given=True, count=1)
+    label: tuple[str, ...] = number(given=True)
 
     name = "payload.carried"
     phrase = Phrase("Some logs are of a flange that carries {m}.", "a payload of some logs", size="m")
@@ -144,23 +139,20 @@ class CarriedPayload(BodyOnFlange):
 
     @property
     def payloads(self) -> tuple[str, ...]:
-        """Its label."""
         return self.label
 
     def check(self, n_joints: int) -> None:
-        """One label."""
         super().check(n_joints)
+        self._expect("label", 1)
         try:
             check_label(*self.label)
         except InputError as error:
             raise ValueError(error.what) from None
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
-        """Jxx_tool1 ... m_tool1."""
         return self.suffixed(f"_{self.label[0]}", robot)
 
     def columns(self, robot: Robot, motion: Motion) -> Array:
-        """(N, n, 10) those of the last link in the rows of the label, zero in all others."""
         rows = np.flatnonzero(motion.payload == self.label[0])
         columns = np.zeros((len(motion), robot.n_joints, len(NAMES)))
         if len(rows):
@@ -186,12 +178,10 @@ class ToolWrench(WholeRobotTerm):
     symbol: ClassVar[str] = "wb"
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
-        """Force, and couple if there is one, on the last link."""
         n = robot.n_joints
         return tuple(Parameter(f"{self.symbol}{axis}{n}", unit, n) for axis, unit in self.parts)
 
     def columns(self, robot: Robot, motion: Motion) -> Array:
-        """(N, n, 3 or 6) what the actuators supply against it."""
         return -robot.tool_jacobian(motion, self.in_base).swapaxes(1, 2)[:, :, : len(self.parts)]
 
 

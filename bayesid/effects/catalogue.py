@@ -93,7 +93,11 @@ def make_effect(name: str, shape: Mapping[str, Iterable[float]]) -> Any:
 
 def of_shape(kind: type[Effect], shape: Mapping[str, Iterable[float]]) -> Any:
     """An effect from its class and its shape."""
-    return kind(**{key: tuple(values) for key, values in shape.items()})  # type: ignore[arg-type]
+    return kind(**{key: _tuples(values) for key, values in shape.items()})
+
+
+def _tuples(values: Any) -> Any:
+    return tuple(map(_tuples, values)) if isinstance(values, list | tuple) else values
 
 
 def make_terms(chosen: Iterable[str | Term], robot: Robot, motion: Motion) -> tuple[Term, ...]:

@@ -33,6 +33,8 @@ class Distortion(Effect):
     """Base of all distortions: of rows, unless it is a `SensorDistortion`."""
 
     linear = False
+    of_effort: ClassVar[bool] = True
+    """Whether what it does depends on the whole effort, with that of the terms beside it."""
     neutral: ClassVar[float] = 0.0
     """The number with which it does nothing."""
     largest: ClassVar[float] = np.inf
@@ -40,7 +42,6 @@ class Distortion(Effect):
 
     @classmethod
     def variants(cls, scene: Scene) -> Iterable[Self]:
-        """Neutral, in each actuator by itself."""
         neutral: Any = dict.fromkeys(cls.number_fields(), (cls.neutral,))
         return (cls(joints=(j,), **neutral) for j in range(1, scene.robot.n_joints + 1))
 
@@ -73,6 +74,7 @@ class Distortion(Effect):
 class RobotDistortion(Distortion):
     """Base of what is wrong in the robot: it is `built` or moves otherwise than the model has it."""
 
+    of_effort = False
     step: ClassVar[float] = 1e-5
     """Of the differences: their error is of this size, relative to the effort, and rounding 1e-16 over it."""
 
@@ -96,7 +98,6 @@ class RobotDistortion(Distortion):
         return motion
 
     def columns(self, rows: Rows, robot: Robot, motion: Motion) -> Array:
-        """Rows of the robot and the motion as they are."""
         return rows(self.built(robot), self.moving(robot, motion))
 
     def effort(self, scene: Scene) -> Array:
@@ -118,8 +119,6 @@ class RobotDistortion(Distortion):
 class SensorDistortion(Distortion):
     """Base of what changes readings alone: each actuator's by a number of its own."""
 
-    of_effort = True
-
     def reading(self, effort: Array) -> Array:
         """(N, m) what is read of the efforts (N, m) of its own actuators, N m."""
         raise NotImplementedError
@@ -129,24 +128,20 @@ class SensorDistortion(Distortion):
         raise NotImplementedError
 
     def measured(self, effort: Array) -> Array:
-        """In its own actuators, what it reads."""
         read, acting = effort.copy(), self.acting(effort.shape[1])
         read[:, acting] = self.reading(effort[:, acting])
         return read
 
     def restored(self, magnitude: Array) -> tuple[Array, Mask]:
-        """In its own actuators, what its reading shows."""
         full, valid = magnitude.copy(), np.ones(magnitude.shape, dtype=bool)
         acting = self.acting(magnitude.shape[1])
         full[:, acting], valid[:, acting] = self.restoring(magnitude[:, acting])
         return full, valid
 
     def change(self, scene: Scene) -> tuple[Array, Array]:
-        """What is read beside what there is; no amplitudes."""
         return self.measured(scene.effort) - scene.effort, np.zeros((*scene.effort.shape, 0))
 
     def of_magnitude(self, magnitude: float, direction: Direction, scene: Scene) -> Self:
-        """With a number, N m."""
         chosen: Any = dict.fromkeys(self.number_fields(), (magnitude,))
         return replace(self, **chosen)
 

@@ -105,7 +105,6 @@ class GainError(Distortion):
         opposite="{whose} efforts read {gain} too small.",
         units={"gain": ReadableUnit("%", 100.0, neutral=1.0)},
     )
-    of_effort = True
     needs_earlier = True
     typical = (0.2,)
     neutral = 1.0
@@ -113,13 +112,11 @@ class GainError(Distortion):
     """Twice the level that `bayesid.simulation.logs` takes at most: a gain changes efforts in proportion."""
 
     def columns(self, rows: Rows, robot: Robot, motion: Motion) -> Array:
-        """The joint's rows, scaled."""
         factor = np.ones(robot.n_joints)
         factor[self.acting(robot.n_joints)] = self.gain
         return factor[:, None] * rows(robot, motion)
 
     def change(self, scene: Scene) -> tuple[Array, Array]:
-        """Linear in the gain."""
         acting = self.acting(scene.robot.n_joints)
         columns = np.zeros((*scene.effort.shape, len(acting)))
         columns[:, acting, np.arange(len(acting))] = scene.effort[:, acting]
@@ -152,7 +149,6 @@ class GearRatio(RobotDistortion):
     """Twice as far, or not at all."""
 
     def moving(self, robot: Robot, motion: Motion) -> Motion:
-        """The joints' motion of motors that turn further, as they are coupled."""
         if not any(self.error):
             return motion
         factor = np.ones(robot.n_joints)
@@ -182,23 +178,19 @@ class Delay(Distortion):
         units={"lag": ReadableUnit("ms", 1e3)},
     )
     acts_on = "either"
-    of_effort = True
     memory = True
     typical = (0.02,)
 
     @classmethod
     def variants(cls, scene: Scene) -> Iterator[Self]:
-        """About several lags, in all actuators and in each by itself."""
         for joints in ((), *((j,) for j in range(1, scene.robot.n_joints + 1))):
             yield from (cls(joints=joints, lag=(lag,)) for lag in TUNING.lags)
 
     @property
     def late(self) -> float:
-        """The lag."""
         return self.lag[0]
 
     def columns(self, rows: Rows, robot: Robot, motion: Motion) -> Array:
-        """Rows of the motion some time ago."""
         late = rows(robot, motion.ago(self.lag[0]))
         if not self.joints:
             return late
@@ -216,7 +208,6 @@ class Delay(Distortion):
         return shift, columns
 
     def of_magnitude(self, magnitude: float, direction: Direction, scene: Scene) -> Self:
-        """With a lag, s."""
         return replace(self, lag=(magnitude,))
 
     def largest_magnitude(self, scene: Scene) -> float:
@@ -224,5 +215,4 @@ class Delay(Distortion):
         return float(scene.motion.t[-1] - scene.motion.t[0]) / (2.0 * np.pi * FASTEST_HARMONIC)
 
     def numbers(self, robot: Robot) -> Mapping[str, tuple[float, str]]:
-        """The lag."""
         return {f"lag{self.joints[0] if self.joints else ''}": (self.lag[0], "s")}

@@ -1,7 +1,7 @@
 """What all effects share, be they terms of the model's sum or distortions of its rows and readings.
 
-Everything downstream asks an effect for its columns, names, phrases and places and never which effect it is, so a new
-effect is a new class in `bayesid/effects` and nothing else.
+Everything downstream asks an effect for its columns, names and phrases and never which effect it is: a new effect is a
+new class in `bayesid/effects` and nothing else (docs/extending.md).
 """
 
 from __future__ import annotations
@@ -31,19 +31,14 @@ class Number:
     name: str = ""  # under which they read it, without the joint; by default that of the field
     of_motion: Callable[[Motion], Array] | None = None  # (m,) those that the motion of m actuators shows
     tried: Callable[[Motion], Iterable[float]] | None = None  # those worth trying in one actuator, of its motion
-    given: bool = False  # whether it comes with the model, so that no log is asked for it
+    given: bool = False  # whether it comes with the model: no log is asked for it, and `check` looks after its size
     tuned: bool = False  # whether the first amplitudes of the effect are changes of these numbers
     count: int = 0  # how many there are, where they are not one an actuator
-    of_links: bool = False  # whether there are ten a link
 
     @property
     def told(self) -> bool:
         """Whether no log is asked for it: the model or the motion tell it."""
         return self.given or (self.of_motion is not None and self.tried is None)
-
-    def size(self, acting: int, n_joints: int) -> int:
-        """How many numbers an effect in some of n joints has."""
-        return 10 * n_joints if self.of_links else self.count or acting
 
 
 def number(unit: str = "", *, default: Any = dataclasses.MISSING, **about: Any) -> Any:
@@ -142,20 +137,13 @@ class Effect:
     """Whether a row depends on other instants too."""
     can_be_missing: ClassVar[bool] = True
     """Whether a model may lack it."""
-    refines: ClassVar[bool] = False
-    """Whether it is but a finer form of a standard term: completes a model, but is nothing that could be missing."""
     needs_earlier: ClassVar[bool] = False
     """Whether only what an earlier log has shown tells it from the model's own parameters."""
-    of_effort: ClassVar[bool] = False
-    """Whether what it does depends on the whole effort, with that of the terms beside it."""
     of_table: ClassVar[bool] = False
     """Whether it is an error of the robot's table, which one of another row may look like."""
-    reveals: ClassVar[bool] = False
-    """Whether its rows show parameters of other effects that no log without it could show."""
-    typical: ClassVar[Numbers] = ()
-    """Prior standard deviations of the amplitudes, one for all or one each; if empty, a usual share of the effort."""
-    typical_scales: ClassVar[Numbers] = (1.0,)
-    """Factors of `typical`, each of which is tried."""
+    typical: ClassVar[Numbers | tuple[Numbers, ...]] = ()
+    """Prior standard deviations of the amplitudes, one for all or one each; several such priors are tried one by one.
+    If empty, a usual share of the effort."""
 
     def __init_subclass__(cls) -> None:
         dataclass(frozen=True, kw_only=True)(cls)
@@ -194,17 +182,20 @@ class Effect:
         if len(set(acting)) < len(acting) or not all(0 <= j < n_joints for j in acting):
             raise ValueError(f"joints {list(self.joints)} are not joints of the robot")
         for key, number in self.number_fields().items():
-            values, expected = getattr(self, key), number.size(len(acting), n_joints)
-            if len(values) != expected:
-                raise ValueError(f"{key} has {len(values)} numbers, expected {expected}")
+            if not number.given:
+                self._expect(key, number.count or len(acting))
         if self.joints and self.acts_on == "robot":
             raise ValueError(f"{self.name} acts in all joints")
+
+    def _expect(self, key: str, size: int) -> None:
+        if len(getattr(self, key)) != size:
+            raise ValueError(f"{key} has {len(getattr(self, key))} numbers, expected {size}")
 
     def in_joints(self, joints: tuple[int, ...], n_joints: int) -> Self:
         """The same effect with its own numbers, in some of its joints only."""
         acting = self.acting(n_joints)
         chosen = [acting.index(j - 1) for j in joints]
-        one_each = [key for key, number in self.number_fields().items() if not (number.count or number.of_links)]
+        one_each = [key for key, number in self.number_fields().items() if not (number.count or number.given)]
         kept: Any = {key: tuple(getattr(self, key)[i] for i in chosen) for key in one_each}
         return replace(self, joints=joints, **kept)
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,8 +12,8 @@ from bayesid.arrays import TINY, Array
 from bayesid.effects.axes import Axis, Component, Family, Quantity, products
 from bayesid.effects.tuning import TUNING
 
-Shape = tuple[Array, Callable[[Array], tuple[str, float]]]
-"""Columns on a grid, and what writes their amplitudes as a text and a factor."""
+Shape = tuple[float, list[tuple[str, Array]]]
+"""Multiple of the variable in a sine, 0 where there is none, and the texts and columns that are added to it."""
 _SYMBOLS = {Quantity.POSITION: "q", Quantity.VELOCITY: "dq", Quantity.ACCELERATION: "ddq", Quantity.LOAD: "tau"}
 _NOUNS = {
     Quantity.POSITION: "position",
@@ -118,36 +119,37 @@ def _sum(axes: Sequence[Axis], grids: Sequence[Array], values: Array) -> list[tu
 
 def _shape(axis: Axis, grid: Array, values: Array) -> tuple[str, float, Array] | None:
     """Text, factor and values of the plainest function of a variable that is nearly the given one, if any is."""
-    for columns, write in _plain_shapes(axis, grid, symbol(*axis.variable)):
+    for turns, parts in _plain_shapes(axis, grid, symbol(*axis.variable)):
+        waves = [np.sin(turns * grid), np.cos(turns * grid)] if turns else []
+        columns = np.stack([*waves, *(column for _, column in parts)], axis=1)
         found = np.asarray(np.linalg.lstsq(columns, values, rcond=None)[0], dtype=np.float64)
         told = np.asarray(columns @ found, dtype=np.float64)
         if np.sum((values - told) ** 2) < (1.0 - TUNING.explained) * np.sum(values**2) + TINY:
-            text, size = write(found)
-            return text, size, told
+            return *_written(symbol(*axis.variable), turns, [text for text, _ in parts], found.tolist()), told
     return None
 
 
 def _plain_shapes(axis: Axis, grid: Array, name: str) -> Iterator[Shape]:
     """The plainest first, of those that the axis has; a smooth function may be any of them."""
     smooth = axis.family is Family.SMOOTH
-    one = np.ones_like(grid)
-    yield np.stack([one], axis=1), lambda a: ("", float(a[0]))
-    if smooth or axis.family is Family.POWER:
-        yield np.stack([grid], axis=1), lambda a: (name, float(a[0]))
-        yield np.stack([grid**2], axis=1), lambda a: (f"{name}^2", float(a[0]))
-        yield np.stack([one, grid], axis=1), lambda a: (f"({name} {_signed(a[0] / a[1])})", float(a[1]))
+    powers = smooth or axis.family is Family.POWER
+    one, straight, square = ("", np.ones_like(grid)), (name, grid), (f"{name}^2", grid**2)
+    turns = _turns(axis)
+    yield 0.0, [one]
+    if powers:
+        yield 0.0, [straight]
+        yield 0.0, [square]
+        yield 0.0, [straight, one]
     if smooth and axis.quantity is Quantity.VELOCITY:
-        yield np.stack([grid * np.abs(grid)], axis=1), lambda a: (f"{name} |{name}|", float(a[0]))
-    waves = _turns(axis)
-    yield from (_wave(name, h, grid) for h in waves)
+        yield 0.0, [(f"{name} |{name}|", grid * np.abs(grid))]
+    yield from ((h, []) for h in turns)
     if axis.family is Family.FADING:
-        fading, after = axis.columns(grid), f"exp(-t / {_number(axis.order)} s)"
-        yield fading[:, 1:], lambda a: (after, float(a[0]))
-        yield fading, lambda a: (f"(1 {_signed(a[1] / a[0])} {after})", float(a[0]))
-    yield from (_wave(name, h, grid, one) for h in waves)
-    if smooth or axis.family is Family.POWER:
-        powers = np.stack([one, grid, grid**2], axis=1)
-        yield powers, lambda a: (f"({name}^2 {_signed(a[1] / a[2])} {name} {_signed(a[0] / a[2])})", float(a[2]))
+        fading = f"exp(-t / {_number(axis.order)} s)", axis.columns(grid)[:, 1]
+        yield 0.0, [fading]
+        yield 0.0, [one, fading]
+    yield from ((h, [one]) for h in turns)
+    if powers:
+        yield 0.0, [square, straight, one]
 
 
 def _turns(axis: Axis) -> list[float]:
@@ -158,16 +160,17 @@ def _turns(axis: Axis) -> list[float]:
     return [float(k) for k in range(1, 9)] if whole_turns else []
 
 
-def _wave(name: str, turns: float, grid: Array, *raised: Array) -> Shape:
-    """sin(3 q6 + 0.4), or, raised by a constant, (sin(3 q6 + 0.4) + 0.7)."""
-
-    def write(amplitudes: Array) -> tuple[str, float]:
-        phase, size = float(np.arctan2(amplitudes[1], amplitudes[0])), float(np.hypot(*amplitudes[:2]))
+def _written(name: str, turns: float, texts: list[str], amplitudes: list[float]) -> tuple[str, float]:
+    """A sum as text and factor, that of its first part: sin(3 q6 + 0.4), or (q2^2 - 0.3 q2 + 0.1)."""
+    if turns:
+        sine, cosine, *amplitudes = amplitudes
+        phase, size = math.atan2(cosine, sine), math.hypot(sine, cosine)
         angle = name if turns == 1 else f"{_number(turns)} {name}"
-        text = f"sin({angle} {_signed(phase)})" if abs(phase) > 5e-3 else f"sin({angle})"  # none to two digits
-        return (f"({text} {_signed(amplitudes[2] / max(size, TINY))})" if raised else text), size
-
-    return np.column_stack([np.sin(turns * grid), np.cos(turns * grid), *raised]), write
+        first = f"sin({angle} {_signed(phase)})" if abs(phase) > 5e-3 else f"sin({angle})"  # none to two digits
+    else:
+        (first, *texts), (size, *amplitudes) = texts, amplitudes
+    others = [f"{_signed(one / (size or TINY))} {text}".strip() for one, text in zip(amplitudes, texts, strict=True)]
+    return (f"({first or '1'} {' '.join(others)})" if others else first), size
 
 
 def _single(axis: Axis) -> str:

@@ -46,7 +46,6 @@ class SaturatingFriction(ActuatorTerm):
     name = "viscous_friction.saturating"
     shown_by = _STEADY
     phrase = Phrase("{who} needs viscous friction that saturates: {Fe} beyond {knee}.", "saturating viscous friction")
-    refines = True
     coefficients = (Coefficient("Fe", "N m", nonnegative=True),)
 
     def unit_efforts(self, actuators: Motion) -> Array:
@@ -148,7 +147,7 @@ class LoadDependentFriction(DryTerm):
         links: (10 n,) parameters of the rigid bodies that make the load, as identified earlier.
     """
 
-    links: Numbers = number(given=True, of_links=True)
+    links: Numbers = number(given=True)
 
     name = "load_dependent_friction"
     shown_by = "moving both ways, loaded and unloaded, at equal speeds"
@@ -161,7 +160,6 @@ class LoadDependentFriction(DryTerm):
 
     @classmethod
     def variants(cls, scene: Scene) -> Iterator[Self]:
-        """In each actuator by itself, under the scene's links."""
         links = tuple(scene.links.tolist())
         for j, speed in enumerate(scene.actuators.standstill_speed.tolist(), start=1):
             yield cls(joints=(j,), smoothing=(speed,), links=links)
@@ -169,7 +167,14 @@ class LoadDependentFriction(DryTerm):
     def own_columns(self, robot: Robot, motion: Motion, own: Motion | None = None) -> Array:
         """The size of the load, which comes from all joints, times the direction of motion."""
         load = np.abs(robot.inverse_dynamics(motion, self._links)[:, self.acting(robot.n_joints)])
-        return (load * self.direction(self.own_motion(robot, motion) if own is None else own))[:, :, None]
+        return load[:, :, None] * super().own_columns(robot, motion, own)
+
+    def unit_efforts(self, actuators: Motion) -> Array:
+        return self.direction(actuators)
+
+    def check(self, n_joints: int) -> None:
+        super().check(n_joints)
+        self._expect("links", 10 * n_joints)
 
     @cached_property
     def _links(self) -> Array:

@@ -96,7 +96,6 @@ class LayeredHysteresis(Hysteresis):
     coefficients = tuple(Coefficient(symbol, "N m", nonnegative=True) for symbol in ("Fha", "Fhb", "Fhc"))
 
     def unit_efforts(self, actuators: Motion) -> Sequence[Array]:
-        """Their states."""
         return [self.state(actuators, share) for share in (0.25, 0.5, 1.0)]
 
 

@@ -19,6 +19,7 @@ from bayesid.robot.kinematics import nearest_points
 
 _SAME = 1e-9
 """m and rad up to which two frames are one: rounding."""
+_X = np.array([1.0, 0.0, 0.0])
 _MILLIMETRES, _DEGREES = ReadableUnit("mm", 1e3), ReadableUnit("degrees", 180.0 / math.pi)
 
 
@@ -44,28 +45,23 @@ class BaseTilt(RobotDistortion):
     )
     acts_on = "robot"
     typical = (0.1, 0.1, 0.5, 0.5)
-    reveals = True
     step = 1e-4
     largest = 1.0
     """rad; far beyond any floor's."""
 
     @classmethod
     def variants(cls, scene: Scene) -> Iterator[Self]:
-        """Neutral."""
         yield cls(angle=(0.0, 0.0))
 
     def building(self, robot: Robot) -> Robot:
-        """Under the gravity that the base sees."""
         turned = scipy.spatial.transform.Rotation.from_rotvec(np.array(self.angle) @ _across(robot.gravity))
         return replace(robot, gravity=turned.as_matrix() @ robot.gravity)
 
     def change(self, scene: Scene) -> tuple[Array, Array]:
-        """With what the first link weighs."""
         shift, columns = super().change(scene)
         return shift, np.concatenate([columns, _first_link(scene)], axis=2)
 
     def of_magnitude(self, magnitude: float, direction: Direction, scene: Scene) -> Self:
-        """Turned by an angle, rad."""
         return self.moved(magnitude * np.array([np.cos(direction.angle), np.sin(direction.angle)]))
 
 
@@ -109,7 +105,6 @@ class Displacement(RobotDistortion):
 
     @classmethod
     def variants(cls, scene: Scene) -> Iterator[Self]:
-        """Neutral, of each joint."""
         joints = (j for j in range(scene.robot.n_joints) if cls.stands_alone(scene.robot, j))
         yield from (cls(joints=(j + 1,), error=(0.0,)) for j in joints)
 
@@ -125,12 +120,21 @@ class Displacement(RobotDistortion):
         return not (cls.of_angle and robot.joints[joint].prismatic)
 
     def displaced(self, robot: Robot, joint: int, step: float) -> Robot:
-        """The robot with the number of a (0-based) joint larger by a step, m or rad."""
-        move = along_normal if self.of_normal else along_axis
-        return move(robot, joint, step, turning=self.of_angle)
+        """The robot with the number of a (0-based) joint larger by a step, m or rad.
+
+        The joint moves along or about its axis. A number of the common normal moves what stands at the end of the link,
+        the link's body with it, along or about the x axis there, in the standard convention. In the modified one, and
+        where a robot has no table, the joint itself moves along or about the common normal of its axis and that before.
+        """
+        move = turn if self.of_angle else shift
+        if not self.of_normal:
+            return with_joint(robot, joint, move(robot.joints[joint].axis, step))
+        if is_distal(robot):
+            return with_link(robot, joint, move(_X, step), first=False)
+        point, direction = _normal(robot, joint)
+        return with_joint(robot, joint, move(direction, step, point), own=False)
 
     def building(self, robot: Robot) -> Robot:
-        """With all of its errors."""
         for j, step in zip(self.acting(robot.n_joints), self.error, strict=True):
             robot = self.displaced(robot, j, step) if step else robot
         return robot
@@ -148,7 +152,6 @@ class Displacement(RobotDistortion):
         return self.effort(scene) - scene.effort_as_told, np.stack(slopes, axis=2)
 
     def numbers(self, robot: Robot) -> Mapping[str, tuple[float, str]]:
-        """The errors."""
         pairs = zip(self.acting(robot.n_joints), self.error, strict=True)
         return {f"{self.symbol}{j + 1}": (float(error), "rad" if self.of_angle else "m") for j, error in pairs}
 
@@ -227,8 +230,8 @@ class LinkTwist(Displacement):
 # ---------------------------------------------------------------------------------------------------------------
 # A robot with a part moved
 # ---------------------------------------------------------------------------------------------------------------
-def shift(along: Array, step: float) -> Array:
-    """(4, 4) a step along a direction (3,)."""
+def shift(along: Array, step: float, point: Array | None = None) -> Array:
+    """(4, 4) a step along a direction (3,), wherever the point is."""
     return _move(np.eye(3), step * along)
 
 
@@ -276,41 +279,17 @@ def with_link(robot: Robot, link: int, move: Array, *, first: bool) -> Robot:
     return _with(robot, link, link_frame=moved)
 
 
-def along_axis(robot: Robot, joint: int, step: float, *, turning: bool) -> Robot:
-    """The robot with a (0-based) joint's d (m) or theta (rad) larger by a step: its link moved along or about its axis.
-
-    In the row of a joint that slides, d is its position.
-    """
-    axis = robot.joints[joint].axis
-    return with_joint(robot, joint, turn(axis, step) if turning else shift(axis, step))
-
-
-def along_normal(robot: Robot, joint: int, step: float, *, turning: bool) -> Robot:
-    """The robot with the a (m) or alpha (rad) of a (0-based) joint's row larger by a step.
-
-    In the standard convention what stands at the end of its link moves along or about the x axis there, the link's
-    body with it. In the modified one, and where a robot has no table, the joint itself moves, along or about the common
-    normal of its axis and that of the joint before.
-    """
-    if is_distal(robot):
-        x = np.array([1.0, 0.0, 0.0])
-        return with_link(robot, joint, turn(x, step) if turning else shift(x, step), first=False)
-    point, direction = _normal(robot, joint)
-    move = turn(direction, step, point) if turning else shift(direction, step)
-    return with_joint(robot, joint, move, own=False)
-
-
 def _normal(robot: Robot, joint: int) -> tuple[Array, Array]:
     """A point (3,) and the direction (3,) of the common normal of a joint's axis and that before, in that one's frame.
 
     It leads from the axis before to the joint's own; or along that frame's x axis, as in a table, where x lies on it.
     """
-    one, x = robot.joints[joint], np.array([1.0, 0.0, 0.0])
+    one = robot.joints[joint]
     before = np.array([0.0, 0.0, 1.0]) if one.parent < 0 else robot.joints[one.parent].axis
     axis = one.placement[:3, :3] @ one.axis
     start, end = nearest_points(np.zeros(3), before, one.placement[:3, 3], axis)
-    for direction in (end - start, np.cross(before, axis), x - before * before[0], np.roll(before, 1)):
+    for direction in (end - start, np.cross(before, axis), _X - before * before[0], np.roll(before, 1)):
         if (length := float(np.linalg.norm(direction))) > _SAME:
             break
     direction = direction / length
-    return start, x if np.linalg.norm(np.cross(direction, x)) < _SAME else direction
+    return start, _X if np.linalg.norm(np.cross(direction, _X)) < _SAME else direction

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import astuple
-from functools import cache, cached_property, partial
+from functools import cache, cached_property
+from math import prod
 from typing import Any, Self
 
 import numpy as np
@@ -13,12 +14,10 @@ from bayesid.arrays import Array
 from bayesid.effects.axes import Axis, Component, Family, Quantity
 from bayesid.effects.effect import Numbers, Phrase, Scene, number
 from bayesid.effects.formula import Description, described
-from bayesid.effects.parameters import Parameter
+from bayesid.effects.parameters import Parameter, unit_of
 from bayesid.effects.term import Term
 from bayesid.motion import Motion
 from bayesid.robot import Robot
-
-_given = partial(number, given=True)
 
 
 def values_of(robot: Robot, motion: Motion, links: Sequence[float] | Array) -> Callable[[Axis], Array]:
@@ -41,9 +40,6 @@ def values_of(robot: Robot, motion: Motion, links: Sequence[float] | Array) -> C
     return values
 
 
-_OF_AXES = ("component", "quantity", "of_joint", "family", "low", "high", "order", "count")
-
-
 class LearnedEffect(Term):
     """A sum of functions that a log has shown in one joint, linear in their amplitudes.
 
@@ -53,26 +49,15 @@ class LearnedEffect(Term):
 
     Args:
         joints: the one in which it acts.
-        number: of the learned effect in this joint: a model may have learned twice.
-        component: (a,) to which of the functions (from 0) each of a axes belongs.
-        quantity, of_joint, family, low, high, order, count: (a,) of each axis, as `bayesid.effects.axes.Axis` has them.
-        kept: (c,) number of columns of each of the c functions.
-        weights: of the products' combinations that these are, one function after the other, row by row.
+        functions: of each function the numbers of its axes, in the order of `bayesid.effects.axes.Axis`, and the rows
+            of its weights, as `bayesid.effects.axes.Component` has them.
         links: (10 n,) parameters of the rigid bodies that make the load, or none where no variable is a load.
+        number: (1,) of the learned effect in this joint: a model may have learned twice.
     """
 
-    number: Numbers = _given(default=(1.0,))
-    component: Numbers = _given()
-    quantity: Numbers = _given()
-    of_joint: Numbers = _given()
-    family: Numbers = _given()
-    low: Numbers = _given()
-    high: Numbers = _given()
-    order: Numbers = _given()
-    count: Numbers = _given()
-    kept: Numbers = _given()
-    weights: Numbers = _given()
-    links: Numbers = _given(default=())
+    functions: tuple[tuple[tuple[Numbers, ...], tuple[Numbers, ...]], ...] = number(given=True)
+    links: Numbers = number(given=True, default=())
+    number: Numbers = number(given=True, default=(1.0,))
 
     name = "learned_effect"
     shown_by = "moving through all values of its variables, one of them at a time"
@@ -82,17 +67,12 @@ class LearnedEffect(Term):
     @classmethod
     def of(cls, joint: int, components: Sequence[Component], links: Sequence[float] = (), number: int = 1) -> Self:
         """The effect of some functions in a joint (from 1)."""
-        rows = [(k, *astuple(axis)) for k, one in enumerate(components) for axis in one.axes]
-        columns = zip(*rows, strict=True)
-        numbers: Any = {key: tuple(map(float, column)) for key, column in zip(_OF_AXES, columns, strict=True)}
-        return cls(
-            joints=(joint,),
-            number=(float(number),),
-            **numbers,
-            kept=tuple(float(one.weights.shape[1]) for one in components),
-            weights=tuple(np.concatenate([one.weights.ravel() for one in components]).tolist()),
-            links=tuple(links) if float(Quantity.LOAD) in numbers["quantity"] else (),
+        functions: Any = tuple(
+            (tuple(tuple(map(float, astuple(axis))) for axis in one.axes), tuple(map(tuple, one.weights.tolist())))
+            for one in components
         )
+        loaded = any(axis.quantity is Quantity.LOAD for one in components for axis in one.axes)
+        return cls(joints=(joint,), number=(number,), functions=functions, links=tuple(links) if loaded else ())
 
     @classmethod
     def variants(cls, scene: Scene) -> Iterable[Self]:
@@ -102,62 +82,44 @@ class LearnedEffect(Term):
     @cached_property
     def components(self) -> tuple[Component, ...]:
         """The functions."""
-        kept = [int(one) for one in self.kept]
-        sizes = [int(np.prod([axis.count for axis in axes])) * one for axes, one in zip(self._axes, kept, strict=True)]
-        weights = np.split(np.array(self.weights), np.cumsum(sizes)[:-1])
-        each = zip(self._axes, weights, kept, strict=True)
-        return tuple(Component(axes, part.reshape(-1, one)) for axes, part, one in each)
+        return tuple(Component(tuple(map(_axis, axes)), np.array(weights)) for axes, weights in self.functions)
 
     @property
-    def _axes(self) -> list[tuple[Axis, ...]]:
-        """Of each of the functions."""
-        axes: list[list[Axis]] = [[] for _ in range(int(max(self.component)) + 1)]
-        of_axes = [getattr(self, key) for key in _OF_AXES]
-        for at, quantity, joint, family, low, high, order, count in zip(*of_axes, strict=True):
-            axis = Axis(Quantity(int(quantity)), int(joint), Family(int(family)), low, high, order, int(count))
-            axes[int(at)].append(axis)
-        return [tuple(some) for some in axes]
+    def _counts(self) -> list[int]:
+        """Columns of each function."""
+        return [one.weights.shape[1] for one in self.components]
 
     def in_joints(self, joints: tuple[int, ...], n_joints: int) -> Self:
-        """Itself: it acts in one joint."""
         return self
 
     def check(self, n_joints: int) -> None:
-        """One joint, variables of joints that there are, and as many numbers as the functions have."""
-        axes = int(np.median([len(getattr(self, key)) for key in _OF_AXES]))
-        expected = {"joints": 1, "number": 1, **dict.fromkeys(_OF_AXES, axes)}
-        self._expect(expected | {"links": 10 * n_joints * (Quantity.LOAD in self.quantity)})
-        self._expect({"kept": int(max(self.component)) + 1})
-        sizes = [int(np.prod([axis.count for axis in axes])) for axes in self._axes]
-        self._expect({"weights": sum(size * int(kept) for size, kept in zip(sizes, self.kept, strict=True))})
-        if not 1 <= self.joints[0] <= n_joints or min(sizes) < 1 or min(self.kept) < 1:
+        if len(self.joints) != 1 or not 1 <= self.joints[0] <= n_joints:
             raise ValueError(f"joints {list(self.joints)} are not joints of the robot")
-        for axis in (axis for axes in self._axes for axis in axes):
+        axes = [axis for one in self.components for axis in one.axes]
+        self._expect("number", 1)
+        self._expect("links", 10 * n_joints * any(axis.quantity is Quantity.LOAD for axis in axes))
+        for axis in axes:
             if not 0 <= axis.joint <= n_joints or axis.high <= axis.low or axis.order < 0 or axis.count < 1:
                 raise ValueError(f"a variable of {self.name} cannot be used")
-
-    def _expect(self, sizes: Mapping[str, int]) -> None:
-        for key, size in sizes.items():
-            if len(getattr(self, key)) != size:
-                raise ValueError(f"{key} has {len(getattr(self, key))} numbers, expected {size}")
+        for one in self.components:
+            size = prod(axis.count for axis in one.axes)
+            if one.weights.ndim != 2 or len(one.weights) != size:
+                raise ValueError(f"weights {one.weights.shape}, expected {size} rows")
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
         """The amplitudes, in the unit of the effort: RMS of a column where it was learned."""
         (joint,), number = self.joints, int(self.number[0])
-        unit = "N" if robot.joints[joint - 1].prismatic else "N m"
-        count = int(sum(self.kept))
-        return tuple(Parameter(f"learned{number}_{k}_{joint}", unit, joint) for k in range(1, count + 1))
+        unit = unit_of(robot, joint - 1, "N m")
+        names = [f"learned{number}_{k}_{joint}" for k in range(1, sum(self._counts) + 1)]
+        return tuple(Parameter(name, unit, joint) for name in names)
 
     def description(self, robot: Robot, theta: Array) -> Description:
-        """Its variables, formula and families."""
-        unit = self.parameters(robot)[0].unit
-        bounds = np.cumsum([int(kept) for kept in self.kept])[:-1]
-        amplitudes = [c.weights @ part for c, part in zip(self.components, np.split(theta, bounds), strict=True)]
-        return described(self.joints[0], self.components, amplitudes, unit)
+        bounds = np.cumsum(self._counts)[:-1]
+        amplitudes = [one.weights @ part for one, part in zip(self.components, np.split(theta, bounds), strict=True)]
+        return described(self.joints[0], self.components, amplitudes, unit_of(robot, self.joints[0] - 1, "N m"))
 
     def columns(self, robot: Robot, motion: Motion) -> Array:
-        """(N, n, p) combinations of the products, in the row of the joint."""
-        columns = np.zeros((len(motion), robot.n_joints, int(sum(self.kept))))
+        columns = np.zeros((len(motion), robot.n_joints, sum(self._counts)))
         columns[:, self.joints[0] - 1] = self.own_columns(values_of(robot, motion, self.links))
         return columns
 
@@ -166,5 +128,9 @@ class LearnedEffect(Term):
         return np.column_stack([component.columns(values) for component in self.components])
 
     def change_by_joint(self, scene: Scene) -> tuple[dict[int, Array], dict[int, Array]]:
-        """Of the joint."""
         return {}, {self.joints[0] - 1: self.own_columns(values_of(scene.robot, scene.motion, self.links))}
+
+
+def _axis(numbers: Numbers) -> Axis:
+    quantity, joint, family, low, high, order, count = numbers
+    return Axis(Quantity(int(quantity)), int(joint), Family(int(family)), low, high, order, int(count))

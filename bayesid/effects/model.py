@@ -166,21 +166,31 @@ class Model:
         return ((rows, columns.dense) for rows, columns in self.felt_chunks(motion))
 
     def felt_chunks(self, motion: Motion) -> Iterator[tuple[slice, FeltColumns]]:
-        """The same, of each joint the columns alone that it feels; remembered, as far as memory goes."""
-        return self._latest.chunks(motion, self._made)
+        """The same, of each joint the columns alone that it feels; remembered if all of them fit into memory."""
+        if self._remembered.motion() is motion:
+            yield from self._remembered.chunks
+            return
+        self.forget()
+        chunks: list[tuple[slice, FeltColumns]] = []
+        left = TUNING.remembered
+        for rows, columns in self._made(motion):
+            left -= columns.nbytes
+            chunks = [*chunks, (rows, columns)] if left >= 0 else []
+            yield rows, columns
+        if chunks:
+            self._remembered.motion, self._remembered.chunks = ref(motion), chunks
 
     def forget(self) -> None:
         """Frees the columns that are remembered."""
-        self._latest.forget()
+        vars(self).pop("_remembered", None)
 
     @cached_property
-    def _latest(self) -> _Latest:
-        return _Latest()
+    def _remembered(self) -> _Remembered:
+        return _Remembered()
 
-    def _made(self, motion: Motion, first: int) -> Iterator[tuple[slice, FeltColumns]]:
-        """The chunks from one on, made."""
+    def _made(self, motion: Motion) -> Iterator[tuple[slice, FeltColumns]]:
         chunks = [slice(start, min(start + TUNING.chunk, len(motion))) for start in range(0, len(motion), TUNING.chunk)]
-        for k in range(first, len(chunks), TUNING.chunks_together):
+        for k in range(0, len(chunks), TUNING.chunks_together):
             some = chunks[k : k + TUNING.chunks_together]
             if len(some) <= processors():  # a chunk takes less than to fork for it
                 yield from ((rows, self._chunk(motion, rows)) for rows in some)
@@ -235,7 +245,7 @@ class Model:
     def _plain_columns(self, robot: Robot, motion: Motion) -> Array:
         columns = np.zeros((len(motion), robot.n_joints, len(self.parameters)))
         for term, place in zip(self.terms, self.places, strict=True):
-            term.fill(columns[:, :, place], robot, motion)
+            columns[:, :, place] = term.columns(robot, motion)
         return columns
 
     @cached_property
@@ -245,33 +255,12 @@ class Model:
         return tuple(slice(start, end) for start, end in pairwise(ends))
 
 
-class _Latest:
-    """The columns of the motion that was asked for last, while that lives; a copy or a pickle begins without any."""
+class _Remembered:
+    """The columns of the last motion whose columns fit into memory, while it lives; a pickle begins without any."""
 
     def __init__(self) -> None:
-        self.forget()
+        self.motion: Callable[[], Motion | None] = lambda: None
+        self.chunks: list[tuple[slice, FeltColumns]] = []
 
-    def __reduce__(self) -> tuple[type[_Latest], tuple[()]]:
-        return _Latest, ()
-
-    def forget(self) -> None:
-        self._motion: Callable[[], Motion | None] = lambda: None
-        self._chunks: list[tuple[slice, FeltColumns]] = []
-        self._bytes = 0
-
-    def chunks(
-        self, motion: Motion, make: Callable[[Motion, int], Iterator[tuple[slice, FeltColumns]]]
-    ) -> Iterator[tuple[slice, FeltColumns]]:
-        """Rows and columns of a motion: those that are remembered, then others, made from a number on."""
-        if self._motion() is not motion:
-            self.forget()
-            self._motion = ref(motion)
-        known, first = self._chunks, 0
-        while first < len(known):
-            yield known[first]
-            first += 1
-        for k, (rows, columns) in enumerate(make(motion, first), start=first):
-            if k == len(known) and known is self._chunks and self._bytes + columns.nbytes <= TUNING.remembered:
-                known.append((rows, columns))
-                self._bytes += columns.nbytes
-            yield rows, columns
+    def __reduce__(self) -> tuple[type[_Remembered], tuple[()]]:
+        return _Remembered, ()

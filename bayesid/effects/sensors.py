@@ -36,7 +36,6 @@ class Clipping(SensorDistortion):
                 yield from (cls(joints=(j + 1,), limit=(limit,)) for limit in limits.tolist())
 
     def reading(self, effort: Array) -> Array:
-        """Held between the limits."""
         limit = np.array(self.limit)
         return np.clip(effort, -limit, limit)
 
@@ -74,7 +73,6 @@ class DeadZone(SensorDistortion):
                 yield cls(joints=(j + 1,), width=(width,))
 
     def reading(self, effort: Array) -> Array:
-        """Nothing below the threshold."""
         return np.where(np.abs(effort) < np.array(self.width), 0.0, effort)
 
     def restoring(self, reading: Array) -> tuple[Array, Mask]:
@@ -92,11 +90,9 @@ class ShrinkingDeadZone(DeadZone):
     phrase = Phrase("{whose} efforts read {width} too small, the smallest as zero.")
 
     def reading(self, effort: Array) -> Array:
-        """Smaller by the threshold."""
         return np.sign(effort) * np.maximum(np.abs(effort) - np.array(self.width), 0.0)
 
     def restoring(self, reading: Array) -> tuple[Array, Mask]:
-        """Larger by the threshold, where anything is read."""
         width = np.array(self.width)
         return reading + width, reading > TUNING.clearly_read * width
 

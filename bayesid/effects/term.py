@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
-from typing import Any, ClassVar, Literal, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -27,8 +27,6 @@ class Term(Effect):
     linear = True
     of_links: ClassVar[bool] = False
     """Whether its parameters are inertial ones that add to those of links."""
-    links_remark: ClassVar[str] = ""
-    """What an exported file says of it at its head; {last} is the last link."""
 
     @classmethod
     def for_motion(cls, actuators: Motion) -> Self:
@@ -54,13 +52,13 @@ class Term(Effect):
         """Where exported files keep its parameters: by the format (urdf, mjcf), one key for each one of a joint."""
         return {}
 
+    def export_remark(self, last_link: str) -> str:
+        """What an exported file says of it at its head, given the last link's name there."""
+        return ""
+
     def columns(self, robot: Robot, motion: Motion) -> Array:
         """(N, n, p) columns Y: actuator efforts, N m, per unit of each parameter."""
         raise NotImplementedError
-
-    def fill(self, columns: Array, robot: Robot, motion: Motion) -> None:
-        """Writes `columns` into zeros (N, n, p)."""
-        columns[:] = self.columns(robot, motion)
 
     def effort(self, robot: Robot, motion: Motion, theta: Array) -> Array:
         """(N, n) efforts by its parameters theta (p,), N m, where columns need not be made."""
@@ -72,7 +70,6 @@ class Term(Effect):
         return np.zeros((robot.n_joints, 10))
 
     def change(self, scene: Scene) -> tuple[Array, Array]:
-        """No change by itself, and the columns."""
         return np.zeros(scene.effort.shape), self.columns(scene.robot, scene.motion)
 
 
@@ -100,59 +97,41 @@ class ActuatorTerm(Term):
                 yield cls(joints=(j,), **shape)
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
-        """Those of its coefficients, actuator by actuator."""
         return tuple(one.of_joint(robot, j) for j in self.acting(robot.n_joints) for one in self.coefficients)
 
     def cone(self, robot: Robot) -> Cone:
-        """Nonnegative where the coefficients are."""
-        signs = np.tile([one.nonnegative for one in self.coefficients], len(self.acting(robot.n_joints)))
+        signs = [one.nonnegative for one in self.coefficients] * len(self.acting(robot.n_joints))
         return replace(Cone.free(len(signs)), nonnegative=np.flatnonzero(signs))
 
     @property
     def adds_to(self) -> Mapping[str, str]:
-        """As the coefficients say."""
         return {one.symbol: one.adds_to for one in self.coefficients if one.adds_to}
 
     @property
     def places(self) -> Mapping[str, tuple[str, ...]]:
-        """As the coefficients say."""
-        formats: tuple[Literal["urdf", "mjcf"], ...] = ("urdf", "mjcf")
-        places = {form: tuple(getattr(one, form) for one in self.coefficients) for form in formats}
+        places = {form: tuple(getattr(one, form) for one in self.coefficients) for form in ("urdf", "mjcf")}
         return {form: keys for form, keys in places.items() if all(keys)}
 
     def columns(self, robot: Robot, motion: Motion) -> Array:
         """(N, n, m k) columns of its m actuators: k in an actuator's own row."""
-        columns = np.zeros((len(motion), robot.n_joints, len(self.acting(robot.n_joints)) * len(self.coefficients)))
-        self.fill(columns, robot, motion)
-        return columns
-
-    def fill(self, columns: Array, robot: Robot, motion: Motion) -> None:
-        """Writes them into zeros."""
-        own = self.own_columns(robot, motion)
-        k = own.shape[2]
-        for i, j in enumerate(self.acting(robot.n_joints)):
-            columns[:, j, i * k : (i + 1) * k] = own[:, i]
+        own, acting = self.own_columns(robot, motion), self.acting(robot.n_joints)
+        columns = np.zeros((len(motion), robot.n_joints, len(acting), own.shape[2]))
+        columns[:, acting, np.arange(len(acting))] = own
+        return columns.reshape(len(motion), robot.n_joints, -1)
 
     def effort(self, robot: Robot, motion: Motion, theta: Array) -> Array:
-        """(N, n) efforts: each actuator's own columns."""
-        own = self.own_columns(robot, motion)
-        k = own.shape[2]
-        efforts = own[:, :, 0] * theta if k == 1 else (own * theta.reshape(-1, k)).sum(axis=2)
-        if not self.joints:
-            return efforts
-        every = np.zeros((len(motion), robot.n_joints))
-        every[:, self.acting(robot.n_joints)] = efforts
-        return every
+        own, acting = self.own_columns(robot, motion), self.acting(robot.n_joints)
+        efforts = np.zeros((len(motion), robot.n_joints))
+        efforts[:, acting] = (own * theta.reshape(-1, own.shape[2])).sum(axis=2)
+        return efforts
 
     def own_columns(self, robot: Robot, motion: Motion, own: Motion | None = None) -> Array:
         """(N, m, k) the same without the rows of other actuators; of `own`, the motion of its actuators, if known."""
-        efforts = self.unit_efforts(self.own_motion(robot, motion) if own is None else own)
+        if own is None:
+            own = robot.actuators(motion)
+            own = own.joints(self.acting(robot.n_joints)) if self.joints else own
+        efforts = self.unit_efforts(own)
         return efforts[:, :, None] if isinstance(efforts, np.ndarray) else np.stack(efforts, axis=2)
-
-    def own_motion(self, robot: Robot, motion: Motion) -> Motion:
-        """The motion of its m actuators."""
-        actuators = robot.actuators(motion)
-        return actuators.joints(self.acting(robot.n_joints)) if self.joints else actuators
 
     def change_by_joint(self, scene: Scene) -> tuple[dict[int, Array], dict[int, Array]]:
         """Of one actuator, without the rows of others; of several as usual."""

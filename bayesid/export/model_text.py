@@ -299,7 +299,7 @@ def per_actuator(model: Model, parts: Sequence[Part], form: str) -> list[dict[st
 def head(model: Model, form: str) -> str:
     """First line of the comment at a file's head."""
     last = numbered(model, "link", model.robot.n_joints - 1)
-    remarks = {f" {term.links_remark.format(last=last)}": None for term in model.terms if term.links_remark}
+    remarks = dict.fromkeys(f" {remark}" for term in model.terms if (remark := term.export_remark(last)))
     return f"Identified by bayesid.{''.join(remarks)} Not in this {form.upper()}:"
 
 

@@ -4,18 +4,13 @@ import numpy as np
 import pytest
 from oracles import random_table
 
-from bayesid.effects.kinematic_errors import along_axis, along_normal, is_distal
+from bayesid.effects.kinematic_errors import JointZero, LinkLength, LinkOffset, LinkTwist, is_distal
 from bayesid.robot import Joint, Robot, robot_from_table
 from bayesid.robot.kinematics import pose
 
 STEP = 0.03
 Q = np.array([0.3, -0.8, 0.5, 1.1])
-MOVES = [
-    ("a", along_normal, False),
-    ("alpha", along_normal, True),
-    ("d", along_axis, False),
-    ("theta", along_axis, True),
-]
+NUMBERS = {"a": LinkLength, "alpha": LinkTwist, "d": LinkOffset, "theta": JointZero}
 
 
 def changed(table, row, number):
@@ -24,13 +19,14 @@ def changed(table, row, number):
 
 
 @pytest.mark.parametrize("convention", ["standard", "modified"])
-@pytest.mark.parametrize(("number", "move", "turning"), MOVES)
-def test_moves_are_those_of_the_table(convention, number, move, turning):
+@pytest.mark.parametrize("number", NUMBERS)
+def test_moves_are_those_of_the_table(convention, number):
     table = random_table(convention, 4, seed=2)
     robot = robot_from_table(table, "told")
     assert is_distal(robot) == (convention == "standard")
     for row in range(4):
-        moved, expected = move(robot, row, STEP, turning=turning), changed(table, row, number)
+        moved = NUMBERS[number](joints=(row + 1,), error=(STEP,)).building(robot)
+        expected = changed(table, row, number)
         np.testing.assert_allclose(pose(moved, Q).flange, pose(expected, Q).flange, atol=1e-12)
         ends = [pose(one, Q).joint_frames @ np.stack([j.link_frame for j in one.joints]) for one in (moved, expected)]
         np.testing.assert_allclose(*ends, atol=1e-12)  # links are where the changed table has them
@@ -50,7 +46,7 @@ def test_of_a_robot_without_a_table_the_common_normal_grows():
         return np.linalg.norm(line[2] - line[1]), np.arccos(first @ second)
 
     distance, angle = numbers(robot)
-    longer, twisted = (along_normal(robot, 1, STEP, turning=turning) for turning in (False, True))
+    longer, twisted = (kind(joints=(2,), error=(STEP,)).building(robot) for kind in (LinkLength, LinkTwist))
     np.testing.assert_allclose(numbers(longer), (distance + STEP, angle), rtol=1e-12)
     np.testing.assert_allclose(numbers(twisted)[0], distance, rtol=1e-12)
     assert abs(abs(numbers(twisted)[1] - angle) - STEP) < 1e-12

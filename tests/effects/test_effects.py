@@ -59,7 +59,7 @@ def test_an_effect_takes_only_numbers_of_its_robot(scene):
             with pytest.raises(ValueError, match="not joints of the robot"):
                 make_effect(form.name, {**shape, "joints": joints}).check(JOINTS)
     learned = {**LEARNED, "links": [0.1] * 10 * JOINTS}
-    for key in ("links", "kept", "weights"):
+    for key in ("links", "number"):
         with pytest.raises(ValueError, match=f"{key} has "):
             make_effect("learned_effect", {**learned, key: [*learned[key], 1.0]}).check(JOINTS)
     with pytest.raises(ValueError, match="all joints"):
@@ -69,9 +69,14 @@ def test_an_effect_takes_only_numbers_of_its_robot(scene):
 def test_a_learned_effect_takes_only_functions_that_there_are():
     shape = EFFORTS["learned_effect"].shape(JOINTS)
     make_effect("learned_effect", shape).check(JOINTS)
-    for key, value in (("of_joint", JOINTS + 1.0), ("high", shape["low"][0]), ("order", -1.0)):
+    (first, weights), *others = shape["functions"]
+    for place, value in ((1, JOINTS + 1.0), (4, first[0][3]), (5, -1.0)):  # joint, high, order
+        changed = [*first[0][:place], value, *first[0][place + 1 :]]
+        functions = [[[changed, *first[1:]], weights], *others]
         with pytest.raises(ValueError, match="cannot be used"):
-            make_effect("learned_effect", {**shape, key: [value, *shape[key][1:]]}).check(JOINTS)
+            make_effect("learned_effect", {**shape, "functions": functions}).check(JOINTS)
+    with pytest.raises(ValueError, match="expected 3 rows"):
+        make_effect("learned_effect", {**shape, "functions": [[first, [*weights, [0.1, 0.1]]], *others]}).check(JOINTS)
 
 
 def test_only_gains_payloads_and_tables_need_an_earlier_log():
@@ -106,13 +111,14 @@ def test_presliding_is_resolved_where_samples_lie_in_its_way(name):
     assert 1.0 < shortest[100.0] * 100.0 / usual < 20.0  # a few samples
 
 
-def test_a_model_remembers_columns_of_the_same_motion_only(monkeypatch):
-    """In chunks, of which memory holds the first two; what a caller does to his own changes nothing."""
+@pytest.mark.parametrize("fitting", [2.5, 10.0])
+def test_a_model_remembers_columns_of_the_same_motion_only(monkeypatch, fitting):
+    """In chunks, where memory holds all four of them; what a caller does to his own changes nothing."""
     robot = small_robot(JOINTS)
     motions = [smooth_motion(JOINTS, 1.0, 50.0, seed=seed) for seed in (3, 4)]
     model = Model(robot, make_terms(STANDARD, robot, motions[0]))
     whole = [model.columns(motion) for motion in motions]
-    remembered = int(2.5 * FeltColumns.of(whole[0][:13]).nbytes)
+    remembered = int(fitting * FeltColumns.of(whole[0][:13]).nbytes)
     monkeypatch.setattr("bayesid.effects.model.TUNING", replace(TUNING, chunk=13, remembered=remembered))
     for which in (0, 0, 1, 0):
         next(model.felt_chunks(motions[which]))  # somebody who asks for a part leaves it to the others

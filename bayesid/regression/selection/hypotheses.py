@@ -84,6 +84,11 @@ class Hypothesis:
         return self.source.name in STANDARD
 
     @property
+    def beyond_numbers(self) -> bool:
+        """Whether it is a distortion with more amplitudes than numbers: these are parameters that the model lacks."""
+        return not self.source.linear and len(self.columns.sd) > sum(map(len, self.source.shape.values()))
+
+    @property
     def alone(self) -> Hypothesis:
         """The same, without the columns of other forms in memory."""
         return replace(self, columns=self.columns.alone)
@@ -110,7 +115,8 @@ def hypotheses(model: Model, scene: Scene, used: Mask, *, refinements: bool = Fa
 
 def kinds_of_forms(*, refinements: bool = False) -> list[type[Effect]]:
     """Of the catalogue; finer forms of standard terms among them, or not."""
-    return [kind for kind in catalogue.forms().values() if refinements or not kind.refines]
+    kinds = catalogue.forms().values()
+    return [one for one in kinds if refinements or one.name in STANDARD or effect_of(one.name) not in STANDARD]
 
 
 def forms_of(effect: str, joints: tuple[int, ...], make: Callable[[Effect], Hypothesis], scene: Scene) -> Library:
@@ -152,10 +158,11 @@ def maker(model: Model, scene: Scene, used: Mask) -> Callable[[Effect], Hypothes
 
 def _scaled(hypothesis: Hypothesis) -> list[Hypothesis]:
     """The hypothesis with each prior that its effect wants tried, none if it would leave no trace."""
-    columns, scales = hypothesis.columns, hypothesis.source.typical_scales
+    columns, typical = hypothesis.columns, np.atleast_2d(hypothesis.source.typical)
     if not columns.joints:
         return []
-    return [replace(hypothesis, columns=replace(columns, sd=scale * columns.sd)) for scale in scales]
+    sds = [np.broadcast_to(sd, columns.sd.shape) for sd in typical] if len(typical) > 1 else [columns.sd]
+    return [replace(hypothesis, columns=replace(columns, sd=sd)) for sd in sds]
 
 
 def _columns(source: Effect, scene: Scene, size: Array, used: Mask, new: bool) -> Columns:
@@ -165,7 +172,7 @@ def _columns(source: Effect, scene: Scene, size: Array, used: Mask, new: bool) -
     if not rows and not shifts:
         return NO_COLUMNS
     if source.typical and rows:
-        sd = np.broadcast_to(source.typical, next(iter(rows.values())).shape[1:]).copy()
+        sd = np.broadcast_to(np.atleast_2d(source.typical)[0], next(iter(rows.values())).shape[1:]).copy()
     else:
         sd = usual_amplitudes(rows, size, used)
     positive = np.zeros(len(sd), dtype=bool)

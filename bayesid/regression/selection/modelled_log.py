@@ -14,6 +14,7 @@ import numpy as np
 
 from bayesid.arrays import Array, Mask
 from bayesid.effects.coefficients import BaseCoefficients
+from bayesid.effects.distortion import Distortion
 from bayesid.effects.effect import Effect, Scene
 from bayesid.effects.model import Model
 from bayesid.motion import Motion
@@ -140,7 +141,7 @@ def sharpened(
 def _moves(explanation: Explanation) -> bool:
     """Whether a distortion is still on its way, by more than nobody would see, or what it does may be."""
     distortions = [(effect, amplitude) for effect, amplitude in explanation.parts if not effect.source.linear]
-    if any(effect.source.of_effort for effect, _ in distortions):
+    if any(isinstance(effect.source, Distortion) and effect.source.of_effort for effect, _ in distortions):
         return True
     return any(np.any(np.abs(amplitude) > TUNING.still * effect.columns.sd) for effect, amplitude in distortions)
 
