@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 from rich.console import RenderableType
 
+from bayesid.cli.arguments import TERMS
 from bayesid.cli.options import command_line, end_with, read, reading_options, robot_of, sampling, term_names
-from bayesid.cli.parser import TERMS
 from bayesid.cli.tables import line_of
 from bayesid.cli.terminal import StageBars, show, table, warn
 from bayesid.discrepancy.comparison import ALL_ALONG, CHANGED, LogComparison, compare_logs

@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 
 from bayesid.arrays import Array
+from bayesid.cli.arguments import FOR_RESULT, FOR_ROBOT
 from bayesid.cli.options import beliefs, numbers, read, reading_options, robot_of, term_names
+from bayesid.cli.parser import Option, option
 from bayesid.cli.terminal import StageBars, show, warn
 from bayesid.cli.tuning import TUNING
 from bayesid.discrepancy.workflow import CHANGE_OF
@@ -41,18 +43,6 @@ from bayesid.robot import Robot
 from bayesid.robot.collision import Capsules, CollisionModel, NoShapes, collision_model
 from bayesid.simulation.trajectories import MotionLimits
 
-_FOR_RESULT = (
-    *("--about", "--between", "--criterion", "--start", "--payload", "--effort-limits"),
-    *("--capsules", "--tool", "--floor", "--margin", "--meshes", "--changes"),
-)
-"""Options that mean nothing without `--for`."""
-_FOR_ROBOT = (
-    *("--terms", "--harmonics", "--periods", "--noise", "--nominal", "--cutoff", "--seed"),
-    *("--gains", "--unsigned", "--degrees", "--no-degrees", "--columns", "--topic", "--joints"),
-)
-"""Options that mean nothing with it: the result has its own terms, noise and parameters."""
-
-
 _DISCREPANCY_FILE = "discrepancy.json"
 
 
@@ -61,10 +51,15 @@ def excite_command(options: argparse.Namespace) -> None:
     if options.result is not None:
         if options.log is not None:
             raise InputError("asks for a judgement and for a design", "--log", "leave it or --for out")
-        _refuse(options, _FOR_ROBOT, "means nothing for a result, which has its own", "leave it or --for out")
+        _refuse(
+            options,
+            [*FOR_ROBOT, option("--no-degrees")],
+            "means nothing for a result, which has its own",
+            "leave it or --for out",
+        )
         show_unless_quiet(design_for_result(options), options)
         return
-    _refuse(options, _FOR_RESULT, "is for the motion after a result", "give --for RESULT_DIR")
+    _refuse(options, FOR_RESULT, "is for the motion after a result", "give --for RESULT_DIR")
     if options.robot is None:
         raise InputError("no robot and no result", "excite", "give --robot R, or --for RESULT_DIR")
     robot = robot_of(options)
@@ -75,8 +70,8 @@ def excite_command(options: argparse.Namespace) -> None:
     show_unless_quiet(text, options)
 
 
-def _refuse(options: argparse.Namespace, names: Sequence[str], said: str, remedy: str) -> None:
-    for name in names:
+def _refuse(options: argparse.Namespace, refused: Sequence[Option], said: str, remedy: str) -> None:
+    for name, _ in refused:
         if name in options.given:
             raise InputError(said, name, remedy)
 

@@ -5,39 +5,34 @@ from __future__ import annotations
 import os
 import re
 import sys
+import time
 from collections.abc import Collection, Iterable, Sequence
 from datetime import timedelta
 from functools import cache
 from typing import Self
 
 from rich.console import Console, RenderableType
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, Task, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 from rich.text import Text
 
+from bayesid.cli.arguments import BAYESID
 from bayesid.cli.tuning import TUNING
 from bayesid.errors import printable
 from bayesid.parallel import onlookers
 
-_SAME = """about between capsules changes columns complete criterion cutoff duration each effort_limits false_alarms
-floor gains hold holdout joints known_mass lag limits margin noise payload q rate resume scheduler seed start terms tip
-tool topic trials unsigned validation workers Beam.initial_segments Beam.time_limit Beliefs.links Beliefs.nominal
-Certified.time_limit Preparation.max_memory Sampling.mode Sampling.time_limit TrajectoryShape.duration
-TrajectoryShape.harmonics TrajectoryShape.periods TrajectoryShape.rate"""
-"""Arguments whose option has the same name."""
-OPTIONS = {name: f"--{name.rpartition('.')[2].replace('_', '-')}" for name in _SAME.split()} | {
+OPTIONS = {
     "Beam.budget": "--search-budget",
     "Beam.width": "--beam-width",
     "Certified.budget": "--search-budget",
     "Log.carrying": "--payload",
     "Sampling.budget": "--posterior-budget",
     "degrees=False": "--no-degrees",
-    "degrees=True": "--degrees",
     "effects": "--effect",
     "folder": "--out",
     "noise=False": "--without-noise",
 }
-"""The option of the command line for each argument that an error names."""
+"""The options for arguments of other names that an error may name."""
 _ARGUMENT = re.compile("`([^` ]+)`")
 
 
@@ -80,7 +75,12 @@ def table(headings: Sequence[str], rows: Iterable[Sequence[str]], left: Collecti
 
 def in_options(text: str) -> str:
     """A sentence of the library, with options in place of the arguments that it names in backticks."""
-    return _ARGUMENT.sub(lambda found: OPTIONS.get(found[1], found[0]), text)
+
+    def option(found: re.Match[str]) -> str:
+        name = f"--{found[1].rpartition('.')[2].removesuffix('=True').replace('_', '-')}"
+        return OPTIONS.get(found[1], name if name in BAYESID.names else found[0])
+
+    return _ARGUMENT.sub(option, text)
 
 
 def note(message: str) -> None:
@@ -102,85 +102,61 @@ def _print_message(head: str, message: str, style: str) -> None:
     console(stderr=True).print(Text.assemble((f"{head}:", style), " ", printable(message)), soft_wrap=True)
 
 
-class _Bars(Progress):
-    """Bars of the tasks that have taken a while, which vanish at the end."""
+class _Bar(Progress):
+    """One bar at a time, shown once it has taken a while; none where nobody watches, or wants to."""
 
-    def __init__(self, *columns: ProgressColumn) -> None:
-        super().__init__(*columns, console=console(stderr=True), transient=True, refresh_per_second=4.0)
+    def __init__(self, quiet: bool, *columns: ProgressColumn) -> None:
+        drawn = TextColumn("{task.description}"), BarColumn(), *columns
+        watched = not quiet and sys.stderr.isatty()
+        super().__init__(
+            *drawn, console=console(stderr=True), transient=True, refresh_per_second=4.0, disable=not watched
+        )
+
+    def __enter__(self) -> Self:
+        with onlookers():
+            return super().__enter__()
 
     def get_renderables(self) -> Iterable[RenderableType]:
         """What is drawn."""
         yield self.make_tasks_table([task for task in self.tasks if (task.elapsed or 0.0) > TUNING.patience])
 
-
-class _Pace(ProgressColumn):
-    """Steps a second since the bar began, and the time left at that pace: steps may take minutes, as trials do."""
-
-    def render(self, task: Task) -> Text:
-        """The column's text."""
-        done, seconds = task.completed - task.fields["begun"], task.elapsed or 0.0
-        if done <= 0 or seconds <= 0.0:
-            return Text("")
-        left = timedelta(seconds=(task.remaining or 0.0) * seconds // done)
-        return Text(f"{done / seconds:.3g}/s, {left} left")
-
-
-class _Steps(MofNCompleteColumn):
-    """Steps done of all; nothing for a stage without steps, whose bar runs to and fro."""
-
-    def render(self, task: Task) -> Text:
-        """The column's text."""
-        return Text("") if task.total is None else super().render(task)
-
-
-class _Bar:
-    """One bar at a time; none where nobody watches, or wants to."""
-
-    def __init__(self, quiet: bool, *columns: ProgressColumn) -> None:
-        self._bars = None if quiet or not sys.stderr.isatty() else _Bars(*columns)
-
-    def __enter__(self) -> Self:
-        if self._bars is not None:
-            with onlookers():
-                self._bars.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._bars is not None:
-            self._bars.stop()
-
-    def _draw(self, stage: str, done: int, total: int | None, note: str = "") -> None:
-        """A new stage takes the place of the one before; what was done before it began counts for no rate."""
-        if self._bars is None:
-            return
-        for task in self._bars.tasks:
-            if task.description == stage:
-                task.total = total  # `update` cannot say that there is none
-                self._bars.update(task.id, completed=done, note=note)
-                return
-            self._bars.remove_task(task.id)
-        self._bars.add_task(stage, completed=done, total=total, note=note, begun=done)
+    def draw(self, stage: str, done: int, total: int | None, **notes: str) -> None:
+        """A new stage takes the place of the one before."""
+        for task in self.tasks:
+            if task.description != stage:
+                self.remove_task(task.id)
+        if not self.tasks:
+            self.add_task(stage, **notes)
+        (task,) = self.tasks
+        task.total = total  # `update` cannot say that there is none
+        self.update(task.id, completed=done, **notes)
 
 
 class StageBars(_Bar):
     """A bar for each stage of a computation; `show` is what a `bayesid.progress.Progress` calls."""
 
     def __init__(self, quiet: bool) -> None:
-        super().__init__(quiet, TextColumn("{task.description}"), BarColumn(), _Steps(), TimeElapsedColumn())
+        super().__init__(quiet, TextColumn("{task.fields[steps]}"), TimeElapsedColumn())
 
     def show(self, stage: str, done: int, total: int) -> None:
-        """How far a stage has come; a stage without steps is one step that is not done yet."""
-        self._draw(stage, done, None if total == 1 and done == 0 else total)
+        """How far a stage has come; the bar of one without steps, one step that is not done yet, runs to and fro."""
+        endless = total == 1 and done == 0
+        self.draw(stage, done, None if endless else total, steps="" if endless else f"{done}/{total}")
 
 
 class CountBar(_Bar):
-    """A bar with rate and time left, for many alike."""
+    """A bar for many alike, with their rate since it began and the time left at it: steps may take minutes."""
 
     def __init__(self, unit: str, quiet: bool) -> None:
-        self._unit = unit
-        columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), _Pace()
-        super().__init__(quiet, *columns, TextColumn("{task.fields[note]}", style="bold red"))
+        self._unit, self._began, self._first = unit, time.monotonic(), 0
+        failed = TextColumn("{task.fields[failed]}", style="bold red")
+        super().__init__(quiet, MofNCompleteColumn(), TextColumn("{task.fields[pace]}"), failed)
 
     def show(self, done: int, total: int, failed: int) -> None:
         """How many are done, and how many of them failed."""
-        self._draw(self._unit, done, total, f"{failed} failed" if failed else "")
+        if not self.tasks:
+            self._began, self._first = time.monotonic(), done  # what was done before counts for no rate
+        seconds, new = time.monotonic() - self._began, done - self._first
+        left = timedelta(seconds=(total - done) * seconds // max(new, 1))
+        pace = f"{new / seconds:.3g}/s, {left} left" if new and seconds else ""
+        self.draw(self._unit, done, total, pace=pace, failed=f"{failed} failed" if failed else "")

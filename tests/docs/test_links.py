@@ -10,7 +10,8 @@ from pkgutil import resolve_name
 import pytest
 
 import bayesid
-from bayesid.cli.arguments import make_parser
+from bayesid.cli.arguments import BAYESID
+from bayesid.cli.parser import make_parser
 from bayesid.robot.load import BUILT_IN, built_in_table
 
 ROOT = Path(__file__).parents[2]
@@ -54,7 +55,7 @@ def test_links_and_their_anchors_lead_somewhere():
 
 def test_commands_and_options_that_pages_name_are_there():
     """`bayesid COMMAND --option`, in prose or in a block, is what the command line takes."""
-    wrong, seen, main = [], 0, make_parser()
+    wrong, seen, main = [], 0, make_parser(BAYESID)
     for page in PAGES:
         text = text_of(page).replace("\\\n", " ")
         lines = re.findall(r"`(bayesid [^`]+)`", text, re.S) + re.findall(r"^ *(?:\$ )?(bayesid .*)$", text, re.M)

@@ -270,7 +270,7 @@ def test_the_command_line_lists_all_studies_and_loads_none(capsys):
         cli.main(["study", "--help"])
     listed = re.findall(r"^  (\w+)  +\w", capsys.readouterr().out.partition("studies:")[2], re.M)
     assert (end.value.code, listed) == (0, list(STUDIES))
-    script = "import sys; import bayesid.cli.arguments as p; p.make_parser(); print('bayesid.studies' in sys.modules)"
+    script = "import sys; import bayesid.cli.arguments as p; p.BAYESID; print('bayesid.studies' in sys.modules)"
     loaded = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert loaded.stdout == "False\n"
     files = [path for path in Path(studies.__file__).parent.glob("*.py") if path.stem != "real_floor"]  # real --floor
