@@ -21,8 +21,8 @@ from bayesid.effects import STANDARD
 from bayesid.studies.discrepancy import CLEAR, by_kind, count, decoded, outside_right, share
 from bayesid.studies.paper import covered
 from bayesid.studies.real import SURE
+from bayesid.studies.record import Row, read_rows
 from bayesid.study import STUDIES
-from bayesid.study.record import Row, read_rows
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))

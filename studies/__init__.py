@@ -16,8 +16,8 @@ from __future__ import annotations
 from importlib import import_module
 
 from bayesid.errors import InputError
+from bayesid.studies.study import Finished, Study, run_study
 from bayesid.study import STUDIES
-from bayesid.study.study import Finished, Study, run_study
 
 WITH_FLOOR = ("real",)
 

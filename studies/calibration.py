@@ -41,8 +41,8 @@ from bayesid.studies.calibration_report import EDGES, draw, report
 from bayesid.studies.discrepancy import generator
 from bayesid.studies.hidden import Case, Simulated, make_case
 from bayesid.studies.preference import Witnessed, preference, true_signs
-from bayesid.study.record import Row
-from bayesid.study.study import Plan, Study, mixed
+from bayesid.studies.record import Row
+from bayesid.studies.study import Plan, Study, mixed
 
 ROBOTS = ("kr5", "ur10e", "panda", "tx40")
 NOISES = (0.02, 0.05, 0.10, 0.15)

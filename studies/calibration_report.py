@@ -11,7 +11,7 @@ import numpy as np
 
 from bayesid.arrays import Array
 from bayesid.studies.preference import CLEARLY
-from bayesid.study.record import Row
+from bayesid.studies.record import Row
 
 if TYPE_CHECKING:
     from bayesid.studies.figures import Figure

@@ -42,8 +42,8 @@ from bayesid.studies.discrepancy import generator
 from bayesid.studies.hidden import Case, Simulated, make_case
 from bayesid.studies.readings import NOISES
 from bayesid.studies.real import DATA
-from bayesid.study.record import Row
-from bayesid.study.study import Study, mixed
+from bayesid.studies.record import Row
+from bayesid.studies.study import Study, mixed
 
 STRONG = 0.05
 """A sample counts when its |effort| is at least this share of its joint's maximum."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from bayesid.arrays import Array
 from bayesid.identification.options import Completeness
-from bayesid.study.record import Row
+from bayesid.studies.record import Row
 
 if TYPE_CHECKING:
     from bayesid.studies.figures import Figure

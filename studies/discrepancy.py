@@ -29,8 +29,8 @@ from bayesid.errors import InputError
 from bayesid.identification.pipeline import QUICK, identify
 from bayesid.regression.selection.explanation import LN10
 from bayesid.signs.search.certified import Certified
-from bayesid.study.record import Row
-from bayesid.study.study import Study
+from bayesid.studies.record import Row
+from bayesid.studies.study import Study
 
 if TYPE_CHECKING:
     from bayesid.studies.figures import Figure

@@ -23,8 +23,8 @@ from bayesid.studies.discrepancy import (
     trial,
     weighed,
 )
-from bayesid.study.record import Row
-from bayesid.study.study import Study
+from bayesid.studies.record import Row
+from bayesid.studies.study import Study
 
 if TYPE_CHECKING:
     from bayesid.studies.figures import Figure

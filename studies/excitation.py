@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from bayesid.studies.record import Row
 from bayesid.studies.sensitivity import Level, Varied, sensitivity
-from bayesid.study.record import Row
 
 if TYPE_CHECKING:
     from bayesid.studies.figures import Figure

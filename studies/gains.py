@@ -28,10 +28,10 @@ from bayesid.signs.search.certified import Certified
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.trajectories import random_trajectory
 from bayesid.studies.figures import Figure
+from bayesid.studies.record import Row
 from bayesid.studies.simulated import PERIOD, RATE, STRONG, Truth, make_truth
 from bayesid.studies.simulated import Scenario as Made
-from bayesid.study.record import Row
-from bayesid.study.study import Study, in_turn
+from bayesid.studies.study import Study, in_turn
 
 _FARTHEST = (0.7, 1.3)
 """Stated gains over true ones."""

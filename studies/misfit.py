@@ -7,6 +7,6 @@ from __future__ import annotations
 
 from bayesid.studies.calibration import MISFITTING, shuffled, trial
 from bayesid.studies.calibration_report import draw, report
-from bayesid.study.study import Study
+from bayesid.studies.study import Study
 
 STUDY = Study("misfit", 240, shuffled(MISFITTING), trial, report, draw)

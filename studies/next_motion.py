@@ -44,9 +44,9 @@ from bayesid.simulation.logs import SimulatedEffect, simulate, with_effects
 from bayesid.simulation.parameters import random_parameters, rms
 from bayesid.simulation.trajectories import MotionLimits, random_trajectory
 from bayesid.studies.figures import COLOURS, Figure
+from bayesid.studies.record import Row
 from bayesid.studies.simulated import STRONG, make_robot
-from bayesid.study.record import Row
-from bayesid.study.study import Study, in_turn, mixed
+from bayesid.studies.study import Study, in_turn, mixed
 
 CHANGES, TELLING_CHANGES = 1500, 500
 """About half the defaults: a study makes many designs."""

@@ -17,8 +17,8 @@ from bayesid.cli.demo import NOISE, run_experiment
 from bayesid.identification.prediction import NORMAL_95
 from bayesid.signs.search.certified import Certified
 from bayesid.simulation.paper import TABLE_II
-from bayesid.study.record import Row
-from bayesid.study.study import Study, in_turn
+from bayesid.studies.record import Row
+from bayesid.studies.study import Study, in_turn
 
 if TYPE_CHECKING:
     from bayesid.studies.figures import Figure

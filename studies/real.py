@@ -40,8 +40,8 @@ from bayesid.regression.evidence import Evidence
 from bayesid.regression.least_squares import fit_signed
 from bayesid.robot import load_robot
 from bayesid.signs.search.certified import Certified
-from bayesid.study.record import Row
-from bayesid.study.study import Study, in_turn
+from bayesid.studies.record import Row
+from bayesid.studies.study import Study, in_turn
 
 if TYPE_CHECKING:
     from bayesid.studies.figures import Figure

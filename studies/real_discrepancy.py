@@ -21,8 +21,8 @@ from bayesid.log.reading import read_log
 from bayesid.regression.selection.explanation import LN10
 from bayesid.signs.search.certified import Certified
 from bayesid.studies.real import DATA
-from bayesid.study.record import Row
-from bayesid.study.study import Study, in_turn
+from bayesid.studies.record import Row
+from bayesid.studies.study import Study, in_turn
 
 if TYPE_CHECKING:
     from bayesid.studies.figures import Figure

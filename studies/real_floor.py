@@ -21,8 +21,8 @@ from bayesid.identification.pipeline import identify
 from bayesid.log.log import Log
 from bayesid.log.reading import read_log
 from bayesid.studies import real
-from bayesid.study.record import Row
-from bayesid.study.study import Study
+from bayesid.studies.record import Row
+from bayesid.studies.study import Study
 
 if TYPE_CHECKING:
     from bayesid.studies.figures import Figure

@@ -51,8 +51,8 @@ from bayesid.robot import robot_from_table
 from bayesid.robot.inertia import pseudo_inertia
 from bayesid.simulation.parameters import random_parameters
 from bayesid.simulation.trajectories import random_trajectory
-from bayesid.study.record import Row
-from bayesid.study.study import Study, in_turn
+from bayesid.studies.record import Row
+from bayesid.studies.study import Study, in_turn
 
 if TYPE_CHECKING:
     from bayesid.studies.figures import Figure

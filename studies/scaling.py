@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bayesid.studies.record import Row
 from bayesid.studies.simulated import Scenario, trial
-from bayesid.study.record import Row
-from bayesid.study.study import Study, in_turn
+from bayesid.studies.study import Study, in_turn
 
 if TYPE_CHECKING:
     from bayesid.studies.figures import Figure

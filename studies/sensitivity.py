@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bayesid.studies.record import Row
 from bayesid.studies.simulated import ROBOTS, Scenario, trial
-from bayesid.study.record import Row
-from bayesid.study.study import Study, in_turn
+from bayesid.studies.study import Study, in_turn
 
 if TYPE_CHECKING:
     from bayesid.studies.figures import Figure

@@ -31,7 +31,7 @@ from bayesid.signs.search.protocol import Search
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters
 from bayesid.simulation.trajectories import FourierTrajectory, MotionLimits, exciting_trajectory, random_trajectory
-from bayesid.study.record import Row
+from bayesid.studies.record import Row
 
 ROBOTS = ("kr5", "ur10e", "panda", "tx40")
 STRONG = 0.05

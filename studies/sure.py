@@ -21,8 +21,8 @@ from bayesid.robot import Robot, load_robot
 from bayesid.studies import calibration
 from bayesid.studies.discrepancy import generator
 from bayesid.studies.hidden import Simulated, make_case
-from bayesid.study.record import Row
-from bayesid.study.study import Study, mixed
+from bayesid.studies.record import Row
+from bayesid.studies.study import Study, mixed
 
 if TYPE_CHECKING:
     from bayesid.studies.figures import Figure

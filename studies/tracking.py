@@ -32,9 +32,9 @@ from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters
 from bayesid.simulation.trajectories import random_trajectory
 from bayesid.studies.figures import Figure
+from bayesid.studies.record import Row
 from bayesid.studies.simulated import STRONG, make_robot
-from bayesid.study.record import Row
-from bayesid.study.study import Study, in_turn
+from bayesid.studies.study import Study, in_turn
 
 _RATE, _SECONDS, _LEARNED = 100.0, 60.0, 20.0
 """Hz, and s of the stream and of the log that the robot is identified from."""

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 import source_tree  # noqa: F401
 
-from bayesid.study.study import Study, in_turn
+from bayesid.studies.study import Study, in_turn
 
 SCRIPT = Path(__file__)
 PATIENCE = 60.0  # s, after which a test gives up waiting

@@ -97,9 +97,9 @@ _READING = [
 # Commands
 # ---------------------------------------------------------------------------------------------------------------
 _LOGS = (
-    "t,q1..qn[,dq1..dqn],tau1..taun (or i1..in with --gains) as CSV, Parquet or MATLAB file, a ROS bag or a KUKA table; several "
-    "logs of one robot count as one, also by a quoted pattern: 'runs/*.csv'; files of one run with a + between them "
-    "are joined by time: positions.csv+currents.csv; or a TOML file that lists logs: tables [[logs]] with "
+    "t,q1..qn[,dq1..dqn],tau1..taun (or i1..in with --gains) as CSV, Parquet or MATLAB file, a ROS bag or KUKA table; "
+    "logs of a robot count as one, also by a quoted pattern: 'runs/*.csv'; files of one run are joined in time: "
+    "positions.csv+currents.csv; or a TOML file that lists logs: tables [[logs]] with "
     'file = "loaded.csv" and, where the flange carries something, payload = "tool1" and mass = 2.8 or [2.8, 0.005]'
 )
 _MASS = (
@@ -382,7 +382,7 @@ _STUDY = Command(
     "what the method bears, and whether it tells the truth",
     ["bayesid study noise --trials 64 --workers 2", "bayesid study noise --scheduler tcp://HOST:8786 --resume"],
     [
-        option("name", "which one, see below", choices=list(STUDIES), metavar="NAME"),
+        option("name", "which one, see below", choices=STUDIES, metavar="NAME"),
         option("--trials N", "how many (default: the study's own number)", type=whole),
         *_shared("--seed", "of the first trials (default: 0)"),
         *_shared("--workers --scheduler"),

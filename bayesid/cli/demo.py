@@ -217,7 +217,7 @@ def study_command(options: argparse.Namespace) -> None:
     if options.floor and options.trials is not None:
         raise InputError("--floor runs all logs", "--trials", "leave it out")
     from bayesid.studies import load  # takes long to import, and needs pyarrow
-    from bayesid.study.study import check_results, run_study, save_results
+    from bayesid.studies.study import check_results, run_study, save_results
 
     study, folder = load(options.name, floor=options.floor), options.out or Path(f"bayesid-study-{options.name}")
     check_results(folder)

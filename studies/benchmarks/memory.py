@@ -32,7 +32,7 @@ from bayesid.robot import load_robot
 from bayesid.signs.search.certified import certified
 from bayesid.simulation.parameters import random_parameters
 from bayesid.studies.benchmarks.problems import BUDGET, NOISE, long_motion
-from bayesid.study.record import Row
+from bayesid.studies.record import Row
 
 _RATE = 1000.0
 """Hz."""

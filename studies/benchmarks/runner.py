@@ -24,9 +24,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bayesid.studies import load
-from bayesid.study.record import Row
+from bayesid.studies.record import Row
+from bayesid.studies.study import Study, in_turn, run_study
 from bayesid.study.runner import run
-from bayesid.study.study import Study, in_turn, run_study
 
 _WORKERS = 2
 """As many as the machines of the project's checks have cores."""

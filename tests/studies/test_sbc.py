@@ -9,7 +9,7 @@ from bayesid.posterior.moves import Conditional, HitAndRun, InTurn, NoiseScales
 from bayesid.posterior.target import Target
 from bayesid.studies import sbc
 from bayesid.studies.sbc import LAST, Calibration, draw_prior, setting
-from bayesid.study.study import run_study
+from bayesid.studies.study import run_study
 
 FALSE_ALARM = 1e-4
 """Kolmogorov and Smirnov's p is exact and Bonferroni's bound holds for any dependence: this is no estimate."""

@@ -17,9 +17,9 @@ from toy_study import (
     wait_until,
 )
 
-from bayesid.study.record import read_rows
+from bayesid.studies.record import read_rows
+from bayesid.studies.study import run_study
 from bayesid.study.runner import LostSchedulerError
-from bayesid.study.study import run_study
 
 TRIALS = 40
 NAP = 0.1

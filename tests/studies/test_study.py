@@ -30,11 +30,11 @@ from bayesid import cli, studies
 from bayesid.cli.terminal import in_options
 from bayesid.errors import InputError
 from bayesid.studies import load, real, real_discrepancy
+from bayesid.studies import study as machinery
+from bayesid.studies.record import read_rows
+from bayesid.studies.study import in_turn, run_study
 from bayesid.study import STUDIES, runner
-from bayesid.study import study as machinery
-from bayesid.study.record import read_rows
 from bayesid.study.runner import Outcome
-from bayesid.study.study import in_turn, run_study
 
 FAILED = 5
 """Number of the trial that fails."""

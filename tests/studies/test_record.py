@@ -7,7 +7,7 @@ from pyarrow import parquet
 
 from bayesid.cli.terminal import in_options
 from bayesid.errors import InputError
-from bayesid.study.record import MisfitError, Record, read_rows
+from bayesid.studies.record import MisfitError, Record, read_rows
 
 MARKS = {"study": "toy", "bayesid": "1.0"}
 

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from bayesid.errors import InputError
 from bayesid.files.writing import check_place, replace_file
-from bayesid.study.record import KEY, TIMINGS, MisfitError, Record, Row, read_rows
+from bayesid.studies.record import KEY, TIMINGS, MisfitError, Record, Row, read_rows
 from bayesid.study.runner import LostSchedulerError, Outcome, Tally, no_tally, run
 
 if TYPE_CHECKING:
