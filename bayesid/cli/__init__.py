@@ -17,7 +17,7 @@ from importlib import import_module
 
 from bayesid.errors import BayesidError, InputError
 
-__all__ = ["main"]
+__all__ = ["UsageError", "main"]
 
 _MODULES = dict.fromkeys(("validate", "predict", "report", "payload"), "results") | {
     "completion": "arguments",
@@ -28,6 +28,10 @@ _MODULES = dict.fromkeys(("validate", "predict", "report", "payload"), "results"
 
 
 _ENDS = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+
+
+class UsageError(Exception):
+    """The words of a command cannot be understood: its name, and why not."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -72,6 +76,9 @@ def _run(arguments: Sequence[str] | None, terminated: Sequence[int]) -> int:
     except BrokenPipeError:  # whoever reads the output has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # nor shall Python complain when it ends
         return 141
+    except UsageError as error:
+        name, message = error.args
+        return _complain(message, 2, name)
     except InputError as error:
         return _complain(str(error), 2)
     except (OSError, BayesidError) as error:
@@ -82,8 +89,8 @@ def _run(arguments: Sequence[str] | None, terminated: Sequence[int]) -> int:
     return 0
 
 
-def _complain(message: str, code: int) -> int:
+def _complain(message: str, code: int, name: str = "bayesid") -> int:
     from bayesid.cli.terminal import complain
 
-    complain(message)
+    complain(message, name)
     return code

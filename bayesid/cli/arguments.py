@@ -382,7 +382,7 @@ _STUDY = Command(
     "what the method bears, and whether it tells the truth",
     ["bayesid study noise --trials 64 --workers 2", "bayesid study noise --scheduler tcp://HOST:8786 --resume"],
     [
-        option("name", "which one, see below", choices=STUDIES, metavar="NAME"),
+        option("name", "which one, see below", choices=STUDIES.keys(), metavar="NAME"),
         option("--trials N", "how many (default: the study's own number)", type=whole),
         *_shared("--seed", "of the first trials (default: 0)"),
         *_shared("--workers --scheduler"),

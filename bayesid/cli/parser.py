@@ -10,6 +10,7 @@ from itertools import takewhile
 from pathlib import Path
 from typing import Any, NoReturn
 
+from bayesid.cli import UsageError
 from bayesid.errors import near_names
 from bayesid.files.bounded import check_name, whole_number
 
@@ -85,10 +86,13 @@ class Parser(argparse.ArgumentParser):
         self.options = ["-h", "--help"]
 
     def understand(self, arguments: Sequence[str]) -> argparse.Namespace:
-        """The options of one command, its name as `command`; with bad ones, or where help is asked for, it exits.
+        """The options of one command, its name as `command`; where help is asked for, it exits.
 
         `given` holds the long options of the command line: a default may be what was given, and may not. Long options
         are looked up first: argparse would name those that are missing, not the misspelled one.
+
+        Raises:
+            UsageError: they are bad.
         """
         parser = self
         for word in arguments:
@@ -112,13 +116,10 @@ class Parser(argparse.ArgumentParser):
         return options
 
     def error(self, message: str) -> NoReturn:
-        """Ends the program with one line on stderr."""
-        from bayesid.cli.terminal import complain
-
+        """Says what cannot be understood, and which name may have been meant."""
         if choice := re.search(r"invalid choice: '(.*)' \(choose from (.*)\)", message):
             message += _suggestion(choice[1], re.split(r"[', ]+", choice[2].strip("'")))
-        complain(f"{message}; see `{self.prog} --help`", self.prog)
-        self.exit(2)
+        raise UsageError(self.prog, f"{message}; see `{self.prog} --help`")
 
 
 def make_parser(command: Command, *, files: Any = None) -> Parser:
@@ -128,7 +129,7 @@ def make_parser(command: Command, *, files: Any = None) -> Parser:
     return parser
 
 
-def _help(command: Command) -> dict[str, str]:
+def _help(command: Command) -> dict[str, Any]:
     lines = [
         "examples:",
         *(f"  {example}" for example in command.examples),

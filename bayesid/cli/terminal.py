@@ -9,7 +9,7 @@ import time
 from collections.abc import Collection, Iterable, Sequence
 from datetime import timedelta
 from functools import cache
-from typing import Self
+from typing import Any, Self
 
 from rich.console import Console, RenderableType
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, TextColumn, TimeElapsedColumn
@@ -120,7 +120,7 @@ class _Bar(Progress):
         """What is drawn."""
         yield self.make_tasks_table([task for task in self.tasks if (task.elapsed or 0.0) > TUNING.patience])
 
-    def draw(self, stage: str, done: int, total: int | None, **notes: str) -> None:
+    def draw(self, stage: str, done: int, total: int | None, **notes: Any) -> None:
         """A new stage takes the place of the one before."""
         for task in self.tasks:
             if task.description != stage:

@@ -114,8 +114,7 @@ def test_the_command_writes_the_other_one(robot, tmp_path, capsys):
     assert main([*command, "--out", str(tmp_path / "two")]) == 0
     np.testing.assert_allclose(load_model(tmp_path / "two").theta, identified(robot, 2).theta, rtol=1e-6)
     assert "mode 2" in capsys.readouterr().err
-    with pytest.raises(SystemExit, match="2"):
-        main([*command[:-1], "0"])
+    assert main([*command[:-1], "0"]) == 2
 
 
 def test_without_a_posterior_a_near_tie_is_as_sure_as_its_mode_weighs(robot):
