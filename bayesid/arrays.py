@@ -52,7 +52,6 @@ def frozen(values: object, shape: tuple[int | None, ...], name: str) -> Array:
 
 
 def _is_frozen(values: object) -> TypeGuard[Array]:
-    """Whether they are an array of doubles that nothing can write to."""
     if not isinstance(values, np.ndarray) or values.dtype != np.float64:
         return False
     return values.flags.owndata and not values.flags.writeable

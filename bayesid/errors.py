@@ -9,45 +9,25 @@ from __future__ import annotations
 from collections.abc import Iterable
 from difflib import SequenceMatcher, get_close_matches
 
-_NEAR = 0.5
-"""Likeness, by `difflib`, from which on a name is suggested: half the letters of both are shared."""
-
 
 def printable(text: str) -> str:
     r"""Text in which what no screen shows is escaped: control characters, and bytes of file names that are no UTF-8.
 
     What comes from outside and is shown or written as a name passes here once.
-
-    Example:
-        >>> printable("left\x1b[31m arm")
-        'left\\x1b[31m arm'
     """
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 def near_names(name: str, known: Iterable[str]) -> str:
-    """The question which of the known names was meant by one that is not, the nearest; empty where none is near.
-
-    Example:
-        >>> near_names("Fc7", ["Fc1", "Fc2", "Fv1", "Ia3"])
-        'did you mean Fc2 or Fc1?'
-    """
-    near = get_close_matches(name, list(dict.fromkeys(known)), n=3, cutoff=_NEAR)
+    """The question which of the known names was meant by one that is not, the nearest; empty where none is near."""
+    near = get_close_matches(name, list(dict.fromkeys(known)), n=3, cutoff=0.5)  # half the letters of both are shared
     likeness = [SequenceMatcher(None, one, name).ratio() for one in near]
     meant = [one for one, share in zip(near, likeness, strict=True) if share == likeness[0]]
     return f"did you mean {' or '.join(meant)}?" if meant else ""
 
 
 class BayesidError(Exception):
-    """Base of every exception that bayesid raises on purpose.
-
-    Example:
-        >>> try:
-        ...     bayesid.load_robot("ur99")
-        ... except bayesid.BayesidError as error:
-        ...     print(error.where, "is", error.what)
-        ur99 is no such robot
-    """
+    """Base of every exception that bayesid raises on purpose."""
 
 
 class InputError(BayesidError, ValueError):
@@ -88,10 +68,6 @@ class SolverError(BayesidError, RuntimeError):
     Args:
         stage: which problem was being solved.
         status: the solver's own status, verbatim.
-
-    Example:
-        >>> print(bayesid.SolverError("least squares in the cone", "numerical error"))
-        least squares in the cone: the solver ended with status 'numerical error', which is not a solution
     """
 
     def __init__(self, stage: str, status: str) -> None:

@@ -13,8 +13,8 @@ from bayesid.arrays import Array, Integers, Labels, Mask, frozen
 from bayesid.errors import InputError, printable
 
 STANDSTILL = 0.01
-"""Share of its highest speed below which an actuator stands still: friction's direction is then
-unknown. Halved or doubled, fewer signs of KR300's log are right."""
+"""Share of its highest speed below which an actuator stands still: friction's direction is then unknown. Halved or
+doubled, fewer signs of KR300's log are right."""
 _LABEL = re.compile(r"[A-Za-z0-9_]{1,40}")
 SLOWEST = 1e-6
 """rad/s; an actuator that is never faster stands still all the time: far below what an encoder resolves."""

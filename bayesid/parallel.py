@@ -1,14 +1,11 @@
 """Work in other processes, and settings that all threads of a process share.
 
 `in_parallel` shares independent tasks between this process and copies of it (`fork`): tasks need not be pickled, only
-what they return. `WorkerPool` is a `ProcessPoolExecutor` whose workers end with this process.
+what they return. It works in this process alone where forking is unsafe: not on Linux, not in the main thread, beside
+other threads, or within a task. Tasks of a worker that was killed are not done again.
 
 Warnings, matplotlib's settings and the number of BLAS threads belong to the whole process: `ALONE` is held while they
 are changed, so that two threads never put back each other's changes.
-
-Limits: `in_parallel` works in this process alone where forking is unsafe: not on Linux, not in the main thread, beside
-other threads, or within a task. A worker that is killed, by a lack of memory for example, ends the computation with a
-`WorkerDiedError`; its tasks are not done again.
 """
 
 from __future__ import annotations
@@ -54,11 +51,7 @@ def one_at_a_time(function: Callable[Given, Result]) -> Callable[Given, Result]:
 
 @contextmanager
 def quiet(category: type[Warning]) -> Iterator[None]:
-    """Leaves warnings of a category unsaid; short work only, as no other thread enters meanwhile.
-
-    Args:
-        category: of them.
-    """
+    """Leaves warnings of a category unsaid; short work only, as no other thread enters meanwhile."""
     with ALONE, warnings.catch_warnings():
         warnings.simplefilter("ignore", category)
         yield
@@ -88,12 +81,7 @@ one_blas_thread = _OneBlasThread()
 """Around functions and blocks whose matrices are small, where threads only wait for each other."""
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Worker processes
-# ---------------------------------------------------------------------------------------------------------------
-_BLAS_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-
-
+# ---- Worker processes ----
 class WorkerDiedError(BayesidError, RuntimeError):
     """A worker process ended in the middle of its work."""
 
@@ -102,11 +90,8 @@ class WorkerPool(ProcessPoolExecutor):
     """Worker processes that leave Ctrl-C to this process and end with it.
 
     They hold one end of a pipe, this process alone the other: when that is closed, workers end in the middle of their
-    work. So does a `with` block that ends by an exception.
-
-    Args:
-        workers: how many, at most.
-        method: how they are started: "fork" or "spawn".
+    work, as they do where a `with` block ends by an exception. The method by which they are started is "fork" or
+    "spawn".
     """
 
     def __init__(self, workers: int, method: str) -> None:
@@ -132,7 +117,8 @@ class WorkerPool(ProcessPoolExecutor):
 def _settle_in(held: Connection, inherited: Connection | None) -> None:
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_DFL)
-    os.environ.update(dict.fromkeys(_BLAS_THREADS, "1"))  # for a BLAS that is loaded later
+    for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ[variable] = "1"  # for a BLAS that is loaded later
     if inherited is not None:
         inherited.close()
     threading.Thread(target=_end_with_leash, args=(held,), daemon=True).start()
@@ -144,9 +130,7 @@ def _end_with_leash(held: Connection) -> None:
     os._exit(1)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Tasks of this process
-# ---------------------------------------------------------------------------------------------------------------
+# ---- Tasks of this process ----
 _tasks: Sequence[Callable[[], Any]] = ()
 """Those that this process is sharing at the moment; workers inherit them."""
 _onlookers: set[threading.Thread] = set()
@@ -166,11 +150,6 @@ def in_parallel(tasks: Sequence[Callable[[], Result]], done: Steps = no_steps) -
     Raises:
         Exception: whatever the first task that failed has raised.
         WorkerDiedError: a worker was killed.
-
-    Example:
-        >>> from functools import partial
-        >>> in_parallel([partial(pow, 2, 3), partial(pow, 3, 2)])
-        [8, 9]
     """
     global _tasks
     workers = min(len(tasks), processors())

@@ -19,10 +19,7 @@ def _silent(stage: str, done: int, total: int) -> None:
 
 @dataclass(frozen=True)
 class Progress:
-    """What long stages call as progress(stage, done, total).
-
-    Args:
-        show: is called with the stage's name, the steps done and their total.
+    """What long stages call as progress(stage, done, total), and what that calls to show it.
 
     Example:
         >>> stages = []

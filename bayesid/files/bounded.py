@@ -16,31 +16,22 @@ from typing import Any
 from bayesid.errors import InputError, printable
 
 MOST_BYTES = 1 << 23
-"""Of a text that is read as a whole: 8 MiB, for which the parser of TOML takes 20 s. The longest that bayesid writes,
-model.toml of a robot of 20 joints, has 2; the longest URDF of example-robot-data 0.3."""
+"""Of a text that is read as a whole: 8 MiB, for which the parser of TOML takes 20 s. The longest of ours has 2."""
 MOST_UNPACKED = 1 << 30
 """Bytes that a compressed or binary file may unpack to, 1 GiB: a million rows of 20 joints with velocities have 0.5."""
 DEEPEST = 32
 """Tables in tables, lists in lists or elements in elements; ours and those of URDFs have 6 at most."""
 MOST_DIGITS = 18
-"""Of a whole number in a name or an option: what counts joints, rows or seeds has fewer, and 64 bits hold it."""
+"""Of a whole number in a name or an option: 64 bits hold it."""
 LARGEST = 1e6
 """Size of a number that a robot's file may hold, in SI units: no robot is so large, fast, strong or geared."""
-_BETWEEN_NAMES = re.compile(r"[=,\n]")
-"""In TOML; the time of its parser grows with the square of the dots of a name."""
 
 
 def read_source(path: str | Path, remedy: str, where: str = "", most: int = MOST_BYTES) -> str:
-    """The text of a file in UTF-8, with or without a mark of it.
-
-    Args:
-        path: the file; a pipe will do.
-        remedy: what to do if it is no such text.
-        where: what messages call it; its path by default.
-        most: bytes that it may have.
+    """The text of a file or a pipe in UTF-8, with or without a mark of it.
 
     Raises:
-        InputError: it cannot be read, is longer, or no text.
+        InputError: it cannot be read, has more than `most` bytes, or is no text; with `remedy`, about `where`.
     """
     where = where or printable(str(path))
     try:
@@ -56,13 +47,10 @@ def read_source(path: str | Path, remedy: str, where: str = "", most: int = MOST
 
 
 def toml_of(text: str, where: str, remedy: str) -> dict[str, Any]:
-    """What a text in TOML holds.
-
-    Raises:
-        InputError: it is none, too deep, or has a number with too many digits.
-    """
+    """What a text in TOML holds; InputError if it is none, too deep, or has a number with too many digits."""
     deep = InputError(f"has tables or lists in more than {DEEPEST} others", where, remedy)
-    if max(part.count(".") for part in _BETWEEN_NAMES.split(text)) > 2 * DEEPEST:
+    names = re.split(r"[=,\n]", text)  # the parser's time grows with the square of the dots of one
+    if max(name.count(".") for name in names) > 2 * DEEPEST:
         raise deep
     try:
         table = tomllib.loads(text)
@@ -123,11 +111,7 @@ def whole_number(text: str) -> int | None:
 
 
 def check_name(path: str | Path) -> Path:
-    """The path itself, if a system can have such a file: it may be there or not.
-
-    Raises:
-        InputError: its name is too long, holds a NUL, or leads through links in a circle.
-    """
+    """The path itself, if a system can have such a file, whether it is there or not; else an InputError."""
     try:
         os.stat(path)
     except (FileNotFoundError, NotADirectoryError, PermissionError):

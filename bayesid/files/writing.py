@@ -1,9 +1,9 @@
 """Files and folders that are whole or not there: written aside, then renamed into place.
 
 An earlier folder is replaced only if it holds nothing but files that its writer names: other people's files are never
-deleted. A process that is killed while it writes leaves a hidden folder or file beside the target (`.NAME-..`). Killed
-between the two renames that replace a folder, it leaves the earlier one in there as `old`. Nothing repairs this later,
-and nothing keeps two processes from replacing one target: the last one wins, as a whole.
+deleted. A process that is killed while it writes leaves a hidden folder or file beside the target (`.NAME-..`); killed
+between the two renames that replace a folder, it leaves the earlier one in there as `old`. Of two processes that
+replace one target the last one wins, as a whole.
 """
 
 from __future__ import annotations
@@ -42,15 +42,9 @@ def replace_file(path: Path, write: Callable[[Path], object]) -> None:
 
 
 def check_folder(folder: str | Path, files: Set[str], marker: str) -> Path:
-    """The folder, if it may be replaced: it is new, empty, or an earlier one of its kind, and can be written.
+    """The folder, if it may be replaced: it is new, empty, or an earlier one, and can be written; else an InputError.
 
-    Args:
-        folder: the place.
-        files: names of the files that an earlier folder may hold.
-        marker: the one of them by which an earlier folder is known.
-
-    Raises:
-        InputError: something else is there, or the place cannot be written.
+    An earlier one holds the file that is its marker, and nothing but the named files.
     """
     folder = check_name(folder)
     remedy = "give `folder` a new folder"
@@ -68,11 +62,7 @@ def check_folder(folder: str | Path, files: Set[str], marker: str) -> Path:
 
 
 def check_place(path: Path) -> None:
-    """Checks that something new can be put at a path, folders above it made as needed.
-
-    Raises:
-        InputError: it cannot.
-    """
+    """Raises InputError unless something new can be put at a path, folders above it made as needed."""
     above = next(parent for parent in check_name(path).absolute().parents if parent.exists())
     if not above.is_dir() or not os.access(above, os.W_OK | os.X_OK):
         said = f"cannot be written ({above} is {'write-protected' if above.is_dir() else 'not a folder'})"
@@ -82,14 +72,7 @@ def check_place(path: Path) -> None:
 def save_folder(folder: str | Path, files: Set[str], marker: str, write: Callable[[Path], None]) -> Path:
     """Has `write` fill a folder beside the target, then renames it; an error leaves everything as it was.
 
-    Args:
-        folder: the place; a link stays a link.
-        files: names of the files that an earlier folder may hold.
-        marker: the one of them by which an earlier folder is known.
-        write: is given the folder to fill.
-
-    Raises:
-        InputError: the folder cannot be written, or holds other files than an earlier one of its kind.
+    A link stays a link. What may be replaced, `check_folder` says.
     """
     folder = check_folder(folder, files, marker)
     target = folder.resolve()
@@ -208,11 +191,7 @@ def typed(content: Any, kind: type[Kind]) -> Kind:
 
 
 def read_json(path: Path, kind: type[Kind], remedy: str) -> Kind:
-    """What a JSON file that bayesid wrote holds, as `typed` gives it.
-
-    Raises:
-        InputError: it cannot be read, or holds something else.
-    """
+    """What a JSON file that bayesid wrote holds, as `typed` gives it; InputError where it holds something else."""
     try:
         return msgspec.json.decode(path.read_bytes(), type=kind)
     except (OSError, RecursionError, ValueError) as error:  # a DecodeError and a ValidationError are ValueErrors

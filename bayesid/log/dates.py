@@ -16,12 +16,8 @@ import numpy as np
 from bayesid.arrays import Array
 from bayesid.log.log import Log
 
-STAMPS, NAMES, ORDER = (
-    "time stamps in the logs",
-    "dates in the names of the files",
-    "the order in which logs were given",
-)
-"""What dates are taken from."""
+STAMPS, NAMES = "time stamps in the logs", "dates in the names of the files"
+ORDER = "the order in which logs were given"
 _EARLIEST, _LATEST = (datetime(year, 1, 1, tzinfo=UTC).timestamp() for year in (2000, 2100))
 """s since 1970; a log's clock that stands between them is absolute, for no clock that begins at zero comes so far."""
 _NAMED = re.compile(
@@ -33,12 +29,9 @@ _NAMED = re.compile(
 
 @dataclass(frozen=True)
 class Dates:
-    """When K logs were recorded.
+    """When K logs were recorded: (K,) in ISO 8601, UTC where a clock says it; and (K,) days since the first.
 
-    Attributes:
-        texts: (K,) ISO 8601, UTC where a clock says it; "1", "2", .. where nothing is known.
-        days: (K,) since the first; 0, 1, .. where nothing is known.
-        basis: what they are taken from: `STAMPS`, `NAMES` or `ORDER`.
+    They are "1", "2", .. and 0, 1, .. where nothing is known. The basis is `STAMPS`, `NAMES` or `ORDER`.
     """
 
     texts: tuple[str, ...]
@@ -76,7 +69,6 @@ def _stamped(log: Log) -> datetime | None:
 
 
 def _named(log: Log) -> datetime | None:
-    """The first date in the name of its (first) file that is a day of the calendar."""
     name = PurePath(log.pieces[0].source if log.pieces else log.source).name
     for year, _, month, day, hour, minute, second in _NAMED.findall(name):
         try:

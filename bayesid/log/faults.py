@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 import scipy
@@ -20,6 +21,8 @@ from bayesid.log.tuning import TUNING
 from bayesid.motion import STANDSTILL
 
 _NONE = np.empty(0, dtype=np.int64)
+_BEFORE = np.arange(2 * TUNING.neighbours + 1) < TUNING.neighbours
+"""Of a value and its neighbours on either side, those before it."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +51,6 @@ class Fault:
         return replace(self, rows=rows, start=start, seconds=self.seconds + later.seconds)
 
     def __str__(self) -> str:
-        """A line for the user: joint, what, how much and when."""
         when = ", ".join(f"{t:.3f}" for t in self.start[:3]) + (" ..." if len(self.start) > 3 else "")
         if self.reading == "row":
             said = f"all joints: all readings are zero for {self.seconds:.3g} s in all, at {when} s"
@@ -96,7 +98,7 @@ def find_faults(
 ) -> tuple[Fault, ...]:
     """All faults, by joint, of a log of N rows, of recordings that begin at `starts`; efforts may be absolute."""
     found: dict[tuple[int, str, str], Fault] = {}
-    for first, stop in zip(starts, [*starts[1:], len(t)], strict=True):
+    for first, stop in pairwise([*starts, len(t)]):
         rows = slice(first, stop)
         if stop - first < 3:
             continue
@@ -125,12 +127,6 @@ def lost_rows(t: Array, q: Array, effort: Array, dq: Array | None = None) -> tup
     """Rows of zeros alone into which or out of which a position jumps, as of a lost packet, and how to name them.
 
     A robot that rests at zero without any effort gives such rows too, but it comes there slowly.
-
-    Args:
-        t: (N,) s, non-decreasing.
-        q: (N, n) positions.
-        effort: (N, n) efforts, or their absolute values.
-        dq: (N, n) measured velocities, or None.
     """
     zero = ~np.any([part.any(axis=1) for part in (q, effort, dq) if part is not None], axis=0)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], zero, [False]]))).reshape(-1, 2)
@@ -169,9 +165,7 @@ def _named(t: Array, joint: int, reading: str, rows_of: dict[str, Integers]) -> 
     return found
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Outliers
-# ---------------------------------------------------------------------------------------------------------------
+# ---- Outliers ----
 def _peaks(t: Array, reading: Array) -> Integers:
     """Rows of an effort or a velocity that are many times their neighbours."""
     runs = _Runs.of(t, reading)
@@ -196,16 +190,11 @@ def _jumps(t: Array, position: Array) -> Integers:
     return runs.rows((departs > 0.0) & (departs >= least) & (runs.seconds < TUNING.dropout))
 
 
-_BEFORE = np.arange(2 * TUNING.neighbours + 1) < TUNING.neighbours
-"""Of a value and its neighbours on either side, those before it."""
-
-
 def _ranked(values: Array, chosen: Mask, rank: float) -> Array:
     """(R,) for each value, that of a rank, from 0, of those chosen around it; the ends are mirrored."""
     row, those = values[None], chosen[None]  # a plain vector's footprint would be ignored by scipy 1.17
     ranks = sorted({int(np.floor(rank)), int(np.ceil(rank))})
-    found = [scipy.ndimage.rank_filter(row, one, footprint=those, mode="mirror")[0] for one in ranks]
-    return np.mean(found, axis=0)
+    return np.mean([scipy.ndimage.rank_filter(row, one, footprint=those, mode="mirror")[0] for one in ranks], axis=0)
 
 
 def _usual_step(values: Array) -> Array:
@@ -220,9 +209,7 @@ def _slight(position: Array) -> float:
     return TUNING.slight * float(np.ptp(np.percentile(position, [1, 99])))
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Dropouts
-# ---------------------------------------------------------------------------------------------------------------
+# ---- Dropouts ----
 def _stopped(t: Array, position: Array) -> Integers:
     """Rows of a position that stands still and then catches up, or comes to rest between two rows for good."""
     runs, period = _Runs.of(t, position), float(np.median(np.diff(t)))

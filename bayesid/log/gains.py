@@ -22,7 +22,6 @@ from bayesid.files.bounded import read_source
 from bayesid.log.tuning import TUNING
 
 UNKNOWN = "unknown"
-"""In the place of a gain, or of all."""
 _REMEDY = (
     f"give one gain a joint, as in 12,16~20%,{UNKNOWN}, or '{UNKNOWN}' for all, or a CSV file with the columns gain,sd"
 )
@@ -90,26 +89,26 @@ class Gains:
 
 
 def gains_of(stated: Gains | Sequence[float] | str | Path, n: int) -> Gains:
-    """Gains as they were stated, for n joints.
+    """Gains of n joints as they were stated, or an InputError where they are none.
 
-    Args:
-        stated: gains; n exact numbers; or text as on the command line: 12,16~20%,unknown, or `unknown` for all, or the
-            name of a CSV file with the columns gain and sd, one row a joint.
-        n: number of joints.
-
-    Raises:
-        InputError: they are none, or not one a joint.
+    Text is as on the command line: 12,16~20%,unknown, or `unknown` for all, or the name of a CSV file with the columns
+    gain and sd, one row a joint.
     """
     if isinstance(stated, str | Path):
-        gains = _parsed(str(stated), n)
+        text = str(stated)
+        if text.strip() == UNKNOWN:
+            gains = Gains(np.ones(n), np.full(n, np.inf))
+        elif Path(text).suffix == ".csv":
+            gains = _of_file(text)
+        else:
+            gains = Gains(*np.transpose([_pair(word.strip(), text) for word in text.split(",")]))
     elif isinstance(stated, Gains):
         gains = stated
     else:
         gains = Gains(np.array(stated, dtype=float), np.zeros(len(stated)))
     if len(gains.value) != n:
-        raise InputError(
-            f"{len(gains.value)} gains for {n} joints", field="gains", remedy="give one gain per joint, N m/A"
-        )
+        said = f"{len(gains.value)} gains for {n} joints"
+        raise InputError(said, field="gains", remedy="give one gain per joint, N m/A")
     return gains
 
 
@@ -118,14 +117,6 @@ def is_exact(stated: Gains | Sequence[float] | str | Path) -> bool:
     if isinstance(stated, Gains):
         return bool(stated.exact.all())
     return not isinstance(stated, str | Path)
-
-
-def _parsed(text: str, n: int) -> Gains:
-    if text.strip() == UNKNOWN:
-        return Gains(np.ones(n), np.full(n, np.inf))
-    if Path(text).suffix == ".csv":
-        return _of_file(text)
-    return Gains(*np.transpose([_pair(word.strip(), text) for word in text.split(",")]))
 
 
 def _pair(word: str, text: str) -> tuple[float, float]:

@@ -21,17 +21,13 @@ from bayesid.log.tuning import TUNING
 from bayesid.motion import check_label, labels, unlabelled
 
 GIVEN = "the motion"
-"""What messages call a motion that is no file."""
 
 
 @dataclass(frozen=True)
 class Piece:
-    """One of the recordings that a log was joined from.
+    """One of the recordings that a log was joined from: its rows from `start_row` up to `stop_row`.
 
     Attributes:
-        source: where it came from.
-        start_row: its first row in the log.
-        stop_row: the row after its last.
         t: (stop_row - start_row,) its rows' time on its own clock, s, as recorded: shifted times are rounded ones.
         payload: label of what the flange carried all along; empty where it carried nothing.
     """
@@ -127,13 +123,7 @@ class Log:
         """The log of a flange that carried a payload all along; where nothing is said it carried nothing.
 
         Identified together with a log without payload, each payload has ten parameters of its own (`m_tool1`,
-        `mcx_tool1`, ..), which act in the logs of its label alone.
-
-        Args:
-            label: of the payload: letters, digits and underscores.
-
-        Raises:
-            InputError: it cannot be one.
+        `mcx_tool1`, ..), which act in the logs of its label alone: letters, digits and underscores, else an InputError.
 
         Example:
             >>> both = bayesid.join_logs([log, other_log.carrying("tool1")])
@@ -156,10 +146,7 @@ class Log:
         return len(self.pieces) > 1
 
     def clock(self, t: Array) -> tuple[Integers, Array]:
-        """Instants of the log on the clock of the recording that each lies in.
-
-        Args:
-            t: (M,) instants on the log's clock, s.
+        """Instants t (M,) of the log, s, on the clock of the recording that each lies in.
 
         Returns:
             (M,) the recording's place in `pieces`, 0 in a log that is one, and -1 where nothing was recorded; and (M,)
@@ -188,10 +175,7 @@ class Log:
 def join_logs(logs: Sequence[Log]) -> Log:
     """Several logs of the same robot as one, with a pause between them: identification leaves pauses out.
 
-    Each keeps its own time in `pieces`.
-
-    Args:
-        logs: at least one; times start over in each of them.
+    Times start over in each log, and are kept in `pieces`.
 
     Raises:
         InputError: they do not have the same joints, signed joints or measured velocities, or not the same rate.
@@ -227,7 +211,6 @@ def _pieces(log: Log, row: int) -> tuple[Piece, ...]:
 
 
 def _check_fit(first: Log, log: Log) -> None:
-    """Two logs can only be joined where the same is known at the same rate."""
     if log.n_joints != first.n_joints:
         said = f"has {log.n_joints} joints, {first.source} has {first.n_joints}"
         raise InputError(said, log.source, "join logs of one robot")
@@ -248,11 +231,7 @@ def _check_fit(first: Log, log: Log) -> None:
 
 
 def check_exact_gains(log: Log) -> None:
-    """Beside an earlier result no gain is an unknown: its model is in the scale of its own.
-
-    Raises:
-        InputError: the log was read with uncertain gains.
-    """
+    """InputError for a log with uncertain gains beside an earlier result, whose model is in the scale of its own."""
     if log.gains is not None:
         remedy = "read it with the earlier result's own, as in bayesid.read_log(file, gains=result.gains.found)"
         raise InputError(f"was read with uncertain gains {log.gains.text}", log.source, remedy)
@@ -299,7 +278,7 @@ class RecordedMotion:
         if len(kept) == len(self.t):
             return self
         dq = None if self.dq is None else self.dq[kept]
-        return RecordedMotion(self.t[kept], self.q[kept], dq, self.source, self.payload[kept])
+        return replace(self, t=self.t[kept], q=self.q[kept], dq=dq, payload=self.payload[kept])
 
 
 def motion_of_log(log: Log) -> RecordedMotion:

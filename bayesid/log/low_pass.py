@@ -14,12 +14,9 @@ from bayesid.log.tuning import TUNING
 
 @dataclass(frozen=True, order=True)
 class LowPass:
-    """A Butterworth low-pass of efforts; of the first order it is an RC element.
+    """A Butterworth low-pass of efforts, cut-off in Hz; of the first order it is an RC element.
 
-    Attributes:
-        order: 1 or more; run forwards and backwards, the attenuation is that of twice the order.
-        cutoff: Hz.
-        zero_phase: whether it was run forwards and backwards, which delays nothing.
+    With `zero_phase` it is run forwards and backwards, which delays nothing and doubles its order.
     """
 
     order: int
@@ -27,7 +24,6 @@ class LowPass:
     zero_phase: bool
 
     def __str__(self) -> str:
-        """As people say it."""
         way = "forwards and backwards" if self.zero_phase else "with its delay"
         return f"{self.cutoff:.3g} Hz (Butterworth, order {self.order}, {way})"
 
@@ -58,7 +54,6 @@ class AfterRectifier:
     """That the |effort| of the unsigned joints has passed a low-pass.
 
     Attributes:
-        low_pass: it.
         read: (N, n) |effort| as it was read, resampled, N m.
         noise: (n,) sd of the noise before the low-pass that did not pass it, N m.
     """

@@ -320,9 +320,7 @@ def _numbers(values: object, name: str) -> Array:
         raise InputError(f"{name} holds something else than numbers", GIVEN, "give numbers") from None
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Wrong units show in velocities: they are no change of positions, or faster than any robot
-# ---------------------------------------------------------------------------------------------------------------
+# ---- Wrong units show in velocities: they are no change of positions, or faster than any robot ----
 def _check_speeds(t: Array, q: Array, source: str) -> None:
     """More than half of the joints, and two at least, are not faster than any is."""
     span = _over_window(t)

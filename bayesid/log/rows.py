@@ -127,7 +127,6 @@ class RowReader:
         return Row(float(values[self._time]) * self._second, blocks["q"], blocks["effort"], blocks.get("dq"))
 
     def _table(self, values: Array) -> Table:
-        """A table of one row."""
         columns = {}
         for one, value in zip(self._columns, values, strict=True):
             columns[one.name] = Column(one.label, value[None], 1.0 if one.place == self._clock else one.unit)
@@ -135,7 +134,6 @@ class RowReader:
 
 
 def _lines_of(stream: Stream, source: str) -> Iterator[bytes]:
-    """The lines of a stream as soon as each is there."""
     while line := stream.readline(TUNING.header_bytes):
         if len(line) == TUNING.header_bytes:
             raise InputError(f"has a line of {TUNING.header_bytes:,} bytes", source, "give one row a line")

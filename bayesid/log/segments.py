@@ -24,9 +24,7 @@ from bayesid.motion import Motion
 
 @dataclass(frozen=True)
 class Cutting:
-    """Thresholds by which an effort of unknown sign is cut.
-
-    Both are shares of the 99th percentile of the joint's lightly filtered |effort|.
+    """Thresholds by which an effort of unknown sign is cut, shares of the 99th percentile of the filtered |effort|.
 
     Attributes:
         prominence: by which a minimum must lie below its surroundings to be a cut.
@@ -48,7 +46,6 @@ class Cutting:
 
 
 USUAL = Cutting()
-"""How efforts are cut by default."""
 
 
 @dataclass(frozen=True)
@@ -106,13 +103,7 @@ class Segments:
 
 
 def find_segments(signals: Signals, actuators: Motion, cutting: Cutting = USUAL) -> Segments:
-    """Cuts every joint's effort into segments.
-
-    Args:
-        signals: the filtered log.
-        actuators: its motion in actuator coordinates.
-        cutting: thresholds.
-    """
+    """Cuts every joint's effort of a filtered log, whose motion is given in actuator coordinates, into segments."""
     n_samples = len(actuators)
     half_period = max(1, round(signals.rate / (2.0 * signals.effort_cutoff)))
     rows = []
@@ -149,15 +140,12 @@ def _jerks(acceleration: Array, span: int) -> set[int]:
     scale = np.percentile(np.abs(acceleration), 99)
     jump = np.zeros_like(acceleration)
     jump[span:-span] = np.abs(acceleration[2 * span :] - acceleration[: -2 * span])
-    peaks, _ = scipy.signal.find_peaks(jump, height=TUNING.acceleration_jump * scale, distance=2 * span)
-    return {int(i) for i in peaks}
+    return _peaks(jump, height=TUNING.acceleration_jump * scale, distance=2 * span)
 
 
 def _minima(magnitude: Array, prominence: float) -> set[int]:
-    """Prominent low minima of |effort|."""
     scale = np.percentile(magnitude, 99)
-    peaks, _ = scipy.signal.find_peaks(-magnitude, prominence=prominence * scale, height=-TUNING.zero_ceiling * scale)
-    return {int(i) for i in peaks}
+    return _peaks(-magnitude, prominence=prominence * scale, height=-TUNING.zero_ceiling * scale)
 
 
 def _slope_jumps(magnitude: Array, span: int, known: set[int]) -> set[int]:
@@ -165,8 +153,11 @@ def _slope_jumps(magnitude: Array, span: int, known: set[int]) -> set[int]:
     scale = np.percentile(magnitude, 99)
     jump = np.zeros_like(magnitude)
     jump[span:-span] = magnitude[2 * span :] - 2.0 * magnitude[span:-span] + magnitude[: -2 * span]
-    peaks, _ = scipy.signal.find_peaks(
-        np.where(magnitude < TUNING.zero_ceiling * scale, jump, 0.0), height=TUNING.slope_jump * scale, distance=span
-    )
+    low = np.where(magnitude < TUNING.zero_ceiling * scale, jump, 0.0)
+    peaks = _peaks(low, height=TUNING.slope_jump * scale, distance=span)
     places = np.array(sorted(known))
-    return {int(i) for i in peaks if not places.size or np.abs(places - i).min() > span}
+    return {i for i in peaks if not places.size or np.abs(places - i).min() > span}
+
+
+def _peaks(values: Array, **at_least: float) -> set[int]:
+    return set(scipy.signal.find_peaks(values, **at_least)[0].tolist())

@@ -178,7 +178,6 @@ class Robot:
 
     @cached_property
     def _to_actuators(self) -> Array:
-        """(n, n) inverse of the coupling."""
         inverse: Array = np.linalg.inv(self.coupling).astype(float)
         return inverse
 
@@ -213,7 +212,6 @@ class Robot:
 
 @cache
 def _lower(n: int) -> Mask:
-    """(n, n) True below the diagonal."""
     return np.tri(n, k=-1, dtype=bool)
 
 

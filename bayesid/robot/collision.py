@@ -262,13 +262,11 @@ def _check_floor(robot: Robot, floor: Floor, pairs: Sequence[Pair], nearest: Arr
 
 
 def _adjacent(robot: Robot, one: Shape, other: Shape) -> bool:
-    """Whether two shapes are of one body, or of two that share a joint."""
     a, b = one.body, other.body
     return a == b or (a != BASE and robot.joints[a].parent == b) or (b != BASE and robot.joints[b].parent == a)
 
 
 def _named(pairs: Iterable[Pair]) -> tuple[tuple[str, str], ...]:
-    """The links of pairs of shapes, each pair once."""
     return tuple(dict.fromkeys(names_of(pair) for pair in pairs))
 
 
@@ -279,16 +277,13 @@ def _of_capsules(given: Capsules) -> str:
 
 
 def _bare(robot: Robot, shapes: Sequence[Shape]) -> str:
-    """Which joints carry no shape."""
     bodies = {shape.body for shape in shapes}
     bare = [joint.name for k, joint in enumerate(robot.joints) if k not in bodies]
     more = f" and {len(bare) - 4} more" if len(bare) > 4 else ""
     return f"; none on joint{'s' * (len(bare) > 1)} {', '.join(bare[:4])}{more}" if bare else ""
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# The floor
-# ---------------------------------------------------------------------------------------------------------------
+# ---- The floor ----
 @dataclass(frozen=True, eq=False)
 class Floor:
     """What lies below a level plane: its unit normal (3,) in the base's frame, and its height along it, m."""
@@ -311,9 +306,7 @@ def _of_floor(floor: Floor | None) -> str:
     return f", floor {floor.height:g} m above the base's origin, against gravity"
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Distances and how fast they change
-# ---------------------------------------------------------------------------------------------------------------
+# ---- Distances and how fast they change ----
 class PairDistances:
     """Distances of P pairs of shapes, m; below zero where they overlap."""
 

@@ -6,7 +6,8 @@ published) and `notes` (what the positions count, where the last frame sits).
 
 URDF files of installed packages go by the names that these packages use; nothing is imported or downloaded.
 example-robot-data holds its files. robot_descriptions names files of git repositories, which it clones when one of its
-modules is imported: here its modules are read as text, and a file counts where an earlier clone is in its cache.
+modules is imported: here only what its modules assign is evaluated, and a file counts where an earlier clone is in its
+cache.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import re
 import tomllib
 from collections import Counter
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import replace
 from difflib import get_close_matches
 from functools import cache
@@ -82,21 +84,21 @@ def load_robot(source: str | Path, tip: str | None = None, hold: Mapping[str, fl
     """
     chosen = Origin(str(source), tip=tip, hold=dict(hold or {}))
     if str(source) in BUILT_IN:
-        return _from_table(built_in_text(str(source)), f"built-in robot {source}", chosen)
+        return _from_table(built_in_table(str(source)), f"built-in robot {source}", chosen)
     path = Path(source) if os.path.isfile(source) else installed_urdf(str(source))
     if path is None:
         raise _unknown(str(source))
     text = read_source(path, "give a text file in TOML or URDF")
     if path.suffix == ".toml":
-        return _from_table(text, str(path), chosen)
+        return _from_table(toml_of(text, str(path), "correct the file"), str(path), chosen)
     return _loaded(robot_from_urdf(text, str(path), tip, hold), replace(chosen, urdf=path))
 
 
-def _from_table(text: str, where: str, chosen: Origin) -> Robot:
+def _from_table(table: Mapping[str, Any], where: str, chosen: Origin) -> Robot:
     for name, value in (("tip", chosen.tip), ("hold", chosen.hold)):
         if value:
             raise InputError("is a table of one chain, whose joints are all identified", where, f"leave `{name}` out")
-    return _loaded(robot_from_table(toml_of(text, where, "correct the file"), where), chosen)
+    return _loaded(robot_from_table(table, where), chosen)
 
 
 def _loaded(robot: Robot, origin: Origin) -> Robot:
@@ -120,24 +122,16 @@ def _unknown(name: str) -> InputError:
     return InputError(f"no such robot{suggestion}", name, remedy)
 
 
-def built_in_text(name: str) -> str:
-    """The file of a built-in robot."""
-    return (_FOLDER / f"{name}.toml").read_text(encoding="utf-8")
-
-
 def built_in_table(name: str) -> dict[str, Any]:
     """What the file of a built-in robot holds."""
-    return tomllib.loads(built_in_text(name))
+    return tomllib.loads((_FOLDER / f"{name}.toml").read_text(encoding="utf-8"))
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Robots of installed packages
-# ---------------------------------------------------------------------------------------------------------------
+# ---- Robots of installed packages ----
 def installed_urdf(name: str) -> Path | None:
     """The file of a robot of an installed package; None if no package knows the name.
 
-    Args:
-        name: of example-robot-data's loaders or files, or of robot_descriptions, with or without `_description`.
+    Names are those of example-robot-data's loaders or files, and of robot_descriptions, with or without `_description`.
 
     Raises:
         InputError: robot_descriptions knows the name, but its file is not here.
@@ -189,16 +183,24 @@ def _descriptions() -> Mapping[str, Path]:
 
 
 def _described(name: str) -> Path:
-    stated = _stated_paths(_descriptions()[name])
+    module, cache = _descriptions()[name], _cache_folder()
+
+    def clone(repository: str, **_: object) -> str:
+        """Where robot_descriptions keeps a repository."""
+        known = _assigned(module.with_name("_repositories.py"), Repository=lambda **given: given)
+        folder, commit = known["REPOSITORIES"][repository]["cache_path"], os.environ.get("ROBOT_DESCRIPTION_COMMIT")
+        return str(cache / (f"{folder}-{commit}/{folder}" if commit else folder))
+
+    stated = _assigned(module, _path=os.path, _getenv=os.environ.get, _clone_to_cache=clone)
     fetch = f"`python -m robot_descriptions pull {name}`"
     if "URDF_PATH" in stated:
-        if stated["URDF_PATH"].is_file():
-            return stated["URDF_PATH"]
-        place = stated["URDF_PATH"]
+        place = Path(stated["URDF_PATH"])
+        if place.is_file():
+            return place
         raise InputError(f"its files are not here ({place})", name, f"fetch them once by {fetch}, with a network")
     if "XACRO_PATH" not in stated:
         raise InputError("states no URDF file", name, f"give the file that {fetch} prints, if it is a URDF")
-    rendered = sorted(_cache_folder().glob(f"xacrodoc/{name}/*.urdf"), key=lambda file: file.stat().st_mtime)
+    rendered = sorted(cache.glob(f"xacrodoc/{name}/*.urdf"), key=lambda file: file.stat().st_mtime)
     if not rendered:
         remedy = f"make it once by {fetch}, with a network and `pip install xacrodoc`"
         raise InputError("is made by xacro, and its URDF is not here", name, remedy)
@@ -209,61 +211,20 @@ def _cache_folder() -> Path:
     return Path(os.environ.get("ROBOT_DESCRIPTIONS_CACHE", "~/.cache/robot_descriptions")).expanduser()
 
 
-def _stated_paths(module: Path) -> dict[str, Path]:
-    """Paths that a module assigns by joining strings and a repository's folder; what it computes is left out."""
-    paths: dict[str, Path] = {}
+def _assigned(module: Path, **imported: Any) -> dict[str, Any]:
+    """What a module assigns, with names in place of what it imports; what needs others is left out."""
+    names = {"__builtins__": {}, **imported}
     for node in ast.parse(module.read_text(encoding="utf-8")).body:
         target = node.targets[0] if isinstance(node, ast.Assign) else getattr(node, "target", None)
         if isinstance(node, ast.Assign | ast.AnnAssign) and isinstance(target, ast.Name) and node.value is not None:
-            path = _path(node.value, paths, module.with_name("_repositories.py"))
-            paths |= {} if path is None else {target.id: path}
-    return paths
+            with suppress(Exception):
+                names[target.id] = eval(compile(ast.Expression(node.value), str(module), "eval"), names)
+    return names
 
 
-def _path(value: ast.expr, known: Mapping[str, Path], repositories: Path) -> Path | None:
-    """What an expression is as a path; None if it is something else."""
-    if isinstance(value, ast.Name):
-        return known.get(value.id)
-    if isinstance(value, ast.Constant):
-        return Path(str(value.value))
-    if not isinstance(value, ast.Call) or not value.args:
-        return None
-    function = ast.unparse(value.func)
-    if function == "_clone_to_cache" and isinstance(value.args[0], ast.Constant):
-        return _clone(str(value.args[0].value), repositories)
-    parts = [_path(part, known, repositories) for part in value.args]
-    if function == "_path.join":
-        return None if None in parts else Path(*(part for part in parts if part is not None))
-    return parts[0].parent if function == "_path.dirname" and parts[0] is not None else None
-
-
-def _clone(repository: str, repositories: Path) -> Path | None:
-    """Where robot_descriptions keeps a repository."""
-    for node in ast.walk(ast.parse(repositories.read_text(encoding="utf-8"))):
-        if not isinstance(node, ast.Dict):
-            continue
-        for key, entry in zip(node.keys, node.values, strict=True):
-            if isinstance(key, ast.Constant) and key.value == repository and isinstance(entry, ast.Call):
-                folder = next(ast.literal_eval(word.value) for word in entry.keywords if word.arg == "cache_path")
-                commit = os.environ.get("ROBOT_DESCRIPTION_COMMIT")
-                return _cache_folder() / (f"{folder}-{commit}/{folder}" if commit else folder)
-    return None
-
-
-# ---------------------------------------------------------------------------------------------------------------
-# Joints of a log
-# ---------------------------------------------------------------------------------------------------------------
+# ---- Joints of a log ----
 def check_joints(robot: Robot, count: int, source: str) -> None:
-    """That a log holds as many joints as a robot has.
-
-    Args:
-        robot: as it was loaded.
-        count: joints of the log.
-        source: of the log.
-
-    Raises:
-        InputError: the numbers differ; it names the options that choose a chain of so many joints.
-    """
+    """InputError unless a log holds as many joints as a robot has; it names the options that choose such a chain."""
     if count == robot.n_joints:
         return
     said = f"the log has {count} joints, robot {robot.name} has {robot.n_joints}"
@@ -284,9 +245,7 @@ def chains_of(robot: Robot, count: int) -> list[str]:
     none, a chain may end anywhere.
     """
     names = [joint.name for joint in robot.joints]
-    paths: list[list[int]] = []
-    for k, joint in enumerate(robot.joints):
-        paths.append([*(paths[joint.parent] if joint.parent >= 0 else []), k])
+    paths = [robot.to_base(k)[::-1] for k in range(robot.n_joints)]
     carried = Counter(joint.parent for joint in robot.joints)
     limbs = [
         (path[:-count], path[-1])

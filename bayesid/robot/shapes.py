@@ -66,15 +66,10 @@ class Shape:
 
 
 def capsule_shapes(robot: Robot, radii: float | Sequence[float], tool: Sequence[float]) -> list[Shape]:
-    """One capsule a link, about the line from its joint to the next.
+    """One capsule a link, about the line from its joint to the next, as `Capsules` (`bayesid.robot.collision`) says.
 
     The line of a link with an offset along an axis and a length across it has a corner, as a Denavit-Hartenberg step
     has, and two capsules. The last link ends at its own frame, or at a point that is given in it.
-
-    Args:
-        robot: the robot.
-        radii: m, one for all links or one for each; the base has that of the first.
-        tool: (3,) the end of what is mounted, in the last link's frame, m.
 
     Raises:
         InputError: a radius is not positive, or there is not one for each; or the tool's end is no point.
@@ -90,28 +85,23 @@ def capsule_shapes(robot: Robot, radii: float | Sequence[float], tool: Sequence[
         if body != BASE and robot.joints[body].prismatic:
             found.append(Shape(name, body, coal.Capsule(radius, 0.0), np.eye(4), rod=True))
         lines = [line for corners in _lines(robot, body, end, standard) for line in _pieces(corners)]
-        found += [_capsule(name, body, line, radius) for line in lines]
+        for start, stop in lines:
+            way, place = stop - start, np.eye(4)
+            place[:3, :3], place[:3, 3] = upright(way), (start + stop) / 2.0
+            found.append(Shape(name, body, coal.Capsule(radius, float(np.linalg.norm(way))), place))
         if not lines and body != BASE:
             found.append(Shape(name, body, coal.Sphere(radius), np.eye(4)))
     return found
 
 
-def _capsule(name: str, body: int, ends: Array, radius: float) -> Shape:
-    way, place = ends[1] - ends[0], np.eye(4)
-    place[:3, :3], place[:3, 3] = upright(way), ends.mean(axis=0)
-    return Shape(name, body, coal.Capsule(radius, float(np.linalg.norm(way))), place)
-
-
 def upright(way: Array) -> Array:
     """(3, 3) a rotation that turns z, along which a capsule lies, into a direction (3,)."""
-    rotation: Array = scipy.spatial.transform.Rotation.align_vectors(way[None], np.array([[0.0, 0.0, 1.0]]))[
-        0
-    ].as_matrix()
-    return rotation
+    rotation, _ = scipy.spatial.transform.Rotation.align_vectors(way[None], np.array([[0.0, 0.0, 1.0]]))
+    return rotation.as_matrix()
 
 
 def _widths(robot: Robot, radii: float | Sequence[float]) -> list[float]:
-    given = [float(one) for one in np.atleast_1d(np.asarray(radii, dtype=float))]
+    given = np.atleast_1d(np.asarray(radii, dtype=float)).tolist()
     given = given * robot.n_joints if len(given) == 1 else given
     remedy = f"give one radius in m, or {robot.n_joints} from base to tip"
     if len(given) != robot.n_joints:
@@ -122,7 +112,6 @@ def _widths(robot: Robot, radii: float | Sequence[float]) -> list[float]:
 
 
 def _lines(robot: Robot, body: int, tool: Array, standard: bool) -> Iterator[Array]:
-    """Corners of a link's lines, in its joint's frame."""
     here = None if body == BASE else robot.joints[body]
     children = [joint for joint in robot.joints if joint.parent == body]
     for child in children:
@@ -150,12 +139,9 @@ def _pieces(corners: Array) -> Iterator[Array]:
 
 
 def urdf_shapes(origin: Origin, n_joints: int, folders: Sequence[str | Path] = ()) -> list[Shape]:
-    """Shapes of <collision> elements, in the frames of the joints that move.
+    """Shapes of <collision> elements of a robot that was loaded from a URDF, in the frames of the joints that move.
 
-    Args:
-        origin: of a robot that was loaded from a URDF.
-        n_joints: of that robot.
-        folders: where packages of meshes are looked for first.
+    Packages of meshes are looked for in the folders first.
 
     Raises:
         InputError: a mesh is not found or cannot be read, a number cannot be used, or the file is not what it was.
@@ -164,7 +150,8 @@ def urdf_shapes(origin: Origin, n_joints: int, folders: Sequence[str | Path] = (
     where = printable(str(origin.urdf))
     text = read_source(origin.urdf, "give a URDF file")
     tree = read_tree(text, where)
-    joints, places = place_links(tree, hold_joints(tree, origin.tip, origin.hold, where))
+    held, _ = hold_joints(tree, origin.tip, origin.hold, where)
+    joints, places = place_links(tree, held)
     if len(joints) != n_joints:
         raise InputError("has other joints than when the robot was loaded", where, "load the robot again")
     shapes = []

@@ -22,9 +22,9 @@ class Tuning:
     near_name: float = 0.8
     """Likeness from which a name is proposed: a letter of five; less, and `_description` makes all names alike."""
     named_joints: int = 8
-    """Joints of a sentence that are named; a round number."""
+    """Joints of a sentence that are named."""
     named_chains: int = 4
-    """Chains that an error names; a round number."""
+    """Chains that an error names."""
     reach_starts: int = 8
     """Random positions from which the reach is looked for: from two of them it is found on all built-in robots."""
     parallel_axes: float = 0.1

@@ -8,7 +8,6 @@ of a gripper, and, where a tip is named, all that are not on the chain to it.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from difflib import get_close_matches
 from itertools import combinations
 
@@ -28,40 +27,34 @@ _WORLD = "world"
 def robot_from_urdf(text: str, where: str, tip: str | None = None, hold: Mapping[str, float] | None = None) -> Robot:
     """A robot from URDF text; `continuous` joints count as revolute, and fixed links belong to their parents.
 
-    Args:
-        text: the URDF; inertias and meshes do not matter, nor limits but those of efforts.
-        where: what to name in an error.
-        tip: link or joint at the end of the chain that is identified; by default all chains are, but not grippers.
-        hold: positions at which more joints are held, rad or m, by name.
+    Inertias and meshes do not matter, nor limits but those of efforts. What is held, `hold_joints` says.
 
     Raises:
-        InputError: the text is not a URDF, a name is not in it, or no joint is left to identify.
+        InputError: the text is not a URDF, a name is not in it, or no joint is left to identify; it names `where`.
     """
     tree = read_tree(text, where)
-    held = hold_joints(tree, tip, hold or {}, where)
-    check_count(sum(one.moves and one.name not in held.positions for one in tree.joints), where)
+    held, notes = hold_joints(tree, tip, hold or {}, where)
+    check_count(sum(one.moves and one.name not in held for one in tree.joints), where)
     joints, _ = place_links(tree, held)
-    return Robot(tree.name, tuple(joints), gravity=np.array([0.0, 0.0, -9.81]), notes=held.notes)
+    return Robot(tree.name, tuple(joints), gravity=np.array([0.0, 0.0, -9.81]), notes=notes)
 
 
-def place_links(tree: UrdfTree, held: HeldJoints) -> tuple[list[Joint], dict[str, tuple[int, Array]]]:
-    """The joints that move, and where the links are.
+def place_links(tree: UrdfTree, held: Mapping[str, float]) -> tuple[list[Joint], dict[str, tuple[int, Array]]]:
+    """The joints that move, and for each link the joint that carries it, -1 for none, and its (4, 4) frame in that's.
 
-    Returns:
-        The joints; and for each link the index of the joint that carries it, -1 for none, and its (4, 4) frame in that
-        joint's.
+    Joints that are held stand at a position, rad or m.
     """
     joints: list[Joint] = []
     places: dict[str, tuple[int, Array]] = {tree.base: (-1, np.eye(4))}
     for one in tree.joints:
         parent, frame = places[one.parent]
         frame = frame @ one.origin
-        if one.moves and one.name not in held.positions:
+        if one.moves and one.name not in held:
             slides, rated = one.kind == "prismatic", one.rated_effort
             joints.append(Joint(frame, one.axis, slides, parent, name=one.name, rated_effort=rated))
             places[one.child] = len(joints) - 1, np.eye(4)
         else:
-            places[one.child] = parent, frame @ _displacement(one, held.positions.get(one.name, 0.0))
+            places[one.child] = parent, frame @ _displacement(one, held.get(one.name, 0.0))
     return joints, places
 
 
@@ -75,26 +68,15 @@ def _displacement(joint: UrdfJoint, position: float) -> Array:
     return frame
 
 
-@dataclass(frozen=True)
-class HeldJoints:
-    """Joints that do not move in the model.
-
-    Attributes:
-        positions: name to position, rad or m; of a floating or planar joint 0.
-        notes: why they are held, and what the base is taken for, a sentence each.
-    """
-
-    positions: Mapping[str, float]
-    notes: tuple[str, ...]
-
-
-def hold_joints(tree: UrdfTree, tip: str | None, hold: Mapping[str, float], where: str) -> HeldJoints:
-    """What is to be held.
+def hold_joints(
+    tree: UrdfTree, tip: str | None, hold: Mapping[str, float], where: str
+) -> tuple[dict[str, float], tuple[str, ...]]:
+    """Positions of the joints that do not move in the model, rad or m, by name; why, and what the base is taken for.
 
     Args:
         tree: the URDF.
         tip: link or joint at the end of the chain that is identified; None for all chains but grippers.
-        hold: positions of more joints, rad or m, by name.
+        hold: positions of more joints.
         where: what to name in an error.
 
     Raises:
@@ -103,17 +85,22 @@ def hold_joints(tree: UrdfTree, tip: str | None, hold: Mapping[str, float], wher
     """
     positions = {name: _position(tree, name, value, where) for name, value in hold.items()}
     chain = None if tip is None else _chain(tree, tip, where)
-    off = [] if chain is None else [joint for joint in tree.joints if joint.moves and joint not in chain]
+    moving = [joint for joint in tree.joints if joint.moves]
+    off = [] if chain is None else [joint for joint in moving if joint not in chain]
     fingers = _fingers(tree) if chain is None else []
-    mimics = [joint for joint in tree.joints if joint.moves and joint.leader is not None]
-    mimics = [joint for joint in mimics if joint not in (*off, *fingers)]
-    positions = {joint.name: 0.0 for joint in (*off, *fingers, *mimics)} | positions
-    for joint in (*off, *fingers, *mimics):
+    mimics = [joint for joint in moving if joint.leader is not None and joint not in (*off, *fingers)]
+    still = (*off, *fingers, *mimics)
+    positions = {joint.name: 0.0 for joint in still} | positions
+    for joint in still:
         if joint.leader is not None and joint.name not in hold:
             positions[joint.name] = joint.multiplier * positions.get(joint.leader, 0.0) + joint.offset
-    identified = [joint for joint in tree.joints if joint.moves and joint.name not in positions]
+    identified = [joint for joint in moving if joint.name not in positions]
+    if not identified and (tip is None or not positions):
+        but = f" but {_listed(list(positions))}, held" if positions else ""
+        raise InputError(f"has no moving joint{but}", where, "give a URDF of an arm")
     if not identified:
-        raise _nothing_moves(tree, tip, positions, where)
+        remedy = f"`tip` takes {_nearest(str(tip), (), _ends(tree))}"
+        raise InputError(f"no joint moves on the chain to {tip}", where, remedy)
     notes = [
         _sentence([joint.name for joint in off], f"not on the chain to {tip}"),
         _sentence([joint.name for joint in fingers], "a gripper is not identified"),
@@ -121,7 +108,7 @@ def hold_joints(tree: UrdfTree, tip: str | None, hold: Mapping[str, float], wher
         _sentence([f"{name} (at {position:g})" for name, position in hold.items()], "as asked"),
         *_base_notes(tree, fingers),
     ]
-    return HeldJoints(positions, tuple(note for note in notes if note))
+    return positions, tuple(note for note in notes if note)
 
 
 def _position(tree: UrdfTree, name: str, value: object, where: str) -> float:
@@ -131,20 +118,11 @@ def _position(tree: UrdfTree, name: str, value: object, where: str) -> float:
     return float(given_numbers(value, (), name, "`hold`"))
 
 
-def _nothing_moves(tree: UrdfTree, tip: str | None, positions: Collection[str], where: str) -> InputError:
-    but = f" but {_listed(list(positions))}, held" if positions else ""
-    if tip is None or not positions:
-        return InputError(f"has no moving joint{but}", where, "give a URDF of an arm")
-    return InputError(f"no joint moves on the chain to {tip}", where, f"`tip` takes {_nearest(tip, (), _ends(tree))}")
-
-
 def _ends(tree: UrdfTree) -> list[str]:
-    """Links of the last moving joints."""
     return [joint.child for joint in tree.joints if joint.moves and not _moving_beyond(tree, joint)]
 
 
 def _chain(tree: UrdfTree, tip: str, where: str) -> list[UrdfJoint]:
-    """Joints between the base and a link, or up to a joint."""
     links = [tree.base, *(joint.child for joint in tree.joints)]
     if tip in links:
         return tree.path(tip)
@@ -155,19 +133,15 @@ def _chain(tree: UrdfTree, tip: str, where: str) -> list[UrdfJoint]:
 
 
 def _nearest(name: str, known: Sequence[str], usual: Sequence[str] = ()) -> str:
-    """The names nearest to one or, where none is near, the usual ones."""
     return _some(get_close_matches(name, known, n=3) or usual or known)
 
 
 def _some(names: Sequence[str]) -> str:
-    """The first names, and how many more there are."""
     most = TUNING.named_joints
     return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Grippers
-# ---------------------------------------------------------------------------------------------------------------
+# ---- Grippers ----
 def _fingers(tree: UrdfTree) -> list[UrdfJoint]:
     """Joints of grippers: one and those that follow it, with two ends or more; and two ends that oppose each other."""
     found = {joint for group in _mimic_groups(tree) for joint in group}
@@ -203,9 +177,7 @@ def _moving_beyond(tree: UrdfTree, joint: UrdfJoint) -> list[UrdfJoint]:
     return [other for other in tree.beyond(joint) if other.moves]
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# What is to be told
-# ---------------------------------------------------------------------------------------------------------------
+# ---- What is to be told ----
 def _mimic_notes(
     tree: UrdfTree, mimics: Sequence[UrdfJoint], identified: Collection[UrdfJoint], where: str
 ) -> list[str]:
@@ -225,7 +197,6 @@ def _mimic_notes(
 
 
 def _base_notes(tree: UrdfTree, fingers: Collection[UrdfJoint]) -> list[str]:
-    """Joints without a motor, and a base that may be a trunk."""
     bodies = {link: tree.body(link)[0] for link in (tree.base, *(joint.parent for joint in tree.joints))}
     free = [joint for joint in tree.joints if joint.kind in FREE]
     notes = [

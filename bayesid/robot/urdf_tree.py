@@ -26,18 +26,12 @@ _KINDS = (*MOVING, *FREE, "fixed")
 
 @dataclass(frozen=True, eq=False)
 class UrdfJoint:
-    """A joint of a URDF.
+    """A joint of a URDF between two links; its kind is the file's type.
 
     Attributes:
-        name: its own.
-        kind: its type.
-        parent: name of a link.
-        child: name of a link.
         origin: (4, 4) its frame at rest in the parent link's.
         axis: (3,) unit axis in its frame; zero for a joint that is fixed and names none.
-        leader: name of the joint that it follows by <mimic>, fixed or not; None if it follows none.
-        multiplier: of the leader's position.
-        offset: of its position, rad or m.
+        leader: name of the joint that it follows by <mimic>, fixed or not: multiplier * position + offset.
         rated_effort: N m, or N; None where the file names none that a joint may have.
     """
 
@@ -60,10 +54,9 @@ class UrdfJoint:
 
 @dataclass(frozen=True)
 class UrdfTree:
-    """Links and joints.
+    """Links and joints of a robot.
 
     Attributes:
-        name: of the robot.
         base: the link without a parent.
         joints: branch by branch from the base, each before those beyond it; branches in alphabetical order of joints.
     """
@@ -95,12 +88,8 @@ class UrdfTree:
         return (other for other in self.joints if other is not joint and joint.name in self._carriers[other.child])
 
     @cached_property
-    def _carriers(self) -> dict[str, frozenset[str]]:
-        """Link to the names of the joints between it and the base."""
-        found: dict[str, frozenset[str]] = {self.base: frozenset()}
-        for joint in self.joints:
-            found[joint.child] = found[joint.parent] | {joint.name}
-        return found
+    def _carriers(self) -> dict[str, set[str]]:
+        return {link: {joint.name for joint in self.path(link)} for link in self.above}
 
     def body(self, link: str) -> tuple[str, Array]:
         """The link nearest to the base of those that are fixed to one, and (4, 4) the link's frame in that one's."""
@@ -112,11 +101,7 @@ class UrdfTree:
 
 
 def read_tree(text: str, where: str) -> UrdfTree:
-    """The tree of URDF text.
-
-    Raises:
-        InputError: the text is not a URDF, or its links and joints are no tree.
-    """
+    """The tree of URDF text; InputError where it is no URDF, or its links and joints are no tree."""
     root = _root(text, where)
     check_links(root, where)
     links = [element.get("name", "") for element in root.findall("link")]
@@ -142,11 +127,7 @@ def read_tree(text: str, where: str) -> UrdfTree:
 
 
 def check_links(root: ET.Element, where: str) -> None:
-    """Refuses a file of more links or joints than any robot has.
-
-    Raises:
-        InputError: it has.
-    """
+    """InputError for a file of more links or joints than any robot has."""
     for kind in ("link", "joint"):
         if (count := len(root.findall(kind))) > TUNING.most_links:
             raise InputError(f"has {count} {kind}s", where, f"give a URDF of {TUNING.most_links} at most")
@@ -170,20 +151,17 @@ def _root(text: str, where: str) -> ET.Element:
 
 def _in_order(joints: list[UrdfJoint], base: str) -> Iterator[UrdfJoint]:
     """Joints from the base on: Pinocchio's order, which other tools share."""
-    joints = sorted(joints, key=lambda joint: joint.name, reverse=True)
-    waiting = [base]
+    beneath: dict[str, list[UrdfJoint]] = {}
+    for joint in sorted(joints, key=lambda joint: joint.name, reverse=True):
+        beneath.setdefault(joint.parent, []).append(joint)
+    waiting = list(beneath.get(base, []))
     while waiting:
-        link = waiting.pop()
-        if link != base:
-            yield next(joint for joint in joints if joint.child == link)
-        waiting += [
-            joint.child for joint in sorted(joints, key=lambda one: one.name, reverse=True) if joint.parent == link
-        ]
+        joint = waiting.pop()
+        yield joint
+        waiting += beneath.get(joint.child, [])
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# One joint
-# ---------------------------------------------------------------------------------------------------------------
+# ---- One joint ----
 def _joint(element: ET.Element, links: list[str], where: str) -> UrdfJoint:
     kind, name = element.get("type"), element.get("name", "")
     here = f"{where}, joint {name}"
@@ -193,23 +171,17 @@ def _joint(element: ET.Element, links: list[str], where: str) -> UrdfJoint:
     axis = _vector(element, "axis", "xyz", "1 0 0", here)
     if kind in MOVING and np.linalg.norm(axis) < 1e-6:
         raise InputError("key 'axis xyz' cannot be used", here, "give a direction that is not zero")
-    mimic = element.find("mimic")
-    numbers = {"multiplier": 1.0, "offset": 0.0}
+    mimic, follows = element.find("mimic"), {}
     if mimic is not None:
-        numbers = {key: _number(mimic.get(key, value), f"mimic {key}", here) for key, value in numbers.items()}
-    leader = None if mimic is None else mimic.get("joint", "")
-    direction, rated = axis / (np.linalg.norm(axis) or 1.0), _rated_effort(element)
-    return UrdfJoint(
-        name, kind, parent, child, origin_of(element, here), direction, leader, **numbers, rated_effort=rated
-    )
+        for key, usual in (("multiplier", 1.0), ("offset", 0.0)):
+            follows[key] = float(given_numbers(mimic.get(key, usual), (), f"mimic {key}", here))
+    leader, direction = None if mimic is None else mimic.get("joint", ""), axis / (np.linalg.norm(axis) or 1.0)
+    origin, rated = origin_of(element, here), _rated_effort(element)
+    return UrdfJoint(name, kind, parent, child, origin, direction, leader, **follows, rated_effort=rated)
 
 
 def origin_of(element: ET.Element, where: str) -> Array:
-    """(4, 4) the frame of an <origin>.
-
-    Raises:
-        InputError: it holds no numbers of a frame.
-    """
+    """(4, 4) the frame of an <origin>; InputError where it holds none."""
     frame = np.eye(4)
     frame[:3, 3] = _vector(element, "origin", "xyz", "0 0 0", where, TUNING.longest)
     angles = _vector(element, "origin", "rpy", "0 0 0", where)
@@ -238,7 +210,3 @@ def _vector(element: ET.Element, tag: str, key: str, usual: str, where: str, mos
     found = element.find(tag)
     text = usual if found is None else found.get(key, usual)
     return given_numbers(text.split(), (3,), f"{tag} {key}", where, most)
-
-
-def _number(text: object, key: str, where: str) -> float:
-    return float(given_numbers(text, (), key, where))

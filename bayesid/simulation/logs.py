@@ -88,7 +88,6 @@ class SimulatedEffect(NamedTuple):
     level: float  # RMS of the change of the joint's effort relative to the RMS of that effort without it
 
     def __str__(self) -> str:
-        """As on the command line."""
         return f"{self.name}:{self.joint}:{self.level:g}"
 
 
@@ -180,7 +179,6 @@ def _scene(model: Model, theta: Array, motion: Motion) -> Scene:
 
 
 def _form(effect: SimulatedEffect, scene: Scene, rng: np.random.Generator) -> Term | Distortion:
-    """One of the forms in which the effect may be hidden in this joint, or in the whole robot."""
     variants: Iterable[Term | Distortion] = main_forms()[effect.name].variants(scene)
     forms = [form for form in variants if form.joints in ((), (effect.joint,))]
     if not forms:

@@ -30,9 +30,9 @@ from bayesid.log.tuning import TUNING
 __all__ = ["Column", "Format", "Options", "Table", "is_log_folder", "is_stream", "known_formats", "read_table"]
 
 STANDARD_INPUT = "-"
-"""What stands for it in place of a path."""
 _UNPACK = "unpack it, and give the log inside"
 _TABLE = "write its columns as CSV, or give it from Python: bayesid.read_log(pandas.{}(FILE{}))"
+_ARRAYS = "bayesid.read_log({'t': .., 'q': .., 'tau': ..})"
 _SHEET = "save the sheet with the log as CSV"
 _FOREIGN = (
     (rb"\s*\{[^\n]*\}\s*\n\s*\{", "lines of JSON", _TABLE.format("read_json", ", lines=True")),
@@ -43,19 +43,11 @@ _FOREIGN = (
     (rb"PK.{2,8192}content\.xml", "an OpenDocument spreadsheet", _SHEET),
     (rb"\xd0\xcf\x11\xe0", "an old Excel workbook", _SHEET),
     (rb"PK.{2,8192}\.npy", "an archive of NumPy", "give it from Python: bayesid.read_log(dict(numpy.load(FILE)))"),
-    (
-        rb"\x93NUMPY",
-        "an array of NumPy",
-        "give it from Python, with names: bayesid.read_log({'t': .., 'q': .., 'tau': ..})",
-    ),
+    (rb"\x93NUMPY", "an array of NumPy", f"give it from Python, with names: {_ARRAYS}"),
     (rb"PK\x03\x04", "a zip archive", _UNPACK),
     (rb"\x1f\x8b|BZh\d|\xfd7zXZ|\x28\xb5\x2f\xfd|7z\xbc\xaf", "compressed", _UNPACK),
     (rb"#ROSBAG V", "a bag of ROS 1", "convert it: rosbags-convert --src FILE --dst FOLDER"),
-    (
-        rb"\x89HDF",
-        "an HDF5 file, but none of MATLAB",
-        "give its arrays from Python: bayesid.read_log({'t': .., 'q': .., 'tau': ..})",
-    ),
+    (rb"\x89HDF", "an HDF5 file, but none of MATLAB", f"give its arrays from Python: {_ARRAYS}"),
     (
         rb"DIAEXTENDED",
         "a header of DIAdem, as KUKA's trace writes it beside its .r64",
@@ -64,7 +56,7 @@ _FOREIGN = (
     (rb"TDSm|MDF {5}|UnFinMF", "a measurement file (TDMS or MDF)", "export its channels as CSV"),
     (rb"%PDF|\x89PNG|\xff\xd8\xff", "a document or a picture", "give the log that it shows"),
 )
-"""How files begin that hold no log which could be read here, what they are, and how to come to a log."""
+"""How files begin that hold no log for us, what they are, and how to come to a log."""
 
 
 class Format(ABC):
@@ -101,12 +93,7 @@ class Format(ABC):
 
     @abstractmethod
     def read(self, path: Path, options: Options) -> Table:
-        """The columns of a log.
-
-        Raises:
-            InputError: they are not there, or damaged, or which is meant stays open.
-            OSError: the file cannot be opened.
-        """
+        """The columns of a log; InputError where they are not there, damaged, or open, OSError as it comes."""
 
 
 def known_formats() -> list[Format]:
@@ -117,12 +104,9 @@ def known_formats() -> list[Format]:
 
 
 def read_table(path: Path, options: Options) -> Table:
-    """What a file, or a folder that is a recording, holds of a log, its numbers checked.
+    """What a file, or a folder that is a recording, holds of a log, its numbers checked; InputError where it cannot be.
 
     Files of one run are joined: `path` is then their names with a `+` between them, each perhaps a pattern.
-
-    Raises:
-        InputError: there is no such file, or it cannot be used.
     """
     if JOINT in str(path) and not os.path.exists(path):
         names = [name.strip() for name in str(path).split(JOINT) if name.strip()]
@@ -159,11 +143,7 @@ def is_log_folder(path: Path) -> bool:
 
 
 def is_stream(path: Path) -> bool:
-    """Whether a path is a pipe or stands for standard input.
-
-    Raises:
-        InputError: it is a device, which may never end.
-    """
+    """Whether a path is a pipe or stands for standard input; InputError if it is a device, which may never end."""
     if os.path.lexists(path):
         kind = os.stat(path).st_mode
         if stat.S_ISCHR(kind) or stat.S_ISBLK(kind) or stat.S_ISSOCK(kind):

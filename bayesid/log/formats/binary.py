@@ -87,9 +87,7 @@ class MatlabFile(Format):
         return table_of(found, str(path), options)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Parquet
-# ---------------------------------------------------------------------------------------------------------------
+# ---- Parquet ----
 def _may_be_numbers(kind: pyarrow.DataType) -> bool:
     from pyarrow import types
 
@@ -124,9 +122,7 @@ def _vectors(column: pyarrow.ChunkedArray, path: Path, name: str) -> dict[str, A
     return {f"{name}{k + 1}": compute.list_element(column, k).to_numpy() for k in range(width)}
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# MATLAB
-# ---------------------------------------------------------------------------------------------------------------
+# ---- MATLAB ----
 def _load_matlab(path: Path) -> dict[str, Any]:
     from scipy.io import loadmat
 
@@ -208,7 +204,6 @@ def _check_matlab(content: bytes) -> None:
 
 
 def _elements(content: bytes, order: str) -> Iterator[tuple[int, bytes]]:
-    """Type and content of the elements one after the other; the last may end early."""
     start = 0
     while start + _TAG <= len(content):
         kind, size = struct.unpack_from(f"{order}II", content, start)

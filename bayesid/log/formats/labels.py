@@ -35,8 +35,6 @@ _FACTORS = {kind: {unit.casefold(): factor for unit, factor in units.items()} fo
 _BRACKETED = re.compile(r"(?P<name>.*?)\s*(?:\[(?P<square>[^][]+)\]|\((?P<round>[^()]+)\))")
 _NUMBER = re.compile(r"[0-9]+|\{[^}]*\}")
 _COUNT = re.compile(rf"(?P<count>[0-9]{{1,{MOST_DIGITS}}}(?:\.[0-9]+)?)\s*(?P<unit>[^0-9]+)")
-
-
 WORDS = {
     "t": ("t", "time", "timestamp", "stamp", "sim time", "zeit", "zeitstempel", "ipoc"),
     "q": (
@@ -74,19 +72,12 @@ OTHER = 3
 _USUAL, _RANKS = 4, {"ipoc": OTHER, "aipos": OTHER, "a": 5, "aspos": 6}
 """Ranks of other words: RSI's count before the usual ones, plain axes and commanded positions where nothing else is."""
 _AXIS = re.compile("A[1-9]", re.IGNORECASE)
-"""A position of RSI that says no more."""
+"""A position of RSI."""
 _AXIS_LETTER = re.compile(r"(?<=[\W_])[AJaj](?=[0-9]+\W*$)|(?i:((?<=pos)|(?<=vel)|(?<=torque)|(?<=macur))A(?=[0-9]+$))")
 """A letter before a joint's number that says no more, as in `Torque_A1`, `pos.j1` or `AIPosA1`."""
 _PREFIX = re.compile("[/.]|[_ ](?=(?:AIPos|ASPos|AxisVel|GearTorque|AxisTorque|MACur|IPOC))", re.IGNORECASE)
 """Behind what stands before a name."""
 _LAST_NUMBER = re.compile(rf"[0-9]{{1,{MOST_DIGITS}}}(?=[^0-9]*$)")
-
-
-class Label(NamedTuple):
-    """A name and what is said of its unit, if anything is."""
-
-    name: str
-    unit: str | None
 
 
 def factor_of(kind: str, unit: str) -> float | None:
@@ -101,11 +92,15 @@ def is_unit(text: str) -> bool:
     return any(text.strip().casefold() in units for units in _FACTORS.values())
 
 
-def split_brackets(label: str) -> Label:
-    """A label without the unit in brackets behind it: "q1 [deg]" is q1 in "deg", but "q[1]" has a number, no unit.
+class Label(NamedTuple):
+    """A name and what is said of its unit, if anything is."""
 
-    In a pattern of a user `{}` stands for the number.
-    """
+    name: str
+    unit: str | None
+
+
+def split_brackets(label: str) -> Label:
+    """A label without the unit in brackets behind it: "q1 [deg]" is q1 in "deg", but "q[1]" or "q[{}]" has none."""
     match = None if len(label) > TUNING.longest_label else _BRACKETED.fullmatch(label)
     unit = None if match is None else match["square"] or match["round"]
     if match is None or unit is None or not match["name"] or _NUMBER.fullmatch(unit.strip()):

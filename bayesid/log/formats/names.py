@@ -42,20 +42,14 @@ _QUANTITY = re.compile(
     r"(?<![a-z])(q|qd|dq|pos|position|angle|vel|velocity|speed|tau|torque|moment|effort|current|state|action)s?(?![a-z])",
     re.IGNORECASE,
 )
-_COMMANDED = "aspos"
-"""The word of RSI's commanded positions."""
 _Family = Mapping[int, Reading]
 """Columns of one kind that are called alike, by the numbers in their labels."""
 
 
 def choose(header: Sequence[str], where: str, options: Options) -> Chosen:
-    """The columns that make a log: the time; for every joint its position, effort and, if measured, velocity.
+    """The columns of a header that make a log: time, positions, efforts and, if measured, velocities of all joints.
 
-    Args:
-        header: the names of a file's columns; those that are not of a log are left out.
-        where: the header's place, for messages.
-        options: the columns that a user has named (the others go by their own names); whether efforts are left out;
-            whether currents count where there are torques too; whether the columns need not be a whole log.
+    Columns that the options do not name go by their own names. `where` is the header's place, for messages.
 
     Raises:
         InputError: a column is missing or appears twice, or which is meant stays open.
@@ -78,13 +72,12 @@ def choose(header: Sequence[str], where: str, options: Options) -> Chosen:
         chosen += (SourceColumn("part", header.index(convention.part), convention.part, 1.0),)
     words = {one.word for family in families for one in family.values() if one.rank >= OTHER}
     note = _note(header, chosen, convention) if words or convention is not None else ""
-    if _COMMANDED in words:
+    if "aspos" in words:  # of RSI
         note += f"{'; ' if note else ''}positions are commanded ones (ASPos); the axes lag behind them"
     return Chosen(chosen, (f"{where}: {note}",) if note else ())
 
 
 def _is_whole(header: Sequence[str]) -> bool:
-    """Whether the names of a CSV log make a whole one."""
     kinds = {reading.kind for reading in read_labels(header) if reading.rank < OTHER}
     return {"t", "q"} <= kinds and bool(kinds & set(EFFORTS))
 
@@ -119,9 +112,6 @@ def _note(header: Sequence[str], chosen: Sequence[SourceColumn], convention: Con
     return f"{by}{said}{beside}{says}"
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# By their names
-# ---------------------------------------------------------------------------------------------------------------
 def _families(
     header: Sequence[str], columns: Mapping[str, str], stated: Mapping[str, SourceColumn], where: str, options: Options
 ) -> list[_Family]:
@@ -202,7 +192,6 @@ def _either(first: Reading, second: Reading, where: str) -> InputError:
 
 
 def _check_start(families: Sequence[_Family], where: str) -> None:
-    """Joints are numbered from 0 or from 1, alike in positions, velocities and efforts."""
     numbered = [family for family in families if -1 not in family]
     from_zero, from_one = ([family for family in numbered if (0 in family) == zero] for zero in (True, False))
     if not from_zero or not from_one:
@@ -220,9 +209,6 @@ def _source(one: Reading, family: _Family) -> SourceColumn:
     return SourceColumn(f"{one.kind}{joint}", one.place, one.label, one.factor)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# What is missing
-# ---------------------------------------------------------------------------------------------------------------
 def _complete(
     found: Mapping[str, SourceColumn],
     header: Sequence[str],
@@ -231,7 +217,6 @@ def _complete(
     given: Mapping[str, str],
     lacking: str,
 ) -> tuple[SourceColumn, ...]:
-    """The columns of a log, or of its motion alone, in order, if none is missing."""
     n, effort = _highest("q", found), "tau" if _highest("tau", found) else "i"
     needed = {"column t": ("t", "t" in found), "column q1": ("q", n > 0)}
     needed[_EFFORT] = "tau", options.motion or _highest(effort, found) > 0

@@ -173,9 +173,7 @@ def _block(messages: Sequence[_Message], field: str, names: Sequence[str]) -> li
     return rows
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# What bags say of their own sizes, checked before a library takes memory by it
-# ---------------------------------------------------------------------------------------------------------------
+# ---- What bags say of their own sizes, checked before a library takes memory by it ----
 _MCAP, _ZSTD, _SQLITE = b"\x89MCAP0\r\n", b"\x28\xb5\x2f\xfd", b"SQLite format 3\0"
 """First bytes of such files and frames."""
 _RECORD, _CHUNK, _CHUNK_HEAD = struct.Struct("<BQ"), 6, struct.Struct("<QQQII")

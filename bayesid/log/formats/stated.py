@@ -127,7 +127,6 @@ def _unit_at_end(kind: str, label: str) -> str | None:
 
 
 def _agree(kind: str, wanted: str | None, seen: str | None) -> bool:
-    """Whether two units are the same, such as deg and Grad, or one of them open."""
     if wanted is None or seen is None:
         return True
     return factor_of(kind, wanted) is not None and factor_of(kind, wanted) == factor_of(kind, seen)
@@ -197,7 +196,6 @@ def _by_end(kinds: Sequence[str], labels: Sequence[str], n_joints: int | None) -
 
 
 def _kind_of(kinds: Sequence[str], name: str) -> str:
-    """Which of some kinds a name says: currents by their own words, else the first."""
     return "i" if "i" in kinds and _CURRENT.search(name) else kinds[0]
 
 
@@ -214,9 +212,7 @@ def _likely(kinds: Sequence[str], patterns: Sequence[str]) -> list[tuple[str, st
     return stated + [(_kind_of(kinds, one), one) for one in open_ones]
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Recorders
-# ---------------------------------------------------------------------------------------------------------------
+# ---- Recorders ----
 @dataclass(frozen=True)
 class Convention:
     """How one recorder writes a log.

@@ -60,14 +60,7 @@ class Column:
 
 @dataclass(frozen=True)
 class SourceColumn:
-    """A column of a file that a log needs.
-
-    Attributes:
-        name: of the log's column: t, q1, ..., or part: the number of the recording that a row is of.
-        place: of the file's column, from 0.
-        label: what the file calls it.
-        unit: how many SI units one of the file's is; None where nobody says.
-    """
+    """A column of a file, at a place counted from 0, that a log needs under a name; label and unit as in `Column`."""
 
     name: str
     place: int
@@ -110,12 +103,7 @@ class Table:
         return next(j for j in range(len(self.columns)) if f"q{j + 1}" not in self.columns)
 
     def block(self, kind: str, unit: float = 1.0) -> Array:
-        """(N, n) the columns of a kind that is there, "q", "dq", "tau" or "i", in SI units.
-
-        Args:
-            kind: what the names of the columns begin with.
-            unit: of the columns of which the file does not say it, in SI units.
-        """
+        """(N, n) the columns of a kind that is there, "q", "dq", "tau" or "i", by a unit where the file says none."""
         columns = (self.columns[f"{kind}{j + 1}"] for j in range(self.n_joints))
         return np.column_stack([column.si(unit) for column in columns])
 
@@ -140,10 +128,11 @@ def check(table: Table, given: Mapping[str, str] | None = None) -> Table:
         step = np.diff(table.t)
     wrong = (step < 0.0) | (step > TUNING.longest_gap)
     wrong[np.array(table.starts[1:], dtype=int) - 1] = False
-    for k in np.flatnonzero(wrong):
+    if wrong.any():
+        k = int(np.argmax(wrong))
         before, after = table.t[[k, k + 1]]
         said = f"time {'runs backwards' if step[k] < 0.0 else 'jumps'}, from {before:.12g} s to {after:.12g} s"
-        raise InputError(said, table.place(int(k) + 1), "sort or cut the log")
+        raise InputError(said, table.place(k + 1), "sort or cut the log")
     if table.t[-1] == table.t[0]:
         raise InputError("time never advances", f"{table.source}, column {t.label}", "give the time of each row in s")
     return table
@@ -188,21 +177,16 @@ def _check_unit_of_time(table: Table, given: Mapping[str, str]) -> None:
 
 def _check_resolution(table: Table) -> None:
     """A clock that stands still while the joints move is too coarse to say when each row was read."""
-    positions = [column.values for name, column in table.columns.items() if name.startswith("q")]
-    if not positions:
-        return
+    t, positions = table.t, [column.values for name, column in table.columns.items() if name.startswith("q")]
     moved = np.any([q[1:] != q[:-1] for q in positions], axis=0)
-    stands = moved & (np.diff(table.t) == 0.0)
-    if np.mean(stands) > TUNING.stands:
-        t = table.t
-        step = float(np.median(np.diff(t)[np.diff(t) > 0.0])) if np.ptp(t) > 0.0 else 0.0
+    if np.mean(moved & (np.diff(t) == 0.0)) > TUNING.stands and np.ptp(t) > 0.0:
+        step = float(np.median(np.diff(t)[np.diff(t) > 0.0]))
         if step >= TUNING.slowest_step:
             said = f"column {table.columns['t'].label} only advances every {step:.6g} s, while positions change between"
             raise InputError(said, table.source, "record the time with fractions of seconds, or give a count of rows")
 
 
 def _check_numbers(table: Table) -> None:
-    """The first row with a number that cannot be is named; of several in it, that of the first column."""
     wrong: list[tuple[int, int, Column]] = []
     for name, column in table.columns.items():
         rows = np.flatnonzero(~(np.abs(column.values) < (np.inf if name == "t" else TUNING.absurd)))

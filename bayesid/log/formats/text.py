@@ -214,16 +214,13 @@ def select_columns(layout: Layout, source: str, options: Options) -> tuple[Chose
 
 
 def _not_text(path: Path, undecoded: bool) -> InputError:
-    """Of bytes that are no text, or one whose letters are not known."""
     if undecoded and not re.search(rb"[\0-\x08\x0e-\x1f]", path.read_bytes()):  # bytes that stand in no text
         remedy = "save it as UTF-8, as in: iconv -f SHIFT_JIS -t UTF-8 FILE > NEW"
         return InputError("is text in an encoding that is not known", str(path), remedy)
     return InputError("is not text", str(path), "give a CSV log (save a spreadsheet as CSV)")
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# How a file is written
-# ---------------------------------------------------------------------------------------------------------------
+# ---- How a file is written ----
 def _encoding(pieces: Callable[[], Iterable[bytes]], whole: bool) -> str:
     """By the first bytes, or else UTF-8 where the pieces of the file are that, or what Western Windows writes."""
     first = next(iter(pieces()), b"")
@@ -246,7 +243,6 @@ def _encoding(pieces: Callable[[], Iterable[bytes]], whole: bool) -> str:
 
 
 def _are_quoted(lines: Sequence[str]) -> bool:
-    """Whether the first lines stand in quotes as a whole: those inside are doubled, and there are separators."""
     first = [line.strip() for line in lines[:2]]
     return len(first) == 2 and all(
         len(line) > 1
@@ -309,9 +305,7 @@ def _bare_unit(cell: str) -> str:
     return cell[1:-1].strip() if cell[:1] + cell[-1:] in ("[]", "()") else cell
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# What it holds
-# ---------------------------------------------------------------------------------------------------------------
+# ---- What it holds ----
 def _read_values(path: Path, layout: Layout, used: list[int], clock: int | None) -> Array:
     """(N, columns) numbers of the used columns, s in that of the clock; the other columns come as 0."""
     n = len(layout.header)
@@ -345,14 +339,12 @@ def _read_values(path: Path, layout: Layout, used: list[int], clock: int | None)
 
 
 def _where(path: Path, layout: Layout, row: int) -> str:
-    """The file's line of a row of values: the header is row 1, and blank lines count."""
     with path.open(newline="", encoding=layout.encoding) as file:
         lines = [k for k, line in enumerate(layout.lines(file), start=1) if k > layout.rows and line.strip()]
     return f"{path}, row {lines[row]}"
 
 
 def _first_bad_row(path: Path, layout: Layout, used: list[int], clock: int | None) -> InputError:
-    """Why the table cannot be read, by a slow second look."""
     with path.open(newline="", encoding=layout.encoding) as file:
         for number, line in enumerate(layout.lines(file), start=1):
             if number <= layout.rows or not line.strip():
