@@ -12,14 +12,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import cache, cached_property
+from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
-from bayesid.arrays import Array, Mask, frozen
+from bayesid.arrays import Array, frozen
 from bayesid.errors import InputError, printable
 from bayesid.files.bounded import LARGEST
 from bayesid.motion import Motion
@@ -117,7 +117,7 @@ class Robot:
         return np.stack([place.homogeneous for place in list(data.oMi)[1:]])
 
     def to_base(self, joint: int) -> list[int]:
-        """Indices of a joint and of those that carry it, up to the base, whose own is -1."""
+        """Indices of a joint and of those that carry it, up to the base, whose own index is -1."""
         path = []
         while joint >= 0:
             path.append(joint)
@@ -129,7 +129,7 @@ class Robot:
 
         Source: the joint torque regressor of the Newton-Euler equations (Atkeson, An, Hollerbach 1986), by Pinocchio.
         """
-        model, data, width = self.pinocchio, self._bodies.workspace(self), 10 * self.n_joints
+        (model, data), width = self._bodies.of(self), 10 * self.n_joints
         regressor = np.empty((len(motion), self.n_joints, width))
         at_once = TUNING.samples_at_once  # small enough for a processor's cache
         raw = np.empty((min(at_once, len(motion)), self.n_joints, width))
@@ -148,9 +148,7 @@ class Robot:
     def inverse_dynamics(self, motion: Motion, parameters: Array) -> Array:
         """(N, n) actuator efforts, N m, of the rigid bodies by recursive Newton-Euler (Luh, Walker, Paul 1980).
 
-        Args:
-            motion: the motion of the joints.
-            parameters: (10 n,) link parameters, as in `regressor`; without mass, no first moment either.
+        Link parameters (10 n,) are as in `regressor`; a link without mass has no first moment either.
         """
         model, data = self._bodies.of(self, parameters)
         samples = zip(motion.q, motion.dq, motion.ddq, strict=True)
@@ -158,23 +156,18 @@ class Robot:
         return torque if self.transmission is None else torque @ self._to_actuators
 
     def dynamics(self, motion: Motion, parameters: Array) -> Dynamics:
-        """What the momentum of the joints needs at the first instant of a motion, in coordinates of the joints.
+        """Rigid bodies of parameters as in `regressor` at the first instant of a motion.
 
         The mass matrix by the composite rigid body algorithm (Featherstone 2008, chapter 6), the Coriolis matrix of
         Christoffel symbols.
-
-        Args:
-            motion: of the joints.
-            parameters: (10 n,) link parameters, as in `regressor`.
         """
         model, data = self._bodies.of(self, parameters)
         q, dq, ddq = motion.q[0], motion.dq[0], motion.ddq[0]
         torque = pin.rnea(model, data, q, dq, ddq).copy()
         coriolis = pin.computeCoriolisMatrix(model, data, q, dq)
         drift = coriolis.T @ dq - pin.computeGeneralizedGravity(model, data, q)
-        mass = pin.crba(model, data, q).copy()
-        np.copyto(mass, mass.T, where=_lower(len(q)))
-        return Dynamics(mass, drift, torque)
+        upper = np.triu(pin.crba(model, data, q))
+        return Dynamics(upper + np.triu(upper, 1).T, drift, torque)
 
     @cached_property
     def _to_actuators(self) -> Array:
@@ -186,11 +179,9 @@ class Robot:
         return _Bodies()
 
     def tool_jacobian(self, motion: Motion, in_base: bool) -> Array:
-        """(N, 6, n) velocity and angular velocity of the last link's frame per unit of actuator speed.
+        """(N, 6, n) velocity and angular velocity of the last link's frame, along its axes or those of the base.
 
-        Args:
-            motion: the motion of the joints.
-            in_base: whether they are given along the axes of the base, not of the link.
+        Both are per unit of actuator speed.
         """
         model, data, last = self.pinocchio, self.pinocchio.createData(), self.n_joints
         flange = pin.SE3(self.joints[-1].link_frame)
@@ -210,24 +201,12 @@ class Robot:
         return all(a.matches(b) for a, b in pairs) and np.allclose(self.gravity, other.gravity, atol=1e-6)
 
 
-@cache
-def _lower(n: int) -> Mask:
-    return np.tri(n, k=-1, dtype=bool)
+class Dynamics(NamedTuple):
+    """Rigid bodies at an instant, in coordinates of the n joints."""
 
-
-@dataclass(frozen=True)
-class Dynamics:
-    """Rigid bodies at an instant, in coordinates of the n joints.
-
-    Attributes:
-        mass: (n, n) M(q), kg m^2.
-        drift: (n,) C(q, dq)' dq - g(q), N m: what moves the momentum M dq beside torques (De Luca and Mattone 2003).
-        torque: (n,) M ddq + C dq + g, N m.
-    """
-
-    mass: Array
-    drift: Array
-    torque: Array
+    mass: Array  # (n, n) M(q), kg m^2
+    drift: Array  # (n,) C(q, dq)' dq - g(q), N m: moves the momentum M dq beside torques (De Luca and Mattone 2003)
+    torque: Array  # (n,) M ddq + C dq + g, N m
 
 
 class _Bodies:
@@ -235,47 +214,34 @@ class _Bodies:
 
     def __init__(self) -> None:
         self._made: dict[bytes, tuple[Any, Any]] = {}
-        self._workspace: Any = None
 
     def __reduce__(self) -> tuple[type[_Bodies], tuple[()]]:
         return _Bodies, ()
 
-    def of(self, robot: Robot, parameters: Array) -> tuple[Any, Any]:
-        """Model and data of a robot whose links have these parameters (10 n,)."""
-        asked = parameters.tobytes()
+    def of(self, robot: Robot, parameters: Array | None = None) -> tuple[Any, Any]:
+        """Model and data of a robot whose links have these parameters (10 n,), or for what its frames alone decide."""
+        asked = b"" if parameters is None else parameters.tobytes()
         if asked not in self._made:
-            if len(self._made) >= TUNING.bodies_remembered:
+            if len(self._made) > TUNING.bodies_remembered:
                 self._made.pop(next(iter(self._made)))
-            self._made[asked] = self._of(robot, parameters)
+            model = robot.pinocchio if parameters is None else _with_bodies(robot, parameters)
+            self._made[asked] = model, model.createData()
         return self._made[asked]
 
-    def workspace(self, robot: Robot) -> Any:
-        """Data for what depends on the robot's frames alone."""
-        if self._workspace is None:
-            self._workspace = robot.pinocchio.createData()
-        return self._workspace
 
-    @staticmethod
-    def _of(robot: Robot, parameters: Array) -> tuple[Any, Any]:
-        model = robot.pinocchio.copy()
-        in_joint_frames = (robot._link_to_joint @ parameters.reshape(-1, 10, 1))[:, :, 0]
-        mass = in_joint_frames[:, 0]
-        mass[mass == 0.0] = np.finfo(float).tiny  # pinocchio divides by it
-        for i, link in enumerate(in_joint_frames, start=1):
-            model.inertias[i] = pin.Inertia.FromDynamicParameters(link)
-        return model, model.createData()
+def _with_bodies(robot: Robot, parameters: Array) -> Any:
+    model = robot.pinocchio.copy()
+    in_joint_frames = (robot._link_to_joint @ parameters.reshape(-1, 10, 1))[:, :, 0]
+    mass = in_joint_frames[:, 0]
+    mass[mass == 0.0] = np.finfo(float).tiny  # pinocchio divides by it
+    for i, link in enumerate(in_joint_frames, start=1):
+        model.inertias[i] = pin.Inertia.FromDynamicParameters(link)
+    return model
 
 
 @dataclass(frozen=True)
 class Origin:
-    """How `load_robot` came by a robot: enough to load it again.
-
-    Attributes:
-        source: name or file, as it was given.
-        urdf: the URDF file that was read; None for a DH table.
-        tip: link or joint at the end of the chain; None where none was asked for.
-        hold: positions of joints that were asked to be held, rad or m.
-    """
+    """How `load_robot` came by a robot: its arguments, and the URDF file that was read; None for a DH table."""
 
     source: str
     urdf: Path | None = None
@@ -333,49 +299,26 @@ def _pinocchio_model(robot: Robot) -> pin.Model:
     model.gravity.linear = robot.gravity
     for i, joint in enumerate(robot.joints, start=1):
         kind = pin.JointModelPrismaticUnaligned if joint.prismatic else pin.JointModelRevoluteUnaligned
-        if not joint.prismatic and np.array_equal(joint.axis, [0.0, 0.0, 1.0]):
-            kind = _revolute_z
-        model.addJoint(joint.parent + 1, kind(joint.axis), pin.SE3(joint.placement), f"joint{i}")
+        about_z = not joint.prismatic and np.array_equal(joint.axis, [0.0, 0.0, 1.0])
+        made = pin.JointModelRZ() if about_z else kind(joint.axis)
+        model.addJoint(joint.parent + 1, made, pin.SE3(joint.placement), f"joint{i}")
     return model
 
 
-def _revolute_z(_axis: Array) -> pin.JointModelRZ:
-    return pin.JointModelRZ()
-
-
 def given_numbers(value: object, shape: tuple[int, ...], key: str, where: str, most: float = LARGEST) -> Array:
-    """What a key of a robot file holds, as numbers of this world in a shape.
-
-    Args:
-        value: of the key.
-        shape: of the numbers.
-        key: for messages.
-        where: for messages.
-        most: that each may be, either way.
-
-    Raises:
-        InputError: it holds something else.
-    """
+    """What a key of a robot file holds, as numbers of a shape, each `most` either way; else an InputError."""
     try:
         numbers = frozen(value, shape, key)
-        if np.abs(numbers).max(initial=0.0) > most:
-            raise InputError(
-                f"key '{key}' holds {np.abs(numbers).max():g}", where, f"give {most:g} at most, in SI units"
-            )
-        return numbers
-    except InputError:
-        raise
     except (TypeError, ValueError):
         wanted = "a finite number" if not shape else f"finite numbers in the shape {' x '.join(map(str, shape))}"
         raise InputError(f"key '{key}' cannot be used", where, f"give {wanted}") from None
+    if (largest := np.abs(numbers).max(initial=0.0)) > most:
+        raise InputError(f"key '{key}' holds {largest:g}", where, f"give {most:g} at most, in SI units")
+    return numbers
 
 
 def check_count(n_joints: int, where: str) -> None:
-    """Refuses what has more moving joints than any robot.
-
-    Raises:
-        InputError: it has.
-    """
+    """InputError for more moving joints than any robot has."""
     if n_joints > TUNING.most_joints:
         remedy = f"give a robot of {TUNING.most_joints} joints at most, or the chain to identify (`tip`)"
         raise InputError(f"has {n_joints} moving joints", where, remedy)

@@ -72,19 +72,11 @@ class CollisionModel:
         return tuple(f"parts of {pairs} ({reason})" for pairs, reason in named)
 
     def distance(self, q: Array) -> Array:
-        """(N,) the least distance of all pairs, m; below zero where they overlap.
-
-        Args:
-            q: (N, n) positions of the joints, rad or m.
-        """
+        """(N,) the least distance of all pairs in poses (N, n), m; below zero where they overlap."""
         return self._distances(q).min(axis=1)
 
     def nearest(self, q: Array) -> tuple[float, tuple[str, str]]:
-        """The least distance of a pose, m, and its pair.
-
-        Args:
-            q: (n,) positions of the joints, rad or m.
-        """
+        """The least distance of a pose (n,), m, and its pair."""
         (distances,) = self._distances(np.asarray(q)[None])
         least = int(distances.argmin())
         return float(distances[least]), names_of(self._distances.pairs[least])
@@ -135,12 +127,7 @@ def names_of(pair: Pair) -> tuple[str, str]:
 
 @dataclass(frozen=True)
 class NoShapes:
-    """Why a robot has no collision model.
-
-    Attributes:
-        reason: in a few words.
-        too_near: whether there are links that could meet, but nearer to each other than the margin anyway.
-    """
+    """Why a robot has no collision model; `too_near` if links could meet, but are nearer than the margin anyway."""
 
     reason: str
     too_near: bool = False
@@ -153,10 +140,6 @@ class Capsules:
     Attributes:
         radii: m, one for all links or one for each, from base to tip; the base has that of the first.
         tool: (3,) the end of what is mounted on the flange, in the last link's frame, m.
-
-    Example:
-        >>> bayesid.Capsules(0.05).tool
-        (0.0, 0.0, 0.0)
     """
 
     radii: float | Sequence[float]
@@ -195,7 +178,9 @@ def collision_model(
         >>> run = bayesid.RunSettings(clearance=shapes)
     """
     if capsules is not None:
-        shapes, source = capsule_shapes(robot, capsules.radii, capsules.tool), _of_capsules(capsules)
+        shapes, radii = capsule_shapes(robot, capsules.radii, capsules.tool), np.unique(capsules.radii)
+        between = f"{radii[0]:g}" if len(radii) == 1 else f"{radii[0]:g} to {radii[-1]:g}"
+        source = f"capsules of {between} m about the lines between the joints"
     elif robot.origin is None or robot.origin.urdf is None:
         return NoShapes(f"robot {robot.name} is no URDF: the shapes of its links are not known")
     else:
@@ -244,11 +229,7 @@ def _never_apart(robot: Robot, pairs: Sequence[Pair], floor: Floor | None, margi
 
 
 def _check_floor(robot: Robot, floor: Floor, pairs: Sequence[Pair], nearest: Array, margin: float) -> None:
-    """Refuses a floor that does not fit to where the robot has been: only what the base carries may stand on it.
-
-    Raises:
-        InputError: another link was below it, or nearer to it than the margin.
-    """
+    """InputError if a link that the base does not carry was below the floor, or nearer to it than the margin."""
     carried: Mask = np.array([other is None and robot.joints[one.body].parent != BASE for one, other in pairs], bool)
     distance = float(nearest.min(where=carried, initial=np.inf))
     if distance >= margin:
@@ -268,12 +249,6 @@ def _adjacent(robot: Robot, one: Shape, other: Shape) -> bool:
 
 def _named(pairs: Iterable[Pair]) -> tuple[tuple[str, str], ...]:
     return tuple(dict.fromkeys(names_of(pair) for pair in pairs))
-
-
-def _of_capsules(given: Capsules) -> str:
-    radii = np.unique(np.asarray(given.radii, dtype=float))
-    between = f"{radii[0]:g}" if len(radii) == 1 else f"{radii[0]:g} to {radii[-1]:g}"
-    return f"capsules of {between} m about the lines between the joints"
 
 
 def _bare(robot: Robot, shapes: Sequence[Shape]) -> str:
@@ -362,11 +337,9 @@ class Reach:
         return np.where(tilted, 1.0, np.where(share > 1e-9, share, 0.0))
 
     def rates(self, pairs: Sequence[Pair], travel: Array) -> Array:
-        """(P, n) m by which the distances of pairs change at most, per unit of each joint's motion.
+        """(P, n) m by which distances change at most, per unit of each joint's motion.
 
-        Args:
-            pairs: of shapes, or a shape and None for the floor.
-            travel: (n,) how far from zero each sliding joint goes, m; of others any number.
+        A sliding joint goes as far from zero as its `travel` (n,), m.
         """
         travel = np.where(self.slides, np.abs(travel), 0.0)
         return np.array([self._rate(*pair, travel) for pair in pairs]).reshape(-1, len(travel))

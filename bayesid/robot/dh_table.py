@@ -17,11 +17,9 @@ from bayesid.robot.tuning import TUNING
 def robot_from_table(table: Mapping[str, Any], where: str) -> Robot:
     """A robot from the keys of a DH file.
 
-    Args:
-        table: `name`, `convention` ("standard" or "modified"), `joints` (each with a, alpha, d, theta; m and rad;
-            optional `type` "revolute" or "prismatic" and `rated_effort`, N m or N), optional `gravity` (m/s^2) and
-            `transmission`.
-        where: what to name in an error.
+    These are `name`, `convention` ("standard" or "modified"), `joints` (each with a, alpha, d, theta; m and rad;
+    optional `type` "revolute" or "prismatic" and `rated_effort`, N m or N), optional `gravity` (m/s^2) and
+    `transmission`. An error names `where`.
 
     Raises:
         InputError: a key is missing or its value cannot be used.
@@ -42,15 +40,15 @@ def robot_from_table(table: Mapping[str, Any], where: str) -> Robot:
         raise InputError("key 'joints' is missing", where, "give one [[joints]] table a joint with a, alpha, d, theta")
     check_count(len(rows), where)
     dh = [_dh_row(row, f"{where}, joint {i}") for i, row in enumerate(rows, start=1)]
-    joints = _joints(dh, convention)
     lengths = {f"{symbol}{i}": row[symbol] for i, row in enumerate(dh, start=1) for symbol in ("a", "d")}
-    return Robot(
-        name=str(table.get("name", "robot")),
-        joints=joints,
-        gravity=given_numbers(table.get("gravity", [0.0, 0.0, -9.81]), (3,), "gravity", where),
-        transmission=_transmission(table.get("transmission"), len(joints), where),
-        lengths={symbol: value for symbol, value in lengths.items() if value != 0.0},
-    )
+    lengths = {symbol: value for symbol, value in lengths.items() if value != 0.0}
+    return _robot(table, where, joints=_joints(dh, convention), lengths=lengths)
+
+
+def _robot(table: Mapping[str, Any], where: str, joints: tuple[Joint, ...], **more: Any) -> Robot:
+    gravity = given_numbers(table.get("gravity", [0.0, 0.0, -9.81]), (3,), "gravity", where)
+    transmission = _transmission(table.get("transmission"), len(joints), where)
+    return Robot(str(table.get("name", "robot")), joints, gravity, transmission, **more)
 
 
 def robot_table(robot: Robot) -> dict[str, Any]:
@@ -88,14 +86,8 @@ def _robot_from_chain(table: Mapping[str, Any], where: str) -> Robot:
         joints = tuple(_chain_joint(row, f"{where}, joint {k}") for k, row in enumerate(rows, start=1))
         if not all(-1 <= joint.parent < k for k, joint in enumerate(joints)):
             raise ValueError("a joint stands before its parent")
-        return Robot(
-            name=str(table.get("name", "robot")),
-            joints=joints,
-            gravity=given_numbers(table.get("gravity", [0.0, 0.0, -9.81]), (3,), "gravity", where),
-            transmission=_transmission(table.get("transmission"), len(rows), where),
-            lengths={key: float(given_numbers(value, (), key, where)) for key, value in lengths},
-            notes=tuple(map(str, table.get("notes", []))),
-        )
+        numbers = {key: float(given_numbers(value, (), key, where)) for key, value in lengths}
+        return _robot(table, where, joints, lengths=numbers, notes=tuple(map(str, table.get("notes", []))))
     except InputError:
         raise
     except (AttributeError, KeyError, OverflowError, TypeError, ValueError) as error:

@@ -17,12 +17,7 @@ from bayesid.robot.tuning import TUNING
 
 @dataclass(frozen=True)
 class Pose:
-    """A robot at given joint positions; all lengths in m, all frames seen from the base.
-
-    Attributes:
-        robot: which one.
-        q: (n,) joint positions, rad (m).
-    """
+    """A robot at joint positions q (n,), rad (m); all lengths in m, all frames seen from the base."""
 
     robot: Robot
     q: Array
@@ -76,15 +71,7 @@ def nearest_points(start: Array, along: Array, end: Array, axis: Array) -> tuple
 
 
 def pose(robot: Robot, q: ArrayLike | None = None) -> Pose:
-    """The robot at joint positions.
-
-    Args:
-        robot: which one.
-        q: (n,) joint positions, rad (m for a prismatic joint); zero by default.
-
-    Raises:
-        InputError: these are not n finite numbers.
-    """
+    """The robot at joint positions (n,), rad (m), by default at zero; InputError if these are not n finite numbers."""
     try:
         positions = frozen(np.zeros(robot.n_joints) if q is None else q, (robot.n_joints,), "q")
     except (TypeError, ValueError):
@@ -96,11 +83,7 @@ def pose(robot: Robot, q: ArrayLike | None = None) -> Pose:
 def reach(robot: Robot, joint: int | None = None) -> float:
     """How far from the first joint's axis the flange can get, m, if no joint has limits; sliding joints stay at 0.
 
-    Data sheets mostly give the reach of the wrist's centre: joint 5 of 6.
-
-    Args:
-        robot: whose.
-        joint: its frame's origin in place of the flange, from 1.
+    In place of the flange another joint's origin may be meant, from 1: data sheets mostly give joint 5 of 6, the wrist.
 
     >>> from bayesid.robot import load_robot
     >>> round(reach(load_robot("kr6r900"), joint=5), 4)
@@ -123,9 +106,6 @@ def reach(robot: Robot, joint: int | None = None) -> float:
         slopes = np.cross(here.axes, point - here.joint_frames[:, :3, 3]) @ away
         return -0.5 * float(away @ away), -(slopes * moved_by)[free]
 
-    found = (
-        [scipy.optimize.minimize(shortfall, start, jac=True).fun for start in starts]
-        if free.any()
-        else [shortfall(starts[0])[0]]
-    )
-    return float(np.sqrt(-2.0 * min(found)))
+    if not free.any():
+        return float(np.sqrt(-2.0 * shortfall(starts[0])[0]))
+    return float(np.sqrt(-2.0 * min(scipy.optimize.minimize(shortfall, start, jac=True).fun for start in starts)))
