@@ -67,7 +67,7 @@ def _table_of(source: str) -> tuple[str, str]:
     try:
         with nullcontext(sys.stdin.buffer) if source == "-" else Path(source).open("rb") as file:
             content = file.read(MOST_BYTES)
-        return content.decode(look(content, whole=True).encoding), "standard input" if source == "-" else source
+        return content.decode(look(content).encoding), "standard input" if source == "-" else source
     except (OSError, ValueError, csv.Error) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not text"
         raise InputError(f"cannot be read ({reason})", source, "give a table as a text file, - or the text") from None

@@ -96,7 +96,7 @@ def robot_file(table: str, name: str, convention: str, where: str) -> str:
     """
     lines = [line for line in re.sub(r" +(?=[\[(])", "", table).splitlines() if line.strip()]
     try:
-        layout = look("\n".join(lines).encode(), whole=True)
+        layout = look("\n".join(lines).encode())
     except csv.Error:
         raise InputError("is not text", where, "give a table as text, CSV for example") from None
     columns = _columns(layout.header, where)

@@ -148,7 +148,7 @@ def _look_at(lines: Iterator[bytes], source: str) -> tuple[Layout, Iterator[byte
         if head or line.strip():
             head.append(line)
         try:
-            layout = look(b"".join(head))
+            layout = look(b"".join(head), whole=False)
         except (UnicodeDecodeError, csv.Error):
             raise InputError("is not text", source, "give CSV, one row a line") from None
         if layout.encoding not in _FOLLOWED:

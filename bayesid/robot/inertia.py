@@ -65,7 +65,7 @@ def about_centre_of_mass(parameters: Array) -> tuple[Array, Array]:
 
 
 def change_of_frame(rotation: Array, translation: Array) -> Array:
-    """The (10, 10) matrix that takes a link's parameters from frame b to a, by b's rotation (3, 3) and origin (3,) in a.
+    """The (10, 10) matrix that takes a link's parameters from frame b to a, given b's rotation and origin in a.
 
     The pseudo-inertia is the second moment of the homogeneous points, so it changes by congruence: P_a = T P_b T'.
     """

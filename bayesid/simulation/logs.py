@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -41,8 +41,8 @@ def simulate(
     A controller rectifies what it measures, so the noise is added first; a sensor's distortions act on it as well.
 
     Args:
-        model: the model.
-        theta: (P,) its parameters.
+        model: of parameters theta (P,).
+        theta: see there.
         motion: N samples of motion.
         rng: draws the noise.
         noise: standard deviation of the noise relative to the RMS of each joint's effort.
@@ -67,17 +67,12 @@ def simulate(
         raise ValueError(f"the sensor's noise must be {motion.n_joints} finite numbers, one a joint, none negative")
     effort = model.before_sensors.effort(motion, theta)
     sd = noise * rms(effort) if own is None else own
-    effort = model.read(effort + sd * _ar1(rng.standard_normal(effort.shape), colour))
+    white, scale = rng.standard_normal(effort.shape), np.sqrt(1.0 - colour**2)
+    first = (1.0 - scale) * white[:1]  # stationary noise of unit variance: x_i = c x_(i-1) + sqrt(1 - c^2) e_i
+    effort = model.read(effort + sd * scipy.signal.lfilter([scale], [1.0, -colour], white, axis=0, zi=first)[0])
     keeps = np.broadcast_to(np.asarray(signed, dtype=bool), motion.n_joints)
     effort = np.where(keeps, effort, np.abs(effort))
     return Log(motion.t, motion.q, effort, keeps, source=f"simulated {model.robot.name}")
-
-
-def _ar1(white: Array, colour: float) -> Array:
-    """(N, n) stationary noise of unit variance from white noise (N, n): x_i = c x_(i-1) + sqrt(1 - c^2) e_i."""
-    scale = np.sqrt(1.0 - colour**2)
-    shaped: Array = scipy.signal.lfilter([scale], [1.0, -colour], white, axis=0, zi=(1.0 - scale) * white[:1])[0]
-    return shaped
 
 
 class SimulatedEffect(NamedTuple):
@@ -92,11 +87,7 @@ class SimulatedEffect(NamedTuple):
 
 
 def parse_effect(text: str, robot: Robot) -> SimulatedEffect:
-    """NAME:JOINT:LEVEL as on the command line.
-
-    Raises:
-        InputError: it is not of that form, or names no effect of one of the robot's joints.
-    """
+    """NAME:JOINT:LEVEL as on the command line; InputError where it names no effect of one of the robot's joints."""
     remedy = f"give NAME:JOINT:LEVEL, NAME one of {', '.join(main_forms())}"
     try:
         name, joint, level = text.split(":")
@@ -179,7 +170,7 @@ def _scene(model: Model, theta: Array, motion: Motion) -> Scene:
 
 
 def _form(effect: SimulatedEffect, scene: Scene, rng: np.random.Generator) -> Term | Distortion:
-    variants: Iterable[Term | Distortion] = main_forms()[effect.name].variants(scene)
+    variants = main_forms()[effect.name].variants(scene)
     forms = [form for form in variants if form.joints in ((), (effect.joint,))]
     if not forms:
         raise _unreachable(effect, "it has no form in this joint and motion")
@@ -227,13 +218,10 @@ def _scaled_distortion(
     direction = Direction(sign, float(rng.uniform(0.0, 2.0 * np.pi)))
     whole = rms(before)[j]
 
-    def distorted(magnitude: float) -> Distortion:
-        return form.of_magnitude(magnitude, direction, scene)
-
     def level(magnitude: float) -> float:
         if magnitude == 0.0:
             return 0.0
-        distortion = distorted(magnitude)
+        distortion = form.of_magnitude(magnitude, direction, scene)
         sensor = isinstance(distortion, SensorDistortion)
         after = distortion.measured(before) if sensor else model.extend(distortion).effort(scene.motion, theta)
         return float(rms(after - before)[j] / whole)
@@ -244,11 +232,10 @@ def _scaled_distortion(
         low, high = high, min(2.0 * high, largest)
     if not (whole > 0.0 and level(high) >= effect.level):
         raise _unreachable(effect, f"{form.name} does not change this joint's effort as much")
-    root = scipy.optimize.brentq(
-        lambda x: level(x) - effect.level, low, high, xtol=TUNING.xtol * high, rtol=TUNING.xtol
-    )
-    near = (root - 2.0 * TUNING.xtol * high, root, root + 2.0 * TUNING.xtol * high)  # the level may jump at the root
+    xtol = TUNING.xtol * high
+    root = scipy.optimize.brentq(lambda x: level(x) - effect.level, low, high, xtol=xtol, rtol=TUNING.xtol)
+    near = (root - 2.0 * xtol, root, root + 2.0 * xtol)  # the level may jump at the root
     missed, best = min((abs(level(x) - effect.level), x) for x in near)
     if missed > TUNING.close * effect.level:
         raise _unreachable(effect, f"the samples of this joint make it change in steps, as to {level(best):.4g}")
-    return distorted(best)
+    return form.of_magnitude(best, direction, scene)

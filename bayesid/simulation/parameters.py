@@ -30,17 +30,20 @@ def random_parameters(model: Model, rng: np.random.Generator) -> Array:
     for body in cone.bodies:
         link = model.parameters[body[0]].joint - 1
         theta[body] = random_body(ends[link], masses[link], radii[link], rng)
-    columns = model.columns(_random_motion(model.robot.n_joints, rng))  # without payloads, which are all bodies
+    shape = (200, model.robot.n_joints)  # unrelated instants at the speeds of an industrial arm at work
+    q, dq, ddq = (rng.uniform(-limit, limit, shape) for limit in (2.0, 2.0, 5.0))
+    columns = model.columns(Motion(np.arange(200.0), q, dq, ddq))  # without payloads, which are all bodies
     others = np.setdiff1d(np.arange(cone.size), cone.bodies)
     shares = rng.uniform(*TUNING.of_either_sign, cone.size) * rng.choice([-1.0, 1.0], cone.size)
     shares[cone.nonnegative] = rng.uniform(*TUNING.of_one_sign, len(cone.nonnegative))
     effort, each = rms(columns @ theta), rms(columns[:, :, others])
     strongest = np.argmax(each, axis=0)  # the joint that a parameter acts on most
-    theta[others] = shares[others] * (_or_one(effort)[strongest] / _or_one(np.max(each, axis=0)))
+    theta[others] = shares[others] * (or_one(effort)[strongest] / or_one(np.max(each, axis=0)))
     return theta
 
 
-def _or_one(size: Array) -> Array:
+def or_one(size: Array) -> Array:
+    """Sizes to divide by, with 1 in place of 0."""
     return np.where(size > 0.0, size, 1.0)
 
 
@@ -48,13 +51,6 @@ def rms(values: Array) -> Array:
     """Root mean square over the samples, the first axis."""
     size: Array = np.sqrt(np.mean(values**2, axis=0))
     return size
-
-
-def _random_motion(n_joints: int, rng: np.random.Generator) -> Motion:
-    """200 unrelated instants at the speeds of an industrial arm at work."""
-    shape = (200, n_joints)
-    q, dq, ddq = (rng.uniform(-limit, limit, shape) for limit in (2.0, 2.0, 5.0))
-    return Motion(np.arange(200.0), q, dq, ddq)
 
 
 def _random_masses(n_joints: int, reach: float, rng: np.random.Generator) -> Array:

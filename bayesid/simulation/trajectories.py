@@ -18,10 +18,11 @@ from bayesid.arrays import Array, frozen
 from bayesid.effects.coefficients import BaseCoefficients
 from bayesid.effects.model import Model
 from bayesid.motion import Motion
+from bayesid.simulation.parameters import or_one
 from bayesid.simulation.tuning import TUNING
 
 HARMONICS = 5
-"""Sines and cosines a joint, as in Swevers et al. 1997."""
+"""As in Swevers et al. 1997."""
 _FLOOR = 1e-14
 """Smallest ratio of eigenvalues above rounding: keeps the objective finite where columns are dependent."""
 UNEXCITED = -0.5 * float(np.log(1e2 * _FLOOR))
@@ -33,13 +34,10 @@ class MotionLimits:
     """What the joints may do, one number for all or one each; the defaults suit most small industrial arms.
 
     Attributes:
-        lower: lowest position, rad (m for a prismatic joint).
-        upper: highest position, rad.
-        velocity: highest speed, rad/s.
-        acceleration: highest acceleration, rad/s^2.
-        jerk: highest jerk, rad/s^3; None without a limit. Only searched motions keep it.
-        effort: largest |effort| of the actuators, N m; None without a limit. Only motions for a
-            result keep it (`bayesid.design_next`).
+        lower: lowest position, rad (m for a prismatic joint); the others' units follow from it.
+        jerk: None without a limit. Only searched motions keep it.
+        effort: largest |effort| of the actuators, N m; None without a limit. Only motions for a result keep it
+            (`bayesid.design_next`).
     """
 
     lower: float | tuple[float, ...] = -2.0
@@ -103,15 +101,7 @@ def random_trajectory(
     harmonics: int = HARMONICS,
     periods: int = 1,
 ) -> FourierTrajectory:
-    """A random trajectory of n joints that uses the limits but is not optimised.
-
-    Args:
-        n_joints: number of joints n.
-        duration: length of the motion, s.
-        seed: of the draw.
-        limits: of the joints; they hold at every instant.
-        harmonics: sines and cosines a joint.
-        periods: whole number of periods in the duration.
+    """A random trajectory of n joints that uses the limits but is not optimised; arguments as `exciting_trajectory`'s.
 
     Raises:
         ValueError: a duration or number that is not positive, or limits for another number of joints.
@@ -152,9 +142,8 @@ def within_limits(shape: Array, frequency: float, limits: MotionLimits) -> Fouri
     them (Ehlich and Zeller, "Schwankung von Polynomen zwischen Gitterpunkten", 1964), so the limits hold everywhere.
     """
     n, harmonics = len(shape), shape.shape[1] // 2
-    lower, upper, velocity, acceleration = (
-        np.broadcast_to(limit, n) for limit in (limits.lower, limits.upper, limits.velocity, limits.acceleration)
-    )
+    names = ("lower", "upper", "velocity", "acceleration")
+    lower, upper, velocity, acceleration = (np.broadcast_to(getattr(limits, name), n) for name in names)
     half = (upper - lower) / 2
     shift = TUNING.shift * half * np.clip(shape[:, -1], -1.0, 1.0)
     count = instants(harmonics)
@@ -177,10 +166,10 @@ def exciting_trajectory(
     periods: int = 1,
     evaluations: int = 1500,
 ) -> FourierTrajectory:
-    """A trajectory with a low `condition_number`: the best of some random draws, improved by SLSQP.
+    """A trajectory with a low `condition_number` for a model: the best of some random draws, improved by SLSQP.
 
     Args:
-        model: the model to be identified.
+        model: to be identified.
         coefficients: its base coefficients.
         duration: length of the motion, s.
         seed: of the random draws; each seed ends in another trajectory.
@@ -200,7 +189,10 @@ def exciting_trajectory(
     grid = np.arange(instants(harmonics)) / instants(harmonics) / frequency
 
     def objective(shape: Array) -> float:
-        return _log_condition(model, coefficients, within_limits(shape.reshape(n, -1), frequency, limits).motion(grid))
+        """The logarithm of the condition number, three times as fast: from the eigenvalues of the Gram matrix."""
+        motion = within_limits(shape.reshape(n, -1), frequency, limits).motion(grid)
+        columns = _scaled_columns(model, coefficients, motion)
+        return _log_ratio(np.linalg.eigvalsh(columns.T @ columns))
 
     draws = [random_shape(n, harmonics, rng).ravel() for _ in range(TUNING.draws)]
     start = min(draws, key=objective)
@@ -223,14 +215,8 @@ def condition_number(model: Model, coefficients: BaseCoefficients, motion: Motio
 
 def log_condition_of(gram: Array) -> float:
     """The logarithm of `condition_number` from the Gram matrix (r, r) of all rows, its columns of any length."""
-    scale = 1.0 / _or_one(np.sqrt(np.diag(gram)))
+    scale = 1.0 / or_one(np.sqrt(np.diag(gram)))
     return _log_ratio(np.linalg.eigvalsh(scale[:, None] * gram * scale))
-
-
-def _log_condition(model: Model, coefficients: BaseCoefficients, motion: Motion) -> float:
-    """The logarithm of `condition_number`, three times as fast: from the eigenvalues of the Gram matrix."""
-    columns = _scaled_columns(model, coefficients, motion)
-    return _log_ratio(np.linalg.eigvalsh(columns.T @ columns))
 
 
 def _log_ratio(eigenvalues: NDArray[np.floating[Any]]) -> float:
@@ -240,8 +226,4 @@ def _log_ratio(eigenvalues: NDArray[np.floating[Any]]) -> float:
 def _scaled_columns(model: Model, coefficients: BaseCoefficients, motion: Motion) -> Array:
     """(N n, r) columns of length one; a column of zeros stays."""
     columns = model.columns(motion)[:, :, coefficients.kept].reshape(-1, len(coefficients))
-    return columns / _or_one(np.linalg.norm(columns, axis=0))
-
-
-def _or_one(lengths: Array) -> Array:
-    return np.where(lengths > 0.0, lengths, 1.0)
+    return columns / or_one(np.linalg.norm(columns, axis=0))

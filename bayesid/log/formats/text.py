@@ -12,6 +12,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -42,23 +43,11 @@ _NO_VALUE = "#", "nan", "NaN", "NULL", "null", "None", "N/A", "n/a", "-", "?"
 _BOMS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
 
 
-def is_clock(cell: str) -> bool:
-    """Whether a cell holds a time as `clock_seconds` reads it."""
-    try:
-        clock_seconds(cell)
-    except ValueError:
-        return False
-    return ":" in cell
-
-
 def clock_seconds(cell: str) -> float:
-    """A date and time in s since 1970, UTC where no zone is given; a time of day in s since midnight.
+    """A date and time in s since 1970, UTC where no zone is given; of a time of day since midnight; else a ValueError.
 
     Dates are those of ISO 8601, or days, months and years with points (3.2.2026) or with slashes, where either of the
     first two may be the month: a log is about differences. "12:03.4" is 12 minutes and 3.4 s, as spreadsheets have it.
-
-    Raises:
-        ValueError: it is none of these.
     """
     cell = cell.strip().strip('"')
     day = _DAY.fullmatch(cell)
@@ -104,14 +93,20 @@ class CsvFile(Format):
     def read(self, path: Path, options: Options) -> Table:
         """The columns of a log."""
         try:
-            layout = look_at(path)
+            layout = look(path)
             selected, clock = select_columns(layout, str(path), options)
             values = _read_values(path, layout, [source.place for source in selected.columns], clock)
         except (UnicodeDecodeError, csv.Error) as error:
             raise _not_text(path, isinstance(error, UnicodeDecodeError)) from None
-        units = {one.name: 1.0 if one.place == clock else one.unit for one in selected.columns}
-        columns = {one.name: Column(one.label, values[:, one.place], units[one.name]) for one in selected.columns}
-        return Table(columns, str(path), lambda row: _where(path, layout, row), selected.notes)
+        columns = {}
+        for one in selected.columns:
+            columns[one.name] = Column(one.label, values[:, one.place], 1.0 if one.place == clock else one.unit)
+
+        def place(row: int) -> str:
+            number, _ = next(islice(_rows(path, layout), row, None))
+            return f"{path}, row {number}"
+
+        return Table(columns, str(path), place, selected.notes)
 
 
 @dataclass(frozen=True)
@@ -119,7 +114,6 @@ class Layout:
     """How a file writes a table.
 
     Attributes:
-        encoding: of its text.
         separator: what is between two columns; a space stands for any number of them.
         decimal_comma: whether commas may stand between a number's units and tenths; decimal points may all the same.
         header: the names of the columns, with the units of a second row of the header in brackets.
@@ -159,24 +153,19 @@ class Layout:
         return line.replace(",", ".")
 
 
-def look(content: bytes, whole: bool = False) -> Layout:
-    """How a file is written, by its first bytes; UnicodeDecodeError or csv.Error if it is no table."""
-    return _look(content, _encoding(lambda: [content], whole))
+def look(source: Path | bytes, whole: bool = True) -> Layout:
+    """How a table is written; UnicodeDecodeError or csv.Error if it is none.
 
-
-def look_at(path: Path) -> Layout:
-    """How a file is written that may be larger than memory: its beginning shows it, but all of it the encoding."""
+    A file's beginning shows it, but the encoding all of it, piece by piece. Bytes may be the first of some.
+    """
 
     def pieces() -> Iterator[bytes]:
-        with path.open("rb") as file:
+        with io.BytesIO(source) if isinstance(source, bytes) else source.open("rb") as file:
             while piece := file.read(TUNING.header_bytes):
                 yield piece
 
-    return _look(next(pieces(), b""), _encoding(pieces, whole=True))
-
-
-def _look(content: bytes, encoding: str) -> Layout:
-    text = codecs.getincrementaldecoder(encoding)().decode(content[: TUNING.header_bytes])
+    encoding = _encoding(pieces, whole)
+    text = codecs.getincrementaldecoder(encoding)().decode(next(pieces(), b""))
     lines = io.StringIO(text, newline="").readlines()
     if lines and "\0" in lines[0]:
         raise csv.Error("no text")
@@ -199,6 +188,14 @@ def _look(content: bytes, encoding: str) -> Layout:
     return Layout(encoding, separator, comma, tuple(header), row + 1, rows, tuple(values), quoted)
 
 
+def _is_clock(cell: str) -> bool:
+    try:
+        clock_seconds(cell)
+    except ValueError:
+        return False
+    return ":" in cell
+
+
 def select_columns(layout: Layout, source: str, options: Options) -> tuple[Chosen, int | None]:
     """The columns that make a log, in the table's order, and the place of a time that is written as one of day."""
     where, remedy = f"{source}, row {layout.header_row}", "begin it with t,q1..qn,tau1..taun"
@@ -209,7 +206,7 @@ def select_columns(layout: Layout, source: str, options: Options) -> tuple[Chose
     selected = choose(layout.header, where, options)
     chosen = tuple(sorted(selected.columns, key=lambda source: source.place))  # the first bad one is named
     times = [one.place for one in chosen if one.name == "t" and one.place < len(layout.first)]
-    clock = next((place for place in times if is_clock(layout.first[place])), None)
+    clock = next((place for place in times if _is_clock(layout.first[place])), None)
     return Chosen(chosen, selected.notes), clock
 
 
@@ -294,11 +291,8 @@ def _split(line: str, separator: str) -> list[str]:
 def _are_units(cells: Sequence[str], header: Sequence[str]) -> bool:
     """Whether a row beneath the header holds units, and no value."""
     inner = [_bare_unit(cell) for cell in cells]
-    return (
-        len(cells) == len(header)
-        and any(map(is_unit, inner))
-        and not any(_is_number(one, comma=False) for one in inner)
-    )
+    values = any(_is_number(one, comma=False) for one in inner)
+    return len(cells) == len(header) and any(map(is_unit, inner)) and not values
 
 
 def _bare_unit(cell: str) -> str:
@@ -311,10 +305,7 @@ def _read_values(path: Path, layout: Layout, used: list[int], clock: int | None)
     n = len(layout.header)
     converters: dict[int | str, Callable[[str], float]] = {i: lambda _: 0.0 for i in range(n) if i not in used}
     converters |= {} if clock is None else {clock: clock_seconds}
-    with (
-        path.open(newline="", encoding=layout.encoding) as file,
-        quiet(UserWarning),
-    ):  # of a file without rows, which is refused later
+    with path.open(newline="", encoding=layout.encoding) as file, quiet(UserWarning):  # of no rows: refused later
         try:
             values: Array = np.loadtxt(
                 layout.lines(file),
@@ -338,37 +329,33 @@ def _read_values(path: Path, layout: Layout, used: list[int], clock: int | None)
     return values
 
 
-def _where(path: Path, layout: Layout, row: int) -> str:
+def _rows(path: Path, layout: Layout) -> Iterator[tuple[int, str]]:
+    """The lines of values with their numbers: the first line of the file is row 1, and blank ones count."""
     with path.open(newline="", encoding=layout.encoding) as file:
-        lines = [k for k, line in enumerate(layout.lines(file), start=1) if k > layout.rows and line.strip()]
-    return f"{path}, row {lines[row]}"
+        for number, line in enumerate(layout.lines(file), start=1):
+            if number > layout.rows and line.strip():
+                yield number, line
 
 
 def _first_bad_row(path: Path, layout: Layout, used: list[int], clock: int | None) -> InputError:
-    with path.open(newline="", encoding=layout.encoding) as file:
-        for number, line in enumerate(layout.lines(file), start=1):
-            if number <= layout.rows or not line.strip():
-                continue
-            cells, where = _split(line, layout.separator), f"{path}, row {number}"
-            if tuple(cells) == layout.header:
-                remedy = (
-                    "remove the row or, if another recording begins there, cut the log into two files and give both"
-                )
-                return InputError("holds the header again", where, remedy)
-            if len(cells) != len(layout.header):
-                said = f"holds {len(cells)} values, the header names {len(layout.header)}"
-                remedy = _semicolons(layout, len(cells)) if number == layout.rows + 1 else ""
-                truncated = "remove the row (a truncated last row is common) or complete it"
-                return InputError(said, where, remedy or truncated)
-            for i in used:
-                if not (is_clock(cells[i]) if i == clock else _is_number(cells[i], comma=False)):
-                    said = f"column {layout.header[i]} holds {cells[i]!r}, not a {'time' if i == clock else 'number'}"
-                    remedy = "correct the value"
-                    if _THOUSANDS.fullmatch(cells[i]):
-                        remedy = "write numbers without separators of thousands"
-                    elif not cells[i] or cells[i].startswith(_NO_VALUE):
-                        remedy = "remove the row (the log may have gaps), or give the value"
-                    return InputError(said, where, remedy)
+    for number, line in _rows(path, layout):
+        cells, where = _split(line, layout.separator), f"{path}, row {number}"
+        if tuple(cells) == layout.header:
+            remedy = "remove the row or, if another recording begins there, cut the log into two files and give both"
+            return InputError("holds the header again", where, remedy)
+        if len(cells) != len(layout.header):
+            said = f"holds {len(cells)} values, the header names {len(layout.header)}"
+            remedy = _semicolons(layout, len(cells)) if number == layout.rows + 1 else ""
+            return InputError(said, where, remedy or "remove the row (a truncated last row is common) or complete it")
+        for i in used:
+            if not (_is_clock(cells[i]) if i == clock else _is_number(cells[i], comma=False)):
+                said = f"column {layout.header[i]} holds {cells[i]!r}, not a {'time' if i == clock else 'number'}"
+                remedy = "correct the value"
+                if _THOUSANDS.fullmatch(cells[i]):
+                    remedy = "write numbers without separators of thousands"
+                elif not cells[i] or cells[i].startswith(_NO_VALUE):
+                    remedy = "remove the row (the log may have gaps), or give the value"
+                return InputError(said, where, remedy)
     return InputError("cannot be read as a table of numbers", str(path), "give a comma-separated file")
 
 
