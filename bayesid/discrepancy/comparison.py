@@ -39,7 +39,7 @@ from bayesid.effects.model import Model
 from bayesid.errors import InputError
 from bayesid.identification.identification import Identification
 from bayesid.identification.options import Preparation, hashes
-from bayesid.identification.pipeline import identify, identify_alone
+from bayesid.identification.pipeline import identify, identify_again
 from bayesid.identification.prediction import check_joints
 from bayesid.log.dates import Dates, dates_of
 from bayesid.log.log import Log, check_exact_gains
@@ -283,7 +283,7 @@ def _alone(
         own = tuple(_turning_below(_carrying(term, body), speed) for term in shared)
         model = reduce(Model.extend, distortions, Model(earlier.model.robot, own))
         theta = _values(model, told)
-        runs.append(identify_alone(model, log, theta, preparation=preparation, progress=headings[k]))
+        runs.append(identify_again(model, log, None, theta, preparation=preparation, progress=headings[k]))
     return runs
 
 

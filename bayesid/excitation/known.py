@@ -130,8 +130,7 @@ def _distribution(identified: IdentifiedModel, base: BaseCoefficients) -> tuple[
     beta, draws = base.project(identified.theta), identified.draws
     none = np.empty(0, dtype=np.int64)
     if draws is None:
-        parts = [part for part in (identified.lacking, identified.by_gains) if part is not None]
-        return beta, identified.precision, sum(parts, np.zeros_like(identified.precision)), none
+        return beta, identified.precision, identified.beyond_precision, none
     drawn = base.project(draws.theta)
     if draws.log_gain is not None and (gains := np.flatnonzero(np.ptp(draws.log_gain, axis=0) > 0.0)).size:
         both = np.cov(np.hstack([drawn, draws.log_gain[:, gains]]), rowvar=False)

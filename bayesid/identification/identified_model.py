@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from bayesid.arrays import Array, Integers
+from bayesid.arrays import Array
 from bayesid.effects.model import Model
 from bayesid.errors import InputError
 from bayesid.identification.gains import IdentifiedGains
@@ -25,8 +25,6 @@ from bayesid.identification.prediction import (
     compare,
     drawn_noise,
     motion_of,
-    spread_of,
-    spread_of_draws,
 )
 from bayesid.identification.tuning import TUNING
 from bayesid.log.log import Log, check_exact_gains
@@ -47,13 +45,6 @@ class ParameterDraws:
     log_gain: Array | None = None
 
     as_read: bool = False  #: whether efforts are those that readings make by the log's gains, not by each draw's own
-
-    def efforts(self, columns: Array, chosen: Integers) -> Array:
-        """(N, n, k) efforts of chosen draws (k,), N m, from the model's columns (N, n, P)."""
-        efforts: Array = columns @ self.theta[chosen].T
-        if self.as_read and self.log_gain is not None:
-            efforts /= np.exp(self.log_gain[chosen].T)
-        return efforts
 
 
 @dataclass(frozen=True)
@@ -165,16 +156,19 @@ class IdentifiedModel:
 
     @property
     def _knows_parameters(self) -> bool:
-        """Whether anything is known of how certain they are."""
         return self.draws is not None or bool(self.precision.any())
 
     @cached_property
     def spread(self) -> Spread:
         """Normal distribution of the coefficients: by the draws' covariance, or else by the information matrix."""
         if self.draws is not None:
-            return spread_of_draws(self.model, self.draws.theta)
-        parts = [part for part in (self.lacking, self.by_gains) if part is not None]
-        return spread_of(self.model, self.precision, np.sum(parts, axis=0) if parts else None)
+            return Spread.of_draws(self.model, self.draws.theta)
+        return Spread.of_precision(self.model, self.precision, self.beyond_precision)
+
+    @property
+    def beyond_precision(self) -> Array:
+        """(r, r) covariance by which the coefficients are less certain than `precision` says, for whatever reason."""
+        return sum((part for part in (self.lacking, self.by_gains) if part is not None), np.zeros_like(self.precision))
 
     @property
     def _as_read(self) -> IdentifiedModel:
@@ -186,31 +180,26 @@ class IdentifiedModel:
 
     def _sd_of_effort(self, motion: Motion) -> Array:
         """(N, n) of the efforts before sensors read them, N m."""
-        chunks = (columns for _, columns in self.model.chunks(motion))
-        if self.draws is None:
+        chunks, draws = (columns for _, columns in self.model.chunks(motion)), self.draws
+        if draws is None:
             spread = self.spread
             return np.concatenate([spread.sd(columns) for columns in chunks])
-        count = len(self.draws.theta)
+        count = len(draws.theta)
         chosen = np.linspace(0, count - 1, min(TUNING.band_draws, count)).astype(int)
-        return np.concatenate([self.draws.efforts(columns, chosen).std(axis=2) for columns in chunks])
+        gain = np.exp(draws.log_gain[chosen].T) if draws.as_read and draws.log_gain is not None else 1.0
+        return np.concatenate([(columns @ draws.theta[chosen].T / gain).std(axis=2) for columns in chunks])
 
     def _drawn_efforts(self, motion: Motion, count: int, noise: bool, rng: np.random.Generator) -> Array:
         """(K, N, n) efforts that might be, N m."""
-        sigma = np.tile(self.noise.sigma, (count, 1))
+        theta, sigma = np.tile(self.theta, (count, 1)), np.tile(self.noise.sigma, (count, 1))
         if self.draws is not None:
             total = len(self.draws.theta)
             chosen = rng.choice(total, count, replace=count > total)
-            sigma = self.draws.sigma[chosen]
-            parts = [self.draws.efforts(columns, chosen) for _, columns in self.model.chunks(motion)]
+            theta, sigma = self.draws.theta[chosen], self.draws.sigma[chosen]
         elif self._knows_parameters:
-            spread = self.spread
-            normal = rng.standard_normal((count, spread.root.shape[1]))
-            chunks = self.model.chunks(motion)
-            parts = [(columns @ self.theta)[:, :, None] + spread.moves(columns, normal) for _, columns in chunks]
-        else:
-            chunks = self.model.chunks(motion)
-            parts = [np.repeat((columns @ self.theta)[:, :, None], count, axis=2) for _, columns in chunks]
-        efforts = np.stack([self.model.read(effort) for effort in np.moveaxis(np.concatenate(parts), 2, 0)])
+            root = self.spread.root
+            theta[:, self.spread.kept] += rng.standard_normal((count, root.shape[1])) @ root.T
+        efforts = np.moveaxis(self.model.effort(motion, theta.T), 2, 0)
         return efforts + drawn_noise(self.noise, sigma, motion.t, rng) if noise else efforts
 
     def validate(self, log: LogSource, cutoff: float | None = None) -> Validation:

@@ -80,11 +80,6 @@ class _Reading:
         others = (np.abs(self.factor) != 1.0) | (self.units != 1.0)
         return len(others) > 1 and int(others.sum()) == 1
 
-    @property
-    def columns_key(self) -> tuple[int, bytes, bytes]:
-        """The same for readings of one log that have the same columns."""
-        return id(self.robot), self.order.tobytes(), self.factor.tobytes()
-
     def columns(self, recorded: Motion) -> Array:
         """(N, n, P) of the standard terms, and of what the flange carries."""
         q, dq, ddq = (part[:, self.order] * self.factor for part in (recorded.q, recorded.dq, recorded.ddq))
@@ -119,15 +114,14 @@ def better_reading(evidence: Evidence, signs: Array, time: Array) -> BetterReadi
         time: (n,) samples that count as one.
     """
     as_given, excerpt = _as_given(evidence.model.robot), _excerpt(evidence, signs)
-    every = [
-        replace(as_given, kind=hypothesis.kind, change=change, **other)
-        for hypothesis in HYPOTHESES
-        for change, other in hypothesis.readings(as_given.robot)
+    readings = [
+        replace(as_given, kind=kind, change=change, **other)
+        for kind, readings_of in _HYPOTHESES
+        for change, other in readings_of(as_given.robot)
     ]
-    readings = _promising(every, as_given, excerpt)
     given, *left = _left_by([as_given, *readings], excerpt)
     count = _of_the_least(given, np.maximum(evidence.used.sum(axis=0) / time, 1.0), left)
-    best, found = 2.0 * (_DECISIVE + np.log(len(every))), None
+    best, found = 2.0 * (_DECISIVE + np.log(len(readings))), None
     for reading, other in zip(readings, left, strict=True):
         gain = 2.0 * count @ np.log(given.share / other.share) - (other.size - given.size) * np.log(count.sum())
         clearly = other.rms < TUNING.clearly_better * given.rms
@@ -144,18 +138,6 @@ def _excerpt(evidence: Evidence, signs: Array) -> _Excerpt:
     rows = candidates[np.linspace(0, len(candidates) - 1, min(TUNING.instants, len(candidates))).round().astype(int)]
     effort = np.where(signals.signed, signals.effort, signs * np.abs(signals.effort))
     return _Excerpt(signals.motion[rows], effort[rows], used[rows], signals.signed)
-
-
-def _promising(readings: Sequence[_Reading], as_given: _Reading, excerpt: _Excerpt) -> list[_Reading]:
-    """Those that leave less of some instants than the given one, or of a joint if one alone is read in other units."""
-    some = slice(None, None, TUNING.first_look)
-    few = _Excerpt(excerpt.motion[some], excerpt.effort[some], excerpt.used[some], excerpt.signed)
-    given, *left = _left_by([as_given, *readings], few)
-    less = [
-        np.min(other.share / given.share) if reading.of_one_joint else other.rms / given.rms
-        for reading, other in zip(readings, left, strict=True)
-    ]
-    return [reading for reading, share in zip(readings, less, strict=True) if share < TUNING.promising]
 
 
 @dataclass(frozen=True)
@@ -189,15 +171,15 @@ def _of_the_least(given: _Left, count: Array, others: Sequence[_Left]) -> Array:
 
 
 def _left_by(readings: Sequence[_Reading], excerpt: _Excerpt) -> list[_Left]:
-    """What each reading leaves; those with the same columns are looked at together."""
-    alike: dict[tuple[int, bytes, bytes], list[int]] = {}
-    for k, reading in enumerate(readings):
-        alike.setdefault(reading.columns_key, []).append(k)
-    left: dict[int, _Left] = {}
-    for some in alike.values():
-        columns = readings[some[0]].columns(excerpt.motion)
-        left |= {k: _leaves(readings[k], excerpt, columns) for k in some}
-    return [left[k] for k in range(len(readings))]
+    """What each reading leaves; those with the same columns share them, one after another."""
+    left: list[_Left] = []
+    columns: dict[tuple[int, bytes, bytes], Array] = {}
+    for reading in readings:
+        key = id(reading.robot), reading.order.tobytes(), reading.factor.tobytes()
+        if key not in columns:
+            columns = {key: reading.columns(excerpt.motion)}
+        left.append(_leaves(reading, excerpt, columns[key]))
+    return left
 
 
 def _leaves(reading: _Reading, excerpt: _Excerpt, columns: Array) -> _Left:
@@ -251,13 +233,6 @@ def _settled(basis: Array, effort: Array, signed: Mask, believed: Mask) -> tuple
 # ---------------------------------------------------------------------------------------------------------------
 _Changes: TypeAlias = Iterator[tuple[str, dict[str, Any]]]
 """What is other, to follow on "with", and the fields of the reading that it changes."""
-
-
-class Hypothesis(NamedTuple):
-    """A way in which a log of a robot may be read wrongly, and how it would then have to be read."""
-
-    kind: str
-    readings: Callable[[Robot], _Changes]
 
 
 def _as_given(robot: Robot) -> _Reading:
@@ -353,12 +328,13 @@ def _random_table(robot: Robot, rng: np.random.Generator) -> Robot:
     return replace(robot, joints=tuple(joints), lengths={})
 
 
-HYPOTHESES = (
-    Hypothesis("joint order", _orders),
-    Hypothesis("direction", _directions),
-    Hypothesis("units", _units),
-    Hypothesis("units", _units_of_one),
-    Hypothesis("mounting", _mountings),
-    Hypothesis("robot", _other_robots),
+_HYPOTHESES: tuple[tuple[str, Callable[[Robot], _Changes]], ...] = (
+    ("joint order", _orders),
+    ("direction", _directions),
+    ("units", _units),
+    ("units", _units_of_one),
+    ("mounting", _mountings),
+    ("robot", _other_robots),
 )
-"""Those that are easily put right first: of equal ones the first counts."""
+"""Kinds of wrong readings, and how a log would have to be read; first those that are easily put right: of equal ones
+the first counts."""

@@ -177,7 +177,7 @@ def _turned(result: Identification) -> bool:
 def identify_again(
     model: Model,
     log: Log,
-    knowledge: Knowledge,
+    knowledge: Knowledge | None,
     theta: Array,
     *,
     search: Search = QUICK,
@@ -185,15 +185,16 @@ def identify_again(
     preparation: Preparation = Preparation(),
     progress: Progress = SILENT,
 ) -> Identification:
-    """Identifies an extended model from a log, given what an earlier log has shown.
+    """Identifies a given model from a log; no effect enters.
 
     Signs are searched from scratch, and settled once more under the parameters given: those that agree better with log
-    and knowledge are kept.
+    and knowledge are kept. Without knowledge the log is all there is to go by, as a first log is: what the catalogue
+    holds besides, and the geometry, widen the uncertainty of the coefficients.
 
     Args:
         model: robot, terms and distortions.
         log: a log.
-        knowledge: of some of the parameters.
+        knowledge: what an earlier log has shown of some of the parameters; None if nothing.
         theta: (P,) parameters from which signs are settled too.
         search: how signs are searched.
         posterior: how it is sampled, or whether it is.
@@ -203,62 +204,31 @@ def identify_again(
     Raises:
         SolverError: an optimisation failed.
     """
-    run = _Run(search, posterior, preparation, Beliefs(), progress, {"model": _names_of(model)})
-    asked, _, shown = _settle_again(run, model, log, Earlier(knowledge, theta))
-    sampled = _sampled(run, AveragedSigns.alone(asked))
-    return replace(_identification(run, log, asked.evidence.signals, model, sampled), signals=shown)
-
-
-@one_blas_thread
-def identify_alone(
-    model: Model,
-    log: Log,
-    theta: Array,
-    *,
-    search: Search = QUICK,
-    preparation: Preparation = Preparation(),
-    progress: Progress = SILENT,
-) -> Identification:
-    """Identifies a given model from a log that is all there is to go by: as a first log is, with `only-uncertainty`.
-
-    No effect enters; what the catalogue holds besides, and the geometry, widen the uncertainty of the coefficients.
-    Nothing is known of these beforehand, and no posterior is sampled: no prior pulls several logs to the same values.
-    Signs are settled under theta (P,) too, which has no other say.
-
-    Raises:
-        SolverError: an optimisation failed.
-    """
-    run = _Run(search, False, preparation, Beliefs(), progress, {"model": _names_of(model)})
-    rows = model.before_sensors
-    nothing = np.zeros(2 * (len(base_coefficients(rows)),))
-    asked, segments, shown = _settle_again(run, model, log, Earlier(Knowledge(rows, theta, nothing), theta))
-    asked = replace(asked, evidence=replace(asked.evidence, information=None))
-    completing = Completing(False, run.beliefs.kinematics, preparation.cutting)
-    completed = complete_model(AveragedSigns.alone(asked), segments, OneBudget(search), completing, progress)
-    run.lap("complete")
-    result = _identification(run, log, completed.signals, model, _sampled(run, completed.averaged))
-    return replace(result, signals=shown, completion=completed.completion)
-
-
-def _settle_again(run: _Run, model: Model, log: Log, earlier: Earlier) -> tuple[Settled, Segments, Signals]:
-    """Signs under a given model, the segments before any search, and the signals to show."""
+    run = _Run(search, posterior, preparation, Beliefs(), progress, {"model": [one.name for one in model.effects]})
     check_exact_gains(log)
-    check_memory(log, run.preparation.max_memory)
-    as_read = prepare(log, run.preparation.cutoff)
+    check_memory(log, preparation.max_memory)
+    as_read = prepare(log, preparation.cutoff)
     signals, rows = restored(model, as_read), model.before_sensors
-    segments = find_segments(signals, model.robot.actuators(signals.motion), run.preparation.cutting)
+    segments = find_segments(signals, model.robot.actuators(signals.motion), preparation.cutting)
     run.lap("prepare")
+    earlier = knowledge
+    if earlier is None:
+        size = len(base_coefficients(rows))
+        earlier = Knowledge(rows, theta, np.zeros((size, size)))
     asked, segments = settle_unfiltered(
-        rows, signals, segments, OneBudget(run.search), run.preparation.cutting, run.progress, earlier
+        rows, signals, segments, OneBudget(search), preparation.cutting, progress, Earlier(earlier, theta)
     )
     run.lap("search")
-    settled = asked.evidence.signals
-    return asked, segments, as_read if settled.after_rectifier is None else settled
-
-
-def _names_of(model: Model) -> list[str]:
-    """Of its effects, terms first."""
-    return [effect.name for effect in model.effects]
+    settled, averaged, completion = asked.evidence.signals, AveragedSigns.alone(asked), None
+    shown, signals = as_read if settled.after_rectifier is None else settled, settled
+    if knowledge is None:
+        averaged = AveragedSigns.alone(replace(asked, evidence=replace(asked.evidence, information=None)))
+        completing = Completing(False, run.beliefs.kinematics, preparation.cutting)
+        completed = complete_model(averaged, segments, OneBudget(search), completing, progress)
+        averaged, signals, completion = completed.averaged, completed.signals, completed.completion
+        run.lap("complete")
+    result = _identification(run, log, signals, model, _sampled(run, averaged))
+    return replace(result, signals=shown, completion=completion)
 
 
 @dataclass

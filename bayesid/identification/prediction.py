@@ -232,30 +232,29 @@ class Spread:
         blind = share > _INVOLVED * np.linalg.norm(scaled, axis=2)
         return np.where(blind, np.inf, np.linalg.norm(rows @ self.root, axis=2))
 
-    def moves(self, columns: Array, normal: Array) -> Array:
-        """(N, n, K) by which standard normal numbers (K, k) move the efforts."""
-        moved: Array = columns[:, :, self.kept] @ (self.root @ normal.T)
-        return moved
+    @classmethod
+    def of_precision(cls, model: Model, precision: Array, beyond: Array) -> Spread:
+        """From the coefficients' inverse covariance (r, r), and a covariance (r, r) beyond that."""
+        scale = scale_of(precision)
+        values, vectors = np.linalg.eigh(precision / scale[:, None] / scale)
+        known = values > _UNKNOWN * values.max()
+        root = vectors[:, known] / np.sqrt(values[known]) / scale[:, None]
+        if beyond.any():
+            root = np.hstack([root, _root(beyond * scale[:, None] * scale) / scale[:, None]])
+        return cls(base_coefficients(model).kept, root, vectors[:, ~known], scale)
+
+    @classmethod
+    def of_draws(cls, model: Model, theta: Array) -> Spread:
+        """From K draws (K, P) of the model's parameters."""
+        base = base_coefficients(model)
+        root = _root(np.atleast_2d(np.cov(base.project(theta).T)))
+        return cls(base.kept, root, np.zeros((len(base), 0)), np.ones(len(base)))
 
 
-def spread_of(model: Model, precision: Array, lacking: Array | None) -> Spread:
-    """Of a model's coefficients, from their inverse covariance (r, r) and that of what it may lack, (r, r)."""
-    scale = scale_of(precision)
-    values, vectors = np.linalg.eigh(precision / scale[:, None] / scale)
-    known = values > _UNKNOWN * values.max()
-    root = vectors[:, known] / np.sqrt(values[known]) / scale[:, None]
-    if lacking is not None:
-        sizes, turn = np.linalg.eigh(lacking * scale[:, None] * scale)
-        root = np.hstack([root, turn * np.sqrt(np.maximum(sizes, 0.0)) / scale[:, None]])
-    return Spread(base_coefficients(model).kept, root, vectors[:, ~known], scale)
-
-
-def spread_of_draws(model: Model, theta: Array) -> Spread:
-    """Of a model's coefficients, from K draws (K, P) of its parameters."""
-    base = base_coefficients(model)
-    sizes, turn = np.linalg.eigh(np.atleast_2d(np.cov((theta @ base.projection.T).T)))
-    root = turn * np.sqrt(np.maximum(sizes, 0.0))
-    return Spread(base.kept, root, np.zeros((len(base), 0)), np.ones(len(base)))
+def _root(covariance: Array) -> Array:
+    sizes, turn = np.linalg.eigh(covariance)
+    root: Array = turn * np.sqrt(np.maximum(sizes, 0.0))
+    return root
 
 
 def drawn_noise(noise: Noise, sigma: Array, t: Array, rng: np.random.Generator) -> Array:

@@ -65,10 +65,6 @@ class Tuning:
     is wrong with one joint hardly shows in all."""
     instants: int = 600
     """Of the log, that readings are fitted to: some 3600 rows for 60 to 80 coefficients."""
-    first_look: int = 3
-    """Of so many instants one is looked at first. It saves time alone."""
-    promising: float = 0.9
-    """Share of what the given reading leaves of these that a promising one leaves at most. It saves time alone."""
     random_tables: int = 20
     """Drawn at random: of tables with such twists one in some ten comes near to an arm of the usual make."""
     longest_lag_share: int = 10

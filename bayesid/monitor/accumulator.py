@@ -166,7 +166,7 @@ class Accumulator:
         known, (normal, lost) = self._running.coefficients, self._normal()
         beta = _least_squares(normal, known.project(self._identified.theta))
         now, before = (np.diag(covariance_of(one)[0]) for one in (normal.hessian - lost, self._shown_before()))
-        more = np.diag(self._lacking)
+        more = np.diag(self._identified.beyond_precision)
         decided = np.where(
             now <= POSTERIOR_TUNING.of_prior * before, _BY_DATA, np.where(np.isfinite(before), _BY_EARLIER, _BY_PRIOR)
         )
@@ -193,7 +193,7 @@ class Accumulator:
     def covariance(self) -> Array:
         """(r, r) of the coefficients; inf on the diagonal where nothing shows one."""
         normal, lost = self._normal()
-        return covariance_of(normal.hessian - lost)[0] + self._lacking
+        return covariance_of(normal.hessian - lost)[0] + self._identified.beyond_precision
 
     @property
     def effective_samples(self) -> Array:
@@ -253,12 +253,6 @@ class Accumulator:
         """The model's, its autocorrelation time in samples of the stream."""
         running, noise = self._running, self._identified.noise
         return noise.with_time_of_model(running.steps / running.span) if running.steps else noise
-
-    @property
-    def _lacking(self) -> Array:
-        """(r, r) by what the model may lack and its gains leave open, which no stream makes less."""
-        parts = self._identified.lacking, self._identified.by_gains
-        return sum((part for part in parts if part is not None), np.zeros_like(self._identified.precision))
 
     @property
     def _weights(self) -> Array:
