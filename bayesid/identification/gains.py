@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import ndtri
 
-from bayesid.arrays import Array, Mask
+from bayesid.arrays import TINY, Array, Mask
 from bayesid.effects.friction import LoadDependentFriction
 from bayesid.identification.tuning import TUNING
 from bayesid.log.gains import Gains
@@ -17,7 +17,6 @@ from bayesid.posterior.target import usual_links
 from bayesid.regression.evidence import Evidence
 from bayesid.regression.gains import GainFit, GainPrior, fit_gains, likely_gains, prior_of, signed_moments
 from bayesid.regression.knowledge import Beliefs, Links, inverse_of
-from bayesid.regression.least_squares import Fit
 from bayesid.regression.moments import Moments
 from bayesid.regression.noise import Noise
 from bayesid.regression.tuning import TUNING as REGRESSION
@@ -120,23 +119,19 @@ class IdentifiedGains:
 
     def _of_ratios(self, covariance: Array) -> Array:
         """(n,) variance of each logarithm about the weighted mean of the others."""
-        variance = np.zeros(len(self.weights))
-        for j in range(len(variance)):
-            others = np.where(np.arange(len(variance)) == j, 0.0, self.weights)
-            total = others.sum()
-            ratio = np.eye(len(variance))[j] - (others / total if total > 0.0 else 0.0)
-            variance[j] = ratio @ covariance @ ratio
-        return variance
+        itself = np.eye(len(self.weights))
+        others = self.weights * (1.0 - itself)
+        ratios = itself - others / np.maximum(others.sum(axis=1, keepdims=True), TINY)
+        return np.asarray(np.einsum("ij,jk,ik->i", ratios, covariance, ratios))
 
 
 class UnknownGains:
     """The gains of a log while signs are searched: they move, and its efforts with them."""
 
     def __init__(self, log: Log, beliefs: Beliefs) -> None:
-        self.log, self._beliefs = log, beliefs
+        self.log, self._beliefs, self._stated = log, beliefs, log.gains
         self.fit: GainFit | None = None
         self._like_friction: tuple[int, ...] = ()
-        self._stated = log.gains
         self._prior: GainPrior | None = None if log.gains is None else prior_of(log.gains)
         self._moves = 0
 
@@ -238,8 +233,3 @@ def spread_by_gains(gains: GainFit, evidence: Evidence) -> Array:
     moves = evidence.coefficients.projection @ gains.moves
     covariance: Array = moves @ gains.covariance @ moves.T
     return covariance
-
-
-def widened_by_gains(fit: Fit, gains: GainFit, evidence: Evidence) -> Fit:
-    """Least squares with the gains' uncertainty in the coefficients' covariance."""
-    return replace(fit, covariance=fit.covariance + spread_by_gains(gains, evidence))

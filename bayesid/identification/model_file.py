@@ -25,6 +25,11 @@ from bayesid.log.gains import gains_of
 from bayesid.regression.noise import Noise
 from bayesid.robot import robot_from_table, robot_table
 
+_GAIN_ARRAYS = {"value": 1, "weights": 1, "covariance": 2, "prior": 2}
+"""Arrays of `IdentifiedGains` and their dimensions."""
+_BEYOND = ("lacking", "by_gains")
+"""Covariances of `IdentifiedModel` that there may be."""
+
 
 def load_model(folder: str | Path, effects: Iterable[type[Effect]] = ()) -> IdentifiedModel:
     """The model of a result folder.
@@ -74,14 +79,12 @@ def _stored_model(table: dict[str, Any], where: str, known: Mapping[str, type[Ef
 
 
 def _stored_gains(table: Mapping[str, Any], n: int) -> IdentifiedGains:
+    stated = replace(gains_of(table["stated"], n), of_torques=bool(table["of_torques"]), unit=str(table["unit"]))
     return IdentifiedGains(
-        value=frozen(table["value"], (n,), "gains, value,"),
-        weights=frozen(table["weights"], (n,), "gains, weights,"),
-        stated=replace(gains_of(table["stated"], n), of_torques=bool(table["of_torques"]), unit=str(table["unit"])),
+        **{key: frozen(table[key], (n,) * size, f"gains, {key},") for key, size in _GAIN_ARRAYS.items()},
+        stated=stated,
         settled=bool(table["settled"]),
         like_friction=tuple(map(int, table["like_friction"])),
-        covariance=frozen(table["covariance"], (n, n), "gains, covariance,"),
-        prior=frozen(table["prior"], (n, n), "gains, prior,"),
     )
 
 
@@ -94,8 +97,8 @@ def _stored_knowledge(table: dict[str, Any], model: Model) -> dict[str, Any]:
     stored = table["knowledge"]
     if list(stored["coefficients"]) != list(kept):
         raise ValueError("the knowledge is of other coefficients than the model's")
-    known = {"precision": stored["precision"]} | {key: stored[key] for key in ("lacking", "by_gains") if key in stored}
-    squares = {key: frozen(values, shape, f"knowledge, {key},") for key, values in known.items()}
+    known = ["precision", *(key for key in _BEYOND if key in stored)]
+    squares = {key: frozen(stored[key], shape, f"knowledge, {key},") for key in known}
     return {**squares, "logs": frozenset(map(str, stored.get("logs", [])))}
 
 
@@ -139,8 +142,7 @@ def model_table(stored: IdentifiedModel) -> dict[str, Any]:
         "knowledge": {
             "coefficients": list(base_coefficients(stored.model).names),
             "precision": stored.precision.tolist(),
-            **({} if stored.lacking is None else {"lacking": stored.lacking.tolist()}),
-            **({} if stored.by_gains is None else {"by_gains": stored.by_gains.tolist()}),
+            **{key: part.tolist() for key in _BEYOND if (part := getattr(stored, key)) is not None},
             "logs": sorted(stored.logs),
         },
         **({} if stored.gains is None else {"gains": _gains_table(stored.gains)}),
@@ -149,13 +151,10 @@ def model_table(stored: IdentifiedModel) -> dict[str, Any]:
 
 def _gains_table(gains: IdentifiedGains) -> dict[str, Any]:
     return {
-        "value": gains.value.tolist(),
+        **{key: getattr(gains, key).tolist() for key in _GAIN_ARRAYS},
+        "stated": gains.stated.text,
         "unit": gains.stated.unit,
         "of_torques": gains.stated.of_torques,
-        "stated": gains.stated.text,
         "settled": gains.settled,
         "like_friction": list(gains.like_friction),
-        "weights": gains.weights.tolist(),
-        "covariance": gains.covariance.tolist(),
-        "prior": gains.prior.tolist(),
     }

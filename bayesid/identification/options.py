@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import platform
 from collections.abc import Mapping
@@ -60,9 +61,8 @@ class Preparation:
 
     def __post_init__(self) -> None:
         if self.max_memory is not None and not self.max_memory > 0.0:
-            raise InputError(
-                f"a memory of {self.max_memory:g} GB", field="Preparation.max_memory", remedy="give more than 0"
-            )
+            said = f"a memory of {self.max_memory:g} GB"
+            raise InputError(said, field="Preparation.max_memory", remedy="give more than 0")
 
 
 def plain_options(options: Mapping[str, object]) -> dict[str, object]:
@@ -74,8 +74,16 @@ def plain_options(options: Mapping[str, object]) -> dict[str, object]:
             inner = plain_options({field.name: getattr(value, field.name) for field in fields(value)})
             plain |= {f"{name}.{key}": item for key, item in inner.items()}
         else:
-            plain[name] = value if _is_plain(value) else repr(value)
+            plain[name] = _plain(value)
     return plain
+
+
+def _plain(value: object) -> object:
+    try:
+        json.dumps(value)
+    except TypeError:
+        return repr(value)
+    return value
 
 
 def call_of_log(log: Log) -> str:
@@ -111,14 +119,6 @@ def _usual(field: Field[Any]) -> object:
     return field.default if field.default_factory is MISSING else field.default_factory()
 
 
-def _is_plain(value: object) -> bool:
-    if isinstance(value, Mapping):
-        return all(map(_is_plain, value.values()))
-    if isinstance(value, list | tuple):
-        return all(map(_is_plain, value))
-    return value is None or isinstance(value, str | bool | int | float)
-
-
 # ---------------------------------------------------------------------------------------------------------------
 # Memory
 # ---------------------------------------------------------------------------------------------------------------
@@ -131,12 +131,10 @@ def check_memory(log: Log, limit: float | None) -> None:
     allowed = _usual_limit() if limit is None else limit
     needed = memory_needed(log)
     if needed > allowed:
-        said = (
-            f"{len(log)} rows of {log.n_joints} joints need about {needed:.2g} GB of memory, {allowed:.2g} are allowed"
-        )
-        raise InputError(
-            said, log.source, "give more `Preparation.max_memory`, resample the log at a lower rate, or cut it"
-        )
+        rows = f"{len(log)} rows of {log.n_joints} joints"
+        said = f"{rows} need about {needed:.2g} GB of memory, {allowed:.2g} are allowed"
+        remedy = "give more `Preparation.max_memory`, resample the log at a lower rate, or cut it"
+        raise InputError(said, log.source, remedy)
 
 
 def memory_needed(log: Log) -> float:
@@ -210,8 +208,7 @@ def _file_digests(log: Log) -> dict[str, str]:
 
 def fingerprint(log: Log) -> str:
     """SHA-256 of t, q, effort, dq and signed, as little-endian float64 row by row: the same from any file format."""
-    parts = [log.t, log.q, log.effort, *([] if log.dq is None else [log.dq]), log.signed]
     digest = hashlib.sha256()
-    for part in parts:
+    for part in (log.t, log.q, log.effort, *([] if log.dq is None else [log.dq]), log.signed):
         digest.update(np.ascontiguousarray(part, dtype="<f8").data)
     return digest.hexdigest()

@@ -21,7 +21,7 @@ from bayesid.effects.coefficients import BaseCoefficients, base_coefficients
 from bayesid.effects.model import Model
 from bayesid.errors import InputError
 from bayesid.identification.checks import warnings_of
-from bayesid.identification.gains import UnknownGains, widened_by_gains
+from bayesid.identification.gains import UnknownGains, spread_by_gains
 from bayesid.identification.identification import Identification
 from bayesid.identification.options import (
     Completeness,
@@ -339,7 +339,9 @@ def _identification(
     probability = _with_unseen(settled, probability)
     segments = settled.signs.segments.split(_sign_changes(signals))
     signs, confidence = segment_signs(segments, probability, signals.raw_effort)
-    identified = identified_model(model, asked.evidence, averaged.fit, posterior, spread)
+    identified, fit = identified_model(model, asked.evidence, averaged.fit, posterior, spread), averaged.fit
+    if spread is not None:
+        fit = replace(fit, covariance=fit.covariance + spread_by_gains(spread, asked.evidence))
     return Identification(
         **vars(replace(identified, gains=known, logs=seen | hashes(log))),
         coefficients=asked.evidence.coefficients,
@@ -349,7 +351,7 @@ def _identification(
         signs=signs,
         confidence=confidence,
         probability=probability,
-        fit=averaged.fit if spread is None else widened_by_gains(averaged.fit, spread, asked.evidence),
+        fit=fit,
         posterior=posterior,
         sign_terms=tuple(term.name for term in settled.model.terms),
         sign_weight=averaged.weight,
