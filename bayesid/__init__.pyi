@@ -51,8 +51,8 @@ from .regression.knowledge import Links as Links
 from .regression.knowledge import read_nominal as read_nominal
 from .regression.selection.explanation import Thresholds as Thresholds
 from .report import plot as plot
-from .report.discrepancy_folder import save_comparison as save_comparison
-from .report.discrepancy_folder import save_discrepancy as save_discrepancy
+from .report.comparison import save_comparison as save_comparison
+from .report.discrepancy import save_discrepancy as save_discrepancy
 from .report.findings import Findings as Findings
 from .report.findings import find_findings as find_findings
 from .report.findings import read_findings as read_findings

@@ -1,13 +1,14 @@
 """The numbers of an identification, typed: what summary.json holds, and all that pages, notebooks and terminals say.
 
-A quantity is a field here. It is taken from the result by its name, or given where `summarise` makes the part.
+A quantity is a field here. It is taken from the result by its name, or given where `summarise` makes the part; a page
+shows those that are `Shown` in the table of their part.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar, get_type_hints
 
 import numpy as np
 
@@ -31,6 +32,24 @@ Numbers = tuple[Number, ...]
 
 
 @dataclass(frozen=True)
+class Shown:
+    """Marks a field that pages show: its label, and a format or what makes text of its value."""
+
+    label: str
+    text: str | Callable[[Any], str] = "{}"
+
+
+def shown_rows(part: object) -> list[tuple[str, str]]:
+    """Labels and texts of the fields of a summary's part that pages show, where there is something to show."""
+    rows = []
+    for name, hint in get_type_hints(type(part), include_extras=True).items():
+        value = getattr(part, name)
+        for told in getattr(hint, "__metadata__", ()) if value not in (None, ()) else ():
+            rows.append((told.label, told.text.format(value) if isinstance(told.text, str) else told.text(value)))
+    return rows
+
+
+@dataclass(frozen=True)
 class LogPart:
     """One of the logs that a log was joined from, and the label of what the flange carried, if anything."""
 
@@ -50,13 +69,21 @@ class AmbiguousSegment:
     log: str = ""  # that it is of, where several were joined
 
 
+def _counts(nodes: Mapping[str, int]) -> str:
+    return ", ".join(f"{name.replace('_', ' ')}: {count}" for name, count in nodes.items())
+
+
+def _ways(ways: Sequence[Mapping[str, Any]]) -> str:
+    return ", ".join(f"{way['name']} ({way['starts']} starts)" if way["starts"] else way["name"] for way in ways)
+
+
 @dataclass(frozen=True)
 class SearchSummary:
     """How the signs were searched, and what is proven about them; None where nothing is."""
 
-    method: str  # of the search
+    method: Annotated[str, Shown("Method")]
     beam_width: int | None  # w of T-PBPR
-    cost: Number  # of the best assignment
+    cost: Annotated[Number, Shown("Cost of the best assignment", "{:.6g}")]
     # of it: what the data ask, the pull to typical links, and a prior (none; the posterior has one); None where
     # nodes were priced otherwise
     cost_parts: Mapping[str, Number] | None
@@ -66,24 +93,24 @@ class SearchSummary:
     withheld: str  # why nothing counts as proven although the search has ended: "pull" or "noise"; empty otherwise
     # grown, pruned by the bound or by the cone, survived a step, leaves, and segments undecided when time was up;
     # None without a beam
-    beam_nodes: Mapping[str, int] | None
-    certified: bool  # whether no assignment costs less
-    lower_bound: Number  # that no assignment's cost falls below
+    beam_nodes: Annotated[Mapping[str, int] | None, Shown("Nodes of the beam", _counts)]
+    certified: Annotated[bool, Shown("No assignment costs less", lambda proven: "proven" if proven else "not proven")]
+    lower_bound: Annotated[Number, Shown("Lower bound on the cost of every assignment", "{:.6g}")]
     gap: Number  # cost less lower bound
     within: Number  # of the best cost, all assignments are listed
     assignments: int | None  # number of these, the best among them
     missed_mass: Number  # posterior mass that the list leaves out, at most, relative to the best one's
-    settled_share: Number  # share of the samples whose sign is the same in all of them
+    settled_share: Annotated[Number, Shown("Samples whose sign is the same in all that remain", "{:.1%}")]
     ambiguous: tuple[AmbiguousSegment, ...] | None  # the segments of the other samples
-    seconds: float  # taken
-    sdp_solves: int  # least-squares problems over the feasible parameters that were solved
-    nodes: int  # partial assignments that were bounded
-    rounds: int  # searches until no segment's predicted effort crossed zero
+    seconds: Annotated[float, Shown("Seconds", "{:.1f}")]
+    sdp_solves: Annotated[int, Shown("Least-squares problems in the cone")]  # over the feasible parameters
+    nodes: Annotated[int, Shown("Partial assignments bounded")]
+    rounds: Annotated[int, Shown("Searches", "{}, until no segment's predicted effort crossed zero")]
     timed_out: bool = False  # whether the time limit on the clock ended a search: a faster machine may give other signs
     # of the last search: what each way of searching has found, its nominal seconds, and its starts
-    ways: tuple[Mapping[str, Any], ...] = ()
+    ways: Annotated[tuple[Mapping[str, Any], ...], Shown("Ways of the last search", _ways)] = ()
     # probability that an assignment which no search has met is the right one; 0 where a proof excludes it
-    unseen: Number = None
+    unseen: Annotated[Number, Shown("Probability of a better assignment", "{:.1%}")] = None
 
 
 @dataclass(frozen=True)
@@ -268,9 +295,8 @@ class Summary:
 def as_json(value: Any) -> Any:
     """A structure as JSON has it; a dataclass' field that may be empty is left out where it is."""
     if is_dataclass(value):
-        values = {one.name: getattr(value, one.name) for one in fields(value)}
-        optional = {one.name for one in fields(value) if one.default in ("", ())}
-        return {name: as_json(item) for name, item in values.items() if name not in optional or len(item)}
+        values = [(getattr(value, one.name), one) for one in fields(value)]
+        return {one.name: as_json(item) for item, one in values if one.default not in ("", ()) or len(item)}
     if isinstance(value, Mapping):
         return as_object(value)
     if isinstance(value, np.ndarray):
@@ -302,6 +328,7 @@ def summarise(identification: Identification) -> Summary:
     model, log, segments = identification.model, identification.log, identification.searched
     noise, fit = identification.fit.noise, identification.fit
     count = np.bincount(segments.joint, weights=segments.end - segments.start, minlength=len(noise.autocorrelation))
+    posterior, names = identification.posterior, identification.coefficients.names
     summary = filled(
         Summary,
         identification,
@@ -338,11 +365,11 @@ def summarise(identification: Identification) -> Summary:
             parameters_moved_inside=fit.moved_inside,
             links_on_edge=np.flatnonzero(fit.on_edge[: model.robot.n_joints]) + 1,
             standard_deviations="information matrix with effective sample counts; the cone is not accounted for"
-            if identification.posterior is None
+            if posterior is None
             else "of the posterior",
         ),
         complete=_complete(identification),
-        modes=_modes(identification),
+        modes=() if posterior is None else [_mode(names, posterior, k) for k in range(len(posterior.modes))],
         low_pass_after_rectifier=_low_pass(identification),
         gains=_gains(identification),
         payloads=_payloads(identification),
@@ -372,19 +399,16 @@ def _payloads(identification: Identification) -> dict[str, dict[str, Any]] | Non
         if term.payloads:
             stated = model.parameters[stop - 1].name in identification.beliefs.nominal  # its mass, the last of ten
             body = PayloadBody.of_draws(every[:, first:stop], common_sd=0.0 if stated else factor_sd)
-            carried |= dict.fromkeys(term.payloads, _body(body))
+            axes = {"com": body.centre, "inertia": body.inertia}
+            numbers = {name: [_estimate(one) for one in ones or ()] for name, ones in axes.items()}
+            carried |= {payload: {"mass": _estimate(body.mass), **numbers} for payload in term.payloads}
         first = stop
     return carried or None
 
 
-def _body(body: PayloadBody) -> dict[str, Any]:
-    of_axes = {"com": body.centre or (), "inertia": body.inertia or ()}
-    return {"mass": _estimate(body.mass), **{name: [_estimate(one) for one in ones] for name, ones in of_axes.items()}}
-
-
 def _estimate(one: Estimate) -> dict[str, Any]:
     known = one.sd > 0.0
-    return {"value": one.value, "sd": one.sd if known else None, "interval": list(one.interval) if known else None}
+    return {"value": one.value, "sd": one.sd if known else None, "interval": one.interval if known else None}
 
 
 def _low_pass(identification: Identification) -> LowPassSummary | None:
@@ -407,42 +431,33 @@ def _gains(identification: Identification) -> GainsSummary | None:
 
 def _search(identification: Identification) -> SearchSummary:
     search = identification.search
+    costs = None if search.pull is None else {"data": search.cost - search.pull, "pull": search.pull, "prior": 0.0}
     return filled(
         SearchSummary,
         search,
+        **taken(identification, "noise_weights", "proofs", "settled_share", "rounds"),
         beam_width=search.width,
-        cost_parts=None
-        if search.pull is None
-        else {"data": search.cost - search.pull, "pull": search.pull, "prior": 0.0},
-        noise_weights=identification.noise_weights,
-        proofs=identification.proofs,
+        cost_parts=costs,
         beam_nodes=search.pruning,
         gap=None if search.lower_bound is None else search.cost - search.lower_bound,
         within=None if search.settled is None else search.within,
         assignments=len(search.branches) or None,
         missed_mass=search.missed,
-        settled_share=identification.settled_share,
         ambiguous=_ambiguous(identification),
         seconds=identification.timings["search"],
         sdp_solves=search.solves,
-        rounds=identification.rounds,
     )
 
 
-def _ambiguous(identification: Identification) -> list[dict[str, Any]] | None:
-    settled, segments, log = identification.search.settled, identification.searched, identification.log
+def _ambiguous(identification: Identification) -> list[AmbiguousSegment] | None:
+    settled, of, log = identification.search.settled, identification.searched, identification.log
     if settled is None:
         return None
-    (place, t), start, end = log.clock(identification.signals.motion.t), segments.start, segments.end
+    place, t = log.clock(identification.signals.motion.t)
+    sources = [piece.source for piece in log.pieces] if log.pooled else [""]
     return [
-        {
-            "joint": segments.joint[k] + 1,
-            "start": t[start[k]],
-            "end": t[end[k] - 1],
-            "n_samples": end[k] - start[k],
-            "log": log.pieces[place[start[k]]].source if log.pooled else "",
-        }
-        for k in np.flatnonzero(~settled)
+        AmbiguousSegment(of.joint[k] + 1, t[start], t[end - 1], end - start, sources[place[start]])
+        for k, start, end in zip(np.flatnonzero(~settled), of.start[~settled], of.end[~settled], strict=True)
     ]
 
 
@@ -450,14 +465,13 @@ def _posterior(identification: Identification) -> PosteriorSummary | None:
     posterior = identification.posterior
     if posterior is None:
         return None
-    draws, sampling = posterior.draws, posterior.sampling
-    names = [parameter.name for parameter in identification.model.parameters]
+    draws, names = posterior.draws, [parameter.name for parameter in identification.model.parameters]
     return filled(
         PosteriorSummary,
         posterior,
+        **taken(posterior.sampling, "ensembles", "walkers", "seed"),
         max_rhat_of_parameters=max(mode.draws.parameters.max_rhat for mode in posterior.modes),
         draws=int(np.prod(draws.theta.shape[:3])),
-        **taken(sampling, "ensembles", "walkers", "seed"),
         prior="normal about a typical link inside the feasible set and its windows; see docs/posterior.md",
         prior_sd=dict(zip(names, posterior.target.prior.sd.tolist(), strict=True)),
         noise_scale=np.exp(draws.log_scale).mean(axis=(0, 1, 2)),
@@ -466,11 +480,6 @@ def _posterior(identification: Identification) -> PosteriorSummary | None:
         mode=posterior.chosen + 1,
         pressed_windows=dict(posterior.pressed),
     )
-
-
-def _modes(identification: Identification) -> tuple[ModeSummary, ...]:
-    posterior, names = identification.posterior, identification.coefficients.names
-    return () if posterior is None else tuple(_mode(names, posterior, k) for k in range(len(posterior.modes)))
 
 
 def _mode(names: Sequence[str], posterior: Posterior, number: int) -> ModeSummary:
@@ -491,26 +500,18 @@ def _complete(identification: Identification) -> CompletionSummary | None:
     if completion is None:
         return None
     spread, _ = identification.parameter_sd
-    return filled(
-        CompletionSummary,
-        completion,
-        effects=tuple(_effect(identification, entered, spread) for entered in completion.effects),
-        held_back_error=filled(ErrorsSummary, completion),
-        uncertain=tuple(completion.uncertain),
-    )
+    effects = tuple(_effect(identification, entered, spread) for entered in completion.effects)
+    errors, uncertain = filled(ErrorsSummary, completion), tuple(completion.uncertain)
+    return filled(CompletionSummary, completion, effects=effects, held_back_error=errors, uncertain=uncertain)
 
 
 def _effect(identification: Identification, entered: EnteredEffect, spread: Array) -> EffectSummary:
     robot, source = identification.model.robot, entered.source
     names = [parameter.name for parameter in identification.model.parameters]
-    numbers = {
-        parameter.name: {
-            "value": float(identification.theta[names.index(parameter.name)]),
-            "sd": float(spread[names.index(parameter.name)]),
-            "unit": parameter.unit,
-        }
-        for parameter in source.parameters(robot)
-    }
+    numbers = {}
+    for one in source.parameters(robot):
+        place = names.index(one.name)
+        numbers[one.name] = {"value": identification.theta[place], "sd": spread[place], "unit": one.unit}
     shape = source.numbers(robot)
     known = (*entered.number_sd, *(np.nan for _ in shape))
     for (name, (value, unit)), sd in zip(shape.items(), known, strict=False):

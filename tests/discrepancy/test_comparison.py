@@ -13,10 +13,9 @@ from bayesid.discrepancy.timeline import ABSENT, PAYLOAD, SHOWN
 from bayesid.effects.catalogue import make_terms
 from bayesid.effects.model import Model
 from bayesid.log.log import Log, write_log
-from bayesid.report.discrepancy_folder import discrepancy_summary
-from bayesid.report.discrepancy_verdicts import discrepancy_checks
+from bayesid.report.comparison import columns
+from bayesid.report.discrepancy import discrepancy_checks, discrepancy_summary
 from bayesid.report.plot.discrepancy import timeline_figure
-from bayesid.report.timeline_text import columns
 from bayesid.robot import robot_table
 from bayesid.simulation.parameters import random_parameters
 

@@ -12,7 +12,7 @@ from bayesid.cli import main
 from bayesid.discrepancy.tuning import TUNING
 from bayesid.log.log import Log, write_log
 from bayesid.log.reading import read_log
-from bayesid.report.discrepancy_folder import discrepancy_summary
+from bayesid.report.discrepancy import discrepancy_summary
 from bayesid.studies import blind
 
 

@@ -7,7 +7,7 @@ from made_trials import TERMS, arm_log
 
 import bayesid
 from bayesid.motion import Motion
-from bayesid.report.discrepancy_folder import discrepancy_summary
+from bayesid.report.discrepancy import discrepancy_summary
 
 
 def magnets(motion):

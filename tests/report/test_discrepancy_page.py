@@ -8,7 +8,7 @@ from test_discrepancy_verdicts import BODY, DRIFT, OWN, partly_explained
 
 from bayesid.effects.bodies import Payload
 from bayesid.effects.drive import TorqueOffset
-from bayesid.report.discrepancy_verdicts import discrepancy_checks, lead
+from bayesid.report.discrepancy import discrepancy_checks, lead
 from bayesid.report.findings import binned
 from bayesid.report.pages.discrepancy_page import discrepancy_page
 from bayesid.report.pages.rendering import typeset

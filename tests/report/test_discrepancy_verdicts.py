@@ -16,7 +16,7 @@ from bayesid.effects.friction import CoulombFriction, ThermalDrift
 from bayesid.effects.kinematic_errors import BaseTilt
 from bayesid.effects.learned_effect import LearnedEffect
 from bayesid.regression.selection.added_effect import Cost, EffortSize
-from bayesid.report.discrepancy_verdicts import discrepancy_checks, lead
+from bayesid.report.discrepancy import discrepancy_checks, lead
 from bayesid.report.words import quantity, rounded
 
 BODY = {

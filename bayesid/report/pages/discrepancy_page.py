@@ -16,7 +16,17 @@ from bayesid.regression.selection.added_effect import AddedEffect
 from bayesid.regression.selection.explanation import LN10
 from bayesid.regression.selection.hypotheses import Hypothesis
 from bayesid.regression.selection.scores import Score
-from bayesid.report.discrepancy_verdicts import (
+from bayesid.report.comparison import (
+    SECTIONS,
+    changes_lead,
+    log_names,
+    moved_parameters,
+    says,
+    timeline_rule,
+    tracked_name,
+)
+from bayesid.report.comparison import columns as told_columns
+from bayesid.report.discrepancy import (
     discrepancy_checks,
     distinguishing_motions,
     equivalents,
@@ -37,16 +47,6 @@ from bayesid.report.plot.discrepancy import (
     residual_figure,
     timeline_figure,
 )
-from bayesid.report.timeline_text import (
-    SECTIONS,
-    changes_lead,
-    log_names,
-    moved_parameters,
-    says,
-    timeline_rule,
-    tracked_name,
-)
-from bayesid.report.timeline_text import columns as told_columns
 from bayesid.report.tuning import TUNING
 from bayesid.report.words import best_first, joints_in_words, label, quantity, score_label, unit_of
 

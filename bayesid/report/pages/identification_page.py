@@ -26,7 +26,7 @@ from bayesid.report.plot.identification import (
     validation_panel,
 )
 from bayesid.report.plot.posterior import forest_figure, pair_figure, rank_figure, trace_figure
-from bayesid.report.summary import SearchSummary
+from bayesid.report.summary import shown_rows
 from bayesid.report.tuning import TUNING
 from bayesid.report.verdicts import (
     EFFECT_HEADINGS,
@@ -38,7 +38,7 @@ from bayesid.report.verdicts import (
     sure_share,
     worst,
 )
-from bayesid.report.words import counted, listed, quantity, upper
+from bayesid.report.words import listed, quantity, upper
 
 _NOTEBOOK: Mapping[State, str] = {"good": "#1f7a3d", "look": "#8a5a00", "bad": "#b3261e", "not done": "#59636e"}
 """Colours as in style.css; a notebook has no style of ours."""
@@ -302,7 +302,7 @@ def _proof(findings: Findings) -> html.Section | None:
     if not findings.summary.hidden_joints:
         return None
     parts = [
-        html.table("How the signs were searched, and what is proven about them.", ["What", "Value"], _search(search))
+        html.table("How the signs were searched, and what is proven about them.", ["What", "Value"], shown_rows(search))
     ]
     if search.lower_bound is not None:
         caption = "Costs of the assignments that remain."
@@ -315,27 +315,6 @@ def _proof(findings: Findings) -> html.Section | None:
     elif search.certified:
         parts.append(html.paragraph("No other assignment of the strong segments remains."))
     return html.section("proof", "The proof", *parts)
-
-
-def _search(search: SearchSummary) -> Iterator[tuple[str, str]]:
-    """What was done, and what it found."""
-    nodes = search.beam_nodes
-    yield "Method", search.method
-    yield "Effort", f"{search.seconds:.1f} s in {counted(search.rounds, 'round')}"
-    yield "Partial assignments bounded", str(search.nodes)
-    yield "Least-squares problems in the cone", str(search.sdp_solves)
-    if nodes is not None:
-        yield "Nodes of the beam", ", ".join(f"{name.replace('_', ' ')}: {count}" for name, count in nodes.items())
-    if search.unseen:
-        starts = [f" ({way['starts']} starts)" if way["starts"] else "" for way in search.ways]
-        ways = [f"{way['name']}{count}" for way, count in zip(search.ways, starts, strict=True)]
-        yield "Ways of the last search", ", ".join(ways)
-        yield "Probability of a better assignment", f"{search.unseen:.1%} (confidences allow for it)"
-    yield "Cost of the best assignment", f"{search.cost:.6g}"
-    bound = "nothing proven" if search.lower_bound is None else f"at least {search.lower_bound:.6g}"
-    yield "Cost of every other assignment", "no less" if search.certified else bound
-    if search.settled_share is not None and search.within is not None:
-        yield f"Samples whose sign is settled up to {search.within:.1f} more", f"{search.settled_share:.1%}"
 
 
 def _others(findings: Findings) -> Iterator[tuple[str, ...]]:

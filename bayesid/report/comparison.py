@@ -1,9 +1,11 @@
-"""Several logs one after the other in plain words: two columns of what changed and what lacked, and what moved."""
+"""Several logs one after the other in words and in files: what changed, what lacked all along, and what moved."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -12,9 +14,13 @@ from bayesid.discrepancy.timeline import ABSENT, OPEN, PAYLOAD, SHOWN, Standing,
 from bayesid.discrepancy.tuning import TUNING as DISCREPANCY
 from bayesid.effects import RigidBody
 from bayesid.effects.catalogue import forms
-from bayesid.effects.effect import Effect, ReadableUnit
+from bayesid.effects.effect import Effect, Phrase, ReadableUnit
+from bayesid.files.writing import write_json, write_table
 from bayesid.identification.identification import KNOWN
-from bayesid.report.discrepancy_verdicts import discrepancy_checks
+from bayesid.progress import SILENT, Progress
+from bayesid.report.discrepancy import added_summary, discrepancy_checks, discrepancy_summary, people_unit
+from bayesid.report.folders import save_result
+from bayesid.report.summary import as_json, as_object, taken
 from bayesid.report.tuning import TUNING
 from bayesid.report.words import counted, joints_in_words, label, listed, quantity, rounded, upper
 
@@ -44,7 +50,6 @@ class Moved:
     sd: tuple[float, ...]  # (K,)
     z: tuple[float, ...]  # (K,) change since the first log over its sd
     since: int  # first log (from 1) in which it is another one
-    last: int  # last one
     change: str  # what it changed by until the last of them, in words
     text: str  # all in one line
 
@@ -59,12 +64,15 @@ def moved_parameters(comparison: LogComparison) -> list[Moved]:
 def _moved(comparison: LogComparison, place: int) -> Moved:
     line = comparison.timeline
     one = line.tracked[place]
-    people = _people(one)
+    people, name = _people(one), tracked_name(one)
     value = people.factor * (line.value[:, place] - line.of_payload[:, place] - people.neutral)
     sd, change = people.factor * line.sd[:, place], people.factor * line.change[:, place]
-    moved = np.flatnonzero(line.moved[:, place])
-    last, name = int(moved[-1]), tracked_name(one)
-    by = _change(change[last], value[0], sd[0], people.unit)
+    moved = np.flatnonzero(line.moved[:, place]).tolist()
+    last = moved[-1]
+    digits = len(rounded(max(abs(value[0]), abs(value[last]))).partition(".")[2])
+    by = f"{'+' if change[last] >= 0.0 else '-'}{rounded(abs(change[last]))} {people.unit}".rstrip()
+    if sd[0] < KNOWN * abs(value[0]):
+        by = f"{100.0 * change[last] / value[0]:+.0f} %"
     where = "" if last + 1 == len(value) else f" in {names_of(comparison.logs)[last]}"
     return Moved(
         place=place,
@@ -75,10 +83,9 @@ def _moved(comparison: LogComparison, place: int) -> Moved:
         value=tuple(value.tolist()),
         sd=tuple(sd.tolist()),
         z=tuple(line.z[:, place].tolist()),
-        since=int(moved[0]) + 1,
-        last=last + 1,
+        since=moved[0] + 1,
         change=by,
-        text=f"{name} {_together(value[0], value[last])} {people.unit} ({by}){where}",
+        text=f"{name} {value[0]:.{digits}f} -> {value[last]:.{digits}f} {people.unit} ({by}){where}",
     )
 
 
@@ -97,23 +104,16 @@ def tracked_name(one: TrackedParameter) -> str:
 
 
 def _people(one: TrackedParameter) -> ReadableUnit:
-    plain = ReadableUnit("" if one.unit == "1" else one.unit)
-    if one.name == PAYLOAD:
-        return plain
-    return forms()[one.effect].phrase.units.get(one.name.rstrip("0123456789").rstrip("_"), plain)
+    return people_unit(Phrase() if one.name == PAYLOAD else forms()[one.effect].phrase, one.name, one.unit)
 
 
-def _together(first: float, last: float) -> str:
-    """As in 12.1 -> 15.7: to the digits that the larger one has."""
-    digits = len(rounded(max(abs(first), abs(last))).partition(".")[2])
-    return f"{first:.{digits}f} -> {last:.{digits}f}"
-
-
-def _change(change: float, first: float, sd: float, unit: str) -> str:
-    """As in +30 %, of what the first log knows to a tenth; else how much."""
-    if sd < KNOWN * abs(first):
-        return f"{100.0 * change / first:+.0f} %"
-    return f"{'+' if change >= 0.0 else '-'}{rounded(abs(change))} {unit}".rstrip()
+def timeline_rule(comparison: LogComparison) -> str:
+    """By which rule a parameter has moved."""
+    return (
+        "A parameter has moved if its change since the first log, in standard deviations of both, is too large for "
+        f"chance at {DISCREPANCY.level:.0%} over all {comparison.timeline.n_tested} changes that were tested (Holm's "
+        "correction)."
+    )
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -124,8 +124,7 @@ def columns(comparison: LogComparison) -> dict[str, list[str]]:
     rows = _other_changes(comparison)
     changed = [_came(comparison, one) for one in _new(comparison)]
     changed += [upper(row.text) for row in rows if not row.of_links]
-    links = [row.symbol for row in rows if row.of_links]
-    if links:
+    if links := [row.symbol for row in rows if row.of_links]:
         why = "Links do not wear: a body came elsewhere, or the model lacks something"
         changed.append(f"{counted(len(links), 'link coefficient')}: {listed(links)}. {why}")
     undecided: dict[str, list[str]] = {}
@@ -147,15 +146,13 @@ def changes_lead(comparison: LogComparison) -> str:
     changed += [row.text for row in rows if not row.of_links]
     changed += [counted(links, "link coefficient")] if links else []
     others = {which: [effect_name(one.effect) for one in comparison.of(which)] for which in (ALL_ALONG, GONE)}
-    named = {CHANGED: changed} | others
-    parts = [f"{SECTIONS[which]}: {_first_few(texts)}" for which, texts in named.items() if texts]
+    parts = []
+    for which, texts in ({CHANGED: changed} | others).items():
+        more = len(texts) - TUNING.most_listed
+        few = [*texts[: TUNING.most_listed], *([f"{more} more"] if more > 0 else [])]
+        parts += [f"{SECTIONS[which]}: {'; '.join(few)}"] if texts else []
     nothing = "Nothing has changed since the first log, and nothing was missing, as far as these logs show"
     return f"{'. '.join(parts) or nothing}."
-
-
-def _first_few(texts: Sequence[str]) -> str:
-    more = len(texts) - TUNING.most_listed
-    return "; ".join([*texts[: TUNING.most_listed], *([f"{more} more"] if more > 0 else [])])
 
 
 def _new(comparison: LogComparison) -> list[EffectHistory]:
@@ -164,15 +161,13 @@ def _new(comparison: LogComparison) -> list[EffectHistory]:
 
 def _other_changes(comparison: LogComparison) -> list[Moved]:
     """Parameters that moved, but those of what came or went, which are told with that."""
-    tracked = comparison.timeline.tracked
-    told = [one.effect for one in (*_new(comparison), *comparison.of(GONE))]
+    effects = [one.effect for one in (*_new(comparison), *comparison.of(GONE))]
 
-    def belongs(effect: Effect, one: TrackedParameter) -> bool:
-        same = effect.effect == one.effect.partition(".")[0]
-        return same and (not effect.joints or one.joint in effect.joints)
+    def told(one: TrackedParameter) -> bool:
+        name = one.effect.partition(".")[0]
+        return any(effect.effect == name and (not effect.joints or one.joint in effect.joints) for effect in effects)
 
-    rows = moved_parameters(comparison)
-    return [row for row in rows if not any(belongs(effect, tracked[row.place]) for effect in told)]
+    return [row for row in moved_parameters(comparison) if not told(comparison.timeline.tracked[row.place])]
 
 
 def effect_name(effect: Effect) -> str:
@@ -199,10 +194,9 @@ def _in_logs(comparison: LogComparison, history: EffectHistory) -> str:
 
 def _by_log(comparison: LogComparison, history: EffectHistory, other: str) -> str:
     """As in a.csv: shown; b.csv and c.csv: not there. Of logs that show it and of the others."""
-    names = names_of(comparison.logs)
-    parts = []
+    named, parts = list(zip(names_of(comparison.logs), history.by_log, strict=True)), []
     for said in (SHOWN, other):
-        logs = [name for name, what in zip(names, history.by_log, strict=True) if what.says == said]
+        logs = [name for name, what in named if what.says == said]
         parts += [f"{_SAYS[said]} in {listed(logs)}"] if logs else []
     return ", ".join(parts)
 
@@ -216,18 +210,16 @@ def _why_open(comparison: LogComparison, history: EffectHistory) -> str:
 
 
 def _sizes(comparison: LogComparison, history: EffectHistory) -> str:
-    """(5.9 -> 6.3 %), of an effect's own parameters in the first and the last log; nothing where none is followed."""
-    line = comparison.timeline
-    texts = []
+    """An effect's own parameters in the first and the last log that show them; nothing where none is followed."""
+    line, texts = comparison.timeline, []
     for place, one in enumerate(line.tracked):
-        if one.effect != history.effect.name or (history.joints and one.joint not in history.joints):
-            continue
-        people = _people(one)
-        value, sd = people.factor * (line.value[:, place] - people.neutral), people.factor * line.sd[:, place]
-        shown = np.flatnonzero(np.isfinite(sd))
-        if len(shown) > 1:
-            each = [quantity(value[k], sd[k], people.unit) for k in (shown[0], shown[-1])]
-            texts.append(f"{one.name} = {each[0]}, then {each[1]}")
+        if one.effect == history.effect.name and (not history.joints or one.joint in history.joints):
+            people = _people(one)
+            value, sd = people.factor * (line.value[:, place] - people.neutral), people.factor * line.sd[:, place]
+            shown = np.flatnonzero(np.isfinite(sd))
+            if len(shown) > 1:
+                first, last = (quantity(value[k], sd[k], people.unit) for k in (shown[0], shown[-1]))
+                texts.append(f"{one.name} = {first}, then {last}")
     return f": {'; '.join(texts)}" if texts else ""
 
 
@@ -237,19 +229,104 @@ def says(what: Standing) -> str:
     return f"{_SAYS[what.says]}{factor}"
 
 
-def timeline_rule(comparison: LogComparison) -> str:
-    """By which rule a parameter has moved."""
-    line = comparison.timeline
-    return (
-        f"A parameter has moved if its change since the first log, in standard deviations of both, is too large for "
-        f"chance at {DISCREPANCY.level:.0%} over all {line.n_tested} changes that were tested (Holm's correction)."
-    )
-
-
 def log_names(comparison: LogComparison) -> list[str]:
     """Short names of the logs, with their dates where these are known."""
     names, dates = names_of(comparison.logs), comparison.dates
-    told = [
-        f", {text}" if dates.known and text not in name else "" for name, text in zip(names, dates.texts, strict=True)
-    ]
-    return [f"{name}{date}" for name, date in zip(names, told, strict=True)]
+    pairs = zip(names, dates.texts, strict=True)
+    return [f"{name}, {text}" if dates.known and text not in name else name for name, text in pairs]
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# In files
+# ---------------------------------------------------------------------------------------------------------------
+def save_comparison(
+    comparison: LogComparison, folder: str | Path, report: bool = True, progress: Progress = SILENT
+) -> Path:
+    """Writes discrepancy.json, timeline.csv, a report of both, and the result folder of the last log's extended model.
+
+    Arguments and errors are those of `save_discrepancy`.
+
+    Example:
+        >>> both = bayesid.compare_logs(robot, [log, other_log], terms, posterior=False)
+        >>> (bayesid.save_comparison(both, "days", report=False) / "timeline.csv").is_file()
+        True
+    """
+
+    def page() -> str:
+        from bayesid.report.pages.discrepancy_page import comparison_page  # jinja2, for pages alone
+
+        return comparison_page(comparison)
+
+    def write(place: Path) -> None:
+        write_json(place / "discrepancy.json", comparison_summary(comparison))
+        write_table(place / "timeline.csv", list(_timeline_rows(comparison)))
+
+    return save_result(comparison.found[-1].identification, folder, report, progress, write, page)
+
+
+def comparison_summary(comparison: LogComparison) -> dict[str, Any]:
+    """discrepancy.json of several logs: that of the last one, what became of each effect, and the time line."""
+    said, dates = columns(comparison), comparison.dates
+    texts = dates.texts if dates.known else [None] * len(comparison.logs)
+    more = as_object(
+        {
+            "logs": [{"log": log.source, "date": text} for log, text in zip(comparison.logs, texts, strict=True)],
+            "dates_from": dates.basis,
+            "in_words": said,
+            **{which: [_history(comparison, one) for one in comparison.of(which)] for which in said},
+            "moved": [_moved_summary(comparison, row) for row in moved_parameters(comparison)],
+            "moved_rule": timeline_rule(comparison),
+            **taken(comparison, "warnings", "seconds"),
+        }
+    )
+    return discrepancy_summary(comparison.found[-1]) | more
+
+
+def _history(comparison: LogComparison, history: EffectHistory) -> dict[str, Any]:
+    sources = [log.source for log in comparison.logs]
+    by_log = zip(sources, history.by_log, strict=False)
+    return {
+        "effect": history.name,
+        "form": history.effect.name,
+        "joints": history.joints,
+        "by_log": [{"log": source} | as_json(what) for source, what in by_log],
+        "found": [{"log": sources[k], **added_summary(effect)} for k, effect in sorted(history.found.items())],
+    }
+
+
+def _moved_summary(comparison: LogComparison, row: Moved) -> dict[str, Any]:
+    line = comparison.timeline
+    tracked = line.tracked[row.place]
+    return {
+        "parameter": tracked.name,
+        "expression": row.symbol,
+        "in_words": row.text,
+        "unit": tracked.unit,
+        "values": line.value[:, row.place],
+        "sds": line.sd[:, row.place],
+        "z": row.z,
+        "p": line.p[:, row.place],
+        "since": comparison.logs[row.since - 1].source,
+        "change_in_words": row.change,
+    }
+
+
+def _timeline_rows(comparison: LogComparison) -> Iterator[dict[str, object]]:
+    """timeline.csv: one row a log and parameter, in the parameter's own unit; empty where nothing is known."""
+    line, dates = comparison.timeline, comparison.dates
+    for k, log in enumerate(comparison.logs):
+        for c, one in enumerate(line.tracked):
+            values = {name: getattr(line, name)[k, c] for name in ("value", "sd", "change", "change_sd", "of_payload")}
+            values |= {"z": line.z[k, c], "p": line.p[k, c]}
+            numbers = {name: float(value) if np.isfinite(value) else "" for name, value in values.items()}
+            yield {
+                "log": log.source,
+                "date": dates.texts[k] if dates.known else "",
+                "parameter": one.name,
+                "value": numbers.pop("value"),
+                "sd": numbers.pop("sd"),
+                "unit": one.unit,
+                "moved": bool(line.moved[k, c]),
+                "expression": one.expression,
+                **numbers,
+            }

@@ -1,0 +1,468 @@
+"""A discrepancy in words and in files: a sentence that says it all, a check for each finding, discrepancy.json."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bayesid.discrepancy.case import MODELS_RESIDUAL, REFIT
+from bayesid.discrepancy.selection import GROWN, HELD_BACK, ON_LOG
+from bayesid.discrepancy.sets import WeighedSet
+from bayesid.discrepancy.workflow import Discrepancy
+from bayesid.effects.catalogue import forms, noun, owner
+from bayesid.effects.effect import Effect, Phrase, ReadableUnit
+from bayesid.files.writing import write_json
+from bayesid.identification.checks import Check
+from bayesid.progress import SILENT, Progress
+from bayesid.regression.selection.added_effect import AddedEffect, Quantity
+from bayesid.regression.selection.explanation import LN10
+from bayesid.regression.selection.scores import Score
+from bayesid.report.folders import save_result
+from bayesid.report.summary import as_object, taken
+from bayesid.report.tuning import TUNING
+from bayesid.report.words import in_percent, joints_in_words, label, listed, quantity, rounded, unit_of, upper
+
+_WHOSE = {MODELS_RESIDUAL: "earlier model's", REFIT: "refitted model's"}
+"""Own error a floor may be, by where it was taken from."""
+_CHANGE = "change of "
+"""Begins the names of what a parameter has changed by."""
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# In one sentence
+# ---------------------------------------------------------------------------------------------------------------
+def lead(discrepancy: Discrepancy) -> str:
+    """What was found, what it explains, and what is left."""
+    left, unexplained = _left(discrepancy), {joint for joint, _ in discrepancy.unexplained}
+    if not discrepancy.added:
+        return " ".join([_nothing_found(discrepancy), *left])
+    whole = {excess.joint for excess in discrepancy.where} - unexplained
+    explained = [f"This explains what showed in {joints_in_words(whole)}."] if whole else []
+    ratios = discrepancy.after / discrepancy.floor.rms
+    worst = int(ratios.argmax()) + 1
+    remains = f"{_effort(discrepancy, discrepancy.after[worst - 1], worst)} in joint {worst}"
+    left = left or [f"What remains is at most {ratios.max():.2f} times the noise floor ({remains})."]
+    return " ".join([f"Found: {'; '.join(_in_brief(discrepancy))}.", *explained, *left])
+
+
+def _in_brief(discrepancy: Discrepancy) -> Iterator[str]:
+    """A payload of 3.05 kg at (0.030, 0.164, 0.036) m; changed load-dependent friction in joints 2 and 3."""
+    groups: dict[tuple[str, bool], list[AddedEffect]] = {}
+    for added in discrepancy.added:
+        groups.setdefault((added.effect, bool(added.hypothesis.changes)), []).append(added)
+    for (effect, changed), alike in groups.items():
+        brief, readable = alike[0].hypothesis.source.phrase.brief, alike[0].readable
+        joints = {joint for added in alike for joint in added.joints}
+        if brief and readable and not changed:
+            yield brief.format(**{name: _known_digits(value, sd) for name, (value, sd, _) in readable.items()})
+        else:
+            where = f" in {joints_in_words(joints)}" if joints else ""
+            yield f"{'changed ' if changed else ''}{label(effect)}{where}"
+
+
+def _known_digits(value: float, sd: float) -> str:
+    """A value to the digits that its deviation leaves, without it."""
+    return quantity(value, sd, "").split(" +- ")[0].lstrip("(")
+
+
+def _left(discrepancy: Discrepancy) -> list[str]:
+    """What nothing explains: the root of the mean square above the floor's, and joints that got worse."""
+    above, worse = [], []
+    for joint, ratio in discrepancy.unexplained:
+        if set(discrepancy.unexplained_on[joint]) == {GROWN}:
+            worse.append(joint)
+        else:
+            size = float(discrepancy.floor.rms[joint - 1]) * math.sqrt(max(ratio**2 - 1.0, 0.0))
+            above.append(f"joint {joint}: {rounded(size, 2)} {unit_of(discrepancy, joint)}")
+    said = [f"Left above the noise floor: {', '.join(above)}."] if above else []
+    if worse:
+        said.append(f"Predicted worse than before on {_data(discrepancy)}: {joints_in_words(worse)}.")
+    return said
+
+
+def _nothing_found(discrepancy: Discrepancy) -> str:
+    if discrepancy.unexplained:
+        return "Something is missing from the model, but no effect of the catalogue explains it."
+    if discrepancy.where:
+        joints = joints_in_words(excess.joint for excess in discrepancy.where)
+        said = f"No effect is missing from the model, but its parameters do not quite fit {joints}"
+        return f"{said}. Gap with these identified again, {_gap(discrepancy)}."
+    ratios = discrepancy.before / discrepancy.floor.rms
+    worst = int(ratios.argmax()) + 1
+    gap, floor = (_effort(discrepancy, of[worst - 1], worst) for of in (discrepancy.before, discrepancy.floor.rms))
+    largest = f"The largest gap on {_data(discrepancy)} is {rounded(ratios.max())} times the noise floor"
+    where = f"in joint {worst} ({gap}; noise floor {floor})"
+    return f"{nothing_missing(discrepancy)}: the model explains this log as it is. {largest}, {where}."
+
+
+def nothing_missing(discrepancy: Discrepancy) -> str:
+    """As much as can be said: below a floor that is a model's own error something may be."""
+    return "Nothing is missing" + (" above the noise floor" if discrepancy.floor.lasting.any() else "")
+
+
+def listed_sets(discrepancy: Discrepancy) -> list[WeighedSet]:
+    """The sets that are worth a line."""
+    return [one for one in discrepancy.sets if one.probability >= TUNING.set_listed]
+
+
+def set_in_words(some: WeighedSet) -> str:
+    """Coulomb friction (joint 2) + joint spring (joint 2)."""
+    return " + ".join(label(effect, joints) for effect, joints in some.effects) or "nothing"
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# A check for each finding
+# ---------------------------------------------------------------------------------------------------------------
+def discrepancy_checks(discrepancy: Discrepancy) -> tuple[Check, ...]:
+    """What was found (good, or to be looked at), what is left (bad), and what the log cannot tell (not done)."""
+    return (
+        *(_found(discrepancy, added) for added in discrepancy.added),
+        *([Check("Gap", "good", _gap(discrepancy))] if discrepancy.added else []),
+        *(_unexplained(discrepancy, joint, ratio) for joint, ratio in discrepancy.unexplained),
+        *(_not_learned(discrepancy, refused) for refused in discrepancy.refused if refused.description is not None),
+        *_all_along(discrepancy),
+        *_lasting_floor(discrepancy),
+        *_not_testable(discrepancy),
+    )
+
+
+def _found(discrepancy: Discrepancy, added: AddedEffect) -> Check:
+    name, would = upper(label(added.effect, added.joints)), distinguishing_motions(added)
+    if impossible := _below_zero(added):
+        message = f"by itself it would make {listed(impossible)} negative: it stands for something else that acts alike"
+        return Check(name, "look", message, f"{would} would show what it is")
+    changes, detail, n = bool(added.hypothesis.changes), added.hypothesis.source.phrase.detail, len(discrepancy.before)
+    parts = [_change(added, n) if changes else _need(added, n)]
+    if added.description is not None:
+        parts = [f"{parts[0].removesuffix('.')}: {added.formula}. It {added.description.sentence}."]
+    elif added.readable and detail and not changes:
+        parts.append(detail.format(**{symbol: quantity(*number) for symbol, number in added.readable.items()}))
+    if (size := added.size) is not None:
+        largest = _effort(discrepancy, size.largest, size.joint)
+        parts.append(f"Its largest effort is {largest}, {in_percent(size.share)} of joint {size.joint}'s {size.of}.")
+    unsure, alike = added.probability < TUNING.sure, equivalents(added, noun)
+    if unsure:
+        shares = added.probability, added.nothing_missing, added.something_else
+        sure, nothing, other = map(_percent, shares)
+        parts.append(f"Its probability is {sure}; nothing missing in its place {nothing}, something else {other}.")
+    if alike:
+        parts.append(f"This log cannot tell it from {listed(alike, 'or')}.")
+    remedy = f"{would} would tell" if alike else ""
+    return Check(name, "look" if unsure or alike else "good", " ".join(parts).removesuffix("."), remedy)
+
+
+def _not_learned(discrepancy: Discrepancy, refused: AddedEffect) -> Check:
+    assert refused.description is not None
+    learned = f"a function learned in {joints_in_words(refused.joints)} that {refused.description.sentence}"
+    message = f"{learned} was not added: not borne out by {_data(discrepancy)}"
+    return Check("Effect without a name", "look", message, f"{distinguishing_motions(refused)} would show it")
+
+
+def _below_zero(added: AddedEffect) -> list[str]:
+    """What an effect would make negative that cannot be: the friction that it adds to."""
+    impossible = []
+    for symbol, other in added.hypothesis.source.adds_to.items():
+        term, coefficient = owner(other)
+        for joint in added.joints:
+            number = added.parameters.get(f"{other}{joint}", added.parameters.get(f"{symbol}{joint}"))
+            if coefficient.nonnegative and number is not None and number[0] < 0.0:
+                impossible.append(f"the {label(term.name)} of joint {joint}")
+    return impossible
+
+
+def equivalents(added: AddedEffect, called: Callable[[str], str]) -> list[str]:
+    """What the log cannot tell from an effect, as they are called; errors of other rows of the table with joints."""
+    rows = [f"{called(name)} ({joints_in_words(joints)})" for name, joints in added.elsewhere]
+    return [*map(called, added.equivalent), *rows]
+
+
+def distinguishing_motions(added: AddedEffect) -> str:
+    """The motions that would tell an effect from its equivalents."""
+    names = (*added.equivalent, *(name for name, _ in added.elsewhere))
+    kinds = [added.hypothesis.source.shown_by, *(forms()[name].shown_by for name in names)]
+    return ", or ".join(dict.fromkeys(kinds))
+
+
+def _percent(share: float) -> str:
+    return "under 1 %" if share < 0.01 else "over 99 %" if share > 0.99 else f"{100.0 * share:.0f} %"
+
+
+def _gap(discrepancy: Discrepancy) -> str:
+    """On the holdout: 2.4 -> 0.31 N m in joint 3 (noise floor 0.30 N m)."""
+    parts = []
+    for joint in _worth_naming(discrepancy)[: TUNING.joints_named]:
+        before, j = rounded(float(discrepancy.before[joint - 1])), joint - 1
+        after, floor = (_effort(discrepancy, of[j], joint) for of in (discrepancy.after, discrepancy.floor.rms))
+        parts.append(f"{before} -> {after} in joint {joint} (noise floor {floor})")
+    return f"on {_data(discrepancy)}: {', '.join(parts)}"
+
+
+def _worth_naming(discrepancy: Discrepancy) -> list[int]:
+    """Joints whose gap is worth naming, the largest first: above the floor before, and not named as unexplained."""
+    unexplained = {joint for joint, _ in discrepancy.unexplained}
+    acting = {joint for added in discrepancy.added for joint in added.joints}
+    above = {excess.joint for excess in discrepancy.where}
+    preferred = above - unexplained, acting - unexplained, above, acting, set(range(1, len(discrepancy.before) + 1))
+    chosen = next(joints for joints in preferred if joints)
+    return sorted(chosen, key=lambda j: -float(discrepancy.before[j - 1] / discrepancy.floor.rms[j - 1]))
+
+
+def _data(discrepancy: Discrepancy) -> str:
+    return "the stretches held back" if discrepancy.holdout.startswith("stretches ") else "the holdout"
+
+
+def _effort(discrepancy: Discrepancy, value: float, joint: int) -> str:
+    return f"{rounded(float(value))} {unit_of(discrepancy, joint)}"
+
+
+def _unexplained(discrepancy: Discrepancy, joint: int, ratio: float) -> Check:
+    says, data, reasons = discrepancy.unexplained_on[joint], _data(discrepancy), list[str]()
+    if ON_LOG in says or HELD_BACK in says:
+        reasons.append(f"{rounded(ratio, 2)} times the noise floor is left on {'the log' if ON_LOG in says else data}")
+        for shown in (excess for excess in discrepancy.where if excess.joint == joint):
+            (low, high), unit = shown.range, unit_of(discrepancy, joint, shown.variable)
+            reasons[-1] += f", most over {shown.variable} ({rounded(low, 2)} to {rounded(high, 2)} {unit})"
+    if GROWN in says:
+        before, after = rounded(float(discrepancy.before[joint - 1])), discrepancy.after[joint - 1]
+        reasons.append(f"its gap on {data} rises from {before} to {_effort(discrepancy, after, joint)}")
+    message = f"Joint {joint} stays unexplained: {'; '.join(reasons)}"
+    return Check("What is left", "bad", message, "see its residual: no effect of the catalogue has its shape")
+
+
+def _lasting_floor(discrepancy: Discrepancy) -> Iterator[Check]:
+    """In joints 4 and 6 the noise floor is the earlier model's own error, or noise that a filter has smoothed."""
+    floor, whose = discrepancy.floor, dict[str, list[int]]()
+    for j in np.flatnonzero(floor.lasting).tolist():
+        whose.setdefault(floor.origin[j], []).append(j + 1)
+    for origin, joints in whose.items():
+        message = f"In {joints_in_words(joints)} the noise floor is the {_WHOSE[origin]} own error, or smoothed noise"
+        yield Check("Noise floor", "look", message, "a log that repeats its motion shows what is noise")
+
+
+def _all_along(discrepancy: Discrepancy) -> Iterator[Check]:
+    """What the earlier model has beyond the standard terms, and this log shows by itself too."""
+    if discrepancy.all_along:
+        named = listed([label(effect, joints) for effect, joints in discrepancy.all_along])
+        message = f"{named}: the earlier model has it, and this log bears it out by itself; it is no change"
+        yield Check("Missing all along", "good", message)
+
+
+def testable_groups(discrepancy: Discrepancy) -> list[tuple[str, tuple[int, ...]]]:
+    """Effects that the log could not show, and all joints in which it could not; none: the whole robot."""
+    grouped = groupby(sorted(discrepancy.not_testable), key=lambda pair: pair[0])
+    return [(effect, tuple(sorted({j for _, joints in group for j in joints}))) for effect, group in grouped]
+
+
+def _not_testable(discrepancy: Discrepancy) -> Iterator[Check]:
+    by_joints: dict[tuple[int, ...], list[str]] = {}
+    for effect, joints in testable_groups(discrepancy):
+        by_joints.setdefault(joints, []).append(noun(effect))
+    if by_joints:
+        wheres = [f" in {joints_in_words(joints)}" if joints else "" for joints in by_joints]
+        parts = [f"{listed(names, 'or')}{where}" for names, where in zip(by_joints.values(), wheres, strict=True)]
+        message = f"Even of a usual size this log could not show {'; '.join(parts)}"
+        yield Check("What this log cannot tell", "not done", message, "record a motion that would show it")
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Numbers of an effect, as people read them
+# ---------------------------------------------------------------------------------------------------------------
+def people_unit(phrase: Phrase, name: str, unit: str) -> ReadableUnit:
+    """The unit in which people read a parameter of a name, with its joint or without, and of a unit."""
+    symbol = name.rstrip("0123456789").rstrip("_")
+    return phrase.units.get(name, phrase.units.get(symbol, ReadableUnit("" if unit == "1" else unit)))
+
+
+def _for_people(source: Effect, name: str, number: Quantity) -> Quantity:
+    value, sd, unit = number
+    people = people_unit(source.phrase, name, unit)
+    return people.factor * (value - people.neutral), people.factor * sd, people.unit
+
+
+def told(added: AddedEffect, name: str) -> str:
+    """A parameter as people read it: 1.9 +- 0.1 N m, or 9.1 -> 7.3 +- 0.5 N m where the earlier model has it."""
+    source, number = added.hypothesis.source, added.parameters[name]
+    value, sd, unit = _for_people(source, name, number)
+    now = quantity(value, sd, unit)
+    if (change := added.parameters.get(f"{_CHANGE}{name}")) is None:
+        return now
+    earlier = value - people_unit(source.phrase, name, number[2]).factor * change[0]
+    decimals = len(now.split()[0].partition(".")[2])
+    return f"{f'{earlier:.{decimals}f}' if now[0] != '(' else rounded(earlier)} -> {now}"
+
+
+def _numbers(added: AddedEffect, n: int) -> dict[str, str]:
+    """The parameters as people read them, by symbols without the joint; of what the model had, before and now."""
+    source, suffixes = added.hypothesis.source, [str(joint) for joint in added.joints] or [str(n)]
+    texts = {}
+    for name in added.parameters:
+        known = name in source.phrase.units or not name.endswith(tuple(suffixes))
+        symbol = name if known else name[: -len(next(s for s in suffixes if name.endswith(s)))]
+        if name.startswith(_CHANGE) or symbol in source.adds_to.values():
+            continue
+        total = f"{source.adds_to.get(symbol, symbol)}{name[len(symbol) :]}"
+        texts[symbol.rstrip("_")] = told(added, total if total in added.parameters else name)
+    return texts
+
+
+def _need(added: AddedEffect, n: int) -> str:
+    """Joint 3 needs Coulomb friction of 1.9 +- 0.1 N m."""
+    numbers, phrase = _numbers(added, n), added.hypothesis.source.phrase
+    sentence, size = phrase.sentence, _size(added)
+    if not sentence or len(added.joints) > 1:
+        return _plainly(added, numbers)
+    who = upper(joints_in_words(added.joints)) if added.joints else "All joints"
+    whose = f"{who}'s" if added.joints else f"{who}'"
+    if phrase.opposite and size is not None and size[0] < 0.0:
+        value, sd, unit = size
+        sentence, numbers[phrase.size] = phrase.opposite, quantity(-value, sd, unit)
+    try:
+        return sentence.format(who=who, whose=whose, **numbers)
+    except KeyError:
+        return _plainly(added, numbers)
+
+
+def _size(added: AddedEffect) -> Quantity | None:
+    """The number whose sign decides between a sentence and its opposite; None where there is none."""
+    source, size = added.hypothesis.source, added.hypothesis.source.phrase.size
+    name = f"{size}{added.joints[0] if added.joints else ''}"
+    if name in added.parameters:
+        return _for_people(source, size, added.parameters[name])
+    return (source.shape[size][0], math.nan, "") if size in source.shape else None
+
+
+def _plainly(added: AddedEffect, numbers: Mapping[str, str]) -> str:
+    """Joints 1 and 2 need Coulomb friction (Fc = 1.9 +- 0.1 N m)."""
+    where = upper(joints_in_words(added.joints)) if added.joints else "The robot"
+    parts = ", ".join(f"{symbol} = {number}" for symbol, number in numbers.items())
+    needs = "need" if len(added.joints) > 1 else "needs"
+    return f"{where} {needs} {noun(added.hypothesis.source.name)}{f' ({parts})' if parts else ''}."
+
+
+def _change(added: AddedEffect, n: int) -> str:
+    """Coulomb friction, joint 3, has changed: 9.1 -> 7.3 +- 0.5 N m; or may have: others resemble it."""
+    source, numbers = added.hypothesis.source, _numbers(added, n)
+    chosen = {source.phrase.size: numbers[source.phrase.size]} if source.phrase.size in numbers else numbers
+    parts = [f"{symbol} " * (len(chosen) > 1) + text for symbol, text in chosen.items()]
+    changes = [number for name, number in added.parameters.items() if name.startswith(_CHANGE)]
+    unsure = changes and all(abs(change) < 1.96 * sd for change, sd, _ in changes)  # False where the sd is not known
+    said = "was free to change, and has not surely done so" if unsure else "has changed"
+    return f"{upper(label(source.name, added.joints))}, {said}{f': {listed(parts)}' if parts else ''}."
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# In files
+# ---------------------------------------------------------------------------------------------------------------
+def save_discrepancy(
+    discrepancy: Discrepancy, folder: str | Path, report: bool = True, progress: Progress = SILENT
+) -> Path:
+    """Writes discrepancy.json, a report of it, and the result folder of the extended model.
+
+    Args:
+        discrepancy: what to write.
+        folder: where; an earlier result there is replaced as a whole.
+        report: whether the extended model's own report.html is made too, which takes some seconds.
+        progress: called as progress("report", done, total).
+
+    Raises:
+        InputError: the folder cannot be written, or holds other files than an earlier result.
+        KeyboardInterrupt: with a text that says so where the result stands already.
+
+    Warns:
+        IncompleteWarning: an export or a page could not be written; the rest stands.
+
+    Example:
+        >>> (bayesid.save_discrepancy(found, "found", report=False) / "discrepancy.json").is_file()
+        True
+    """
+
+    def page() -> str:
+        from bayesid.report.pages.discrepancy_page import discrepancy_page  # jinja2, for pages alone
+
+        return discrepancy_page(discrepancy)
+
+    def write(place: Path) -> None:
+        write_json(place / "discrepancy.json", discrepancy_summary(discrepancy))
+
+    return save_result(discrepancy.identification, folder, report, progress, write, page)
+
+
+def discrepancy_summary(discrepancy: Discrepancy) -> dict[str, Any]:
+    """discrepancy.json of a result: SI units, joints from 1, gaps as RMS in N m."""
+    floor = discrepancy.floor
+    return as_object(
+        {
+            **taken(discrepancy, "status", "where"),
+            "found": [added_summary(effect) for effect in discrepancy.added],
+            "sets": [{"effects": _named(one.effects), "probability": one.probability} for one in discrepancy.sets],
+            "gap": {
+                **taken(
+                    discrepancy, "before", "after", "holdout", noise_floor=floor.rms, noise_floor_white=floor.white
+                ),
+                "noise_floor_from": floor.origin,
+                "noise_floor_lasting": np.flatnonzero(floor.lasting) + 1,
+            },
+            "unexplained": [
+                {"joint": joint, "ratio_to_floor": ratio, "seen_on": discrepancy.unexplained_on[joint]}
+                for joint, ratio in discrepancy.unexplained
+            ],
+            "candidates": [_candidate(score) for score in discrepancy.scores],
+            "not_borne_out": [
+                taken(effect, "effect", "joints", "log10_bayes_factor", "equivalent") | _learned(effect)
+                for effect in discrepancy.refused
+            ],
+            "not_testable": _named(testable_groups(discrepancy)),
+            "all_along": _named(discrepancy.all_along),
+            "log": discrepancy.identification.log.source,
+            **taken(discrepancy, "seconds", "warnings"),
+        }
+    )
+
+
+def added_summary(effect: AddedEffect) -> dict[str, Any]:
+    """An effect that was added, as discrepancy.json has it."""
+    alike, size, cost = [*effect.equivalent, *(name for name, _ in effect.elsewhere)], effect.size, effect.cost
+    numbers = {
+        of: {name: dict(zip(("value", "sd", "unit"), number, strict=True)) for name, number in values.items()}
+        for of, values in (("parameters", effect.parameters), ("readable", effect.readable))
+    }
+    return {
+        **taken(effect, "effect", "joints", "log10_bayes_factor", "probability", "equivalent"),
+        "form": effect.hypothesis.source.name,
+        "change_of_what_was_there": bool(effect.hypothesis.changes),
+        "equivalent_elsewhere": _named(effect.elsewhere),
+        "told_apart_by": {name: forms()[name].shown_by for name in sorted({effect.effect, *alike})} if alike else {},
+        "inclusion_probability": effect.included,
+        "probability_nothing_missing": effect.nothing_missing,
+        "probability_something_else": effect.something_else,
+        **numbers,
+        "effort": size and taken(size, "joint", "rms", "largest", "of", percent=100.0 * size.share),
+        "cost_if_ignored": cost
+        and taken(
+            *(cost, "joint", "before", "after"),
+            percent_before=100.0 * cost.share_before,
+            percent_after=100.0 * cost.share_after,
+        ),
+        "alternatives": [_candidate(rival) for rival in effect.rivals[:5]],
+        **_learned(effect),
+    }
+
+
+def _learned(effect: AddedEffect) -> dict[str, Any]:
+    if effect.description is None:
+        return {}
+    told = {"description": effect.description.sentence, "looks_like": effect.description.families}
+    return taken(effect, "variables", "formula", **told)
+
+
+def _named(effects: Iterable[tuple[str, tuple[int, ...]]]) -> list[dict[str, Any]]:
+    return [{"effect": name, "joints": joints} for name, joints in effects]
+
+
+def _candidate(score: Score) -> dict[str, Any]:
+    return taken(score.hypothesis, "effect", "joints", log10_bayes_factor=score.gain / LN10)
