@@ -51,13 +51,13 @@ from .regression.knowledge import Links as Links
 from .regression.knowledge import read_nominal as read_nominal
 from .regression.selection.explanation import Thresholds as Thresholds
 from .report import plot as plot
-from .report.comparison import save_comparison as save_comparison
-from .report.discrepancy import save_discrepancy as save_discrepancy
 from .report.findings import Findings as Findings
 from .report.findings import find_findings as find_findings
 from .report.findings import read_findings as read_findings
 from .report.folders import inference_data as inference_data
 from .report.folders import make_report as make_report
+from .report.folders import save_comparison as save_comparison
+from .report.folders import save_discrepancy as save_discrepancy
 from .report.folders import save_identification as save_identification
 from .report.folders import save_validation as save_validation
 from .report.motions import save_design as save_design

@@ -24,16 +24,15 @@ from bayesid.log.formats import is_log_folder
 from bayesid.log.reading import find_logs
 from bayesid.progress import Progress
 from bayesid.regression.selection.added_effect import AddedEffect
-from bayesid.report.comparison import SECTIONS, columns, log_names, moved_parameters, save_comparison, timeline_rule
-from bayesid.report.discrepancy import (
-    discrepancy_checks,
-    equivalents,
-    lead,
-    listed_sets,
+from bayesid.report.comparison import SECTIONS, columns, log_names, moved_parameters, timeline_rule
+from bayesid.report.discrepancy import discrepancy_checks, equivalents, lead, listed_sets, set_in_words
+from bayesid.report.folders import (
+    check_result_folder,
+    collect_incomplete,
+    save_comparison,
     save_discrepancy,
-    set_in_words,
+    save_or_rescue,
 )
-from bayesid.report.folders import check_result_folder, collect_incomplete, save_or_rescue
 from bayesid.report.words import in_percent, rounded, unit_of
 from bayesid.signs.search.certified import Certified
 

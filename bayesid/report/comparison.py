@@ -1,10 +1,9 @@
-"""Several logs one after the other in words and in files: what changed, what lacked all along, and what moved."""
+"""Several logs one after the other: what changed, what lacked all along, what moved; and what files hold of it."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,11 +14,8 @@ from bayesid.discrepancy.tuning import TUNING as DISCREPANCY
 from bayesid.effects import RigidBody
 from bayesid.effects.catalogue import forms
 from bayesid.effects.effect import Effect, Phrase, ReadableUnit
-from bayesid.files.writing import write_json, write_table
 from bayesid.identification.identification import KNOWN
-from bayesid.progress import SILENT, Progress
 from bayesid.report.discrepancy import added_summary, discrepancy_checks, discrepancy_summary, people_unit
-from bayesid.report.folders import save_result
 from bayesid.report.summary import as_json, as_object, taken
 from bayesid.report.tuning import TUNING
 from bayesid.report.words import counted, joints_in_words, label, listed, quantity, rounded, upper
@@ -237,33 +233,8 @@ def log_names(comparison: LogComparison) -> list[str]:
 
 
 # ---------------------------------------------------------------------------------------------------------------
-# In files
+# As discrepancy.json and timeline.csv have it
 # ---------------------------------------------------------------------------------------------------------------
-def save_comparison(
-    comparison: LogComparison, folder: str | Path, report: bool = True, progress: Progress = SILENT
-) -> Path:
-    """Writes discrepancy.json, timeline.csv, a report of both, and the result folder of the last log's extended model.
-
-    Arguments and errors are those of `save_discrepancy`.
-
-    Example:
-        >>> both = bayesid.compare_logs(robot, [log, other_log], terms, posterior=False)
-        >>> (bayesid.save_comparison(both, "days", report=False) / "timeline.csv").is_file()
-        True
-    """
-
-    def page() -> str:
-        from bayesid.report.pages.discrepancy_page import comparison_page  # jinja2, for pages alone
-
-        return comparison_page(comparison)
-
-    def write(place: Path) -> None:
-        write_json(place / "discrepancy.json", comparison_summary(comparison))
-        write_table(place / "timeline.csv", list(_timeline_rows(comparison)))
-
-    return save_result(comparison.found[-1].identification, folder, report, progress, write, page)
-
-
 def comparison_summary(comparison: LogComparison) -> dict[str, Any]:
     """discrepancy.json of several logs: that of the last one, what became of each effect, and the time line."""
     said, dates = columns(comparison), comparison.dates
@@ -311,7 +282,7 @@ def _moved_summary(comparison: LogComparison, row: Moved) -> dict[str, Any]:
     }
 
 
-def _timeline_rows(comparison: LogComparison) -> Iterator[dict[str, object]]:
+def timeline_rows(comparison: LogComparison) -> Iterator[dict[str, object]]:
     """timeline.csv: one row a log and parameter, in the parameter's own unit; empty where nothing is known."""
     line, dates = comparison.timeline, comparison.dates
     for k, log in enumerate(comparison.logs):

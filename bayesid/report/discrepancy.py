@@ -1,11 +1,10 @@
-"""A discrepancy in words and in files: a sentence that says it all, a check for each finding, discrepancy.json."""
+"""A discrepancy: a sentence that says it all, a check for each finding, and what discrepancy.json holds."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from itertools import groupby
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,13 +15,10 @@ from bayesid.discrepancy.sets import WeighedSet
 from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.effects.catalogue import forms, noun, owner
 from bayesid.effects.effect import Effect, Phrase, ReadableUnit
-from bayesid.files.writing import write_json
 from bayesid.identification.checks import Check
-from bayesid.progress import SILENT, Progress
 from bayesid.regression.selection.added_effect import AddedEffect, Quantity
 from bayesid.regression.selection.explanation import LN10
 from bayesid.regression.selection.scores import Score
-from bayesid.report.folders import save_result
 from bayesid.report.summary import as_object, taken
 from bayesid.report.tuning import TUNING
 from bayesid.report.words import in_percent, joints_in_words, label, listed, quantity, rounded, unit_of, upper
@@ -356,42 +352,8 @@ def _change(added: AddedEffect, n: int) -> str:
 
 
 # ---------------------------------------------------------------------------------------------------------------
-# In files
+# As discrepancy.json has it
 # ---------------------------------------------------------------------------------------------------------------
-def save_discrepancy(
-    discrepancy: Discrepancy, folder: str | Path, report: bool = True, progress: Progress = SILENT
-) -> Path:
-    """Writes discrepancy.json, a report of it, and the result folder of the extended model.
-
-    Args:
-        discrepancy: what to write.
-        folder: where; an earlier result there is replaced as a whole.
-        report: whether the extended model's own report.html is made too, which takes some seconds.
-        progress: called as progress("report", done, total).
-
-    Raises:
-        InputError: the folder cannot be written, or holds other files than an earlier result.
-        KeyboardInterrupt: with a text that says so where the result stands already.
-
-    Warns:
-        IncompleteWarning: an export or a page could not be written; the rest stands.
-
-    Example:
-        >>> (bayesid.save_discrepancy(found, "found", report=False) / "discrepancy.json").is_file()
-        True
-    """
-
-    def page() -> str:
-        from bayesid.report.pages.discrepancy_page import discrepancy_page  # jinja2, for pages alone
-
-        return discrepancy_page(discrepancy)
-
-    def write(place: Path) -> None:
-        write_json(place / "discrepancy.json", discrepancy_summary(discrepancy))
-
-    return save_result(discrepancy.identification, folder, report, progress, write, page)
-
-
 def discrepancy_summary(discrepancy: Discrepancy) -> dict[str, Any]:
     """discrepancy.json of a result: SI units, joints from 1, gaps as RMS in N m."""
     floor = discrepancy.floor

@@ -50,6 +50,9 @@ from bayesid.report.verdicts import check_findings, verdict
 if TYPE_CHECKING:
     from xarray import DataTree  # takes half a second to import
 
+    from bayesid.discrepancy.comparison import LogComparison
+    from bayesid.discrepancy.workflow import Discrepancy
+
 MARKER, _REPORT = "summary.json", "report.html"
 IDENTIFICATION_FILES = frozenset(
     (
@@ -143,11 +146,74 @@ def save_identification(
         if with_log:
             write_log(place / "log.csv", identification.log)
 
-    return save_result(identification, folder, report, progress, write, validation=validation)
+    return _save_result(identification, folder, report, progress, write, validation=validation)
+
+
+def save_discrepancy(
+    discrepancy: Discrepancy, folder: str | Path, report: bool = True, progress: Progress = SILENT
+) -> Path:
+    """Writes discrepancy.json, a report of it, and the result folder of the extended model.
+
+    Args:
+        discrepancy: what to write.
+        folder: where; an earlier result there is replaced as a whole.
+        report: whether the extended model's own report.html is made too, which takes some seconds.
+        progress: called as progress("report", done, total).
+
+    Raises:
+        InputError: the folder cannot be written, or holds other files than an earlier result.
+        KeyboardInterrupt: with a text that says so where the result stands already.
+
+    Warns:
+        IncompleteWarning: an export or a page could not be written; the rest stands.
+
+    Example:
+        >>> (bayesid.save_discrepancy(found, "found", report=False) / "discrepancy.json").is_file()
+        True
+    """
+
+    def page() -> str:
+        from bayesid.report.pages.discrepancy_page import discrepancy_page  # jinja2, for pages alone
+
+        return discrepancy_page(discrepancy)
+
+    def write(place: Path) -> None:
+        from bayesid.report.discrepancy import discrepancy_summary  # takes long to import, for these results alone
+
+        write_json(place / "discrepancy.json", discrepancy_summary(discrepancy))
+
+    return _save_result(discrepancy.identification, folder, report, progress, write, page)
+
+
+def save_comparison(
+    comparison: LogComparison, folder: str | Path, report: bool = True, progress: Progress = SILENT
+) -> Path:
+    """Writes discrepancy.json, timeline.csv, a report of both, and the result folder of the last log's extended model.
+
+    Arguments and errors are those of `save_discrepancy`.
+
+    Example:
+        >>> both = bayesid.compare_logs(robot, [log, other_log], terms, posterior=False)
+        >>> (bayesid.save_comparison(both, "days", report=False) / "timeline.csv").is_file()
+        True
+    """
+
+    def page() -> str:
+        from bayesid.report.pages.discrepancy_page import comparison_page  # jinja2, for pages alone
+
+        return comparison_page(comparison)
+
+    def write(place: Path) -> None:
+        from bayesid.report.comparison import comparison_summary, timeline_rows
+
+        write_json(place / "discrepancy.json", comparison_summary(comparison))
+        write_table(place / "timeline.csv", list(timeline_rows(comparison)))
+
+    return _save_result(comparison.found[-1].identification, folder, report, progress, write, page)
 
 
 @one_blas_thread
-def save_result(
+def _save_result(
     identification: Identification,
     folder: str | Path,
     report: bool,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,9 +24,8 @@ from bayesid.report.summary import as_object, taken
 from bayesid.report.tuning import TUNING
 from bayesid.report.words import counted, table
 
-DESIGN_FILES = frozenset({"design.json", "trajectory.csv", "excitation.svg"})
-DESIGN_MARKER = "design.json"
-NEXT_MARKER = "next_motion.json"
+DESIGN_MARKER, NEXT_MARKER = "design.json", "next_motion.json"
+DESIGN_FILES = frozenset({DESIGN_MARKER, "trajectory.csv", "excitation.svg"})
 NEXT_FILES = frozenset({NEXT_MARKER, "next_motion.svg", "predicted.csv"}) | PROGRAM_FOLDERS
 _RESOLVABILITY = "resolvability: twice the log odds against all signs of the joint turned"
 _JOINT = ["joint", "starts at", "lowest", "highest", "speed", "acceleration"]
@@ -36,11 +35,7 @@ _JOINT = ["joint", "starts at", "lowest", "highest", "speed", "acceleration"]
 # For a robot nobody knows
 # ---------------------------------------------------------------------------------------------------------------
 def save_design(design: ExcitationDesign, folder: str | Path) -> Path:
-    """Writes trajectory.csv, design.json and excitation.svg.
-
-    Args:
-        design: what to write.
-        folder: where; an earlier design there is replaced as a whole.
+    """Writes trajectory.csv, design.json and excitation.svg; an earlier design there is replaced as a whole.
 
     Raises:
         InputError: the folder cannot be written, or holds other files than an earlier design.
@@ -79,63 +74,51 @@ def design_summary(design: ExcitationDesign) -> dict[str, Any]:
                 "given": {key: np.atleast_1d(value) for key, value in vars(design.limits).items()},
                 "reached": _reached(design.motion),
             },
-            "spline": {
-                "period": spline.duration,
-                "degree": DEGREE,
-                "knots": spline.basis.knots,
-                "control_points": spline.control,
-            },
+            "spline": {"period": spline.duration, "degree": DEGREE, "knots": spline.basis.knots}
+            | {"control_points": spline.control},
             "not_checked": ["collisions", "limits of the efforts"],
         }
     )
 
 
 def _figures(quality: Quality) -> dict[str, Any]:
-    joints, weakest = quality.joints, quality.joints.weakest
+    flips = quality.joints
+    group = {
+        "joints": [j + 1 for j in flips.groups[flips.weakest]],
+        "resolvability": flips.resolvability[flips.weakest],
+    }
     return {
         "condition_number": quality.condition,
         "noise_tolerance": quality.tolerance,
-        "weakest_group": {
-            "joints": [j + 1 for j in joints.groups[weakest]],
-            "resolvability": joints.resolvability[weakest],
-        },
+        "weakest_group": group,
         "segments": len(quality.segments.joint),
         "wrong_share": quality.segments.doubtful,
     }
 
 
 def _reached(motion: Motion) -> dict[str, Array]:
-    return {
-        "lower": motion.q.min(axis=0),
-        "upper": motion.q.max(axis=0),
-        "velocity": np.abs(motion.dq).max(axis=0),
-        "acceleration": np.abs(motion.ddq).max(axis=0),
-    }
+    fastest, hardest = (np.abs(values).max(axis=0) for values in (motion.dq, motion.ddq))
+    ends = {"lower": motion.q.min(axis=0), "upper": motion.q.max(axis=0)}
+    return ends | {"velocity": fastest, "acceleration": hardest}
 
 
 def design_text(design: ExcitationDesign) -> str:
     """A table of the joints, what the design has gained over its start, and what stays undecided."""
     before, after, shares, names = design.start, design.reached, design.of_limits, design.coefficients.names
-    timing = f"{design.motion.t[-1]:g} s at {design.rate:g} Hz, {counted(design.periods, 'period')}"
-    rows = _joint_rows(
-        design.motion,
-        shares.dq,
-        shares.ddq,
-        [f"{after.joints.resolvability[j]:.3g}" for j in range(design.motion.n_joints)],
-    )
-    open_names, noise = [names[i] for i in design.undecided], design.noise
-    undecided = f"{len(open_names)} of {len(names)} coefficients stay undecided at a noise of {noise:.0%}"
+    resolved = [f"{value:.3g}" for value in after.joints.resolvability[: design.motion.n_joints]]
+    undecided, noise = [names[i] for i in design.undecided], f"{design.noise:.0%}"
     lines = [
-        f"{design.model.robot.name}: {timing}, from rest to rest",
-        table([*_JOINT, "resolvability"], rows),
+        f"{design.model.robot.name}: {design.motion.t[-1]:g} s at {design.rate:g} Hz, "
+        f"{counted(design.periods, 'period')}, from rest to rest",
+        table([*_JOINT, "resolvability"], _joint_rows(design.motion, shares.dq, shares.ddq, resolved)),
         "positions in rad (m where a joint slides), speed and acceleration as shares of their limits;",
-        f"{_RESOLVABILITY}, at a noise of {noise:.0%}",
+        f"{_RESOLVABILITY}, at a noise of {noise}",
         f"condition number {before.condition:.1f} at the start, {after.condition:.1f} reached",
         f"noise that the signs bear: {before.tolerance:.0%} of the RMS at the start, {after.tolerance:.0%} reached",
         f"easiest to mistake: {_group(after.joints)}",
-        f"{undecided}: {', '.join(open_names)}"
-        if open_names
-        else f"all {len(names)} coefficients are decided at a noise of {noise:.0%}",
+        f"{len(undecided)} of {len(names)} coefficients stay undecided at a noise of {noise}: {', '.join(undecided)}"
+        if undecided
+        else f"all {len(names)} coefficients are decided at a noise of {noise}",
         "not checked: collisions with itself or the surroundings, and limits of the efforts; play it slowly first",
     ]
     return "\n".join(lines)
@@ -143,12 +126,12 @@ def design_text(design: ExcitationDesign) -> str:
 
 def _joint_rows(motion: Motion, speed: Array, acceleration: Array, last: Sequence[str]) -> list[list[str]]:
     """Positions of each joint, the largest shares of its limits, and what else there is to say."""
-    rows = []
-    for j, more in enumerate(last):
-        positions = [f"{motion.q[0, j]:.3f}", f"{motion.q[:, j].min():.2f}", f"{motion.q[:, j].max():.2f}"]
-        used = [f"{np.abs(values[:, j]).max():.0%}" for values in (speed, acceleration)]
-        rows.append([str(j + 1), *positions, *used, more])
-    return rows
+    start, low, high = motion.q[0], motion.q.min(axis=0), motion.q.max(axis=0)
+    used = [np.abs(values).max(axis=0) for values in (speed, acceleration)]
+    return [
+        [str(j + 1), f"{start[j]:.3f}", f"{low[j]:.2f}", f"{high[j]:.2f}", *(f"{share[j]:.0%}" for share in used), more]
+        for j, more in enumerate(last)
+    ]
 
 
 def _group(flips: JointFlips) -> str:
@@ -158,22 +141,23 @@ def _group(flips: JointFlips) -> str:
 
 def judgement_text(judgement: ExcitationJudgement) -> str:
     """A table of the joints, the condition number, and what the log leaves undecided."""
-    flips, n = judgement.joints, len(judgement.reach)
+    one, flips = judgement, judgement.joints
     of_joint = {} if flips is None else dict(zip(flips.groups, flips.resolvability.tolist(), strict=True))
-    rows = []
-    for j in range(n):
-        reached = [f"{judgement.reach[j]:.2f}", f"{judgement.speed[j]:.2f}", f"{judgement.acceleration[j]:.1f}"]
-        resolved = f"{of_joint[j,]:.3g}" if (j,) in of_joint else "known"
-        rows.append([str(j + 1), *reached, f"{judgement.idle[j]:.0%}", resolved, f"{judgement.doubtful[j]:.1%}"])
-    heading = ["joint", "range", "speed", "acceleration", "still", "resolvability", "doubtful"]
+    rows = [
+        [
+            *(str(j + 1), f"{one.reach[j]:.2f}", f"{one.speed[j]:.2f}", f"{one.acceleration[j]:.1f}"),
+            *(f"{one.idle[j]:.0%}", f"{of_joint[j,]:.3g}" if (j,) in of_joint else "known", f"{one.doubtful[j]:.1%}"),
+        ]
+        for j in range(len(one.reach))
+    ]
     lines = [
-        f"{judgement.source}: excitation is {judgement.light}",
-        table(heading, rows),
+        f"{one.source}: excitation is {one.light}",
+        table(["joint", "range", "speed", "acceleration", "still", "resolvability", "doubtful"], rows),
         f"rad, rad/s, rad/s^2; {_RESOLVABILITY};",
-        f"doubtful: energy with the wrong sign, segments one by one; both at a noise of {judgement.noise:.0%}",
-        f"condition number {judgement.condition:.1f}, all joints alike; `identify` weighs each by the noise it finds",
+        f"doubtful: energy with the wrong sign, segments one by one; both at a noise of {one.noise:.0%}",
+        f"condition number {one.condition:.1f}, all joints alike; `identify` weighs each by the noise it finds",
         *([] if flips is None else [f"easiest to mistake: {_group(flips)}"]),
-        *(f"- {remark}" for remark in judgement.remarks),
+        *(f"- {remark}" for remark in one.remarks),
     ]
     return "\n".join(lines)
 
@@ -191,9 +175,7 @@ def check_next_folder(folder: str | Path) -> Path:
 def save_next_motion(design: NextMotion, folder: str | Path) -> Path:
     """Writes next_motion.json, predicted.csv, next_motion.svg, and a folder of programs for each speed.
 
-    Args:
-        design: what to write.
-        folder: where; an earlier one there is replaced as a whole.
+    An earlier one there is replaced as a whole.
 
     Raises:
         InputError: the folder cannot be written, or holds other files than an earlier one.
@@ -218,14 +200,14 @@ def save_next_motion(design: NextMotion, folder: str | Path) -> Path:
 
 def planned(design: NextMotion) -> PlannedMotion:
     """The motion as programs take it."""
-    joints = design.known.model.robot.joints
+    robot, run = design.known.model.robot, design.run
     return PlannedMotion(
-        robot=design.known.model.robot.name,
-        joint_names=tuple(joint.name or f"joint{j}" for j, joint in enumerate(joints, start=1)),
-        prismatic=tuple(joint.prismatic for joint in joints),
+        robot=robot.name,
+        joint_names=tuple(joint.name or f"joint{j}" for j, joint in enumerate(robot.joints, start=1)),
+        prismatic=tuple(joint.prismatic for joint in robot.joints),
         at=design.trajectory.motion,
-        duration=design.run.duration,
-        rate=design.run.rate,
+        duration=run.duration,
+        rate=run.rate,
         checked=design.checked,
         not_checked=design.unchecked,
     )
@@ -235,10 +217,10 @@ def picture(design: NextMotion) -> Any:
     """What `bayesid.report.plot.motions` draws."""
     from bayesid.report.plot.motions import MotionPicture, extreme_poses
 
-    robot, motion, limits = design.known.model.robot, design.motion, design.run.limits
+    robot, motion, limits, clearance = design.known.model.robot, design.motion, design.run.limits, design.run.clearance
     assert limits is not None
     effort, sd = design.effort_band
-    distance = None if design.run.clearance is None else design.run.clearance.distance(motion.q)
+    distance = None if clearance is None else clearance.distance(motion.q)
     return MotionPicture(
         robot=robot.name,
         joint_names=planned(design).joint_names,
@@ -248,28 +230,24 @@ def picture(design: NextMotion) -> Any:
         effort_band=(effort - EXCITATION.band * sd, effort + EXCITATION.band * sd),
         poses=extreme_poses(robot, motion, distance),
         distance=distance,
-        margin=None if design.run.clearance is None else design.run.clearance.margin,
+        margin=None if clearance is None else clearance.margin,
         not_checked="; ".join(design.unchecked),
     )
 
 
 def predicted_rows(predicted: PredictedKnowledge) -> list[dict[str, object]]:
     """predicted.csv: one row a coefficient or gain, its sd now and after the recording."""
-    columns = (predicted.mean, predicted.sd_now, predicted.sd, predicted.sd_lacking)
-    numbers = np.column_stack(columns).tolist()
-    return [
-        {
-            "name": name,
-            "unit": unit,
-            "mean": mean,
-            "sd_now": now,
-            "sd": after,
-            "sd_if_model_lacks_as_much": lacking,
-            "rsd_now_percent": 100.0 * now / abs(mean) if mean else "",
-            "rsd_percent": 100.0 * after / abs(mean) if mean else "",
-        }
-        for name, unit, (mean, now, after, lacking) in zip(predicted.names, predicted.units, numbers, strict=True)
-    ]
+    columns = {
+        "name": predicted.names,
+        "unit": predicted.units,
+        **{"mean": predicted.mean, "sd_now": predicted.sd_now, "sd": predicted.sd},
+        "sd_if_model_lacks_as_much": predicted.sd_lacking,
+    }
+    rows = [dict(zip(columns, row, strict=True)) for row in zip(*map(list, columns.values()), strict=True)]
+    for row in rows:
+        for name in ("sd_now", "sd"):
+            row[f"r{name}_percent"] = 100.0 * row[name] / abs(row["mean"]) if row["mean"] else ""
+    return rows
 
 
 def next_summary(design: NextMotion, programs: Programs) -> dict[str, Any]:
@@ -277,40 +255,32 @@ def next_summary(design: NextMotion, programs: Programs) -> dict[str, Any]:
     run, after, limits, clearance = design.run, design.predicted, design.run.limits, design.run.clearance
     assert limits is not None
     given = taken(limits, "lower", "upper", "velocity", "acceleration", "jerk", "effort")
+    distance = None if clearance is None else clearance.distance(design.motion.q).min()
     return as_object(
         {
             "robot": design.known.model.robot.name,
             **taken(run, "duration", "rate", start=run.start or (), payload=run.payload),
             "about": () if design.goal is None else design.goal.names,
             "information_gain_nats": after.gain,
-            **taken(after, "open_now", "open", open_if_model_lacks_as_much=after.open_lacking),
+            **taken(after, "open_now", "open", "certain_signs", open_if_model_lacks_as_much=after.open_lacking),
             "open_after_random_motion": design.of_random.open,
-            "certain_signs": after.certain_signs,
             "log10_bayes_factors": _factors(after),
             "log10_bayes_factors_of_random_motion": _factors(design.of_random),
             "no_motion_tells": design.never,
-            "checked": design.checked,
-            "not_checked": design.unchecked,
+            **taken(design, "checked", "seconds", not_checked=design.unchecked),
             "limits": {name: None if limit is None else np.atleast_1d(limit) for name, limit in given.items()},
-            "reached": {
-                **_reached(design.motion),
-                "effort_with_band": design.largest_effort,
-                "distance": None if clearance is None else clearance.distance(design.motion.q).min(),
-            },
+            "reached": {**_reached(design.motion), "effort_with_band": design.largest_effort, "distance": distance},
             "margin": None if clearance is None else clearance.margin,
             "programs": {"folders": [folder.name for folder in programs.folders], "files": programs.files},
             "not_written": programs.left_out,
             "control_points": design.trajectory.control,
-            "seconds": design.seconds,
         }
     )
 
 
 def _factors(predicted: PredictedKnowledge) -> list[dict[str, object]]:
-    return [
-        {"true": true, "against": other, "expected": value}
-        for (true, other), value in predicted.log10_bayes_factors.items()
-    ]
+    factors = predicted.log10_bayes_factors.items()
+    return [{"true": true, "against": other, "expected": value} for (true, other), value in factors]
 
 
 def next_motion_text(design: NextMotion) -> str:
@@ -319,7 +289,7 @@ def next_motion_text(design: NextMotion) -> str:
     carried = f", with {run.payload} on the flange" if run.payload else ""
     lines = [
         f"{design.known.model.robot.name}: {run.duration:g} s at {run.rate:g} Hz, from rest to rest{carried}",
-        *(_of_goal(design) if design.goal is not None else _of_rivals(predicted, design.of_random)),
+        *(_of_rivals(predicted, design.of_random) if design.goal is None else _of_goal(design, design.goal.names)),
         f"signs that will be certain: {predicted.certain_signs:.1%} of |effort| "
         f"(after a random motion {design.of_random.certain_signs:.1%})",
         "the random motion keeps limits of positions, velocities and accelerations, not of efforts and distances",
@@ -327,59 +297,53 @@ def next_motion_text(design: NextMotion) -> str:
         "",
         table([*_JOINT, "effort"], _joints(design)),
         "positions in rad (m where a joint slides); the others as shares of their limits, efforts with their band",
-        *([] if run.clearance is None else [_clearance(design)]),
+        *_clearance(design),
         f"checked: {'; '.join(design.checked)}",
         *(f"NOT checked: {sentence}" for sentence in design.unchecked),
     ]
     return "\n".join(lines)
 
 
-def _of_goal(design: NextMotion) -> list[str]:
+def _of_goal(design: NextMotion, names: Sequence[str]) -> Iterator[str]:
     after, random = design.predicted, design.of_random
-    assert design.goal is not None
-    lines = [
+    yield (
         f"coefficients not known to {KNOWN:.0%}: {after.open_now} now, {after.open} after this motion if the "
         f"model is right, {after.open_lacking} if what it may lack stays as large; {random.open} after a random motion"
-    ]
-    chosen = [k for k, name in enumerate(after.names) if name in design.goal.names]
+    )
+    chosen = [k for k, name in enumerate(after.names) if name in names]
     if not chosen:
-        lines.append(f"aimed at {len(design.goal.names)} sums of them; those of which most is learned on the way:")
+        yield f"aimed at {len(names)} sums of them; those of which most is learned on the way:"
         chosen = list(range(len(after.names)))
     most = sorted(chosen, key=lambda k: after.sd[k] / after.sd_now[k])[: TUNING.next_coefficients]
     sds = after.sd_now, after.sd, random.sd
     rows = [[after.names[k], f"{after.mean[k]:.4g}", *(f"{sd[k]:.2g}" for sd in sds), after.units[k]] for k in most]
-    return [*lines, table(["name", "value", "sd now", "sd then", "random motion", "unit"], rows)]
+    yield table(["name", "value", "sd now", "sd then", "random motion", "unit"], rows)
 
 
-def _of_rivals(predicted: PredictedKnowledge, random: PredictedKnowledge) -> list[str]:
-    rows = []
-    for pair, value in predicted.log10_bayes_factors.items():
-        told = "yes" if value >= EXCITATION.telling else "no"
-        rows.append([*pair, f"{value:.3g}", told, f"{random.log10_bayes_factors[pair]:.3g}"])
-    heading = ["if true", "against", "log10 Bayes factor", "told apart", "random motion"]
-    lines = [
-        table(heading, rows),
-        "expected with the noise as it is known, of the form that imitates best; told apart from "
-        f"{EXCITATION.telling:g} on",
+def _of_rivals(predicted: PredictedKnowledge, random: PredictedKnowledge) -> Iterator[str]:
+    telling, factors = EXCITATION.telling, predicted.log10_bayes_factors
+    rows = [
+        [*pair, f"{value:.3g}", "yes" if value >= telling else "no", f"{random.log10_bayes_factors[pair]:.3g}"]
+        for pair, value in factors.items()
     ]
-    if all(value < EXCITATION.telling for value in predicted.log10_bayes_factors.values()):
-        lines.append("this motion is not expected to tell any apart: a longer one may (--duration), or wider --limits")
-    return lines
+    yield table(["if true", "against", "log10 Bayes factor", "told apart", "random motion"], rows)
+    yield f"expected with the noise as it is known, of the form that imitates best; told apart from {telling:g} on"
+    if max(factors.values(), default=-np.inf) < telling:
+        yield "this motion is not expected to tell any apart: a longer one may (--duration), or wider --limits"
 
 
 def _joints(design: NextMotion) -> list[list[str]]:
     motion, limits, n = design.motion, design.run.limits, design.known.model.robot.n_joints
     assert limits is not None
     speed, acceleration = (np.broadcast_to(limit, n) for limit in (limits.velocity, limits.acceleration))
-    effort = design.largest_effort / design.feasibility.effort
     known = np.isfinite(design.feasibility.effort)
-    efforts = [f"{effort[j]:.0%}" if known[j] else "no limit" for j in range(n)]
+    shares = design.largest_effort / design.feasibility.effort
+    efforts = [f"{share:.0%}" if shown else "no limit" for share, shown in zip(shares, known, strict=True)]
     return _joint_rows(motion, motion.dq / speed, motion.ddq / acceleration, efforts)
 
 
-def _clearance(design: NextMotion) -> str:
-    clearance, q = design.run.clearance, design.motion.q
-    assert clearance is not None
-    distances = clearance.distance(q)
-    least, (one, other) = clearance.nearest(q[int(distances.argmin())])
-    return f"least distance: {least:.3f} m, {one} to {other} (to be kept: {clearance.margin:g} m)"
+def _clearance(design: NextMotion) -> Iterator[str]:
+    if (clearance := design.run.clearance) is not None:
+        distances = clearance.distance(design.motion.q)
+        least, (one, other) = clearance.nearest(design.motion.q[int(distances.argmin())])
+        yield f"least distance: {least:.3f} m, {one} to {other} (to be kept: {clearance.margin:g} m)"
