@@ -13,10 +13,10 @@ import numpy as np
 from rich.console import RenderableType
 
 from bayesid.arrays import Array
-from bayesid.cli.options import check_file, command_line, end_with, robot_of
-from bayesid.cli.terminal import CountBar, StageBars, show, table, warn
+from bayesid.cli.options import check_file, command_line, finish, robot_of
+from bayesid.cli.terminal import CountBar, StageBars, table
 from bayesid.effects.coefficients import base_coefficients
-from bayesid.errors import BayesidError, InputError
+from bayesid.errors import InputError
 from bayesid.identification.identification import Identification
 from bayesid.identification.pipeline import identify
 from bayesid.identification.prediction import Validation
@@ -137,10 +137,9 @@ def demo_command(options: argparse.Namespace) -> None:
         sampling = Sampling(budget=options.posterior_budget, seed=options.seed)
         experiment = run_experiment(options.seed, posterior=sampling, progress=progress)
         validation = _save(experiment, folder, progress)
-    if not options.quiet:
-        errors = _error_lines(experiment, validation.relative_residual)
-        show(*_signs_lines(experiment), _coefficient_table(experiment), *errors, f"written to {folder}/")
-    end_with(incomplete)
+    errors = _error_lines(experiment, validation.relative_residual)
+    parts = *_signs_lines(experiment), _coefficient_table(experiment), *errors, f"written to {folder}/"
+    finish(options, *parts, incomplete=incomplete)
 
 
 def _save(experiment: Experiment, folder: Path, progress: Progress) -> Validation:
@@ -199,17 +198,14 @@ def _error_lines(experiment: Experiment, of_measured: Array) -> list[str]:
 def simulate_command(options: argparse.Namespace) -> None:
     """A log without signs, and beside it the same with its signs."""
     check_file(options.out)
-    robot = robot_of(options)
-    for note in robot.notes:
-        warn(note)
+    robot = robot_of(options, notes=True)
     effects = [parse_effect(text, robot) for text in options.effect]
     unsigned, signed = simulate_log(robot, options.duration, options.rate, options.noise, effects, options.seed)
     truth = options.out.with_name(f"{options.out.stem}_signed.csv")
     options.out.parent.mkdir(parents=True, exist_ok=True)
     write_log(options.out, unsigned)
     write_log(truth, signed)
-    if not options.quiet:
-        show(f"written to {options.out}, with the signs in {truth}")
+    finish(options, f"written to {options.out}, with the signs in {truth}")
 
 
 def study_command(options: argparse.Namespace) -> None:
@@ -233,11 +229,6 @@ def study_command(options: argparse.Namespace) -> None:
             progress=bar.show,
         )
         text = save_results(finished, folder)
-    for row in finished.failed:
-        warn(f"trial {row['trial']} failed: {row['error']}")
-    if not options.quiet:
-        show(text, f"written to {folder}/")
-    if finished.short:
-        raise BayesidError(
-            f"{options.name}: {len(finished.short)} figures are below their floor: see {folder}/report.txt"
-        )
+    failed = [f"trial {row['trial']} failed: {row['error']}" for row in finished.failed]
+    said = f"{options.name}: {len(finished.short)} figures are below their floor: see {folder}/report.txt"
+    finish(options, text, f"written to {folder}/", warnings=failed, incomplete=[said] * bool(finished.short))

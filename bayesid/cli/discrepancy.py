@@ -11,9 +11,8 @@ import numpy as np
 from rich.console import RenderableType
 
 from bayesid.cli.arguments import TERMS
-from bayesid.cli.options import command_line, end_with, read, reading_options, robot_of, sampling, term_names
-from bayesid.cli.tables import line_of
-from bayesid.cli.terminal import StageBars, show, table, warn
+from bayesid.cli.options import command_line, finish, read, reading_options, robot_of, sampling, term_names
+from bayesid.cli.terminal import StageBars, line_of, table
 from bayesid.discrepancy.comparison import ALL_ALONG, CHANGED, LogComparison, compare_logs
 from bayesid.discrepancy.workflow import Discrepancy, find_discrepancy
 from bayesid.errors import InputError
@@ -146,12 +145,8 @@ def _save(save: Callable[[Path], object], folder: Path) -> list[str]:
 
 
 def _end(options: argparse.Namespace, result: Discrepancy | LogComparison, folder: Path, incomplete: list[str]) -> None:
-    for warning in result.warnings:
-        warn(warning)
-    if not options.quiet:
-        parts = discrepancy_parts(result) if isinstance(result, Discrepancy) else comparison_parts(result)
-        show(*parts, f"written to {folder}/")
-    end_with(incomplete)
+    parts = discrepancy_parts(result) if isinstance(result, Discrepancy) else comparison_parts(result)
+    finish(options, *parts, f"written to {folder}/", warnings=result.warnings, incomplete=incomplete)
 
 
 def discrepancy_parts(result: Discrepancy) -> list[RenderableType]:

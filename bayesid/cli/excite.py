@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import argparse
-import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,16 +12,16 @@ import numpy as np
 
 from bayesid.arrays import Array
 from bayesid.cli.arguments import FOR_RESULT, FOR_ROBOT
-from bayesid.cli.options import beliefs, numbers, read, reading_options, robot_of, term_names
+from bayesid.cli.options import beliefs, finish, numbers, read, reading_options, robot_of, term_names
 from bayesid.cli.parser import Option, option
-from bayesid.cli.terminal import StageBars, show, warn
+from bayesid.cli.terminal import StageBars, warn
 from bayesid.cli.tuning import TUNING
 from bayesid.discrepancy.workflow import CHANGE_OF
 from bayesid.errors import InputError
-from bayesid.excitation.design import ExcitationDesign, Objective, TrajectoryShape, design_excitation
+from bayesid.excitation.design import Objective, TrajectoryShape, design_excitation
 from bayesid.excitation.judgement import judge_log
 from bayesid.excitation.limits import read_limits
-from bayesid.excitation.next_motion import NextMotion, RunSettings, design_next
+from bayesid.excitation.next_motion import RunSettings, design_next
 from bayesid.excitation.rivals import Hypotheses, equivalent_classes, hypotheses_of
 from bayesid.files.writing import check_folder, read_json
 from bayesid.identification.identified_model import IdentifiedModel
@@ -43,7 +43,26 @@ from bayesid.robot import Robot
 from bayesid.robot.collision import Capsules, CollisionModel, NoShapes, collision_model
 from bayesid.simulation.trajectories import MotionLimits
 
-_DISCREPANCY_FILE = "discrepancy.json"
+
+@dataclass(frozen=True)
+class _Place:
+    effect: str
+    joints: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class _Found(_Place):
+    equivalent: tuple[str, ...]
+    alternatives: tuple[_Place, ...]
+    parameters: dict[str, dict[str, Any]]
+    change_of_what_was_there: bool
+
+
+@dataclass(frozen=True)
+class _Discrepancy:
+    """What matters here of discrepancy.json."""
+
+    found: tuple[_Found, ...]
 
 
 def excite_command(options: argparse.Namespace) -> None:
@@ -51,35 +70,23 @@ def excite_command(options: argparse.Namespace) -> None:
     if options.result is not None:
         if options.log is not None:
             raise InputError("asks for a judgement and for a design", "--log", "leave it or --for out")
-        _refuse(
-            options,
-            [*FOR_ROBOT, option("--no-degrees")],
-            "means nothing for a result, which has its own",
-            "leave it or --for out",
-        )
-        show_unless_quiet(design_for_result(options), options)
+        own = [*FOR_ROBOT, option("--no-degrees")]
+        _refuse(options, own, "means nothing for a result, which has its own", "leave it or --for out")
+        finish(options, _design_for_result(options))
         return
     _refuse(options, FOR_RESULT, "is for the motion after a result", "give --for RESULT_DIR")
     if options.robot is None:
         raise InputError("no robot and no result", "excite", "give --robot R, or --for RESULT_DIR")
-    robot = robot_of(options)
-    for note in robot.notes:
-        warn(note)
+    robot = robot_of(options, notes=True)
     with StageBars(options.quiet) as bars:
         text = _design(robot, options, bars) if options.log is None else _judge(robot, options, bars)
-    show_unless_quiet(text, options)
+    finish(options, text)
 
 
 def _refuse(options: argparse.Namespace, refused: Sequence[Option], said: str, remedy: str) -> None:
     for name, _ in refused:
         if name in options.given:
             raise InputError(said, name, remedy)
-
-
-def show_unless_quiet(text: str, options: argparse.Namespace) -> None:
-    """Prints a text, unless nothing is to be printed."""
-    if not options.quiet:
-        show(text)
 
 
 def _judge(robot: Robot, options: argparse.Namespace, bars: StageBars) -> str:
@@ -91,34 +98,29 @@ def _judge(robot: Robot, options: argparse.Namespace, bars: StageBars) -> str:
 
 def _design(robot: Robot, options: argparse.Namespace, bars: StageBars) -> str:
     folder = check_folder(options.out, DESIGN_FILES, DESIGN_MARKER)
-    design = _designed(robot, options, bars)
-    save_design(design, folder)
-    return f"{design_text(design)}\nwritten to {folder}/"
-
-
-def _designed(robot: Robot, options: argparse.Namespace, bars: StageBars) -> ExcitationDesign:
-    source = options.limits or (None if robot.origin is None else robot.origin.urdf)
-    return design_excitation(
+    design = design_excitation(
         robot,
         term_names(options),
         shape=TrajectoryShape(
             duration=options.duration, rate=options.rate, harmonics=options.harmonics, periods=options.periods
         ),
-        limits=None if source is None else read_limits(source, robot),
+        limits=_limits(options, robot),
         objective=Objective(noise=options.noise),
         beliefs=beliefs(options),
         seed=options.seed,
         progress=Progress(bars.show),
     )
+    save_design(design, folder)
+    return f"{design_text(design)}\nwritten to {folder}/"
 
 
-def design_for_result(options: argparse.Namespace) -> str:
+def _design_for_result(options: argparse.Namespace) -> str:
     """The next motion's folder; what there is to say of it."""
     folder = check_next_folder(options.out)
     with StageBars(options.quiet) as bars:
         bars.show("read", 0, 1)
         identified = load_model(options.result)
-        recorded = recorded_motion(options.result)
+        recorded = _recorded_motion(options.result)
         robot = _robot_with_shapes(options, identified)
         clearance = _clearance(options, robot, _poses(options, identified.model.robot, recorded))
         run = RunSettings(
@@ -131,36 +133,29 @@ def design_for_result(options: argparse.Namespace) -> str:
             no_clearance="" if isinstance(clearance, CollisionModel) else clearance.reason,
             payload=options.payload,
         )
-        design = _next_motion(options, identified, recorded, run, bars)
+        about, found = _words(options.about, "--about"), _hypotheses(options.result)
+        if between := _words(options.between, "--between"):
+            found = Hypotheses(hypotheses_of(between).classes, found.changed)
+        elif about:
+            found = Hypotheses()
+        design = design_next(
+            identified,
+            about,
+            found,
+            run=run,
+            recorded=recorded,
+            criterion=options.criterion,
+            changes=options.changes,
+            progress=Progress(bars.show),
+        )
         bars.show("write", 0, 1)
         save_next_motion(design, folder)
     return f"{next_motion_text(design)}\nwritten to {folder}/"
 
 
-def _next_motion(
-    options: argparse.Namespace, identified: IdentifiedModel, recorded: Motion | None, run: RunSettings, bars: StageBars
-) -> NextMotion:
-    about, between = _words(options.about, "--about"), _words(options.between, "--between")
-    found = _hypotheses(options.result)
-    if between:
-        found = Hypotheses(hypotheses_of(between).classes, found.changed)
-    elif about:
-        found = Hypotheses()
-    return design_next(
-        identified,
-        about,
-        found,
-        run=run,
-        recorded=recorded,
-        criterion=options.criterion,
-        changes=options.changes,
-        progress=Progress(bars.show),
-    )
-
-
-def recorded_motion(folder: Path) -> Motion | None:
+def _recorded_motion(folder: Path) -> Motion | None:
     """The motion of a result's log, as far as the folder holds it; None where it does not."""
-    if not os.path.exists(folder / "findings.npz"):
+    if not (folder / "findings.npz").exists():
         warn(f"{folder} holds no findings.npz: the motion of its log is not known")
         return None
     samples = read_findings(folder).samples
@@ -170,31 +165,24 @@ def recorded_motion(folder: Path) -> Motion | None:
 
 def _hypotheses(folder: Path) -> Hypotheses:
     """Hypotheses that a discrepancy's log could not tell apart, and changes of what its model had; none of a result."""
-    path = folder / _DISCREPANCY_FILE
-    if not os.path.exists(path):
+    path = folder / "discrepancy.json"
+    if not path.exists():
         return Hypotheses()
-    remedy = "give a folder that `bayesid discrepancy` wrote"
-    content = read_json(path, dict[str, Any], remedy)
-    try:
-        classes = equivalent_classes(
-            [(one["effect"], tuple(one["joints"]), _equivalents(one)) for one in content["found"]]
-        )
-        changed = {
-            (one["effect"], tuple(one["joints"])): {
-                name.removeprefix(CHANGE_OF): float(quantity["value"]) for name, quantity in one["parameters"].items()
-            }
-            for one in content["found"]
-            if one["change_of_what_was_there"]
+    found = read_json(path, _Discrepancy, "give a folder that `bayesid discrepancy` wrote").found
+    changed = {
+        (one.effect, one.joints): {
+            name.removeprefix(CHANGE_OF): float(quantity["value"]) for name, quantity in one.parameters.items()
         }
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise InputError(f"does not hold what bayesid writes ({error})", str(path), remedy) from None
-    return Hypotheses(classes, changed)
+        for one in found
+        if one.change_of_what_was_there
+    }
+    return Hypotheses(equivalent_classes([(one.effect, one.joints, _equivalents(one)) for one in found]), changed)
 
 
-def _equivalents(found: Mapping[str, Any]) -> dict[str, tuple[int, ...] | None]:
+def _equivalents(found: _Found) -> dict[str, tuple[int, ...] | None]:
     """Effects that are equivalent to one, with the joints in which they are where the file says so."""
-    places = {one["effect"]: tuple(one["joints"]) for one in reversed(found["alternatives"])}
-    return {name: places.get(name) for name in found["equivalent"]}
+    places = {one.effect: one.joints for one in reversed(found.alternatives)}
+    return {name: places.get(name) for name in found.equivalent}
 
 
 def _robot_with_shapes(options: argparse.Namespace, identified: IdentifiedModel) -> Robot:

@@ -10,31 +10,37 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from bayesid.cli.options import beliefs, command_line, end_with, read, reading_options, robot_of, sampling, term_names
-from bayesid.cli.tables import identification_parts, separate_parts
-from bayesid.cli.terminal import CountBar, StageBars, complain, show, warn
+import numpy as np
+from rich.console import RenderableType
+from rich.text import Text
+
+from bayesid.cli.options import beliefs, command_line, finish, read, reading_options, robot_of, sampling, term_names
+from bayesid.cli.terminal import COLOURS, CountBar, StageBars, complain, table, warn
 from bayesid.cli.tuning import TUNING
 from bayesid.errors import BayesidError, InputError, near_names, printable
 from bayesid.files.bounded import LARGEST, read_source, toml_of
+from bayesid.identification.checks import Check
+from bayesid.identification.identification import KNOWN, SURE, Identification
 from bayesid.identification.options import Preparation
 from bayesid.identification.pipeline import identify
 from bayesid.log.log import Log, join_logs
 from bayesid.log.reading import find_logs
 from bayesid.motion import check_label
 from bayesid.progress import Progress
+from bayesid.report import verdicts
 from bayesid.report.folders import check_result_folder, collect_incomplete, save_identification, save_or_rescue
+from bayesid.report.summary import Summary, summarise
+from bayesid.report.words import quantity
 from bayesid.signs.search.beam import Beam
 from bayesid.signs.search.certified import Certified
 from bayesid.signs.search.protocol import Search
-from bayesid.study.separate_logs import identify_separately
+from bayesid.study.agreement import text as agreement_text
+from bayesid.study.separate_logs import Separate, identify_separately
 
-_USUAL = "payload"
-"""Label of a payload that has none."""
 _PAYLOAD = re.compile(r"(?:(?P<label>[^:~@]*):)?(?P<mass>[^:~@]*)(?:~(?P<sd>[^:~@]*))?@(?P<file>.+)")
 _PAYLOAD_REMEDY = "give [LABEL:]KG[~SD]@LOG, as in 2.8~0.005@loaded.csv"
 _LOG_REMEDY = "give LOG:payload=LABEL, as in loaded.csv:payload=tool1"
-_KEYS = ("file", "payload", "mass")
-_FILE_REMEDY = (
+_LIST_REMEDY = (
     'give tables [[logs]] with file = "loaded.csv" and, if it carries something, payload = "tool1", mass = 2.8'
 )
 
@@ -42,14 +48,21 @@ _FILE_REMEDY = (
 def identify_command(options: argparse.Namespace) -> None:
     """One result folder, or one a log with `--each`."""
     logs = recordings(options)
-    settings = _settings(options, logs)
+    settings: dict[str, Any] = {
+        "terms": term_names(options),
+        "complete": options.complete,
+        "search": _search(options),
+        "posterior": sampling(options),
+        "preparation": Preparation(cutoff=options.cutoff, max_memory=options.max_memory),
+        "beliefs": beliefs(options, _known_masses(logs)),
+    }
     if options.each:
         _identify_each(options, logs, settings)
         return
     if options.workers is not None or options.scheduler is not None:
         said = "one identification runs in one process"
         raise InputError(said, "--workers or --scheduler", "leave it out, or add --each for one result a log")
-    folder = check_result_folder(options.out or Path(f"bayesid-{_stem(options, logs)}"))
+    folder = check_result_folder(options.out or _usual_folder(options, logs, "bayesid"))
     if any(folder.resolve() in (one.path.resolve(), one.path.resolve().parent) for one in logs):  # a bag is a folder
         raise InputError("holds the log, which the result would replace", str(folder), "give --out a new folder")
     robot, reading, replaced = robot_of(options), reading_options(options), folder.is_dir() and any(folder.iterdir())
@@ -62,32 +75,18 @@ def identify_command(options: argparse.Namespace) -> None:
         with collect_incomplete() as incomplete:
             shown, progress = not options.no_report, Progress(bars.show)
             save_or_rescue(lambda place: save_identification(result, place, report=shown, progress=progress), folder)
-    for warning in result.warnings:
-        warn(warning)
-    if not options.quiet:
-        show(*identification_parts(result), f"written to {folder}/{', in place of an earlier result' * replaced}")
-    end_with(incomplete)
+    written = f"written to {folder}/{', in place of an earlier result' * replaced}"
+    finish(options, *_identification_parts(result), written, warnings=result.warnings, incomplete=incomplete)
 
 
-def _stem(options: argparse.Namespace, logs: Sequence[Recording]) -> str:
-    """What a folder is named after: the file that lists the logs, or the first log."""
-    return str((options.logs[0] if is_list(options.logs[0]) else logs[0].path).stem)
+def _usual_folder(options: argparse.Namespace, logs: Sequence[Recording], kind: str) -> Path:
+    """Named after the file that lists the logs, or the first log."""
+    return Path(f"{kind}-{(options.logs[0] if _is_list(options.logs[0]) else logs[0].path).stem}")
 
 
 def _read(one: Recording, reading: Mapping[str, Any]) -> Log:
     log = read(one.path, reading)
     return log.carrying(one.payload) if one.payload else log
-
-
-def _settings(options: argparse.Namespace, logs: Sequence[Recording]) -> dict[str, Any]:
-    return {
-        "terms": term_names(options),
-        "complete": options.complete,
-        "search": _search(options),
-        "posterior": sampling(options),
-        "preparation": Preparation(cutoff=options.cutoff, max_memory=options.max_memory),
-        "beliefs": beliefs(options, known_masses(logs)),
-    }
 
 
 def _search(options: argparse.Namespace) -> Search:
@@ -102,7 +101,7 @@ def _identify_each(options: argparse.Namespace, logs: Sequence[Recording], setti
         if one.payload:
             said = f"{one.path} carries a payload, which only a log without it tells from the last link"
             raise InputError(said, "--each", "leave --each out, or name the log without its payload")
-    folder, robot = options.out or Path(f"bayesid-each-{_stem(options, logs)}"), robot_of(options)
+    folder, robot = options.out or _usual_folder(options, logs, "bayesid-each"), robot_of(options)
     with CountBar("logs", options.quiet) as bar:
         settings = {**settings, "reading": reading_options(options), "report": not options.no_report}
         settings |= {"workers": options.workers, "scheduler": options.scheduler, "progress": bar.show}
@@ -113,8 +112,7 @@ def _identify_each(options: argparse.Namespace, logs: Sequence[Recording], setti
             warn(f"{result.log}: {warning}")
         if result.error:
             complain(f"{result.log}: {result.error.removeprefix(f'{result.log}: ')}")
-    if not options.quiet:
-        show(*separate_parts(separate), f"written to {folder}/")
+    finish(options, *_separate_parts(separate), f"written to {folder}/")
     if failed:
         said = f"{len(failed)} of {len(separate.runs)} logs have no result"
         if all(result.bad_input for result in failed):
@@ -122,6 +120,86 @@ def _identify_each(options: argparse.Namespace, logs: Sequence[Recording], setti
         raise BayesidError(f"{folder}: {said}; see above; the other results are complete")
 
 
+# ---------------------------------------------------------------------------------------------------------------
+# What there is to say
+# ---------------------------------------------------------------------------------------------------------------
+def _identification_parts(result: Identification) -> list[RenderableType]:
+    fit, search, summary = result.fit, result.search, summarise(result)
+    segments, _, confidence = result.recorded_segments
+    recorded = result.log.clock(result.signals.motion.t)[0] >= 0  # the pause between joined logs is not
+    sure = np.maximum(result.probability, 1.0 - result.probability)[recorded] >= SURE
+    effort = np.abs(result.signals.raw_effort)[recorded]
+    share = (effort * sure).sum(axis=0) / np.maximum(effort.sum(axis=0), np.finfo(float).tiny)
+    rows = []
+    for j in range(result.model.robot.n_joints):
+        of_joint = confidence[segments.joint == j]
+        figures = f"{of_joint.min():.2f}", f"{share[j]:.1%}", f"{fit.relative_residual[j]:.1%}"
+        rows.append([str(j + 1), str(len(of_joint)), *figures])
+    proof, seconds = verdicts.proof(summary), result.timings["search"]
+    settled = f", {result.settled_share:.1%} of samples settled" if search.certified else ""
+    return [
+        f"{summary.robot}: {summary.n_samples} rows, {summary.n_segments} segments ({summary.n_segments_searched} "
+        f"searched), {summary.n_coefficients} coefficients ({result.n_known} known to {100 * KNOWN:g} %), condition "
+        f"number {fit.condition:.0f}",
+        *_payloads(summary),
+        _verdict(f"search: {search.method}, {search.solves} cone problems, {seconds:.1f} s; ", proof, settled),
+        *(f"beyond the terms asked for: {check.message}" for check in verdicts.beyond_the_terms(summary)),
+        *_table_of(verdicts.EFFECT_HEADINGS, verdicts.effect_rows(summary)),
+        *(_verdict("gains: ", check) for check in verdicts.gains(summary)),
+        *_table_of(verdicts.GAIN_HEADINGS, verdicts.gain_rows(summary)),
+        _verdict("posterior: ", verdicts.sampling(summary), _sampling_effort(result)),
+        *([_verdict("intervals: ", check)] if (check := verdicts.intervals(summary)).state == "look" else []),
+        table(["joint", "segments", "least sure", f"|effort| sure to {100 * SURE:g} %", "relative residual"], rows),
+    ]
+
+
+def _table_of(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> list[RenderableType]:
+    return [table(headings, rows)] if rows else []
+
+
+def _payloads(summary: Summary) -> list[str]:
+    """What each log carried, and what was found of it; nothing where none carried anything."""
+    payloads = summary.payloads or {}
+    carried = [f"{part.source}: {part.n_samples} rows, {part.payload or 'no payload'}" for part in summary.logs]
+    found = [
+        f"{label}: {_with_sd(one['mass'], 'kg')}, centre of mass at ({', '.join(map(_with_sd, one['com']))}) m in the "
+        "last link's frame"
+        for label, one in payloads.items()
+    ]
+    return [*carried, *found] if payloads else []
+
+
+def _with_sd(one: Mapping[str, Any], unit: str = "") -> str:
+    return quantity(one["value"], one["sd"] or 0.0, unit)
+
+
+def _verdict(head: str, check: Check, tail: str = "") -> Text:
+    return Text.assemble(head, (check.message, COLOURS[check.state]), tail)
+
+
+def _sampling_effort(result: Identification) -> str:
+    posterior = result.posterior
+    if posterior is None:
+        return ""
+    modes = "" if len(posterior.modes) == 1 else f", {len(posterior.modes)} modes"
+    return f"{modes}; {posterior.seconds:.1f} s"
+
+
+def _separate_parts(separate: Separate) -> list[RenderableType]:
+    rows = []
+    for log, figures in ((run.log, run.figures) for run in separate.runs if run.figures):
+        proven, converged = ({"": "-", True: "yes", False: "NO"}[figures[key]] for key in ("certified", "converged"))
+        counts, worst = (str(figures[key]) for key in ("n_samples", "n_segments")), figures["worst_relative_residual"]
+        rows.append([str(log), *counts, proven, converged, f"{worst:.1%}"])
+    headings = ["log", "samples", "segments", "proven", "converged", "worst relative residual"]
+    few = "fewer than two results: nothing to compare"
+    agreement = few if separate.agreement is None else agreement_text(separate.agreement)
+    return [table(headings, rows, left=["log"]), "", agreement]
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Logs and what the flange carried
+# ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Recording:
     """One log of an identification.
@@ -137,43 +215,33 @@ class Recording:
     mass: tuple[float, float] | None = None
 
 
-def is_list(path: Path) -> bool:
-    """Whether an argument is no log but a file that lists logs."""
-    return path.suffix == ".toml"
-
-
 def recordings(options: argparse.Namespace) -> list[Recording]:
     """All logs that a command names: those without a payload first, unless a file lists them.
 
     Raises:
         InputError: an option or a file cannot be understood, no file matches a pattern, or a log is named twice.
     """
-    named = [one for path in options.logs for one in (_listed(path) if is_list(path) else [Recording(path)])]
+    named = [one for path in options.logs for one in (_listed(path) if _is_list(path) else [Recording(path)])]
     named += [*map(_of_payload, options.payload), *map(_of_log, options.log)]
     found = [replace(one, path=path) for one in named for path in find_logs([one.path])]
     find_logs([one.path for one in found])  # none twice
     return found
 
 
-def known_masses(logs: Iterable[Recording]) -> dict[str, tuple[float, float]]:
-    """Parameter to mean and standard deviation, kg, of the payloads whose mass is known.
+def _is_list(path: Path) -> bool:
+    """Whether an argument is no log but a file that lists logs."""
+    return path.suffix == ".toml"
 
-    Raises:
-        InputError: a payload has two masses.
-    """
+
+def _known_masses(logs: Iterable[Recording]) -> dict[str, tuple[float, float]]:
+    """Parameter to mean and standard deviation, kg, of the payloads whose mass is known."""
     known: dict[str, tuple[float, float]] = {}
     for one in logs:
-        if one.mass is None:
-            continue
-        first = known.setdefault(f"m_{one.payload}", one.mass)
-        if first != one.mass:
-            said = f"payload {one.payload} has {_said(one.mass)} here, and {_said(first)} in another log"
+        if one.mass is not None and known.setdefault(f"m_{one.payload}", one.mass) != one.mass:
+            here, there = (f"{mass:g} +- {sd:g} kg" for mass, sd in (one.mass, known[f"m_{one.payload}"]))
+            said = f"payload {one.payload} has {here} here, and {there} in another log"
             raise InputError(said, str(one.path), "give it one mass, or other payloads other labels")
     return known
-
-
-def _said(mass: tuple[float, float]) -> str:
-    return f"{mass[0]:g} +- {mass[1]:g} kg"
 
 
 def _of_payload(text: str) -> Recording:
@@ -182,12 +250,10 @@ def _of_payload(text: str) -> Recording:
     if found is None:
         raise InputError(f"{text!r} names no mass and log", "--payload", _PAYLOAD_REMEDY)
     try:
-        numbers = [float(found[part]) for part in ("mass", "sd") if found[part] is not None]
+        mass = [float(found[part]) for part in ("mass", "sd") if found[part] is not None]
     except ValueError:
         raise InputError(f"{text!r} has no mass in kg", "--payload", _PAYLOAD_REMEDY) from None
-    label = _USUAL if found["label"] is None else found["label"]
-    mass = _mass(numbers, f"{text!r}", "--payload", _PAYLOAD_REMEDY)
-    return Recording(Path(found["file"]), _label(label, "--payload", _PAYLOAD_REMEDY), mass)
+    return _recording(Path(found["file"]), found["label"], mass, "--payload", _PAYLOAD_REMEDY)
 
 
 def _of_log(text: str) -> Recording:
@@ -195,52 +261,51 @@ def _of_log(text: str) -> Recording:
     file, _, label = text.rpartition(":payload=")
     if not file:
         raise InputError(f"{text!r} names no log and payload", "--log", _LOG_REMEDY)
-    return Recording(Path(file), _label(label, "--log", _LOG_REMEDY))
+    return _recording(Path(file), label, None, "--log", _LOG_REMEDY)
 
 
 def _listed(path: Path) -> list[Recording]:
     """The logs of a file, with paths relative to it."""
     where = printable(str(path))
-    table = toml_of(read_source(path, _FILE_REMEDY), where, _FILE_REMEDY)
+    table = toml_of(read_source(path, _LIST_REMEDY), where, _LIST_REMEDY)
     _check_keys(table, ("logs",), where)
     rows = table.get("logs")
     if not isinstance(rows, list) or not rows or not all(isinstance(row, dict) for row in rows):
-        raise InputError("lists no logs", where, _FILE_REMEDY)
-    return [_of_table(row, path.parent, f"{where}, log {k}") for k, row in enumerate(rows, start=1)]
-
-
-def _of_table(row: Mapping[str, Any], folder: Path, where: str) -> Recording:
-    _check_keys(row, _KEYS, where)
-    if not isinstance(row.get("file"), str) or not row["file"]:
-        raise InputError("names no file", where, _FILE_REMEDY)
-    mass = row.get("mass")
-    if mass is not None:
-        mass = _mass(mass if isinstance(mass, list) else [mass], f"mass = {mass!r}", where, _FILE_REMEDY)
-    label = row.get("payload", "" if mass is None else _USUAL)
-    carried = "" if "payload" not in row and not label else _label(label, where, _FILE_REMEDY)
-    return Recording(folder / row["file"], carried, mass)
+        raise InputError("lists no logs", where, _LIST_REMEDY)
+    found = []
+    for k, row in enumerate(rows, start=1):
+        here, file, mass = f"{where}, log {k}", row.get("file"), row.get("mass")
+        _check_keys(row, ("file", "payload", "mass"), here)
+        if not isinstance(file, str) or not file:
+            raise InputError("names no file", here, _LIST_REMEDY)
+        numbers = mass if mass is None or isinstance(mass, list) else [mass]
+        found.append(_recording(path.parent / file, row.get("payload"), numbers, here, _LIST_REMEDY))
+    return found
 
 
 def _check_keys(table: Mapping[str, Any], known: tuple[str, ...], where: str) -> None:
     for key in table:
         if key not in known:
-            remedy = f"{near_names(key, known)} {_FILE_REMEDY}".strip()
-            raise InputError(f"unknown key {key!r:.60}", where, remedy)
+            raise InputError(f"unknown key {key!r:.60}", where, f"{near_names(key, known)} {_LIST_REMEDY}".strip())
 
 
-def _mass(numbers: list[Any], text: str, where: str, remedy: str) -> tuple[float, float]:
+def _recording(path: Path, label: object, mass: list[Any] | None, where: str, remedy: str) -> Recording:
+    """A log with what it carried; a payload without a label is "payload"."""
+    try:
+        known = None if mass is None else _mass(mass)
+        carried = ("" if mass is None else "payload") if label is None else check_label(label)
+    except InputError as error:
+        raise InputError(error.what, where, "; ".join(filter(None, (error.remedy, remedy)))) from None
+    return Recording(path, carried, known)
+
+
+def _mass(numbers: list[Any]) -> tuple[float, float]:
     """A mass and its sd, kg, of one number or two."""
+    said = f"mass = {', '.join(map(repr, numbers))} is no mass in kg"
     if not 1 <= len(numbers) <= 2 or any(isinstance(one, bool) or not isinstance(one, int | float) for one in numbers):
-        raise InputError(f"{text} is no mass in kg", where, remedy)
+        raise InputError(said)
     mass = float(numbers[0])
     sd = float(numbers[1]) if len(numbers) == 2 else TUNING.payload_mass_sd * mass
     if not (0.0 < mass < LARGEST and 0.0 < sd < math.inf):
-        raise InputError(f"{text} is no mass in kg with its sd, both above 0", where, remedy)
+        raise InputError(f"{said} with its sd, both above 0")
     return mass, sd
-
-
-def _label(label: object, where: str, remedy: str) -> str:
-    try:
-        return check_label(label)
-    except InputError as error:
-        raise InputError(error.what, where, f"{error.remedy}; {remedy}") from None

@@ -13,7 +13,9 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, TypeVar
 
-from bayesid.cli.terminal import warn
+from rich.console import RenderableType
+
+from bayesid.cli.terminal import show, warn
 from bayesid.effects import RigidBody
 from bayesid.errors import BayesidError, InputError, printable
 from bayesid.files.writing import check_place
@@ -37,11 +39,13 @@ def command_line() -> str:
     return printable(shlex.join(["bayesid", *sys.argv[1:]]))
 
 
-def robot_of(options: argparse.Namespace) -> Robot:
-    """The robot, with the joints that are to be identified."""
+def robot_of(options: argparse.Namespace, notes: bool = False) -> Robot:
+    """The robot, with the joints that are to be identified, and warnings of what there is to note of it."""
     robot = load_robot(options.robot, options.tip, None if options.hold is None else _positions(options.hold))
     if robot.origin is not None and robot.origin.urdf is not None and not Path(options.robot).is_file():
         warn(f"{options.robot} is not built in: it is {robot.origin.urdf}, of an installed package")
+    for note in robot.notes if notes else ():
+        warn(note)
     return robot
 
 
@@ -122,12 +126,18 @@ def _read_with_notes(reader: Callable[..., Recording], path: Path, reading: Mapp
     return recording
 
 
-def end_with(incomplete: Iterable[str]) -> None:
-    """A result without some of its files is shown like any other; then the command ends as one that has failed.
+def finish(
+    options: argparse.Namespace, *parts: RenderableType, warnings: Iterable[str] = (), incomplete: Iterable[str] = ()
+) -> None:
+    """Ends a command: warnings, and what there is to say.
 
     Raises:
-        BayesidError: there is such a line.
+        BayesidError: the result is `incomplete`: it is shown like any other, but the command has failed.
     """
+    for warning in warnings:
+        warn(warning)
+    if not options.quiet:
+        show(*parts)
     for said in incomplete:
         raise BayesidError(said)
 

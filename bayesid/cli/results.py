@@ -5,20 +5,23 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from bayesid.cli.options import check_file, motion_options, read, read_positions, reading_options
-from bayesid.cli.tables import payload_parts, prediction_parts, validation_parts
-from bayesid.cli.terminal import StageBars, show, warn
+import numpy as np
+from rich.console import RenderableType
+from rich.text import Text
+
+from bayesid.cli.options import check_file, finish, motion_options, read, read_positions, reading_options
+from bayesid.cli.terminal import COLOURS, StageBars, line_of, table
 from bayesid.errors import InputError
 from bayesid.files.writing import check_folder
 from bayesid.identification.model_file import load_model
 from bayesid.identification.options import Preparation
-from bayesid.identification.payload import PayloadReading, identify_payload
+from bayesid.identification.payload import identify_payload
 from bayesid.identification.pipeline import QUICK
 from bayesid.identification.prediction import Validation
 from bayesid.posterior.sampler import Sampling
 from bayesid.progress import Progress
 from bayesid.report.folders import VALIDATION_FILES, check_result_folder, make_report, save_validation
-from bayesid.report.payload import PAYLOAD, PAYLOAD_FILES, save_payload
+from bayesid.report.payload import HEADINGS, PAYLOAD, PAYLOAD_FILES, payload_checks, payload_rows, save_payload
 from bayesid.signs.search.certified import Certified
 
 
@@ -29,8 +32,11 @@ def validate_command(options: argparse.Namespace) -> None:
         result = _validation(options, options.log, bars)
     if folder is not None:
         save_validation(result, folder)
-    if not options.quiet:
-        show(*validation_parts(result), *([] if folder is None else [f"written to {folder}/"]))
+    finish(options, *_validation_parts(result), *_written(folder))
+
+
+def _written(folder: Path | None) -> list[str]:
+    return [] if folder is None else [f"written to {folder}/"]
 
 
 def _validation(options: argparse.Namespace, path: Path, bars: StageBars) -> Validation:
@@ -41,24 +47,38 @@ def _validation(options: argparse.Namespace, path: Path, bars: StageBars) -> Val
     return identified.validate(log, options.cutoff)
 
 
+def _validation_parts(result: Validation) -> list[RenderableType]:
+    figures = zip(result.rms_error, result.relative_residual, result.coverage, strict=True)
+    rows = [
+        [str(j), f"{error:.4g}", f"{relative:.1%}", f"{inside:.1%}"]
+        for j, (error, relative, inside) in enumerate(figures, start=1)
+    ]
+    headings = ["joint", "RMS error, N m", "relative residual", "in the 95 % band"]
+    seen = "no validation: the model was identified from this log"
+    return [
+        *([Text(seen, COLOURS["bad"])] if result.seen else []),
+        table(headings, rows),
+        f"the band holds {result.band}",
+    ]
+
+
 def predict_command(options: argparse.Namespace) -> None:
     """A file with the efforts of a motion, and how uncertain they are."""
-    _check_out(options.out, options.motion)
+    check_file(options.out)
+    if options.out.resolve() == options.motion.resolve():
+        raise InputError("is the motion itself", str(options.out), "give --out another place")
     with StageBars(options.quiet) as bars:
         bars.show("read", 0, 1)
         identified = load_model(options.result)
         motion = read_positions(options.motion, motion_options(options))
         bars.show("predict", 0, 1)
-        predicted = identified.predict(motion, noise=not options.without_noise, cutoff=options.cutoff)
-    predicted.save(options.out)
-    if not options.quiet:
-        show(*prediction_parts(predicted), f"written to {options.out}")
-
-
-def _check_out(out: Path, motion: Path) -> None:
-    check_file(out)
-    if out.resolve() == motion.resolve():
-        raise InputError("is the motion itself", str(out), "give --out another place")
+        result = identified.predict(motion, noise=not options.without_noise, cutoff=options.cutoff)
+    result.save(options.out)
+    largest, half = np.abs(result.mean).max(axis=0), np.median(result.upper - result.mean, axis=0)
+    figures = zip(result.units, largest, half, strict=True)
+    rows = [[str(j), f"{most:.4g}", f"{width:.3g}", unit] for j, (unit, most, width) in enumerate(figures, start=1)]
+    headings = ["joint", "largest effort", "95 % band: +-, in the middle", "unit"]
+    finish(options, table(headings, rows), f"the band holds {result.holds}", f"written to {options.out}")
 
 
 def report_command(options: argparse.Namespace) -> None:
@@ -67,40 +87,38 @@ def report_command(options: argparse.Namespace) -> None:
         validation = None if options.validation is None else _validation(options, options.validation, bars)
         bars.show("report", 0, 1)
         path = make_report(options.result, validation, options.out, Progress(bars.show))
-    if not options.quiet:
-        show(*([] if validation is None else validation_parts(validation)), f"written to {path}")
+    finish(options, *([] if validation is None else _validation_parts(validation)), f"written to {path}")
 
 
 def payload_command(options: argparse.Namespace) -> None:
     """What the robot carries, from a log with it: a table, and a folder where one is asked for."""
     folder = None if options.out is None else check_folder(options.out, PAYLOAD_FILES, PAYLOAD)
-    with StageBars(options.quiet) as bars:
-        result = _payload(options, bars)
-    if folder is not None:
-        save_payload(result, folder)
-    for warning in result.warnings:
-        warn(warning)
-    if not options.quiet:
-        parts = payload_parts(result, options.result)
-        show(*parts, *([] if folder is None else [f"written to {folder}/"]))
-
-
-def _payload(options: argparse.Namespace, bars: StageBars) -> PayloadReading:
-    bars.show("read", 0, 1)
     known_mass = None if options.known_mass is None else _mass(options.known_mass)
     budget = QUICK.budget if options.search_budget is None else options.search_budget
     search = Certified(budget=budget, time_limit=options.time_limit)
     posterior = Sampling(budget=options.posterior_budget, time_limit=options.time_limit, seed=options.seed)
-    identified = load_model(options.result)
-    return identify_payload(
-        identified,
-        read(options.log, reading_options(options, identified)),
-        known_mass=known_mass,
-        search=search,
-        posterior=posterior,
-        preparation=Preparation(cutoff=options.cutoff),
-        progress=Progress(bars.show),
-    )
+    with StageBars(options.quiet) as bars:
+        bars.show("read", 0, 1)
+        identified = load_model(options.result)
+        result = identify_payload(
+            identified,
+            read(options.log, reading_options(options, identified)),
+            known_mass=known_mass,
+            search=search,
+            posterior=posterior,
+            preparation=Preparation(cutoff=options.cutoff),
+            progress=Progress(bars.show),
+        )
+    if folder is not None:
+        save_payload(result, folder)
+    parts: list[RenderableType] = [
+        *map(line_of, payload_checks(result, str(options.result))),
+        "",
+        table(HEADINGS, payload_rows(result), left=["payload", "unit"]),
+        f"centre of mass and inertia are in the frame of {result.frame}, inertia about the centre of mass; mass and "
+        "inertia are in the scale of the efforts",
+    ]
+    finish(options, *parts, *_written(folder), warnings=result.warnings)
 
 
 def _mass(text: str) -> tuple[float, float]:

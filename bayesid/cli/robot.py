@@ -14,8 +14,8 @@ import numpy as np
 from rich.console import RenderableType
 
 from bayesid.arrays import Array
-from bayesid.cli.options import check_file, numbers, robot_of
-from bayesid.cli.terminal import show, table, warn
+from bayesid.cli.options import check_file, finish, numbers, robot_of
+from bayesid.cli.terminal import show, table
 from bayesid.errors import InputError
 from bayesid.export.robot_file import robot_file, robot_template
 from bayesid.files.bounded import MOST_BYTES
@@ -46,19 +46,17 @@ def _new(options: argparse.Namespace) -> None:
     if out.exists() and not options.force:
         raise InputError("is there already", str(out), "give --out another place, or --force to replace it")
     name = options.name or out.stem
+    fill = ""
     if options.table is None:
-        text = robot_template(name, str(out), options.convention or "standard")
-        parts = [f"written to {out}; fill it in, then look at it: bayesid robot show {out}"]
+        text, fill = robot_template(name, str(out), options.convention or "standard"), "fill it in, then "
     else:
         if options.convention is None:
             remedy = "give standard or modified; docs/how-to/data-sheet-robot.md tells how to see which"
             raise InputError("is needed with a table", "--convention", remedy)
         table_text, where = _table_of(options.table)
         text = robot_file(table_text, name, options.convention, where)
-        parts = [f"written to {out}; look at it: bayesid robot show {out}"]
     replace_file(out, lambda aside: aside.write_text(text, encoding="utf-8"))
-    if not options.quiet:
-        show(*parts)
+    finish(options, f"written to {out}; {fill}look at it: bayesid robot show {out}")
 
 
 def _table_of(source: str) -> tuple[str, str]:
@@ -82,17 +80,14 @@ def _show(options: argparse.Namespace) -> None:
         check_file(out)
         if out.suffix.lower() not in _PICTURES:
             raise InputError("is no picture by its name", str(out), f"let it end in {', '.join(_PICTURES)}")
-    robot = robot_of(options)
-    for note in robot.notes:
-        warn(note)
+    robot = robot_of(options, notes=True)
     here = pose(robot, None if options.q is None else _positions(options.q, options.degrees, robot))
     if out is not None:
         figure = skeleton_figure(robot, here.q)
         kind = out.suffix[1:].lower()
         replace_file(out, lambda aside: figure.savefig(aside, format=kind, dpi=150, facecolor="white"))
-    if not options.quiet:
-        about = built_in_table(options.robot) if options.robot in BUILT_IN else {}
-        show(*_pose_parts(here, about), *([] if out is None else [f"written to {out}"]))
+    about = built_in_table(options.robot) if options.robot in BUILT_IN else {}
+    finish(options, *_pose_parts(here, about), *([] if out is None else [f"written to {out}"]))
 
 
 def _pose_parts(here: Pose, about: Mapping[str, Any]) -> list[RenderableType]:

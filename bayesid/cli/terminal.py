@@ -9,7 +9,7 @@ import time
 from collections.abc import Collection, Iterable, Sequence
 from datetime import timedelta
 from functools import cache
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from rich.console import Console, RenderableType
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, TextColumn, TimeElapsedColumn
@@ -21,6 +21,11 @@ from bayesid.cli.tuning import TUNING
 from bayesid.errors import printable
 from bayesid.parallel import onlookers
 
+if TYPE_CHECKING:
+    from bayesid.identification.checks import Check
+
+COLOURS = {"good": "green", "look": "yellow", "bad": "bold red", "not done": "yellow"}
+"""Of the states of a check."""
 OPTIONS = {
     "Beam.budget": "--search-budget",
     "Beam.width": "--beam-width",
@@ -71,6 +76,12 @@ def table(headings: Sequence[str], rows: Iterable[Sequence[str]], left: Collecti
     for row in rows:
         drawn.add_row(*row)
     return drawn
+
+
+def line_of(check: Check) -> Text:
+    """A check in its colour, with its remedy."""
+    remedy = f"; {check.remedy}" if check.remedy else ""
+    return Text.assemble((f"  {check.name}: ", COLOURS[check.state]), check.message, remedy)
 
 
 def in_options(text: str) -> str:

@@ -6,16 +6,15 @@ import argparse
 import json
 import sys
 import warnings
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import BinaryIO, TextIO
 
 import numpy as np
-from rich.console import RenderableType
 
-from bayesid.cli.options import read, reading_options
-from bayesid.cli.tables import line_of
-from bayesid.cli.terminal import StageBars, in_options, note, show, table, warn
+from bayesid.cli.options import finish, read, reading_options
+from bayesid.cli.terminal import StageBars, in_options, line_of, note, table, warn
 from bayesid.cli.tuning import TUNING
 from bayesid.errors import BayesidError, InputError
 from bayesid.files.writing import check_folder, plain, save_folder
@@ -24,10 +23,10 @@ from bayesid.identification.model_file import load_model
 from bayesid.identification.prediction import Validation, check_joints
 from bayesid.log.formats import STANDARD_INPUT, Options
 from bayesid.log.log import Log, check_exact_gains
-from bayesid.log.rows import Row, RowReader
+from bayesid.log.rows import RowReader
 from bayesid.monitor.changes import CONTACT, Alarm
 from bayesid.monitor.replay import Replay, agreement, contradicts, known_signs, replay, timed
-from bayesid.monitor.tracked import StreamFigures, Tracked, looked_at
+from bayesid.monitor.tracked import StreamFigures, looked_at
 from bayesid.monitor.tracker import SignTracker
 from bayesid.monitor.tuning import TUNING as MONITOR
 from bayesid.parallel import one_blas_thread
@@ -59,7 +58,6 @@ _SOURCE = "standard input"
 def track_command(options: argparse.Namespace) -> None:
     """A folder and what is in it in short; or rows in, rows out."""
     if options.follow:
-        _check_follow(options)
         _follow(options)
     else:
         _replay(options)
@@ -90,10 +88,19 @@ def _replay(options: argparse.Namespace) -> None:
             result = replace(result, named={k: _name(identified, log, streamed.alarms[k]) for k in changes})
         bars.show("write", 0, 1)
         save_replay(folder, result, streamed, options.plot)
-    if not options.quiet:
-        seen = offline is not None and offline.seen
-        said = track_lines(result.smoothing, result.smoothing_status, result.known, seen, signed=bool(log.signed.all()))
-        show(*map(line_of, said), *_parts(result, options, float(log.t[-1])), f"written to {folder}/")
+    seen = offline is not None and offline.seen
+    said = track_lines(result.smoothing, result.smoothing_status, result.known, seen, signed=bool(log.signed.all()))
+    finish(
+        options,
+        *map(line_of, said),
+        "",
+        table(HEADINGS, track_rows(result.figures, result.smoothing)),
+        NOTE,
+        "",
+        *_alarm_lines(result, options, float(log.t[-1])),
+        count_line(result.counts, result.figures, result.lag, result.bad),
+        f"written to {folder}/",
+    )
 
 
 def _tracker(
@@ -146,19 +153,7 @@ def _name(identified: IdentifiedModel, log: Log, alarm: Alarm) -> Named:
     return Named(found.status, tuple((one.effect, one.joints) for one in found.added))
 
 
-def _parts(result: StreamResult, options: argparse.Namespace, last: float) -> list[RenderableType]:
-    """What ends the command, behind how the signs compare."""
-    return [
-        "",
-        table(list(HEADINGS), [list(row) for row in track_rows(result.figures, result.smoothing)]),
-        NOTE,
-        "",
-        *_alarm_parts(result, options, last),
-        count_line(result.counts, result.figures, result.lag, result.bad),
-    ]
-
-
-def _alarm_parts(result: StreamResult, options: argparse.Namespace, last: float) -> list[str]:
+def _alarm_lines(result: StreamResult, options: argparse.Namespace, last: float) -> list[str]:
     lines = [alarm_line(alarm) for alarm in result.alarms] or ["no alarms"]
     named = result.named or {}
     for k, alarm in enumerate(result.alarms):
@@ -173,7 +168,7 @@ def _alarm_parts(result: StreamResult, options: argparse.Namespace, last: float)
 # ---------------------------------------------------------------------------------------------------------------
 # Rows as they come
 # ---------------------------------------------------------------------------------------------------------------
-def _check_follow(options: argparse.Namespace) -> None:
+def _follow(options: argparse.Namespace) -> None:
     if str(options.log) != STANDARD_INPUT:
         raise InputError("is no stream", str(options.log), "give - in place of the log with --follow")
     if options.rate is None:
@@ -182,17 +177,14 @@ def _check_follow(options: argparse.Namespace) -> None:
         if getattr(options, name):
             remedy = "leave it out, and track the recording afterwards"
             raise InputError("takes a whole recording", f"--{name}", remedy)
-
-
-def _follow(options: argparse.Namespace) -> None:
     folder = None if options.out is None else check_folder(options.out, STREAM_FILES, STREAM)
     identified = load_model(options.result)
     _tracker(options, identified, options.rate)  # bad options need no rows
     try:
         reader = _reader(options, identified)
         tracker = _tracker(options, identified, options.rate, reader.signed.tolist())
-        figures = follow(tracker, reader, None) if folder is None else _follow_into(folder, tracker, reader)
-    except NobodyReadsError:
+        figures = _answer_rows(tracker, reader, None) if folder is None else _follow_into(folder, tracker, reader)
+    except _NobodyReadsError:
         raise BrokenPipeError from None
     if not options.quiet:
         note(count_line(tracker.counts, figures, tracker.lag, reader.bad))
@@ -204,7 +196,7 @@ def _reader(options: argparse.Namespace, identified: IdentifiedModel) -> RowRead
     columns = Options(**said, currents=gains is not None)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", UserWarning)
-        stream = Announced(sys.stdin.buffer, identified.model.robot.n_joints)
+        stream = _Announced(sys.stdin.buffer, identified.model.robot.n_joints)
         reader = RowReader(stream, _SOURCE, gains, unsigned, degrees, columns)
     for said_of_it in [*(str(one.message) for one in caught), *reader.notes]:
         warn(said_of_it)
@@ -221,7 +213,7 @@ def _follow_into(folder: Path, tracker: SignTracker, reader: RowReader) -> Strea
 
     def write(place: Path) -> None:
         with open_stream(place, tracker.n_joints) as file:
-            gathered.append(follow(tracker, reader, file))
+            gathered.append(_answer_rows(tracker, reader, file))
         result = StreamResult(
             log=_SOURCE,
             rate=tracker.rate,
@@ -239,27 +231,18 @@ def _follow_into(folder: Path, tracker: SignTracker, reader: RowReader) -> Strea
     return gathered[0]
 
 
-class NobodyReadsError(Exception):
+class _NobodyReadsError(Exception):
     """Whoever read the rows has gone; no `OSError`, which would be taken for one of the folder's files."""
 
 
-class Announced:
-    """A stream whose header is answered by that of the answers at once: who waits for it before the first row gets it.
-
-    Args:
-        stream: of text.
-        n: joints of the robot.
-    """
+class _Announced:
+    """A stream whose header is answered by that of the answers at once: some wait for it before the first row."""
 
     def __init__(self, stream: BinaryIO, n: int) -> None:
         self._stream, self._names = stream, ",".join(stream_names(n))
 
     def readline(self, most: int, /) -> bytes:
-        """The next line.
-
-        Raises:
-            NobodyReadsError: stdout is closed.
-        """
+        """The next line."""
         line = self._stream.readline(most)
         if self._names and line.strip():
             _answer(self._names)
@@ -268,32 +251,32 @@ class Announced:
 
 
 @one_blas_thread
-def follow(tracker: SignTracker, reader: RowReader, file: TextIO | None) -> StreamFigures:
-    """A row on stdout for each row of a stream, at once, and its alarms on stderr; the header stands there already.
+def _answer_rows(tracker: SignTracker, reader: RowReader, file: TextIO | None) -> StreamFigures:
+    """A row on stdout for each row of a stream, at once, and its alarms on stderr.
 
-    Args:
-        tracker: that has seen nothing yet.
-        reader: of the stream, an `Announced` one.
-        file: gets the rows too, but for those that bring nothing new.
-
-    Raises:
-        InputError: the time of the rows and the rate do not suit each other.
-        NobodyReadsError: stdout is closed.
+    The file gets the rows too, but for those that bring nothing new.
     """
     n = tracker.n_joints
-    figures, steps, unread_signs = StreamFigures.of_joints(n), _Steps(tracker.rate), np.zeros(n, dtype=bool)
+    figures, unread_signs = StreamFigures.of_joints(n), np.zeros(n, dtype=bool)
+    times: list[float] = []
     line = ",".join(["nan"] * len(stream_names(n)))
     for row in reader:
         if row is not None:
-            steps.add(row.t)
+            if len(times) <= TUNING.steps:
+                times.append(row.t)
+                if len(times) > TUNING.steps:
+                    _check_rate(tracker.rate, times)
             unread_signs |= (row.effort < 0.0) & ~tracker.signed
-            now = _update(tracker, figures, row)
+            now = timed(tracker, figures, row.t, row.q, row.effort, row.dq)
+            for alarm in now.alarms:
+                print(json.dumps(plain(alarm.as_dict())), file=sys.stderr, flush=True)
             if now.fresh:
                 line = stream_line(now)
             if looked_at(now) and file is not None:
                 file.write(f"{line}\n")
         _answer(line)
-    steps.end()
+    if len(times) <= TUNING.steps:
+        _check_rate(tracker.rate, times)
     if unread_signs.any() and reader.assumed:
         those = ", ".join(map(str, (np.flatnonzero(unread_signs) + 1).tolist()))
         warn(f"negative efforts of joints {those} were taken without their signs; --unsigned says which have none")
@@ -302,53 +285,25 @@ def follow(tracker: SignTracker, reader: RowReader, file: TextIO | None) -> Stre
     return figures
 
 
-def _update(tracker: SignTracker, figures: StreamFigures, row: Row) -> Tracked:
-    now = timed(tracker, figures, row.t, row.q, row.effort, row.dq)
-    for alarm in now.alarms:
-        print(json.dumps(plain(alarm.as_dict())), file=sys.stderr, flush=True)
-    return now
-
-
 def _answer(line: str) -> None:
     try:
         print(line, flush=True)
     except BrokenPipeError:
-        raise NobodyReadsError from None
+        raise _NobodyReadsError from None
 
 
-class _Steps:
-    """Whether rows come about as often as their rate says, by the first of them, or by all where there are fewer."""
-
-    def __init__(self, rate: float) -> None:
-        self._rate, self._last = rate, np.nan
-        self._steps: list[float] = []
-
-    def add(self, t: float) -> None:
-        if len(self._steps) < TUNING.steps:
-            if t > self._last:
-                self._steps.append(t - self._last)
-            self._last = t if np.isfinite(t) else self._last
-            if len(self._steps) == TUNING.steps:
-                self._check()
-
-    def end(self) -> None:
-        """A few rows may have come in bursts or with pauses: that is no reason to lose them."""
-        if 0 < len(self._steps) < TUNING.steps:
-            self._compare(float(np.median(self._steps)))
-
-    def _check(self) -> None:
-        step = float(np.median(self._steps))
-        if not 1.0 / TUNING.off < step * self._rate < TUNING.off:
-            usual = 1.0 / self._rate
-            said = f"rows are {step:.6g} s apart by their time, at {self._rate:g} Hz they would be {usual:.6g} s"
-            remedy = "give the time's unit in the header, as in t[ms], or the --rate of the rows"
-            raise InputError(said, "standard input", remedy)
-        self._compare(step)
-
-    def _compare(self, step: float) -> None:
-        if contradicts(self._rate, step):
-            rate = f"{1.0 / step:.4g}"
-            lost = (
-                "rows come after gaps, and nothing is known" if step * self._rate > MONITOR.gap else "lag is not kept"
-            )
-            warn(f"rows come at {rate} Hz by their time, not at {self._rate:g} Hz: {lost}; give --rate {rate}")
+def _check_rate(rate: float, times: Sequence[float]) -> None:
+    """Whether rows come about as often as their rate says; a few may have come in bursts: no reason to stop."""
+    steps = np.diff(times)
+    if not (steps > 0.0).any():
+        return
+    step = float(np.median(steps[steps > 0.0]))
+    if len(times) > TUNING.steps and not 1.0 / TUNING.off < step * rate < TUNING.off:
+        said = f"rows are {step:.6g} s apart by their time, at {rate:g} Hz they would be {1.0 / rate:.6g} s"
+        remedy = "give the time's unit in the header, as in t[ms], or the --rate of the rows"
+        raise InputError(said, _SOURCE, remedy)
+    if contradicts(rate, step):
+        lost = "rows come after gaps, and nothing is known" if step * rate > MONITOR.gap else "lag is not kept"
+        warn(
+            f"rows come at {1.0 / step:.4g} Hz by their time, not at {rate:g} Hz: {lost}; give --rate {1.0 / step:.4g}"
+        )
