@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from bayesid.effects.bodies import RigidBody
-from bayesid.effects.distortion import Distortion
+from bayesid.effects.distortion import Distortion, RobotDistortion, SensorDistortion
 from bayesid.effects.drive import RotorInertia, TorqueOffset
-from bayesid.effects.effect import Effect, Numbers, Phrase, Scene, number
+from bayesid.effects.effect import Effect, Numbers, Phrase, ReadableUnit, Scene, number
 from bayesid.effects.friction import CoulombFriction, ViscousFriction
 from bayesid.effects.parameters import Coefficient, Cone, Parameter
 from bayesid.effects.term import ActuatorTerm, Term, WholeRobotTerm
@@ -21,9 +21,12 @@ __all__ = [
     "Numbers",
     "Parameter",
     "Phrase",
+    "ReadableUnit",
     "RigidBody",
+    "RobotDistortion",
     "RotorInertia",
     "Scene",
+    "SensorDistortion",
     "Term",
     "TorqueOffset",
     "ViscousFriction",

@@ -43,27 +43,12 @@ DISTORTIONS: Mapping[str, type[Distortion]] = {kind.name: kind for kind in _OWN 
 def forms() -> Mapping[str, type[Term] | type[Distortion]]:
     """Every form of every effect by its name: terms, distortions, and what installed packages register.
 
-    Raises:
-        InputError: a package's effect cannot be used, or has the name of one of ours.
-    """
-    own: dict[str, Any] = {**TERMS, **DISTORTIONS}
-    for name, kind in registered_effects().items():
-        if name in own:
-            raise InputError(f"{kind.__module__} registers an effect of this name too", name, "rename or uninstall it")
-        own[name] = kind
-    return own
-
-
-@cache
-def registered_effects() -> Mapping[str, type[Effect]]:
-    """Name to class, of all that installed packages register under the entry point `bayesid.effects`.
-
-    They are imported at the first call. Each entry point names one class, of one form of an effect.
+    These are imported at the first call. Each of their entry points `bayesid.effects` names one class, of one form.
 
     Raises:
-        InputError: an entry point cannot be loaded, is no effect's class, or has the name of another's effect.
+        InputError: an entry point cannot be loaded, is no effect's class, or has the name of another effect.
     """
-    known: dict[str, type[Effect]] = {}
+    known: dict[str, Any] = {**TERMS, **DISTORTIONS}
     for point in sorted(entry_points(group="bayesid.effects"), key=lambda point: point.name):
         package = point.dist.name if point.dist is not None else point.module
         unusable = partial(InputError, field=f"effect {point.name} of the package {package}")
@@ -77,7 +62,7 @@ def registered_effects() -> Mapping[str, type[Effect]]:
             raise unusable(f"{point.value} is no effect's class with a name", remedy=remedy)
         if known.setdefault(kind.name, kind) is not kind:
             other = known[kind.name].__module__
-            raise unusable(f"its effect {kind.name!r} is registered by {other} too", remedy=remedy)
+            raise unusable(f"its effect {kind.name!r} has the name of one of {other}", remedy=remedy)
     return known
 
 

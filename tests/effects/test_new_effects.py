@@ -1,4 +1,4 @@
-"""A new effect is one class: the two of docs/extending.md, registered by a package of their own, or given as such."""
+"""A new effect is one class: those of docs/extending.md, registered by a package of their own, or given as such."""
 
 import json
 import re
@@ -12,7 +12,7 @@ from command_line import TWO_JOINTS
 
 import bayesid
 from bayesid.cli import main
-from bayesid.effects.catalogue import forms, make_terms, registered_effects
+from bayesid.effects.catalogue import forms, make_terms
 from bayesid.effects.model import Model
 from bayesid.effects.parameters import Coefficient, Cone
 from bayesid.regression.selection.hypotheses import hypotheses
@@ -22,7 +22,12 @@ from bayesid.simulation.parameters import random_parameters
 from bayesid.simulation.trajectories import random_trajectory
 
 ROOT = Path(__file__).resolve().parents[2]
-NAMES = ("fan_drag", "crossover")
+KINDS = {
+    "fan_drag": "FanDrag",
+    "crossover": "Crossover",
+    "position_torque": "PositionTorque",
+    "late_positions": "LatePositions",
+}
 
 
 def install(folder, module, source, entries):
@@ -37,11 +42,11 @@ def install(folder, module, source, entries):
 
 @pytest.fixture(scope="module")
 def sources():
-    """The two classes as they stand on the page."""
+    """The classes as they stand on the page."""
     text = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
     blocks = re.findall(r"^```python\n(.*?)^```$", text, re.M | re.S)
-    found = [[block for block in blocks if f'"{name}"\n' in block and "class " in block] for name in NAMES]
-    assert [len(one) for one in found] == [1, 1]
+    found = [[block for block in blocks if f'"{name}"\n' in block and "class " in block] for name in KINDS]
+    assert [len(one) for one in found] == [1] * len(KINDS)
     return [one for (one,) in found]
 
 
@@ -54,19 +59,15 @@ TERMS = "rigid_body,viscous_friction,coulomb_friction,torque_offset"
 def forgotten():
     """Packages are looked at anew."""
 
-    def forget():
-        registered_effects.cache_clear()
-        forms.cache_clear()
-
-    forget()
-    yield forget
-    forget()
+    forms.cache_clear()
+    yield forms.cache_clear
+    forms.cache_clear()
 
 
 @pytest.fixture
 def registered(tmp_path, monkeypatch, forgotten, sources):
-    """Both classes come with a package; what takes it from the path again."""
-    install(tmp_path, "robot_fan", "\n\n".join(sources), {"fan_drag": "FanDrag", "crossover": "Crossover"})
+    """The classes come with a package; what takes it from the path again."""
+    install(tmp_path, "robot_fan", "\n\n".join(sources), KINDS)
     with monkeypatch.context() as path:
         path.syspath_prepend(tmp_path)
         yield lambda: (path.undo(), forgotten())
@@ -80,16 +81,17 @@ def test_registered_effects_are_simulated_and_sought():
     rigid = Model(robot, make_terms(["rigid_body", "viscous_friction"], robot, motion))
     theta = random_parameters(rigid, np.random.default_rng(1))
     effort = rigid.effort(motion, theta)
-    chosen = [parse_effect(text, robot) for text in ("fan_drag:2:0.3", "crossover:3:0.1")]
+    chosen = [parse_effect(text, robot) for text in ("fan_drag:2:0.3", "crossover:3:0.1", "position_torque:4:0.2")]
     both, with_both = with_effects(rigid, theta, motion, chosen, 1)
     change = both.effort(motion, with_both) - effort
     size = np.sqrt(np.mean(change**2, axis=0) / np.mean(effort**2, axis=0))
-    np.testing.assert_allclose(size, [0.0, 0.3, 0.1, 0.0, 0.0, 0.0], rtol=0.01, atol=1e-12)
+    np.testing.assert_allclose(size, [0.0, 0.3, 0.1, 0.2, 0.0, 0.0], rtol=0.01, atol=1e-12)
 
     scene = rigid.scene(motion, theta, effort, np.abs(effort))
     candidates = [one for group in hypotheses(rigid, scene, np.ones(effort.shape, bool)) for one in group]
-    for name in NAMES:
-        assert {one.joints for one in candidates if one.effect == name} == {(j,) for j in range(1, 7)}
+    for name in KINDS:
+        first = 2 if name == "late_positions" else 1  # where joint 1 stands, about the vertical, makes no effort
+        assert {one.joints for one in candidates if one.effect == name} == {(j,) for j in range(first, 7)}
 
 
 def test_a_registered_term_is_named_on_the_command_line_and_read_back(registered, tmp_path, monkeypatch, capsys):
@@ -116,7 +118,7 @@ def test_a_package_that_registers_nonsense_is_named(tmp_path, monkeypatch, capsy
             ("raise OSError('no licence')", "cannot be loaded (OSError: no licence)"),
             ("Any = 3", "wrong1:Any is no effect's class with a name"),
             (CLASS + "pass", "is no effect's class with a name"),
-            (CLASS + "name = 'payload'", "registers an effect of this name too"),
+            (CLASS + "name = 'payload'", "its effect 'payload' has the name of one of bayesid.effects.bodies"),
         )
     ):
         place = tmp_path / str(k)
@@ -134,7 +136,7 @@ def test_a_package_that_registers_nonsense_is_named(tmp_path, monkeypatch, capsy
 
 @pytest.fixture(scope="module")
 def kinds(sources):
-    """The two classes, registered by nobody."""
+    """Two of the classes, registered by nobody."""
     space = {"__name__": "a_script"}
     for source in sources:
         exec(source, space)

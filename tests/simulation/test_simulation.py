@@ -7,6 +7,7 @@ from scipy import stats
 
 from bayesid.effects import STANDARD, RigidBody, TorqueOffset, ViscousFriction
 from bayesid.effects.catalogue import main_forms, make_terms
+from bayesid.effects.distortion import RobotDistortion
 from bayesid.effects.drive import FASTEST_HARMONIC
 from bayesid.effects.model import Model
 from bayesid.errors import InputError
@@ -157,8 +158,10 @@ def test_a_model_without_bodies_and_a_model_of_one_joint():
 
 NAMES = tuple(main_forms())
 OF_ALL = tuple(name for name, kind in main_forms().items() if kind.acts_on == "robot")
-OF_TABLE = {"link_length": 3, "link_twist": 4, "joint_zero": 2, "gear_ratio": 3, "link_offset": None}
-"""Of this joint and those before it; each with the joint in which a table can be as far off as here."""
+OF_ROBOT = {name for name, kind in main_forms().items() if issubclass(kind, RobotDistortion) and name not in OF_ALL}
+"""Of a joint and those before it."""
+AT = {"link_length": 3, "link_twist": 4, "joint_zero": 2, "gear_ratio": 3}
+"""The joint in which a table can be as far off as here."""
 
 
 @cache
@@ -175,21 +178,21 @@ def efforts(*effects, robot="kr5", seed=3, noise=0.0, rate=50.0):
     return signed.effort
 
 
-@pytest.mark.parametrize("name", [name for name in NAMES if name != "link_offset"])
+@pytest.mark.parametrize("name", [name for name in NAMES if name not in OF_ROBOT or name in AT])
 def test_an_effect_has_its_level_on_its_joint(name):
-    for joint, level in ((OF_TABLE[name], 0.05),) if name in OF_TABLE else ((2, 0.3), (5, 0.05)):
+    for joint, level in ((AT[name], 0.05),) if name in AT else ((2, 0.3), (5, 0.05)):
         healthy = efforts()
         change = efforts(f"{name}:{joint}:{level}") - healthy
         assert rms(change)[joint - 1] == pytest.approx(level * rms(healthy)[joint - 1], rel=0.01)
         others = np.delete(np.abs(change).max(axis=0), joint - 1)
-        if name != "delay" and name not in OF_TABLE:  # of one joint or of all
+        if name != "delay" and name not in OF_ROBOT:  # of one joint or of all
             assert others.any() == (name in OF_ALL)
 
 
 def test_friction_springs_and_bodies_are_physical():
     """What cannot be negative is positive: dissipation, stiffness, mass; a lag is not a lead."""
     robot = load_robot("kr5")
-    for name, seed in product((name for name in NAMES if name not in OF_TABLE), range(2)):
+    for name, seed in product((name for name in NAMES if name not in OF_ROBOT), range(2)):
         theta, motion = nominal_parameters(), random_trajectory(6, 12.0, seed=seed).motion(np.arange(601) / 50)
         model = Model(robot, (RigidBody(),))
         model, theta = simulation.with_effects(model, theta, motion, [SimulatedEffect(name, 4, 0.1)], seed)

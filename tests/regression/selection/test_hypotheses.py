@@ -9,6 +9,7 @@ from oracles import assert_close
 
 from bayesid.effects import STANDARD
 from bayesid.effects.catalogue import DISTORTIONS, TERMS, main_forms, make_effect, make_terms
+from bayesid.effects.distortion import RobotDistortion
 from bayesid.effects.effect import Scene
 from bayesid.effects.model import Model
 from bayesid.regression.selection.columns import NO_COLUMNS
@@ -120,7 +121,7 @@ def test_distortions_have_shifts_and_slopes_where_they_act():
     for one in smooth.all():
         if one.effect not in DISTORTIONS:
             continue
-        moves_robot = one.source.of_table or one.effect == "gear_ratio"
+        moves_robot = isinstance(one.source, RobotDistortion)
         named = set(range(JOINTS)) if moves_robot or not one.joints else {j - 1 for j in one.joints}
         assert one.columns.joints <= named
         p = len(one.columns.sd)
