@@ -25,7 +25,7 @@ from bayesid.report.words import in_percent, joints_in_words, label, listed, qua
 
 _WHOSE = {MODELS_RESIDUAL: "earlier model's", REFIT: "refitted model's"}
 """Own error a floor may be, by where it was taken from."""
-_CHANGE = "change of "
+CHANGE = "change of "
 """Begins the names of what a parameter has changed by."""
 
 
@@ -285,7 +285,7 @@ def told(added: AddedEffect, name: str) -> str:
     source, number = added.hypothesis.source, added.parameters[name]
     value, sd, unit = _for_people(source, name, number)
     now = quantity(value, sd, unit)
-    if (change := added.parameters.get(f"{_CHANGE}{name}")) is None:
+    if (change := added.parameters.get(f"{CHANGE}{name}")) is None:
         return now
     earlier = value - people_unit(source.phrase, name, number[2]).factor * change[0]
     decimals = len(now.split()[0].partition(".")[2])
@@ -299,7 +299,7 @@ def _numbers(added: AddedEffect, n: int) -> dict[str, str]:
     for name in added.parameters:
         known = name in source.phrase.units or not name.endswith(tuple(suffixes))
         symbol = name if known else name[: -len(next(s for s in suffixes if name.endswith(s)))]
-        if name.startswith(_CHANGE) or symbol in source.adds_to.values():
+        if name.startswith(CHANGE) or symbol in source.adds_to.values():
             continue
         total = f"{source.adds_to.get(symbol, symbol)}{name[len(symbol) :]}"
         texts[symbol.rstrip("_")] = told(added, total if total in added.parameters else name)
@@ -345,7 +345,7 @@ def _change(added: AddedEffect, n: int) -> str:
     source, numbers = added.hypothesis.source, _numbers(added, n)
     chosen = {source.phrase.size: numbers[source.phrase.size]} if source.phrase.size in numbers else numbers
     parts = [f"{symbol} " * (len(chosen) > 1) + text for symbol, text in chosen.items()]
-    changes = [number for name, number in added.parameters.items() if name.startswith(_CHANGE)]
+    changes = [number for name, number in added.parameters.items() if name.startswith(CHANGE)]
     unsure = changes and all(abs(change) < 1.96 * sd for change, sd, _ in changes)  # False where the sd is not known
     said = "was free to change, and has not surely done so" if unsure else "has changed"
     return f"{upper(label(source.name, added.joints))}, {said}{f': {listed(parts)}' if parts else ''}."

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from bayesid.files.writing import save_folder, write_json
-from bayesid.identification.checks import Check
+from bayesid.identification.checks import Check, convergence
 from bayesid.identification.payload import AXES, Estimate, PayloadReading
 from bayesid.report.summary import as_object, taken
 from bayesid.report.words import joints_in_words, quantity, rounded
@@ -36,25 +37,22 @@ def _payload_summary(reading: PayloadReading) -> dict[str, Any]:
     body, check, known, gains = reading.body, reading.check, reading.known_mass, reading.gains
     return as_object(
         {
-            "frame": reading.frame,
+            **taken(reading, "frame", "gain_factor", "seconds", "warnings"),
             **taken(body, "shown", "mass", com=body.centre, inertia=body.inertia),
             "check": {
-                **taken(check, "passed", "joints"),
+                **taken(check, "passed", "joints", "chi_square"),
                 "residual_ratio": check.residual,
                 "most_residual_ratio": check.MOST_RESIDUAL,
                 "joint_chi_square": check.moved,
                 "most_joint_chi_square": check.moved_limits,
-                "chi_square": check.chi_square,
                 "degrees_of_freedom": check.freedom,
                 "most_chi_square": check.limit,
                 "false_alarm": check.FALSE_ALARM,
             },
             "known_mass": None if known is None else {"value": known[0], "sd": known[1]},
-            "gain_factor": reading.gain_factor,
             "gains": None if gains is None else {"read_with": gains[0], "corrected": gains[1]},
             "posterior": taken(reading.posterior, "converged", "max_rhat", "min_ess"),
             "log": reading.identification.log.source,
-            **taken(reading, "seconds", "warnings"),
         }
     )
 
@@ -68,20 +66,15 @@ def payload_rows(reading: PayloadReading) -> list[tuple[str, ...]]:
     return rows if factor is None else [*rows, _row("efforts' factor", factor, "")]
 
 
+def _row(name: str, one: Estimate, unit: str) -> tuple[str, ...]:
+    sd, (low, high) = rounded(one.sd, 2), one.interval
+    behind = len(sd.partition(".")[2]) if 1e-4 <= one.sd < 1e6 else 6  # as many digits as the second one of the sd has
+    return name, f"{one.value:.{behind}f}", sd, f"{low:.{behind}f} to {high:.{behind}f}", unit
+
+
 def payload_checks(reading: PayloadReading, result: str = "RESULT") -> tuple[Check, ...]:
     """How far the payload can be trusted; `result` is the folder of the earlier log's result, for the remedy."""
     return (_mass(reading), _unchanged(reading, result), _sampling(reading), *_gains(reading))
-
-
-def _row(name: str, one: Estimate, unit: str) -> tuple[str, ...]:
-    low, high = one.interval
-    return name, _to_sd(one.value, one.sd), rounded(one.sd, 2), f"{_to_sd(low, one.sd)} to {_to_sd(high, one.sd)}", unit
-
-
-def _to_sd(value: float, sd: float) -> str:
-    """As many digits as the second one of the standard deviation has."""
-    behind = len(rounded(sd, 2).partition(".")[2]) if 1e-4 <= sd < 1e6 else 6
-    return f"{value:.{behind}f}"
 
 
 def _mass(reading: PayloadReading) -> Check:
@@ -93,32 +86,34 @@ def _mass(reading: PayloadReading) -> Check:
 
 
 def _unchanged(reading: PayloadReading, result: str) -> Check:
-    check = reading.check
+    name, check = "Besides the payload", reading.check
     worst = int(check.residual.argmax())
-    size = f"the residual is at most {check.residual[worst]:.2f} times the earlier log's noise (joint {worst + 1})"
-    moved = f"the robot's own coefficients moved by a chi-square of {check.chi_square:.0f} with {check.freedom} degrees"
+    seen = (
+        f"the residual is at most {check.residual[worst]:.2f} times the earlier log's noise (joint {worst + 1}), the "
+        f"robot's own coefficients moved by a chi-square of {check.chi_square:.0f} with {check.freedom} degrees"
+    )
     if check.passed:
-        return Check("Besides the payload", "good", f"nothing has changed: {size}, {moved}")
+        return Check(name, "good", f"nothing has changed: {seen}")
     which = joints_in_words(check.joints) if check.joints else "the links"
-    said = f"something else has changed in {which}, and the payload may be wrong by it: {size}, {moved}"
+    said = f"something else has changed in {which}, and the payload may be wrong by it: {seen}"
     command = shlex.join(["bayesid", "discrepancy", result, reading.identification.log.source])
-    return Check("Besides the payload", "bad", said, f"`{command}` tells what")
+    return Check(name, "bad", said, f"`{command}` tells what")
 
 
 def _sampling(reading: PayloadReading) -> Check:
-    posterior = reading.posterior
-    figures = f"R-hat {posterior.max_rhat:.3f}, effective sample size {posterior.min_ess:.0f}"
-    if posterior.converged:
+    figures = convergence(reading.posterior.max_rhat, reading.posterior.min_ess)
+    if reading.posterior.converged:
         return Check("Sampling", "good", f"converged ({figures})")
     return Check("Sampling", "look", f"has not converged ({figures})", "give a larger --posterior-budget")
 
 
-def _gains(reading: PayloadReading) -> list[Check]:
+def _gains(reading: PayloadReading) -> Iterator[Check]:
+    factor, passed, known = reading.gain_factor, reading.check.passed, reading.identification.identified.gains
     if reading.known_mass is None:
-        return []
-    factor, passed = reading.gain_factor, reading.check.passed
+        return
     if factor is None:
-        return [Check("Gains", "bad", "without a payload that the log shows, its known mass says nothing of them")]
+        yield Check("Gains", "bad", "without a payload that the log shows, its known mass says nothing of them")
+        return
     times, which = (1.0 / factor.value, "large") if factor.value < 1.0 else (factor.value, "small")
     low, high = factor.interval
     said = (
@@ -127,9 +122,9 @@ def _gains(reading: PayloadReading) -> list[Check]:
     )
     said += ", which cannot be told from 1" if low <= 1.0 <= high else ""
     said += "" if passed else ", if nothing else has changed"
-    remedy, known = "", reading.identification.identified.gains
+    remedy = ""
     if reading.gains is not None:
         remedy = f"read logs with --gains {','.join(f'{gain:.4g}' for gain in reading.gains[1])}"
         if known is not None and known.stated.of_torques:
             remedy += ' --columns i="tau{}"'  # exact gains are for currents
-    return [Check("Gains", "good" if passed else "look", said, remedy)]
+    yield Check("Gains", "good" if passed else "look", said, remedy)

@@ -58,8 +58,8 @@ def stream_names(n: int) -> list[str]:
 
 def stream_line(now: Tracked) -> str:
     """A row of signed_stream.csv."""
-    values = [now.effort, np.round(now.probability, 6), now.predicted, now.external]
-    return ",".join([repr(float(now.t)), *(f"{value:.8g}" for block in values for value in block.tolist())])
+    values = np.concatenate([now.effort, np.round(now.probability, 6), now.predicted, now.external])
+    return ",".join([repr(float(now.t)), *(f"{value:.8g}" for value in values.tolist())])
 
 
 def open_stream(folder: Path, n: int) -> TextIO:
@@ -91,40 +91,31 @@ def save_replay(folder: Path, result: StreamResult, streamed: Replay, picture: s
         write_columns(place / "signed_stream.csv", names, streamed.t, rows, ".8g")
         write_summaries(place, result)
         if picture is not None:
-            figure = stream_figure(streamed)
-            figure.savefig(place / f"stream.{picture}", dpi=140.0, facecolor="white")
+            stream_figure(streamed).savefig(place / f"stream.{picture}", dpi=140.0, facecolor="white")
 
     return save_folder(folder, STREAM_FILES, STREAM, write)
 
 
 def write_summaries(place: Path, result: StreamResult) -> None:
     """alarms.json and stream.json, in a folder that is being made."""
-    named = result.named or {}
-    alarms = [alarm.as_dict() | _named(named.get(k)) for k, alarm in enumerate(result.alarms)]
+    alarms = [alarm.as_dict() for alarm in result.alarms]
+    for k, named in (result.named or {}).items():
+        effects = [{"effect": effect, "joints": list(joints)} for effect, joints in named.effects]
+        alarms[k] |= {"named": effects, "named_status": named.status}
     write_json(place / "alarms.json", alarms)
     write_json(place / STREAM, stream_summary(result))
 
 
-def _named(named: Named | None) -> dict[str, Any]:
-    if named is None:
-        return {}
-    effects = [{"effect": effect, "joints": list(joints)} for effect, joints in named.effects]
-    return {"named": effects, "named_status": named.status}
-
-
 def stream_summary(result: StreamResult) -> dict[str, Any]:
     """stream.json: SI units, joints in order; null where there is nothing to say."""
-    figures = result.figures
+    figures, quantiles = result.figures, {"median": 0.5, "p99_9": 0.999}
     summary = {
-        **taken(result, "rate", "lag"),
+        **taken(result, "rate", "lag", "smoothing_status"),
         "instants": figures.instants,
         "counts": as_json(result.counts) | {"bad": result.bad},
-        "update_microseconds": {
-            name: 1e6 * figures.times.quantile(share) for name, share in (("median", 0.5), ("p99_9", 0.999))
-        },
+        "update_microseconds": {name: 1e6 * figures.times.quantile(share) for name, share in quantiles.items()},
         "rms_residual": figures.rms,
         "largest_external_over_threshold": figures.pushed,
-        "smoothing_status": result.smoothing_status,
         "smoothing": _agreement(result.smoothing),
         "known_signs": _agreement(result.known),
     }
@@ -145,17 +136,12 @@ NOTE = "external / threshold: the most that two samples in a row have of it; bey
 
 def track_rows(figures: StreamFigures, smoothing: Agreement | None) -> list[tuple[str, ...]]:
     """Of a table with `HEADINGS`, a joint each."""
-    n = len(figures.moving)
-    nothing = np.full(n, np.nan)
+    nothing = np.full(len(figures.moving), np.nan)
     agree, sure = (nothing, nothing) if smoothing is None else (smoothing.by_joint, smoothing.sure_by_joint)
+    columns = (agree.tolist(), sure.tolist(), figures.rms.tolist(), figures.pushed.tolist())
     return [
-        (
-            str(j + 1),
-            *(_percent(float(part[j])) for part in (agree, sure)),
-            _or_nothing(figures.rms[j], rounded(float(figures.rms[j]))),
-            _or_nothing(figures.pushed[j], f"{figures.pushed[j]:.2f}"),
-        )
-        for j in range(n)
+        (str(j), _percent(one), _percent(other), _known(rms, rounded(rms)), _known(pushed, f"{pushed:.2f}"))
+        for j, (one, other, rms, pushed) in enumerate(zip(*columns, strict=True), start=1)
     ]
 
 
@@ -171,26 +157,31 @@ def track_lines(
         seen: whether the model was identified from this log.
         signed: whether the efforts of all joints have signs in the log.
     """
-    said = []
     if smoothing is None:
-        said.append(Check("Signs", "look", f"not compared with a smoothing of the whole log: {status}"))
+        said = [Check("Signs", "look", f"not compared with a smoothing of the whole log: {status}")]
     elif smoothing.samples.any():
         where = " (the log that the model was identified from)" if seen else ""
-        said.append(Check("Signs", "good", f"{_agreed(smoothing, 'those of a smoothing of the whole log')}{where}"))
+        said = [Check("Signs", "good", f"{_agreed(smoothing, 'those of a smoothing of the whole log')}{where}")]
     elif signed:
-        said.append(Check("Signs", "good", "known in the log: there was none to find"))
+        said = [Check("Signs", "good", "known in the log: there was none to find")]
     else:
-        said.append(Check("Signs", "look", "not compared: there is no sample in motion whose sign both have found"))
+        said = [Check("Signs", "look", "not compared: there is no sample in motion whose sign both have found")]
     if known is not None and known.samples.any():
         told = _agreed(known, "those in the log, where absolute values alone are fed")
         said.append(Check("Signs that are known", "good", told))
     return said
 
 
+def _agreed(one: Agreement, what: str) -> str:
+    sure = f"sure to 99 % of {_percent(one.sure_share)}, of which {_percent(one.share_of_sure)} agree"
+    return f"{_percent(one.share)} of the samples in motion have {what}; {sure}"
+
+
 def count_line(counts: Counts, figures: StreamFigures, lag: float, bad: int = 0) -> str:
     """What became of the rows, and what an update took."""
+    taken_rows = f"{counts.updates:,} rows taken"
     if not counts.updates:
-        return f"{counts.updates:,} rows taken"
+        return taken_rows
     named = {
         "repeated": counts.repeated,
         "late": counts.late,
@@ -200,7 +191,7 @@ def count_line(counts: Counts, figures: StreamFigures, lag: float, bad: int = 0)
         f"gap{'s' * (counts.gaps != 1)}": counts.gaps,
         f"time{'s' * (counts.set_back != 1)} that the clock was set back": counts.set_back,
     }
-    parts = [f"{counts.updates:,} rows taken", *(f"{count:,} {what}" for what, count in named.items() if count)]
+    parts = [taken_rows, *(f"{count:,} {what}" for what, count in named.items() if count)]
     middle, late = (1e6 * figures.times.quantile(share) for share in (0.5, 0.999))
     took = f"an update took {middle:.0f} microseconds in the middle, {late:.0f} in one of a thousand"
     return f"{', '.join(parts)}; {took}; {lag:.3g} s behind"
@@ -208,29 +199,23 @@ def count_line(counts: Counts, figures: StreamFigures, lag: float, bad: int = 0)
 
 def alarm_line(alarm: Alarm) -> str:
     """When, what, in which joints, by how much, and when it was said."""
-    later = alarm.raised - alarm.time
-    said = f", said {later:.1f} s later" if later >= TUNING.soon else ""
-    amount = _amount(alarm)
+    later, amount = alarm.raised - alarm.time, _amount(alarm)
+    name = alarm.kind if alarm.kind in (CONTACT, PAYLOAD, FRICTION, GAIN) else "unknown change"
+    said = f"{alarm.time:.2f} s: {name}, {joints_in_words(alarm.joints)}{f' ({amount})' if amount else ''}"
     lasted = f", {alarm.duration:.2f} s long" if alarm.kind == CONTACT and alarm.duration else ""
-    name = "unknown change" if alarm.kind not in (CONTACT, PAYLOAD, FRICTION, GAIN) else alarm.kind
-    return (
-        f"{alarm.time:.2f} s: {name}, {joints_in_words(alarm.joints)}{f' ({amount})' if amount else ''}{lasted}{said}"
-    )
+    return f"{said}{lasted}{f', said {later:.1f} s later' if later >= TUNING.soon else ''}"
 
 
 def change_line(alarm: Alarm, result: str, log: str, last: float) -> str:
     """How to go on with a change: the command and its window, which ends at an instant, s."""
     command = shlex.join(["bayesid", "discrepancy", result, log])
-    return (
-        f"what has changed: `{command}` on the rows from {alarm.time:.2f} to {last:.2f} s, cut out as a log, or "
-        "--explain here"
-    )
+    rows = f"the rows from {alarm.time:.2f} to {last:.2f} s, cut out as a log"
+    return f"what has changed: `{command}` on {rows}, or --explain here"
 
 
 def named_line(alarm: Alarm, status: str, effects: str) -> str:
     """What `bayesid.find_discrepancy` names of a change."""
-    told = f"{effects} ({status})" if effects else status
-    return f"what has changed from {alarm.time:.2f} s on: {told}"
+    return f"what has changed from {alarm.time:.2f} s on: {f'{effects} ({status})' if effects else status}"
 
 
 def _amount(alarm: Alarm) -> str:
@@ -244,16 +229,9 @@ def _amount(alarm: Alarm) -> str:
     return f"{sign}{rounded(alarm.amount, 2)} {'kg' if alarm.kind == PAYLOAD else 'N m'}"
 
 
-def _agreed(one: Agreement, what: str) -> str:
-    return (
-        f"{_percent(one.share)} of the samples in motion have {what}; sure to 99 % of {_percent(one.sure_share)}, of "
-        f"which {_percent(one.share_of_sure)} agree"
-    )
-
-
 def _percent(share: float) -> str:
-    return _or_nothing(share, f"{share:.1%}")
+    return _known(share, f"{share:.1%}")
 
 
-def _or_nothing(value: float, text: str) -> str:
-    return "-" if value != value else text
+def _known(value: float, text: str) -> str:
+    return "-" if np.isnan(value) else text

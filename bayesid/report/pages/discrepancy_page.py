@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 from markupsafe import Markup
@@ -27,6 +27,7 @@ from bayesid.report.comparison import (
 )
 from bayesid.report.comparison import columns as told_columns
 from bayesid.report.discrepancy import (
+    CHANGE,
     discrepancy_checks,
     distinguishing_motions,
     equivalents,
@@ -80,55 +81,53 @@ def discrepancy_page(discrepancy: Discrepancy) -> str:
 
 
 def _sections(discrepancy: Discrepancy) -> list[html.Section]:
-    parts = (_verdicts, _gaps, _found, _where, _efforts, _candidates, _left_out, _not_testable)
-    return [one for one in (part(discrepancy) for part in parts) if one is not None]
+    made = [(name, title, part(discrepancy)) for (name, title), part in _PARTS.items()]
+    return [html.section(name, title, *content) for name, title, content in made if content]
 
 
-def _verdicts(discrepancy: Discrepancy) -> html.Section | None:
+def _verdicts(discrepancy: Discrepancy) -> list[Markup]:
     checks = discrepancy_checks(discrepancy)
-    return html.section("findings", "Verdicts", html.lights(checks, _WORDS, {})) if checks else None
+    return [html.lights(checks, _WORDS, {})] if checks else []
 
 
-def _gaps(discrepancy: Discrepancy) -> html.Section:
+def _gaps(discrepancy: Discrepancy) -> list[Markup]:
     floor, before, after = discrepancy.floor, discrepancy.before, discrepancy.after
     ratios = dict(discrepancy.unexplained)
     rows = []
     for j, joint in enumerate(range(1, len(before) + 1)):
-        unit, lasts = unit_of(discrepancy, joint), "; most of it lasts: that model's own error, or smoothed noise"
-        origin = floor.origin[j] + ("" if floor.sharp[j] else " (a lower bound)") + (lasts if floor.lasting[j] else "")
+        lasts = "; most of it lasts: that model's own error, or smoothed noise" if floor.lasting[j] else ""
+        origin = f"{floor.origin[j]}{'' if floor.sharp[j] else ' (a lower bound)'}{lasts}"
         remark = html.NONE
         if joint in ratios:
             which = ", ".join(_SAID[one] for one in discrepancy.unexplained_on.get(joint, ()))
             remark = Markup("unexplained: {} times the floor ({})").format(html.number(ratios[joint]), which)
+        unit = unit_of(discrepancy, joint)
         efforts = [html.number(value[j], unit) for value in (before, after, floor.rms, floor.white)]
         rows.append((str(joint), *efforts, html.number(after[j] / floor.rms[j]), origin, remark))
     caption = f"Gap on {discrepancy.holdout}: RMS residual of both models, the noise floor, and the floor's white part."
     headings = ["Joint", "As it was", "Extended", "Noise floor", "From sample to sample", "Extended / floor"]
+    headings += ["Floor taken from", "Remark"]
     alt = "Bars of the gap of each joint, as in the table, in units of its noise floor."
     drawn = html.picture(gap_figure(discrepancy), "gap-figure", "The same in units of each joint's noise floor.", alt)
-    told_gaps = html.table(caption, [*headings, "Floor taken from", "Remark"], rows)
-    return html.section("gap", "The gap", told_gaps, html.figures([drawn]))
+    return [html.table(caption, headings, rows), html.figures([drawn])]
 
 
-def _found(discrepancy: Discrepancy) -> html.Section:
-    parts = []
-    if discrepancy.added:
-        caption = "Effects that were added, in this order; Bayes factors and probabilities are given all others."
-        headings = ["Effect", "Joints", "Parameters", "log10 Bayes factor", "Probability", "Nothing missing"]
-        headings += ["Something else", "Could also be", "What would decide"]
-        parts.append(html.table(caption, headings, map(_added, discrepancy.added)))
-        learned = [effect for effect in discrepancy.added if effect.hypothesis.curves]
-        pictures = []
-        for effect in learned:
+def _found(discrepancy: Discrepancy) -> list[Markup]:
+    if not discrepancy.added:
+        return [html.paragraph("No effect was added.")]
+    caption = "Effects that were added, in this order; Bayes factors and probabilities are given all others."
+    headings = ["Effect", "Joints", "Parameters", "log10 Bayes factor", "Probability", "Nothing missing"]
+    headings += ["Something else", "Could also be", "What would decide"]
+    parts = [html.table(caption, headings, map(_added, discrepancy.added))]
+    pictures = []
+    for effect in discrepancy.added:
+        if effect.hypothesis.curves:
             joint = effect.joints[0]
             below = f"Joint {joint}: what was learned over the range that the log has seen, with its 95 % band."
             figure = learned_figure(effect, unit_of(discrepancy, joint))
             pictures.append(html.picture(figure, f"learned{joint}", below))
-        parts.append(html.figures(pictures))
-    else:
-        parts.append(html.paragraph("No effect was added."))
-    worth = [row for effect in discrepancy.added for row in _worth(discrepancy, effect)]
-    if worth:
+    parts += [html.figures(pictures)] if pictures else []
+    if worth := [row for effect in discrepancy.added for row in _worth(discrepancy, effect)]:
         caption = (
             f"What each is worth on {discrepancy.holdout}: its own effort, and the RMS error without it (the others "
             "identified again) and with it, each in the joint where that is largest."
@@ -140,20 +139,16 @@ def _found(discrepancy: Discrepancy) -> html.Section:
     if len(sets) > 1:
         caption = "Sets of effects that predict the held-back data equally well, and their probabilities by the log."
         parts.append(html.table(caption, ["Set", "Probability"], sets))
-    return html.section("found", "What was found", *parts)
+    return parts
 
 
 def _added(effect: AddedEffect) -> tuple[str, ...]:
     alike = ", ".join(equivalents(effect, label))
-    shares = effect.probability, effect.nothing_missing, effect.something_else
     return (
-        _name(effect.hypothesis),
-        _joints(effect.joints),
-        _parameters(effect),
+        *(_name(effect.hypothesis), _joints(effect.joints), _parameters(effect)),
         html.number(effect.log10_bayes_factor),
-        *map(html.probability, shares),
-        alike,
-        distinguishing_motions(effect) if alike else "",
+        *map(html.probability, (effect.probability, effect.nothing_missing, effect.something_else)),
+        *(alike, distinguishing_motions(effect) if alike else ""),
     )
 
 
@@ -161,29 +156,24 @@ def _parameters(effect: AddedEffect) -> str:
     """What people read in place of parameters, if there is such; a formula; changes before and now."""
     if effect.description is not None:
         return f"{effect.formula}: {effect.description.sentence}"
-    changes = bool(effect.hypothesis.changes)
+    changes, parameters = bool(effect.hypothesis.changes), effect.parameters
     if effect.readable and not changes:
         named = [(name, value, quantity(value, sd, unit)) for name, (value, sd, unit) in effect.readable.items()]
     else:
-        added = {f"{symbol}{j}" for symbol in effect.hypothesis.source.adds_to for j in effect.joints}
-        in_total = any(name.startswith("change of ") for name in effect.parameters) and not changes
-        named = [
-            (name, value, told(effect, name))
-            for name, (value, _, _) in effect.parameters.items()
-            if not name.startswith("change of ") and not (in_total and name in added)
-        ]
+        of_total = {f"{symbol}{j}" for symbol in effect.hypothesis.source.adds_to for j in effect.joints}
+        in_total = any(name.startswith(CHANGE) for name in parameters) and not changes
+        shown = [name for name in parameters if not name.startswith(CHANGE) and not (in_total and name in of_total)]
+        named = [(name, parameters[name][0], told(effect, name)) for name in shown]
     line = Markup('<li><span class="name">{}</span> {}</li>')
     lines = [line.format(name, html.data(value, text)) for name, value, text in named]
     return Markup('<ul class="numbers">{}</ul>').format(Markup("").join(lines)) if lines else ""
 
 
-def _worth(discrepancy: Discrepancy, effect: AddedEffect) -> list[tuple[str, ...]]:
+def _worth(discrepancy: Discrepancy, effect: AddedEffect) -> Iterator[tuple[str, ...]]:
     size, cost = effect.size, effect.cost
-    if size is None or cost is None:
-        return []
-    own, left = unit_of(discrepancy, size.joint), unit_of(discrepancy, cost.joint)
-    return [
-        (
+    if size is not None and cost is not None:
+        own, left = unit_of(discrepancy, size.joint), unit_of(discrepancy, cost.joint)
+        yield (
             *(_name(effect.hypothesis), _joints(effect.joints)),
             *(html.number(size.largest, own), html.number(size.rms, own)),
             Markup("{} of joint {}'s {}").format(html.percent(size.share), size.joint, size.of),
@@ -191,13 +181,16 @@ def _worth(discrepancy: Discrepancy, effect: AddedEffect) -> list[tuple[str, ...
             Markup("{} in joint {}").format(html.percent(cost.share_before), cost.joint),
             *(html.number(cost.after, left), html.percent(cost.share_after)),
         )
-    ]
 
 
-def _where(discrepancy: Discrepancy) -> html.Section:
-    name, title = "where", "Where the model as it was fails"
+def _where(discrepancy: Discrepancy) -> list[Markup]:
     if not discrepancy.where:
-        return html.section(name, title, html.paragraph(_nowhere(discrepancy)))
+        plain = "In no joint of the log is the residual surely above the noise floor."
+        if discrepancy.added:
+            plain += " What was added shows in the shape of what is left, and on the data that score."
+        elif discrepancy.unexplained:
+            plain += " The data that score show that something is missing."
+        return [html.paragraph(plain)]
     rows, drawn = [], []
     for excess in discrepancy.where:
         (low, high), unit = excess.range, unit_of(discrepancy, excess.joint, excess.variable)
@@ -210,18 +203,10 @@ def _where(discrepancy: Discrepancy) -> html.Section:
     caption = "Joints in which the model as it was exceeds the noise floor (RMS), and over which variable most."
     note = "Points are samples, thinned; lines are means with twice their standard error; grey is the noise floor."
     told_where = html.table(caption, ["Joint", "Excess", "Variable", "Range"], rows)
-    return html.section(name, title, told_where, html.figures(drawn), html.paragraph(note, note=True))
+    return [told_where, html.figures(drawn), html.paragraph(note, note=True)]
 
 
-def _nowhere(discrepancy: Discrepancy) -> str:
-    """What it means that the model as it was exceeds the floor in no joint of the log."""
-    plain = "In no joint of the log is the residual surely above the noise floor."
-    if discrepancy.added:
-        return f"{plain} What was added shows in the shape of what is left, and on the data that score."
-    return f"{plain} The data that score show that something is missing." if discrepancy.unexplained else plain
-
-
-def _efforts(discrepancy: Discrepancy) -> html.Section:
+def _efforts(discrepancy: Discrepancy) -> list[Markup]:
     unsigned = (np.flatnonzero(~np.asarray(discrepancy.trial.signals.signed)) + 1).tolist()
     note = "On the log that was compared."
     if unsigned:
@@ -234,22 +219,20 @@ def _efforts(discrepancy: Discrepancy) -> html.Section:
         alt = f"Effort of joint {joint} over time: measured, by the model as it was, and by the extended model."
         figure = effort_figure(discrepancy, joint)
         pictures.append(html.picture(figure, f"effort{joint}", f"Joint {joint}.", alt, "effort"))
-    return html.section(
-        "efforts", "Measured and modelled efforts", html.paragraph(note, note=True), html.figures(pictures)
-    )
+    return [html.paragraph(note, note=True), html.figures(pictures)]
 
 
-def _candidates(discrepancy: Discrepancy) -> html.Section:
-    scores, needed = discrepancy.scores, discrepancy.thresholds.log10_bayes_factor
+def _candidates(discrepancy: Discrepancy) -> list[Markup]:
+    scores, needed = best_first(discrepancy.scores), discrepancy.thresholds.log10_bayes_factor
     if not scores:
-        return html.section("candidates", "Candidates", html.paragraph("No candidates were scored."))
+        return [html.paragraph("No candidates were scored.")]
     places = {effect.hypothesis.key: place for place, effect in enumerate(discrepancy.added, start=1)}
     rows = [
         (
             *(str(rank), _name(score.hypothesis), _joints(score.hypothesis.joints), html.number(score.gain / LN10)),
-            _became(discrepancy, score, places.get(score.key)),
+            f"added as number {places[score.key]}" if score.key in places else _became(discrepancy, score),
         )
-        for rank, score in enumerate(best_first(scores), start=1)
+        for rank, score in enumerate(scores, start=1)
         if rank <= TUNING.candidates or score.key in places
     ]
     caption = (
@@ -258,17 +241,13 @@ def _candidates(discrepancy: Discrepancy) -> html.Section:
         f"{needed:g} given the others that were added."
     )
     headings = ["Rank", "Effect", "Joints", "log10 Bayes factor", "What became of it"]
-    best = best_first(scores)[: TUNING.bars]
-    below = f"The first {len(best)}, each by itself; blue: added. Dashed: what is needed to be added."
-    alt = f"Bars of log10 Bayes factors, as in the table; the largest: {score_label(best[0])}."
+    below = f"The first {len(scores[: TUNING.bars])}, each by itself; blue: added. Dashed: what is needed to be added."
+    alt = f"Bars of log10 Bayes factors, as in the table; the largest: {score_label(scores[0])}."
     drawn = html.picture(candidate_figure(discrepancy), "candidates-figure", below, alt)
-    return html.section("candidates", "Candidates", html.figures([drawn]), html.table(caption, headings, rows))
+    return [html.figures([drawn]), html.table(caption, headings, rows)]
 
 
-def _became(discrepancy: Discrepancy, score: Score, place: int | None) -> str:
-    """What became of a candidate."""
-    if place is not None:
-        return f"added as number {place}"
+def _became(discrepancy: Discrepancy, score: Score) -> str:
     if score.key in discrepancy.vetoed:
         return "left out: see below"
     if score.gain >= discrepancy.thresholds.log10_bayes_factor * LN10:
@@ -276,29 +255,34 @@ def _became(discrepancy: Discrepancy, score: Score, place: int | None) -> str:
     return "this log could not show it" if score.key in discrepancy.not_testable else "too weak"
 
 
-def _left_out(discrepancy: Discrepancy) -> html.Section | None:
-    if not discrepancy.refused:
-        return None
+def _left_out(discrepancy: Discrepancy) -> list[Markup]:
+    names = []
+    for effect in discrepancy.refused:
+        learned = effect.description
+        formula = "" if learned is None else f": {effect.formula}, {learned.sentence}"
+        names.append(f"{label(effect.effect, effect.joints)}{formula}")
     why = "They explain the log, but no data that had no say in choosing them, or too little of what was missing."
-    names = [
-        label(effect.effect, effect.joints)
-        + ("" if effect.description is None else f": {effect.formula}, {effect.description.sentence}")
-        for effect in discrepancy.refused
-    ]
-    return html.section("left-out", "Left out", html.paragraph(why), html.items(names))
+    return [html.paragraph(why), html.items(names)] if names else []
 
 
-def _not_testable(discrepancy: Discrepancy) -> html.Section | None:
-    rows = [
-        (label(effect), _joints(joints), forms()[effect].shown_by) for effect, joints in testable_groups(discrepancy)
-    ]
-    if not rows:
-        return None
-    caption = (
-        "Effects that this log could not show even if they were of a usual size, and motions that would show them."
-    )
-    headings = ["Effect", "Joints", "Motion that would show it"]
-    return html.section("not-testable", "What this log cannot tell", html.table(caption, headings, rows))
+def _not_testable(discrepancy: Discrepancy) -> list[Markup]:
+    groups = testable_groups(discrepancy)
+    rows = [(label(effect), _joints(joints), forms()[effect].shown_by) for effect, joints in groups]
+    caption = "Effects that this log could not show even if of a usual size, and motions that would show them."
+    return [html.table(caption, ["Effect", "Joints", "Motion that would show it"], rows)] if rows else []
+
+
+_PARTS: Mapping[tuple[str, str], Callable[[Discrepancy], list[Markup]]] = {
+    ("findings", "Verdicts"): _verdicts,
+    ("gap", "The gap"): _gaps,
+    ("found", "What was found"): _found,
+    ("where", "Where the model as it was fails"): _where,
+    ("efforts", "Measured and modelled efforts"): _efforts,
+    ("candidates", "Candidates"): _candidates,
+    ("left-out", "Left out"): _left_out,
+    ("not-testable", "What this log cannot tell"): _not_testable,
+}
+"""Names, titles and contents of the sections, in their order; those without content are left out."""
 
 
 def _joints(joints: Sequence[int]) -> str:
@@ -307,9 +291,8 @@ def _joints(joints: Sequence[int]) -> str:
 
 def _name(hypothesis: Hypothesis) -> str:
     """An effect's name, which form of it, and whether it is a change of what the model has."""
-    form = hypothesis.source.name
-    remarks = [form.split(".", 1)[1].replace("_", " ")] if "." in form else []
-    remarks += ["changed"] if hypothesis.changes else []
+    form = hypothesis.source.name.partition(".")[2].replace("_", " ")
+    remarks = [*([form] if form else []), *(["changed"] if hypothesis.changes else [])]
     return label(hypothesis.effect) + (f" ({', '.join(remarks)})" if remarks else "")
 
 
@@ -363,7 +346,7 @@ def _changes(comparison: LogComparison) -> html.Section:
 
 
 def _timeline(comparison: LogComparison) -> html.Section:
-    moved, rule = moved_parameters(comparison), timeline_rule(comparison)
+    moved, rule, line = moved_parameters(comparison), timeline_rule(comparison), comparison.timeline
     rows = [
         (
             row.name,
@@ -378,10 +361,9 @@ def _timeline(comparison: LogComparison) -> html.Section:
     ]
     caption = f"Parameters that moved, each log identified by itself under one model. {rule}"
     headings = ["Parameter", *log_names(comparison), "Change", "Change / its sd"]
-    line = comparison.timeline
     tested = np.isfinite(line.p).any(axis=0)
     flat, unseen = (
-        "; ".join(tracked_name(line.tracked[c]) for c in np.flatnonzero(which))
+        [tracked_name(line.tracked[c]) for c in np.flatnonzero(which)]
         for which in (tested & ~line.moved.any(axis=0), ~tested)
     )
     stayed = Markup(
@@ -391,21 +373,19 @@ def _timeline(comparison: LogComparison) -> html.Section:
         "timeline",
         "Time line",
         html.table(caption, headings, rows) if rows else html.paragraph(f"No parameter moved. {rule}"),
-        html.figures([_timeline_picture(comparison)]),
-        stayed.format(int((tested & ~line.moved.any(axis=0)).sum()), html.typeset(flat)),
-        *([html.paragraph(f"Too few logs show: {unseen}.", note=True)] if unseen else []),
+        html.figures([_timeline_picture(comparison, [row.text for row in moved])]),
+        stayed.format(len(flat), html.typeset("; ".join(flat))),
+        *([html.paragraph(f"Too few logs show: {'; '.join(unseen)}.", note=True)] if unseen else []),
     )
 
 
-def _timeline_picture(comparison: LogComparison) -> html.Picture:
-    rows = moved_parameters(comparison)
+def _timeline_picture(comparison: LogComparison, texts: Sequence[str]) -> html.Picture:
     over = "days since the first log" if by_date(comparison) else "the logs in their order"
-    more = (
-        f" The {len(rows) - TUNING.moved} that moved least are in the table alone." if len(rows) > TUNING.moved else ""
-    )
+    few = len(texts) - TUNING.moved
     caption = (
-        f"Parameters that moved, with 95 % intervals, over {over}.{more} Last: the changes of all others, in their "
-        "standard deviations."
+        f"Parameters that moved, with 95 % intervals, over {over}."
+        f"{f' The {few} that moved least are in the table alone.' if few > 0 else ''} Last: the changes of all others, "
+        "in their standard deviations."
     )
-    alt = "; ".join(row.text for row in rows) or "No parameter moved."
+    alt = "; ".join(texts) or "No parameter moved."
     return html.picture(timeline_figure(comparison), "timeline-figure", caption, f"Time line. {alt}")

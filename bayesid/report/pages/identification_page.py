@@ -38,7 +38,7 @@ from bayesid.report.verdicts import (
     sure_share,
     worst,
 )
-from bayesid.report.words import listed, quantity, upper
+from bayesid.report.words import joints_in_words, quantity, upper
 
 _NOTEBOOK: Mapping[State, str] = {"good": "#1f7a3d", "look": "#8a5a00", "bad": "#b3261e", "not done": "#59636e"}
 """Colours as in style.css; a notebook has no style of ours."""
@@ -47,24 +47,20 @@ _VERDICT: Mapping[State, str] = {
     "look": "Usable; look at what is marked",
     "bad": "Do not rely on this result yet",
 }
-_PLACES = {
-    "Robot file": "run",
-    "Excitation": "coefficients",
-    "Signs of the segments": "doubts",
-    "Low-pass after the rectifier": "torques",
-    "Proof": "proof",
-    "Sampling": "posterior",
-    "Modes": "posterior",
-    "Fit": "residuals",
-    "Beyond the terms": "effects",
-    "Gains": "gains",
-    "Intervals": "coefficients",
-    "Whiteness of the residual": "residuals",
-    "Data or prior": "coefficients",
-    "Validation": "validation",
-    "Warnings": "warnings",
+_SHOWS = {
+    "run": ("Robot file",),
+    "coefficients": ("Excitation", "Intervals", "Data or prior"),
+    "doubts": ("Signs of the segments",),
+    "torques": ("Low-pass after the rectifier",),
+    "proof": ("Proof",),
+    "posterior": ("Sampling", "Modes"),
+    "residuals": ("Fit", "Whiteness of the residual"),
+    "effects": ("Beyond the terms",),
+    "gains": ("Gains",),
+    "validation": ("Validation",),
+    "warnings": ("Warnings",),
 }
-"""Where the page shows more of a check."""
+"""Of which checks each section shows more."""
 
 
 @one_at_a_time
@@ -77,11 +73,11 @@ def identification_page(findings: Findings, progress: Progress = SILENT) -> str:
     """
     checks, summary = check_findings(findings), findings.summary
     sections: list[html.Section] = []
-    for done, part in enumerate(_PARTS, start=1):
-        sections += [one for one in [part(findings)] if one is not None]
+    for done, ((name, title), part) in enumerate(_PARTS.items(), start=1):
+        sections += [html.section(name, title, *content)] if (content := part(findings)) else []
         progress("report", done, len(_PARTS))
     there = {*(one.name for one in sections), *(["warnings"] if summary.warnings else [])}
-    places = {check: place for check, place in _PLACES.items() if place in there}
+    places = {check: place for place, names in _SHOWS.items() if place in there for check in names}
     state = worst(checks)
     return html.page(
         "Identification",
@@ -123,9 +119,9 @@ def _about(findings: Findings) -> list[tuple[str, str]]:
 
 
 # ---------------------------------------------------------------------------------------------------------------
-# Sections; None where there is nothing to show
+# Contents of the sections; empty where there is nothing to show
 # ---------------------------------------------------------------------------------------------------------------
-def _torques(findings: Findings) -> html.Section:
+def _torques(findings: Findings) -> list[Markup]:
     every = findings.samples.every
     bands = (
         "A blue band is a segment whose sign is plus, an orange one minus; the paler, the less sure. Hatched bands and "
@@ -134,25 +130,21 @@ def _torques(findings: Findings) -> html.Section:
     signs = f", with the signs that were found, and by the model. {bands}"
     said = signs if findings.summary.hidden_joints else ", and by the model. A blue band is plus, an orange one minus."
     thinned = "" if every == 1 else f" One of {every} samples is shown."
-    shows = "recorded, signed, and by the model"
-    drawn = [
-        _over_time(findings, torque_panel, "torque", joint, f"{shows}.") for joint in range(1, findings.n_joints + 1)
-    ]
-    note = html.paragraph(f"The efforts as they were recorded{said}{thinned}", note=True)
-    return html.section("torques", "Efforts and signs", note, html.figures(drawn, linked=True))
+    drawn = _over_time(findings, torque_panel, "torque", "recorded, signed, and by the model.")
+    return [html.paragraph(f"The efforts as they were recorded{said}{thinned}", note=True), drawn]
 
 
-def _over_time(
-    findings: Findings, panel: Callable[[Findings, int, int], Panel], group: str, joint: int, shows: str
-) -> html.Picture:
-    """One joint's panel of a group; the legend above the first one is that of all."""
-    figure = Figure([[panel(findings, joint, TUNING.page_curve)]], 2.6, WIDE, key=joint == 1)
-    return html.picture(
-        figure, f"{group}{joint}", f"Joint {joint}.", f"Effort of joint {joint} over time: {shows}", group
-    )
+def _over_time(findings: Findings, panel: Callable[[Findings, int, int], Panel], group: str, shows: str) -> Markup:
+    """A group of figures, one a joint; the legend above the first one is that of all."""
+    pictures = []
+    for joint in range(1, findings.n_joints + 1):
+        figure = Figure([[panel(findings, joint, TUNING.page_curve)]], 2.6, WIDE, key=joint == 1)
+        alt = f"Effort of joint {joint} over time: {shows}"
+        pictures.append(html.picture(figure, f"{group}{joint}", f"Joint {joint}.", alt, group))
+    return html.figures(pictures, linked=True)
 
 
-def _doubts(findings: Findings) -> html.Section:
+def _doubts(findings: Findings) -> list[Markup]:
     segments, size = findings.segments, findings.segment_size
     doubtful = np.flatnonzero(segments.ambiguous & segments.moving)
     largest = doubtful[np.argsort(-size[doubtful], kind="stable")][: TUNING.doubts]
@@ -171,8 +163,7 @@ def _doubts(findings: Findings) -> html.Section:
     headings = "Joint", "Time", "Likelier sign", "Confidence", "Largest |effort|, of the joint's"
     told = html.table(caption, headings, rows) if rows else html.paragraph("No segment in motion is ambiguous.")
     still = at_standstill(findings)
-    notes = [html.paragraph(f"{upper(still)}; they do not enter the fit.", note=True)] if still else []
-    return html.section("doubts", "Ambiguous segments", told, *notes)
+    return [told, *([html.paragraph(f"{upper(still)}; they do not enter the fit.", note=True)] if still else [])]
 
 
 def _link(of: SegmentTable | Alternatives, k: int, text: str) -> Markup:
@@ -181,28 +172,22 @@ def _link(of: SegmentTable | Alternatives, k: int, text: str) -> Markup:
     return link.format(int(of.joint[k]) + 1, float(of.start[k]), float(of.end[k]), text)
 
 
-def _effects(findings: Findings) -> html.Section | None:
+def _effects(findings: Findings) -> list[Markup]:
     rows = effect_rows(findings.summary)
-    if not rows:
-        return None
     caption = "Effects that evidence and held-back blocks of the log bear out, given all the others."
-    return html.section(
-        "effects", "Beyond the terms asked for", html.table(caption, list(map(upper, EFFECT_HEADINGS)), rows)
-    )
+    return [html.table(caption, list(map(upper, EFFECT_HEADINGS)), rows)] if rows else []
 
 
-def _gains(findings: Findings) -> html.Section | None:
+def _gains(findings: Findings) -> list[Markup]:
     rows = gain_rows(findings.summary)
-    if not rows:
-        return None
     caption = (
         "Gains as the log leaves them. Data decide a ratio to all other gains where they leave at most a tenth of the "
         "variance that was stated. The factor common to all is in the checks."
     )
-    return html.section("gains", "Gains", html.table(caption, list(map(upper, GAIN_HEADINGS)), rows))
+    return [html.table(caption, list(map(upper, GAIN_HEADINGS)), rows)] if rows else []
 
 
-def _coefficients(findings: Findings) -> html.Section:
+def _coefficients(findings: Findings) -> list[Markup]:
     found = findings.coefficients
     nominal = bool(np.isfinite(found.nominal).any())
     rows = []
@@ -229,9 +214,8 @@ def _coefficients(findings: Findings) -> html.Section:
     headings = ["Built on", "Mean and sd", "Relative sd", "95 % interval", *(["Nominal"] if nominal else [])]
     headings += ["Decided by", "From -1 to 1", "Expression"]
     names = ", ".join(findings.prior_parameters)
-    by_prior = f"Single parameters that the prior decides, not the data: {names}."
-    notes = [html.paragraph(by_prior, note=True)] if names else []
-    return html.section("coefficients", "Coefficients", html.table(caption, headings, rows), *notes)
+    by_prior = html.paragraph(f"Single parameters that the prior decides, not the data: {names}.", note=True)
+    return [html.table(caption, headings, rows), *([by_prior] if names else [])]
 
 
 def _nominal(value: float, mean: float) -> Markup:
@@ -258,31 +242,28 @@ def _bar(mean: float, low: float, high: float, nominal: float) -> Markup:
     )
 
 
-def _posterior(findings: Findings) -> html.Section:
-    posterior, title = findings.summary.posterior, "Posterior"
+def _posterior(findings: Findings) -> list[Markup]:
+    posterior = findings.summary.posterior
     if findings.draws is None or posterior is None:
-        return html.section("posterior", title, html.paragraph("No posterior was sampled."))
-    few = len(findings.coefficients.mean) < 2
+        return [html.paragraph("No posterior was sampled.")]
     drawn = [
         (forest_figure, "forest", 12, "Intervals of 95 % of the worst-decided coefficients, one an ensemble."),
         (pair_figure, "pair", 3, "Draws of the three worst-decided against each other."),
         (trace_figure, "trace", 4, "Densities and draws, sweep after sweep; one colour an ensemble."),
         (rank_figure, "rank", 4, "Ranks of each ensemble's draws: flat where the ensembles agree."),
     ]
-    pictures = [
-        html.picture(figure(findings, count), name, caption)
-        for figure, name, count, caption in drawn
-        if not (few and name == "pair")
-    ]
+    if len(findings.coefficients.mean) < 2:
+        del drawn[1]
+    pictures = [html.picture(figure(findings, count), name, caption) for figure, name, count, caption in drawn]
     note = (
         f"{posterior.draws} draws of {posterior.ensembles} ensembles of {posterior.walkers} walkers; "
         f"{convergence(posterior.max_rhat, posterior.min_ess)}, at worst. Shown are the coefficients that the log "
         "decides worst, less their mean, over the prior's standard deviation."
     )
-    return html.section("posterior", title, html.paragraph(note, note=True), html.figures(pictures))
+    return [html.paragraph(note, note=True), html.figures(pictures)]
 
 
-def _residuals(findings: Findings) -> html.Section:
+def _residuals(findings: Findings) -> list[Markup]:
     note = (
         "Recorded effort, with its sign, less the model's. Blue points are samples, thinned; orange lines are means "
         "with twice their standard errors: where they leave zero, the model lacks something. The autocorrelation of "
@@ -294,27 +275,25 @@ def _residuals(findings: Findings) -> html.Section:
         figure = Figure([panels[:2], [panels[2], autocorrelation_panel(findings, joint)]], 4.4)
         caption = f"Joint {joint}: residual over time, velocity and position, and its autocorrelation."
         pictures.append(html.picture(figure, f"residual{joint}", caption))
-    return html.section("residuals", "Residuals", html.paragraph(note, note=True), html.figures(pictures))
+    return [html.paragraph(note, note=True), html.figures(pictures)]
 
 
-def _proof(findings: Findings) -> html.Section | None:
+def _proof(findings: Findings) -> list[Markup]:
     search, count = findings.summary.search, len(findings.alternatives.cost)
     if not findings.summary.hidden_joints:
-        return None
-    parts = [
-        html.table("How the signs were searched, and what is proven about them.", ["What", "Value"], shown_rows(search))
-    ]
+        return []
+    caption = "How the signs were searched, and what is proven about them."
+    parts = [html.table(caption, ["What", "Value"], shown_rows(search))]
     if search.lower_bound is not None:
         caption = "Costs of the assignments that remain."
         parts.append(html.figures([html.picture(alternatives_figure(findings), "alternatives", caption)]))
     if search.certified and count > 1:  # else the list says nothing about the others
         caption = f"The cheapest of {count - 1} other assignments that remain; where they differ from the best."
-        parts.append(
-            html.table(caption, ["Number", "Cost above", "Probability", "Other signs", "At"], _others(findings))
-        )
+        headings = ["Number", "Cost above", "Probability", "Other signs", "At"]
+        parts.append(html.table(caption, headings, _others(findings)))
     elif search.certified:
         parts.append(html.paragraph("No other assignment of the strong segments remains."))
-    return html.section("proof", "The proof", *parts)
+    return parts
 
 
 def _others(findings: Findings) -> Iterator[tuple[str, ...]]:
@@ -322,22 +301,21 @@ def _others(findings: Findings) -> Iterator[tuple[str, ...]]:
     found = findings.alternatives
     for b in range(1, min(len(found.cost), TUNING.assignments + 1)):
         here = np.flatnonzero(found.branch == b)
-        joints = sorted({int(j) + 1 for j in found.joint[here]})
         links = [_link(found, k, f"{found.start[k]:.2f} s") for k in here[: TUNING.spans]]
         yield (
             str(b),
             html.number(found.cost[b] - found.cost[0]),
             html.NONE if np.isnan(found.mass[b]) else html.probability(found.mass[b]),
-            f"{len(here)} in joint{'s' * (len(joints) > 1)} {listed([str(j) for j in joints])}",
+            f"{len(here)} in {joints_in_words((found.joint[here] + 1).tolist())}",
             Markup(", ").join([*links, *(["..."] if len(here) > TUNING.spans else [])]),
         )
 
 
-def _validation(findings: Findings) -> html.Section:
-    name, title, prediction = "validation", "Validation on another log", findings.prediction
+def _validation(findings: Findings) -> list[Markup]:
+    prediction = findings.prediction
     if prediction is None:
         untried = f"This model has not been tried on a log that it has not seen: {commands.validate(findings)}"
-        return html.section(name, title, html.paragraph(untried))
+        return [html.paragraph(untried)]
     seen = Markup("<p><strong>This is no validation: the model was identified from this log.</strong></p>")
     caption = f"{prediction.source}: errors against measured efforts. The band of 95 % accounts for {prediction.band}."
     values = zip(prediction.rms_error, prediction.relative_residual, prediction.coverage, strict=True)
@@ -346,17 +324,17 @@ def _validation(findings: Findings) -> html.Section:
         for joint, (error, share, covered) in enumerate(values, start=1)
     ]
     shows = "on another log: measured, predicted, and the band of 95 %."
-    pictures = [_over_time(findings, validation_panel, name, joint, shows) for joint in range(1, findings.n_joints + 1)]
     told = html.table(caption, ["Joint", "RMS error", "Over the RMS effort", "In the 95 % band"], rows)
-    return html.section(name, title, *([seen] if prediction.seen else []), told, html.figures(pictures, linked=True))
+    drawn = _over_time(findings, validation_panel, "validation", shows)
+    return [*([seen] if prediction.seen else []), told, drawn]
 
 
-def _run(findings: Findings) -> html.Section:
+def _run(findings: Findings) -> list[Markup]:
     run = findings.summary.provenance
     options = {name: value if isinstance(value, str) else json.dumps(value) for name, value in run.options.items()}
     named = [
-        *([("Command", run.command)] if run.command else []),
-        *([("In Python", run.call)] if run.call else []),
+        ("Command", run.command),
+        ("In Python", run.call),
         *((f"Option {name}", value) for name, value in options.items()),
         *((f"SHA-256 of {name}", digest) for name, digest in run.files.items()),
         ("SHA-256 of the samples", run.data),
@@ -365,13 +343,23 @@ def _run(findings: Findings) -> html.Section:
         *((f"Seconds: {name}", f"{seconds:.1f}") for name, seconds in findings.summary.timings.items()),
     ]
     caption = "Same options, data and versions, same result; but budgets in seconds depend on the machine."
-    rows = [(name, Markup("<code>{}</code>").format(value)) for name, value in named]
-    return html.section("run", "What was run", html.table(caption, ["What", "Value"], rows))
+    rows = [(name, Markup("<code>{}</code>").format(value)) for name, value in named if value]
+    return [html.table(caption, ["What", "Value"], rows)]
 
 
-_PARTS: tuple[Callable[[Findings], html.Section | None], ...] = (
-    *(_torques, _doubts, _effects, _gains, _coefficients, _posterior, _residuals, _proof, _validation, _run),
-)
+_PARTS: Mapping[tuple[str, str], Callable[[Findings], list[Markup]]] = {
+    ("torques", "Efforts and signs"): _torques,
+    ("doubts", "Ambiguous segments"): _doubts,
+    ("effects", "Beyond the terms asked for"): _effects,
+    ("gains", "Gains"): _gains,
+    ("coefficients", "Coefficients"): _coefficients,
+    ("posterior", "Posterior"): _posterior,
+    ("residuals", "Residuals"): _residuals,
+    ("proof", "The proof"): _proof,
+    ("validation", "Validation on another log"): _validation,
+    ("run", "What was run"): _run,
+}
+"""Names, titles and contents, in their order."""
 
 
 # ---------------------------------------------------------------------------------------------------------------
