@@ -1,10 +1,8 @@
-"""The result folder: what `identify` leaves behind and `validate` reads.
+"""Result folders: what `identify`, `validate` and `discrepancy` leave behind.
 
-Every folder is written aside and renamed into place, so there is never half of one. An earlier one is replaced only if
-it holds nothing but files that the same command writes: other people's files, and models, are never deleted.
-
-What was computed comes first, pages are added once it stands. An export or a page that fails is left out and named, in
-summary.json (`not_written`) and by an `IncompleteWarning`; the rest stands.
+A folder is written aside and renamed into place; an earlier one is replaced if it holds nothing but files of its kind.
+What was computed comes first, pages once it stands. An export or a page that fails is left out and named, in
+summary.json (`not_written`) and by an `IncompleteWarning`.
 """
 
 from __future__ import annotations
@@ -119,11 +117,11 @@ def save_identification(
     validation: Validation | None = None,
     progress: Progress = SILENT,
 ) -> Path:
-    """Writes the result folder.
+    """Writes the result folder; an earlier result there is replaced as a whole.
 
     Args:
         identification: what to write.
-        folder: where; an earlier result there is replaced as a whole.
+        folder: where.
         with_log: whether the log itself goes in too, as log.csv.
         report: whether report.html is made too, which takes some seconds; `bayesid.make_report` makes it later.
         validation: of another log, for the report.
@@ -154,23 +152,13 @@ def save_discrepancy(
 ) -> Path:
     """Writes discrepancy.json, a report of it, and the result folder of the extended model.
 
-    Args:
-        discrepancy: what to write.
-        folder: where; an earlier result there is replaced as a whole.
-        report: whether the extended model's own report.html is made too, which takes some seconds.
-        progress: called as progress("report", done, total).
-
-    Raises:
-        InputError: the folder cannot be written, or holds other files than an earlier result.
-        KeyboardInterrupt: with a text that says so where the result stands already.
-
-    Warns:
-        IncompleteWarning: an export or a page could not be written; the rest stands.
+    Arguments, errors and warnings are those of `save_identification`; `report` is of the extended model's report.html.
 
     Example:
         >>> (bayesid.save_discrepancy(found, "found", report=False) / "discrepancy.json").is_file()
         True
     """
+    from bayesid.report.discrepancy import discrepancy_summary  # takes long to import, for these results alone
 
     def page() -> str:
         from bayesid.report.pages.discrepancy_page import discrepancy_page  # jinja2, for pages alone
@@ -178,8 +166,6 @@ def save_discrepancy(
         return discrepancy_page(discrepancy)
 
     def write(place: Path) -> None:
-        from bayesid.report.discrepancy import discrepancy_summary  # takes long to import, for these results alone
-
         write_json(place / "discrepancy.json", discrepancy_summary(discrepancy))
 
     return _save_result(discrepancy.identification, folder, report, progress, write, page)
@@ -190,22 +176,21 @@ def save_comparison(
 ) -> Path:
     """Writes discrepancy.json, timeline.csv, a report of both, and the result folder of the last log's extended model.
 
-    Arguments and errors are those of `save_discrepancy`.
+    Arguments, errors and warnings are those of `save_discrepancy`.
 
     Example:
         >>> both = bayesid.compare_logs(robot, [log, other_log], terms, posterior=False)
         >>> (bayesid.save_comparison(both, "days", report=False) / "timeline.csv").is_file()
         True
     """
+    from bayesid.report.comparison import comparison_summary, timeline_rows
 
     def page() -> str:
-        from bayesid.report.pages.discrepancy_page import comparison_page  # jinja2, for pages alone
+        from bayesid.report.pages.discrepancy_page import comparison_page
 
         return comparison_page(comparison)
 
     def write(place: Path) -> None:
-        from bayesid.report.comparison import comparison_summary, timeline_rows
-
         write_json(place / "discrepancy.json", comparison_summary(comparison))
         write_table(place / "timeline.csv", list(timeline_rows(comparison)))
 
@@ -252,8 +237,13 @@ def _write_page(path: Path, text: Callable[[], str]) -> None:
     replace_file(path, lambda aside: aside.write_text(text(), encoding="utf-8"))
 
 
+def _summary(folder: Path) -> dict[str, Any]:
+    content: dict[str, Any] = json.loads((folder / MARKER).read_text(encoding="utf-8"))
+    return content
+
+
 def _note_missing(folder: Path, missing: Mapping[str, str]) -> None:
-    summary = json.loads((folder / MARKER).read_text(encoding="utf-8")) | {"not_written": missing}
+    summary = _summary(folder) | {"not_written": missing}
     replace_file(folder / MARKER, lambda aside: write_json(aside, summary))
 
 
@@ -292,10 +282,9 @@ def make_report(
         findings = findings.with_validation(validation)
         replace_file(Path(folder) / FINDINGS, lambda aside: write_findings(findings, aside))
     _write_page(path, lambda: _report(findings, progress))
-    if path == Path(folder) / _REPORT:
-        missing = json.loads((path.parent / MARKER).read_text(encoding="utf-8")).get("not_written") or {}
-        if path.name in missing:
-            _note_missing(path.parent, {name: why for name, why in missing.items() if name != path.name})
+    missing = _summary(Path(folder)).get("not_written") or {}
+    if path == Path(folder) / _REPORT and path.name in missing:
+        _note_missing(path.parent, {name: why for name, why in missing.items() if name != path.name})
     return path
 
 
@@ -391,17 +380,10 @@ def coefficient_rows(identification: Identification) -> list[dict[str, object]]:
     """
     return [
         {
-            "name": one.name,
-            "expression": one.expression,
-            "mean": one.mean,
-            "sd": one.sd,
+            **{"name": one.name, "expression": one.expression, "mean": one.mean, "sd": one.sd},
             "rsd_percent": 100.0 * one.sd / abs(one.mean) if one.mean else np.inf,
-            "q2.5": one.lower,
-            "q97.5": one.upper,
-            "unit": one.unit,
-            "prior_sd": _if_known(one.prior_sd),
-            "decided_by": one.decided_by,
-            "nominal": _if_known(one.nominal),
+            **{"q2.5": one.lower, "q97.5": one.upper, "unit": one.unit, "prior_sd": _if_known(one.prior_sd)},
+            **{"decided_by": one.decided_by, "nominal": _if_known(one.nominal)},
         }
         for one in identification.coefficients_table()
     ]
@@ -445,28 +427,21 @@ def kept_draws(identification: Identification) -> DataTree:
         raise ValueError("no posterior was sampled")
     from bayesid.posterior.inference_data import Labels, Moved, keep  # and xarray, for a posterior alone
 
-    completion = identification.completion
+    model, completion = identification.model, identification.completion
     labels = Labels(
         coefficients=identification.coefficients,
-        parameters=identification.model.parameters,
-        joints=[f"A{j}" for j in range(1, identification.model.robot.n_joints + 1)],
+        parameters=model.parameters,
+        joints=[f"A{j}" for j in range(1, model.robot.n_joints + 1)],
         time=identification.signals.motion.t,
         nuisance={} if completion is None else completion.uncertain,
     )
     summary = as_json(summarise(identification))
-    run = {key: summary[key] for key in ("robot", "log", "terms", "noise", "signs")}
-    sampling = {key: summary["posterior"][key] for key in ("converged", "max_rhat", "min_ess", "seed")}
-    versions = {f"{name}_version": version(name) for name in ("bayesid", "numpy", "emcee", "arviz")}
-    attributes = {**run, **sampling, "modes": summary["modes"], **versions}
-    return keep(
-        posterior.draws,
-        posterior.target,
-        posterior.blocks,
-        labels,
-        attributes,
-        mode=posterior.mode_of_draws,
-        moved=None if posterior.shift is None else Moved(posterior.shift, posterior.log_gain),
-    )
+    attributes = {key: summary[key] for key in ("robot", "log", "terms", "noise", "signs", "modes")}
+    attributes |= {key: summary["posterior"][key] for key in ("converged", "max_rhat", "min_ess", "seed")}
+    attributes |= {f"{name}_version": version(name) for name in ("bayesid", "numpy", "emcee", "arviz")}
+    moved = None if posterior.shift is None else Moved(posterior.shift, posterior.log_gain)
+    chosen = posterior.draws, posterior.target, posterior.blocks
+    return keep(*chosen, labels, attributes, mode=posterior.mode_of_draws, moved=moved)
 
 
 def _write_signed_log(path: Path, log: Log, signals: Signals, probability: Array) -> None:
