@@ -22,7 +22,7 @@ from bayesid.regression.noise import Noise
 from bayesid.regression.tuning import TUNING as REGRESSION
 
 _ROUNDING = 1e-9
-"""Of a column's square, below which what is left of it beside others is rounding: ten ridges of `inverse_of`."""
+"""Of a column's square, below which what is left of it beside others is rounding."""
 GIVEN, BY_DATA, BY_PRIOR = "given", "data", "prior"
 """What decides a gain."""
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from scipy.linalg.lapack import dpotrf, dpotri
+from scipy.linalg.lapack import dpotrf, dtrtri
 
 from bayesid.arrays import Array
 from bayesid.effects.coefficients import BaseCoefficients, base_coefficients, embedding
@@ -24,8 +24,8 @@ _NOTHING = 1e-12
 """Share of the largest diagonal entry below which an entry is rounding."""
 
 
-RIDGE = 1e-10
-"""Of a scaled matrix, against rounding."""
+RIDGE = 1e-12
+"""Of a scaled matrix, against rounding: some hundred times that of its entries."""
 
 
 @dataclass(frozen=True)
@@ -116,16 +116,25 @@ def scale_of(precision: Array) -> Array:
 
 def inverse_of(matrix: Array) -> Array:
     """Of a positive matrix in mixed units; zero where its diagonal is."""
+    root = inverse_root(matrix)[0]
+    inverse: Array = root.T @ root
+    return inverse
+
+
+def inverse_root(matrix: Array) -> tuple[Array, float]:
+    """R with R'R = H^-1 of a positive matrix H in mixed units, and log det(H) / 2; R is zero where H's diagonal is."""
     diagonal = np.diag(matrix)
     seen = diagonal > np.finfo(float).tiny
     scale = np.where(seen, 1.0 / np.sqrt(np.where(seen, diagonal, 1.0)), 0.0)
-    scaled = matrix * np.outer(scale, scale) + RIDGE * np.eye(len(scale))
+    scaled = matrix * np.outer(scale, scale) + np.diag(np.where(seen, RIDGE, 1.0))
     factor, failed = dpotrf(scaled, lower=True)
-    if failed:  # by rounding
-        return np.asarray(np.linalg.pinv(scaled, hermitian=True) * np.outer(scale, scale))
-    lower = np.tril(dpotri(factor, lower=True)[0])
-    inverse: Array = (lower + np.tril(lower, -1).T) * np.outer(scale, scale)
-    return inverse
+    if failed:  # by rounding: directions that nothing decides are left out
+        values, vectors = np.linalg.eigh(scaled)
+        kept = values > RIDGE
+        root = (vectors[:, kept] / np.sqrt(values[kept])).T * scale
+        return root, 0.5 * float(np.log(values[kept]).sum()) - float(np.log(scale[seen]).sum())
+    root = dtrtri(factor, lower=True)[0] * scale
+    return root, float(np.log(np.diag(factor)).sum() - np.log(scale[seen]).sum())
 
 
 @dataclass(frozen=True)

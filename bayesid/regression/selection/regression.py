@@ -28,11 +28,10 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import solve_triangular
 from scipy.special import log_ndtr
 
 from bayesid.arrays import TINY, Array, Integers, Mask
-from bayesid.regression.knowledge import inverse_of
+from bayesid.regression.knowledge import inverse_of, inverse_root
 from bayesid.regression.selection.columns import NO_COLUMNS, Columns, by_fold, rows_of_blocks, together
 from bayesid.regression.selection.error_model import ErrorModel, alike, fit_error
 from bayesid.regression.selection.explanation import Explanation, JudgedJoint, Observations
@@ -45,21 +44,14 @@ Effects = Sequence[Hypothesis]
 
 @dataclass(frozen=True, eq=False)
 class Regression:
-    """A log regressed on a model's columns and those of effects; prepared once, asked for many sets of the effects.
+    """A log regressed on a model's columns and those of effects; prepared once, asked for many sets of the effects."""
 
-    Attributes:
-        data: the log.
-        effects: the groups of columns, linear about their own numbers; sets of them are asked for.
-        errors: of each joint, which weigh its samples.
-        uncertain: columns that the model may be wrong by in any case, beside every set.
-        predicting: whether these may take part in predictions of held-back blocks: what evidence tells from them by
-            their prior alone, such as an offset from a large error of the geometry, predictions do not.
-    """
-
-    data: Observations
-    effects: Effects
-    errors: Sequence[ErrorModel]
-    uncertain: Columns = NO_COLUMNS
+    data: Observations  #: the log
+    effects: Effects  #: the groups of columns, linear about their own numbers; sets of them are asked for
+    errors: Sequence[ErrorModel]  #: of each joint, which weigh its samples
+    uncertain: Columns = NO_COLUMNS  #: that the model may be wrong by in any case, beside every set
+    #: whether these may take part in predictions of held-back blocks: what evidence tells from them by their prior
+    #: alone, such as an offset from a large error of the geometry, predictions do not
     predicting: bool = True
     # by joint, once asked for: products with the shape of the error, columns of the effects, and these pulled back
     _products: dict[int, tuple[object, Array]] = field(default_factory=dict, repr=False)
@@ -297,7 +289,7 @@ class Regression:
     def _best(self) -> tuple[Array, Array, float]:
         """(m,) of all effects, R with R'R = H^-1, and log det(H) / 2."""
         index, matrix, slope = self._equations(self._all, self.effects)
-        root, volume = _root_of_inverse(matrix)
+        root, volume = inverse_root(matrix)
         return self._whole(self.effects, index, root.T @ (root @ slope)), root, volume
 
     @cached_property
@@ -434,11 +426,3 @@ def integrated(gram: Array, slope: Array, effects: Sequence[Columns]) -> tuple[A
     sides = np.sum(np.log(2.0) + log_ndtr(best / spread), axis=1, where=positive) if positive.any() else 0.0
     gain = base + 0.5 * np.sum(best * slope, axis=1) - 0.5 * log_det + sides
     return gain, 0.5 * (np.trace(scaled, axis1=1, axis2=2) - p) - 0.5 * log_det
-
-
-def _root_of_inverse(matrix: Array) -> tuple[Array, float]:
-    """R with R'R = H^-1, and log det(H) / 2."""
-    lengths = np.sqrt(np.maximum(np.diag(matrix), TINY))
-    factor = np.linalg.cholesky(matrix / np.outer(lengths, lengths) + 1e-12 * np.eye(len(lengths)))  # against rounding
-    root = solve_triangular(factor, np.diag(1.0 / lengths), lower=True)
-    return root, float(np.log(np.diag(factor)).sum() + np.log(lengths).sum())
