@@ -20,9 +20,9 @@ from bayesid.progress import SILENT, Progress
 from bayesid.regression.selection.added_effect import AddedEffect, Cost, all_along, was_there, weigh
 from bayesid.regression.selection.error_model import ErrorModel
 from bayesid.regression.selection.explanation import LN10, Explanation, Observations, Thresholds
-from bayesid.regression.selection.forward import Rules, select_forward
+from bayesid.regression.selection.forward import select_forward
 from bayesid.regression.selection.held_back import HeldBackErrors, bears_out, log_density, surely_better
-from bayesid.regression.selection.hypotheses import EffectKey, Hypothesis, Library, hypotheses
+from bayesid.regression.selection.hypotheses import EffectKey, Hypothesis, Library, hypotheses, maker
 from bayesid.regression.selection.modelled_log import Extension, extend, sharpened
 from bayesid.regression.selection.refinement import refined
 from bayesid.regression.selection.regression import Effects, Regression, explain
@@ -105,7 +105,8 @@ def _begin(case: Case) -> tuple[Observations, Library]:
     predicted = case.before
     for _ in range(TUNING.settlings):
         predicted = case.predicted(explain(case.data(predicted), ()))
-    library = list(hypotheses(case.model, case.scene(predicted), case.trial.used))
+    scene = case.scene(predicted)
+    library = list(hypotheses(maker(case.model, scene, case.trial.used), scene))
     refit = case.standard_refit
     return case.data(predicted, None if refit is None else refit.probability), library
 
@@ -134,7 +135,7 @@ def _one_by_one(sets: EffectSets, chosen: EffectSet, idle: Collection[EffectKey]
     they reach it: the friction of a real joint is never exactly what a term says.
     """
     case, limits = sets.case, sets.case.thresholds
-    rules = Rules(limits.log10_bayes_factor * LN10, limits.max_effects, partial(_sharper, case))
+    needed, sharpen = limits.log10_bayes_factor * LN10, partial(_sharper, case)
     seen = [chosen.keys]
     standard = not chosen.data.sharp.all() and not chosen.effects
     while True:
@@ -142,7 +143,9 @@ def _one_by_one(sets: EffectSets, chosen: EffectSet, idle: Collection[EffectKey]
         others = [effect for effect in others if effect.key not in idle]
         tried = [*chosen.effects, *others[: limits.short_list]]
         regression = Regression(chosen.data, tried, errors, case.uncertain, predicting=False)
-        _, found = select_forward(regression, rules, chosen.keys)
+        _, found = select_forward(
+            regression, needed=needed, most=limits.max_effects, sharpen=sharpen, start=chosen.keys
+        )
         chosen = sets.settled(refined(chosen.data, found, sets.library), chosen.data, ())
         if not standard and chosen.keys in seen:
             return chosen

@@ -18,7 +18,7 @@ from bayesid.effects.learned_effect import LearnedEffect
 from bayesid.regression.selection.added_effect import Cost
 from bayesid.regression.selection.explanation import Explanation, Observations
 from bayesid.regression.selection.held_back import HeldBackErrors
-from bayesid.regression.selection.hypotheses import EffectKey, Hypothesis, Library, forms_of, maker
+from bayesid.regression.selection.hypotheses import EffectKey, Hypothesis, Library, hypotheses, maker
 from bayesid.regression.selection.modelled_log import Extension, effort_of, extend, sharpened
 from bayesid.regression.selection.refinement import refined
 from bayesid.regression.selection.regression import Effects, Regression, explain, plain_errors
@@ -229,7 +229,7 @@ class EffectSets:
         effort = effort_of(self.case.columns, explanation.beta, explanation.parts, distorted=False)
         scene = self.case.scene(effort)
         make = maker(self.case.model, scene, data.used)
-        return forms_of(*effect.key, make, scene)
+        return list(hypotheses(make, scene, effect=effect.effect, joints=effect.joints))
 
 
 def weighed(smallest: Sequence[EffectSet], chosen: EffectSet) -> tuple[WeighedSet, ...]:

@@ -28,7 +28,7 @@ from bayesid.excitation.tuning import TUNING
 from bayesid.motion import Motion
 from bayesid.regression.selection.added_effect import AddedEffect
 from bayesid.regression.selection.explanation import LN10
-from bayesid.regression.selection.hypotheses import EffectKey, forms_of, maker
+from bayesid.regression.selection.hypotheses import EffectKey, hypotheses, maker
 
 _RANK = 1e-6
 """Share of a column's length that others must leave for a motion to tell it from them."""
@@ -286,13 +286,13 @@ def _rivals(
     rivals = []
     for key in keys:
         own, amplitudes = found.get(key), steps.get(key)
-        hypotheses = [] if own is None else [make(own[0])]
-        hypotheses += [one for group in forms_of(*key, make, scene) for one in group]
-        if not hypotheses:
+        tried = [] if own is None else [make(own[0])]
+        tried += [one for group in hypotheses(make, scene, effect=key[0], joints=key[1]) for one in group]
+        if not tried:
             where = f"joint {', '.join(map(str, key[1]))}" if key[1] else "the whole robot"
             raise InputError(f"{key[0]!r} has no form in {where}", field="between", remedy=_REMEDY)
         forms = []
-        for one in hypotheses:
+        for one in tried:
             shift = int(any(np.any(values) for values in one.columns.shift.values()))
             sd = np.concatenate([one.columns.sd, np.full(shift, TUNING.shift)])
             mean = np.concatenate([np.zeros(len(one.columns.sd)), np.ones(shift)])

@@ -15,7 +15,7 @@ from bayesid.cli import main
 from bayesid.effects.catalogue import forms, make_terms
 from bayesid.effects.model import Model
 from bayesid.effects.parameters import Coefficient, Cone
-from bayesid.regression.selection.hypotheses import hypotheses
+from bayesid.regression.selection.hypotheses import hypotheses, maker
 from bayesid.robot import load_robot, robot_from_table
 from bayesid.simulation.logs import parse_effect, with_effects
 from bayesid.simulation.parameters import random_parameters
@@ -88,7 +88,7 @@ def test_registered_effects_are_simulated_and_sought():
     np.testing.assert_allclose(size, [0.0, 0.3, 0.1, 0.2, 0.0, 0.0], rtol=0.01, atol=1e-12)
 
     scene = rigid.scene(motion, theta, effort, np.abs(effort))
-    candidates = [one for group in hypotheses(rigid, scene, np.ones(effort.shape, bool)) for one in group]
+    candidates = [one for group in hypotheses(maker(rigid, scene, np.ones(effort.shape, bool)), scene) for one in group]
     for name in KINDS:
         first = 2 if name == "late_positions" else 1  # where joint 1 stands, about the vertical, makes no effort
         assert {one.joints for one in candidates if one.effect == name} == {(j,) for j in range(first, 7)}

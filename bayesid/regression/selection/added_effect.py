@@ -22,40 +22,26 @@ Quantity = tuple[float, float, str]
 
 @dataclass(frozen=True)
 class AddedEffect:
-    """An effect that was added, weighed against all that could stand in its place.
+    """An effect that was added, weighed against all that could stand in its place."""
 
-    Attributes:
-        hypothesis: the form that was added.
-        gain: log of the Bayes factor for it, given all others that were added.
-        probability: of the effect in these joints, or one that is equivalent to it, among the catalogue, nothing
-            missing and something else (:eq:`effect-probability`).
-        nothing_missing: probability that nothing is missing in its place.
-        something_else: probability that it is something outside of the catalogue.
-        rivals: scores of the alternatives, best first, itself included.
-        equivalent: names of the effects that the log cannot tell from it.
-        included: probability of this effect over all sets that are weighed (`bayesid.discrepancy.sets.WeighedSet`).
-        elsewhere: of an error of the robot's table, those of other joints' rows that the log cannot tell from it.
-        parameters: by their names; of what the earlier model has too, the new value and the change.
-        readable: what people read in place of parameters, by its names.
-        description: of an effect without a name: its variables, formula and families.
-        size: how large its effort is on held-back data; None while that is not known.
-        cost: what the error there is without it; None likewise.
-    """
-
-    hypothesis: Hypothesis
-    gain: float
+    hypothesis: Hypothesis  #: the form that was added
+    gain: float  #: log of the Bayes factor for it, given all others that were added
+    #: of the effect in these joints, or one that is equivalent to it, among the catalogue, nothing missing and
+    #: something else (:eq:`effect-probability`)
     probability: float
-    nothing_missing: float
-    something_else: float
-    rivals: tuple[Score, ...]
-    equivalent: tuple[str, ...]
-    included: float = 1.0
+    nothing_missing: float  #: probability that nothing is missing in its place
+    something_else: float  #: probability that it is something outside of the catalogue
+    rivals: tuple[Score, ...]  #: the alternatives, best first, itself included
+    equivalent: tuple[str, ...]  #: names of the effects that the log cannot tell from it
+    included: float = 1.0  #: probability of it over all sets that are weighed (`bayesid.discrepancy.sets.WeighedSet`)
+    #: of an error of the robot's table, those of other joints' rows that the log cannot tell from it
     elsewhere: tuple[EffectKey, ...] = ()
+    #: by their names; of what the earlier model has too, the new value and the change
     parameters: dict[str, Quantity] = field(default_factory=dict)
-    readable: dict[str, Quantity] = field(default_factory=dict)
-    description: Description | None = None
-    size: EffortSize | None = None
-    cost: Cost | None = None
+    readable: dict[str, Quantity] = field(default_factory=dict)  #: what people read in their place, by its names
+    description: Description | None = None  #: of an effect without a name: its variables, formula and families
+    size: EffortSize | None = None  #: how large its effort is on held-back data; None while that is not known
+    cost: Cost | None = None  #: what the error there is without it; None likewise
 
     def __repr__(self) -> str:
         where = f"joint {', '.join(map(str, self.joints))}" if self.joints else "the whole robot"
@@ -163,21 +149,13 @@ RATED, LARGEST_READING = "rated effort", "largest effort in this log"
 
 @dataclass(frozen=True)
 class EffortSize:
-    """How large an effect's own effort is on held-back data, in the joint where that is largest.
+    """How large an effect's own effort is on held-back data, in the joint where that is largest."""
 
-    Attributes:
-        joint: from 1.
-        rms: N m.
-        largest: absolute value, N m.
-        reference: effort that the largest is held against, N m.
-        of: what that is, `RATED` or `LARGEST_READING`.
-    """
-
-    joint: int
-    rms: float
-    largest: float
-    reference: float
-    of: str
+    joint: int  #: from 1
+    rms: float  #: N m
+    largest: float  #: absolute value, N m
+    reference: float  #: effort that the largest is held against, N m
+    of: str  #: what that is, `RATED` or `LARGEST_READING`
 
     @property
     def share(self) -> float:
@@ -189,18 +167,14 @@ class EffortSize:
 class Cost:
     """What the error of the efforts on held-back data is without an effect, in the joint where that matters most.
 
-    Attributes:
-        joint: from 1, of those that the effect acts in: where the mean squared error rises most, as a share of the mean
-            squared effort, so that units do not matter.
-        before: RMS error without the effect, all others kept and their numbers found anew, N m.
-        after: RMS error with it, N m.
-        effort: RMS effort of the joint there, N m.
+    Of those that it acts in: where the mean squared error rises most, as a share of the mean squared effort, so that
+    units do not matter.
     """
 
-    joint: int
-    before: float
-    after: float
-    effort: float
+    joint: int  #: from 1
+    before: float  #: RMS error without the effect, all others kept and their numbers found anew, N m
+    after: float  #: RMS error with it, N m
+    effort: float  #: RMS effort of the joint there, N m
 
     @property
     def share_before(self) -> float:

@@ -20,25 +20,19 @@ from bayesid.regression.tuning import TUNING
 
 @dataclass(frozen=True, eq=False)
 class Columns:
-    """What a hypothesis adds to the efforts: columns with free amplitudes, and a change without.
+    """What a hypothesis adds to the efforts: columns with free amplitudes, and a change without."""
 
-    Attributes:
-        rows: joint (0-based) to (N, p) columns.
-        shift: joint to (N,) change, N m.
-        sd: (p,) prior standard deviations of the amplitudes.
-        positive: (p,) which of them cannot be negative.
-    """
-
-    rows: dict[int, Array]
-    shift: dict[int, Array]
-    sd: Array
-    positive: Mask
+    rows: dict[int, Array]  #: joint (0-based) to (N, p) columns
+    shift: dict[int, Array]  #: joint to (N,) change, N m
+    sd: Array  #: (p,) prior standard deviations of the amplitudes
+    positive: Mask  #: (p,) which of them cannot be negative
 
     @classmethod
-    def of_joints(cls, columns: Array, sd: Array) -> Columns:
-        """Columns (N, n, p) of all joints, of either sign."""
+    def of_joints(cls, columns: Array) -> Columns:
+        """Columns (N, n, p) of all joints, of either sign, in units of their prior sd."""
+        p = columns.shape[2]
         rows = {j: columns[:, j] for j in range(columns.shape[1])}
-        return cls(rows, {}, sd, np.zeros(len(sd), dtype=bool))
+        return cls(rows, {}, np.ones(p), np.zeros(p, dtype=bool))
 
     @property
     def joints(self) -> set[int]:

@@ -30,19 +30,12 @@ _SMALL = 1e-12
 
 @dataclass(frozen=True)
 class ErrorModel:
-    """White noise and an Ornstein-Uhlenbeck process, in one joint.
+    """White noise and an Ornstein-Uhlenbeck process, in one joint."""
 
-    Attributes:
-        white: sd of the part that changes from sample to sample, N m.
-        coloured: sd of the part that lasts, N m.
-        correlation: its correlation time, s.
-        rate: Hz.
-    """
-
-    white: float
-    coloured: float
-    correlation: float
-    rate: float
+    white: float  #: sd of the part that changes from sample to sample, N m
+    coloured: float  #: sd of the part that lasts, N m
+    correlation: float  #: its correlation time, s
+    rate: float  #: Hz
 
     @property
     def sigma(self) -> float:

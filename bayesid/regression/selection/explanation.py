@@ -88,29 +88,18 @@ class Thresholds:
 
 @dataclass(frozen=True)
 class Observations:
-    """What all hypotheses are judged by: the log with its signs settled, what is known, and how to decide.
+    """What all hypotheses are judged by: the log with its signs settled, what is known, and how to decide."""
 
-    Attributes:
-        whitening: the model's columns (N, n, r), and which samples (N, n) count; shared by all observations of them.
-        effort: (N, n) with their expected signs, zero where not used, N m.
-        information: of the r coefficients, from earlier logs.
-        floor: (n,) RMS of the noise, N m.
-        sharp: (n,) whether the floor holds all of the noise (see `bayesid.discrepancy.case.NoiseFloor`).
-        limits: (n, 2) largest white and coloured part of the error that is nothing but noise, N m.
-        rate: Hz.
-        thresholds: that decide.
-        reference: an explanation of nearly the same data: its error models are kept in joints where the same effects
-            act.
-    """
-
+    #: the model's columns (N, n, r), and which samples (N, n) count; shared by all observations of them
     whitening: Whitening = field(repr=False)
-    effort: Array
-    information: Information
-    floor: Array
-    sharp: Mask
-    limits: Array
-    rate: float
-    thresholds: Thresholds = Thresholds()
+    effort: Array  #: (N, n) with their expected signs, zero where not used, N m
+    information: Information  #: of the r coefficients, from earlier logs
+    floor: Array  #: (n,) RMS of the noise, N m
+    sharp: Mask  #: (n,) whether the floor holds all of the noise (see `bayesid.discrepancy.case.NoiseFloor`)
+    limits: Array  #: (n, 2) largest white and coloured part of the error that is nothing but noise, N m
+    rate: float  #: Hz
+    thresholds: Thresholds = Thresholds()  #: that decide
+    #: an explanation of nearly the same data: its error models are kept in joints where the same effects act
     reference: Explanation | None = field(default=None, repr=False, compare=False)
 
     @property
@@ -208,30 +197,19 @@ class JudgedJoint:
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
-    """A log explained by the model and some effects.
+    """A log explained by the model and some effects."""
 
-    Attributes:
-        data: the log.
-        effects: linear about their own numbers.
-        uncertain: columns that the model may be wrong by beside.
-        beta: (r,) coefficients.
-        amplitudes: of each effect, (p,) each.
-        sd: of the amplitudes.
-        residual: (N, n) N m, zero where not used.
-        judged: what is left, joint by joint.
-        log_prior: log prior density of coefficients and amplitudes, less the log volume of what the data leave open.
-        root: R with R'R = H^-1, in the order of coefficients, uncertain columns and amplitudes.
-    """
-
-    data: Observations
-    effects: tuple[Hypothesis, ...]
-    uncertain: Columns
-    beta: Array
-    amplitudes: tuple[Array, ...]
-    sd: tuple[Array, ...]
-    residual: Array
-    judged: tuple[JudgedJoint, ...]
+    data: Observations  #: the log
+    effects: tuple[Hypothesis, ...]  #: linear about their own numbers
+    uncertain: Columns  #: that the model may be wrong by beside
+    beta: Array  #: (r,) coefficients
+    amplitudes: tuple[Array, ...]  #: of each effect, (p,) each
+    sd: tuple[Array, ...]  #: of the amplitudes
+    residual: Array  #: (N, n) N m, zero where not used
+    judged: tuple[JudgedJoint, ...]  #: what is left, joint by joint
+    #: log prior density of coefficients and amplitudes, less the log volume of what the data leave open
     log_prior: float
+    #: R with R'R = H^-1, in the order of coefficients, uncertain columns and amplitudes
     root: Array = field(repr=False)
 
     @property

@@ -14,33 +14,27 @@ from bayesid.regression.selection.hypotheses import EffectKey, Hypothesis
 from bayesid.regression.selection.regression import Effects, Regression
 from bayesid.regression.tuning import TUNING
 
-
-@dataclass(frozen=True)
-class Rules:
-    """What decides in a forward selection.
-
-    Attributes:
-        needed: log Bayes factor.
-        most: effects that are added.
-        sharpen: new forms of effects, by the ids of the old ones, once some are chosen: of those that are linear near
-            what was found alone.
-    """
-
-    needed: float
-    most: int
-    sharpen: Callable[[Regression, Effects], Mapping[int, Hypothesis]] = lambda regression, chosen: {}
+Sharpen = Callable[[Regression, Effects], Mapping[int, Hypothesis]]
+"""New forms of effects, by the ids of the old ones, once some are chosen: of those that are linear near what was found
+alone."""
 
 
 def select_forward(
-    regression: Regression, rules: Rules, start: Set[EffectKey] = frozenset()
+    regression: Regression,
+    *,
+    needed: float,
+    most: int,
+    sharpen: Sharpen = lambda regression, chosen: {},
+    start: Set[EffectKey] = frozenset(),
 ) -> tuple[Regression, list[Hypothesis]]:
     """Adds the borne-out effect of the largest gain until none is left; what that makes needless goes.
 
-    What is chosen at the start goes too if it is not worth it beside the rest. Returns a regression whose noise is that
-    of the result, and the effects that were chosen.
+    An effect needs a log Bayes factor, and so many are added at most. What is chosen at the start goes too if it is not
+    worth it beside the rest. Returns a regression whose noise is that of the result, and the effects that were chosen.
     """
-    selection = _Selection(regression, rules, [effect for effect in regression.effects if effect.key in start])
-    if selection.chosen:
+    begun = [effect for effect in regression.effects if effect.key in start]
+    selection = _Selection(regression, begun, needed, most, sharpen)
+    if begun:
         selection.settle()
         selection.drop_idle()
     while True:
@@ -59,8 +53,10 @@ class _Selection:
     """What is chosen of the regression's effects, and what is never tried again."""
 
     regression: Regression
-    rules: Rules
     chosen: list[Hypothesis]
+    needed: float
+    most: int
+    sharpen: Sharpen
     refused: set[EffectKey] = field(default_factory=set)
 
     def refuse(self, tried: Effects) -> None:
@@ -69,11 +65,11 @@ class _Selection:
 
     def grow(self) -> None:
         """Adds effects as long as one is borne out; what that makes needless is refused from then on."""
-        while len(self.chosen) < self.rules.most:
+        while len(self.chosen) < self.most:
             taken = {effect.key for effect in self.chosen} | self.refused
             tried = [effect for effect in self.regression.effects if effect.key not in taken]
             gains = self.regression.gains(self.chosen, tried)
-            more = self._first_borne_out([tried[k] for k in np.argsort(-gains) if gains[k] > self.rules.needed])
+            more = self._first_borne_out([tried[k] for k in np.argsort(-gains) if gains[k] > self.needed])
             if more is None:
                 break
             self.chosen = self._exchanged(more)
@@ -115,7 +111,7 @@ class _Selection:
     def settle(self) -> None:
         """Sharpens the forms of the chosen and estimates noise anew, until none of them is needless."""
         while True:
-            forms = self.rules.sharpen(self.regression, self.chosen)
+            forms = self.sharpen(self.regression, self.chosen)
             self.chosen = [forms.get(id(effect), effect) for effect in self.chosen]
             self.regression = self.regression.with_forms(forms).weighed_by(self.chosen)
             count = len(self.chosen)
@@ -127,7 +123,7 @@ class _Selection:
         """Leaves out those whose gain, given the others, is too small, the smallest first."""
         while self.chosen:
             gains = [self._gain(effect) for effect in self.chosen]
-            if min(gains) > self.rules.needed:
+            if min(gains) > self.needed:
                 break
             self.chosen = _without(self.chosen, self.chosen[int(np.argmin(gains))])
 

@@ -24,44 +24,26 @@ EffectKey = tuple[str, tuple[int, ...]]
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """A learned function as a log has shown it, for a figure.
+    """A learned function as a log has shown it, for a figure."""
 
-    Attributes:
-        variable: q4, dq5, ddq1, tau2 or t.
-        other: of a function of two variables the other one; empty otherwise.
-        turning: the speed with whose direction it turns round; empty where with none.
-        x: (g,) values of the variable over the range seen.
-        levels: (k,) of the other variable, at each of which there is a curve; one where there is none.
-        mean: (k, g) N m.
-        sd: (k, g) its standard deviation.
-    """
-
-    variable: str
-    other: str
-    turning: str
-    x: Array
-    levels: Array
-    mean: Array
-    sd: Array
+    variable: str  #: q4, dq5, ddq1, tau2 or t
+    other: str  #: of a function of two variables the other one; empty otherwise
+    turning: str  #: the speed with whose direction it turns round; empty where with none
+    x: Array  #: (g,) values of the variable over the range seen
+    levels: Array  #: (k,) of the other variable, at each of which there is a curve; one where there is none
+    mean: Array  #: (k, g) N m
+    sd: Array  #: (k, g) its standard deviation
 
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
-    """One form of an effect.
+    """One form of an effect."""
 
-    Attributes:
-        source: the term or distortion that it would add.
-        columns: what it would do to this log.
-        make: makes a hypothesis of another form.
-        changes: names of parameters of the model that would change, where the model has the effect already.
-        curves: of an effect that was learned, its functions.
-    """
-
-    source: Effect
-    columns: Columns
-    make: Callable[[Effect], Hypothesis] = field(repr=False, compare=False)
-    changes: tuple[str, ...] = ()
-    curves: tuple[Curve, ...] = ()
+    source: Effect  #: the term or distortion that it would add
+    columns: Columns  #: what it would do to this log
+    make: Callable[[Effect], Hypothesis] = field(repr=False, compare=False)  #: makes a hypothesis of another form
+    changes: tuple[str, ...] = ()  #: parameters of the model that would change, where it has the effect already
+    curves: tuple[Curve, ...] = ()  #: of an effect that was learned, its functions
 
     @cached_property
     def effect(self) -> str:
@@ -103,40 +85,35 @@ Library = Sequence[list[Hypothesis]]
 """Groups of forms that act in the same joints with as many amplitudes."""
 
 
-def hypotheses(model: Model, scene: Scene, used: Mask, *, refinements: bool = False) -> Iterator[list[Hypothesis]]:
+def hypotheses(
+    make: Callable[[Effect], Hypothesis],
+    scene: Scene,
+    *,
+    effect: str | None = None,
+    joints: tuple[int, ...] | None = None,
+    refinements: bool = False,
+) -> Iterator[list[Hypothesis]]:
     """Lists of forms that act in the same joints with as many amplitudes, for one call of `Regression.screened` each.
 
-    Of a model as it is, on a log of which samples (N, n) are used; with finer forms of standard terms or without.
+    Of the catalogue, or of one effect and some joints (from 1) alone, where a scene is: distortions are linear near it;
+    with finer forms of standard terms or without.
     """
-    make = maker(model, scene, used)
-    for kind in kinds_of_forms(refinements=refinements):
-        yield from hypotheses_of(kind, make, scene)
+    for kind in catalogue.forms().values():
+        name = effect_of(kind.name)
+        if effect in (None, name) and (refinements or kind.name in STANDARD or name not in STANDARD):
+            yield from _of_kind(kind, make, scene, joints)
 
 
-def kinds_of_forms(*, refinements: bool = False) -> list[type[Effect]]:
-    """Of the catalogue; finer forms of standard terms among them, or not."""
-    kinds = catalogue.forms().values()
-    return [one for one in kinds if refinements or one.name in STANDARD or effect_of(one.name) not in STANDARD]
-
-
-def forms_of(effect: str, joints: tuple[int, ...], make: Callable[[Effect], Hypothesis], scene: Scene) -> Library:
-    """The forms of one effect in some joints (from 1) alone, where a scene is: distortions are linear near it."""
-    kinds = [kind for kind in kinds_of_forms() if effect_of(kind.name) == effect]
-    return [group for kind in kinds for group in hypotheses_of(kind, make, scene, joints)]
-
-
-def hypotheses_of(
-    kind: type[Effect], make: Callable[[Effect], Hypothesis], scene: Scene, joints: tuple[int, ...] | None = None
+def _of_kind(
+    kind: type[Effect], make: Callable[[Effect], Hypothesis], scene: Scene, joints: tuple[int, ...] | None
 ) -> Iterator[list[Hypothesis]]:
-    """The forms of one kind alone, as `hypotheses` has them; in some joints (from 1) alone, if they are given."""
     groups: dict[tuple[object, ...], list[Hypothesis]] = {}
     for source in kind.variants(scene):
-        if joints is not None and source.joints != joints:
-            continue
-        for hypothesis in _scaled(make(source)):
-            columns = hypothesis.columns
-            key = source.joints, len(columns.sd), tuple(sorted(columns.joints)), bool(columns.rows)
-            groups.setdefault(key, []).append(hypothesis)
+        if joints in (None, source.joints):
+            for hypothesis in _scaled(make(source)):
+                columns = hypothesis.columns
+                key = source.joints, len(columns.sd), tuple(sorted(columns.joints)), bool(columns.rows)
+                groups.setdefault(key, []).append(hypothesis)
     for group in groups.values():
         together = stacked([hypothesis.columns for hypothesis in group])
         yield [replace(one, columns=columns) for one, columns in zip(group, together, strict=True)]
@@ -211,14 +188,12 @@ def near_standstill(model: Model, motion: Motion, size: Array, used: Mask) -> Co
     log with little noise enough for the evidence of an effect that acts at low speed (study `complete`, 8 bit).
     The joints' RMS efforts (n,), N m, over the used samples (N, n) give the amplitudes' prior.
     """
-    columns = [_turning_at_once(model, term, motion) for term in model.terms if isinstance(term, DryTerm)]
+    columns = []
+    for term in model.terms:
+        if isinstance(term, DryTerm):
+            at_once = replace(term, smoothing=tuple(speed / TUNING.sharper_turn for speed in term.smoothing))
+            columns.append(at_once.columns(model.robot, motion) - term.columns(model.robot, motion))
     if not columns:
         return NO_COLUMNS
-    together = np.concatenate(columns, axis=2)
-    rows = {j: together[:, j] for j in range(len(size))}
-    return Columns.of_joints(together, usual_amplitudes(rows, size, used))
-
-
-def _turning_at_once(model: Model, term: DryTerm, motion: Motion) -> Array:
-    at_once = replace(term, smoothing=tuple(speed / TUNING.sharper_turn for speed in term.smoothing))
-    return at_once.columns(model.robot, motion) - term.columns(model.robot, motion)
+    turns = Columns.of_joints(np.concatenate(columns, axis=2))
+    return replace(turns, sd=usual_amplitudes(turns.rows, size, used))

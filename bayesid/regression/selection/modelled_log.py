@@ -29,23 +29,14 @@ from bayesid.regression.tuning import TUNING
 
 @dataclass(frozen=True, eq=False)
 class ModelledLog:
-    """A log beside a model of its robot; the signs of its efforts come from elsewhere.
+    """A log beside a model of its robot; the signs of its efforts come from elsewhere."""
 
-    Attributes:
-        knowledge: of the model's parameters, from an earlier log; of no precision without one.
-        coefficients: the model's r base coefficients.
-        motion: N instants.
-        magnitude: (N, n) absolute values of the unfiltered efforts, N m.
-        used: (N, n) samples that count.
-        rate: Hz.
-    """
-
-    knowledge: Knowledge
-    coefficients: BaseCoefficients
-    motion: Motion
-    magnitude: Array
-    used: Mask
-    rate: float
+    knowledge: Knowledge  #: of the model's parameters, from an earlier log; of no precision without one
+    coefficients: BaseCoefficients  #: the model's r base coefficients
+    motion: Motion  #: N instants
+    magnitude: Array  #: (N, n) absolute values of the unfiltered efforts, N m
+    used: Mask  #: (N, n) samples that count
+    rate: float  #: Hz
 
     @property
     def model(self) -> Model:
@@ -95,8 +86,7 @@ class ModelledLog:
     def geometry(self, tolerance: KinematicTolerance, *, known: bool = False) -> Columns:
         """What an error of the robot's geometry does, in units of its tolerance (see `kinematic_columns`)."""
         links = self.model.links(self.knowledge.theta).ravel()
-        columns = kinematic_columns(self.model.robot, self.motion, links, tolerance, known=known)
-        return Columns.of_joints(columns, np.ones(columns.shape[2]))
+        return Columns.of_joints(kinematic_columns(self.model.robot, self.motion, links, tolerance, known=known))
 
     def effort(self, explanation: Explanation, *, distorted: bool = True) -> Array:
         """(N, n) efforts of an explanation, N m; or of model and terms alone, not distorted."""

@@ -15,7 +15,7 @@ with white noise of the scale s >= 1 that is likeliest. This proposes; `regressi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import groupby
@@ -24,7 +24,6 @@ import numpy as np
 from scipy.special import log_ndtr, logsumexp
 
 from bayesid.arrays import TINY, Array, Integers, Mask
-from bayesid.effects.effect import Effect
 from bayesid.regression.selection.error_model import ErrorModel, alike
 from bayesid.regression.selection.explanation import LN10, Explanation, Observations, Thresholds
 from bayesid.regression.selection.hypotheses import EffectKey, Hypothesis, Library
@@ -34,23 +33,16 @@ from bayesid.regression.tuning import TUNING
 
 @dataclass(frozen=True)
 class Score:
-    """An effect in its best form.
+    """An effect in its best form."""
 
-    Attributes:
-        hypothesis: this form.
-        gain: log of the Bayes factor for adding it, averaged over its forms.
-        expected_gain: log of the Bayes factor to be expected of a usual amplitude.
-        spread: what averaging over its forms has changed of the gain.
-        improvement: fall of a joint's mean squared residual, in units of the noise floor's or, where much more is left,
-            of a part of that; nan where no closer look was had.
-        mean_square: (n,) mean squared residual with it, in units of the floor's; None where no closer look was had.
-    """
-
-    hypothesis: Hypothesis
-    gain: float
-    expected_gain: float
-    spread: float = 0.0
+    hypothesis: Hypothesis  #: this form
+    gain: float  #: log of the Bayes factor for adding it, averaged over its forms
+    expected_gain: float  #: log of the Bayes factor to be expected of a usual amplitude
+    spread: float = 0.0  #: what averaging over its forms has changed of the gain
+    #: fall of a joint's mean squared residual, in units of the noise floor's or, where much more is left, of a part of
+    #: that; nan where no closer look was had
     improvement: float = np.nan
+    #: (n,) mean squared residual with it, in units of the floor's; None where no closer look was had
     mean_square: Array | None = None
 
     @property
@@ -79,63 +71,28 @@ def assess(explanation: Explanation, library: Library) -> list[Score]:
     return sorted(closer, key=lambda score: -score.gain) + ordered[count:]
 
 
-def best_forms(regression: Regression, library: Library) -> list[Score]:
-    """Each effect in its best form, best first."""
-    forms = [group for group in library if group]
-    best = [BestOfGroup.of(regression, group) for group in forms]
-    return [
-        Score(forms[k][best[k].place], best[k].gain + spread, best[k].expected_gain, spread)
-        for k, spread in best_groups(best)
-    ]
-
-
-@dataclass(frozen=True)
-class BestOfGroup:
-    """The best of some forms of an effect that act in the same joints with as many amplitudes, without its columns.
-
-    Attributes:
-        source: the term or distortion.
-        key: effect and joints.
-        sd: (p,) prior standard deviations of its amplitudes.
-        place: among the forms.
-        gain: log of the Bayes factor for adding it.
-        spread: what averaging over the forms changes of that.
-        expected_gain: largest log of the Bayes factor to be expected of a usual amplitude.
-        names: of all the forms.
-    """
-
-    source: Effect
-    key: EffectKey
-    sd: Array
-    place: int
-    gain: float
-    spread: float
-    expected_gain: float
-    names: frozenset[str]
-
-    @classmethod
-    def of(cls, regression: Regression, group: Sequence[Hypothesis]) -> BestOfGroup:
-        """Of one form or more, on top of all effects of a regression."""
-        gains, expected = regression.screened([hypothesis.columns for hypothesis in group])
-        place = int(np.argmax(gains))
-        gain, best = float(gains[place]), group[place]
-        spread = float(logsumexp(gains)) - gain - float(np.log(len(group)))
-        names = frozenset(hypothesis.source.name for hypothesis in group)
-        return cls(best.source, best.key, best.columns.sd, place, gain, spread, float(expected.max()), names)
-
-
-def best_groups(groups: Sequence[BestOfGroup]) -> list[tuple[int, float]]:
-    """Places of the groups that hold the best form of each effect, best first, and what averaging adds to its gain."""
+def best_forms(regression: Regression, library: Iterable[Sequence[Hypothesis]]) -> list[Score]:
+    """Each effect in its best form, best first, on top of all effects of a regression."""
+    groups: dict[EffectKey, list[Score]] = {}
     names: dict[EffectKey, set[str]] = {}
-    for group in groups:
-        names.setdefault(group.key, set()).update(group.names)
-    spread = [group.spread - float(np.log(len(names[group.key]))) for group in groups]
-    gain = [group.gain + change for group, change in zip(groups, spread, strict=True)]
-    best: dict[EffectKey, int] = {}
-    for k, group in enumerate(groups):
-        if group.key not in best or gain[k] > gain[best[group.key]]:
-            best[group.key] = k
-    return [(k, spread[k]) for k in sorted(best.values(), key=lambda k: -gain[k])]
+    for group in library:
+        if group:
+            groups.setdefault(group[0].key, []).append(_best_form(regression, group))
+            names.setdefault(group[0].key, set()).update(hypothesis.source.name for hypothesis in group)
+    best = []
+    for key, scores in groups.items():
+        averaged = -float(np.log(len(names[key])))
+        scores = [replace(one, gain=one.gain + averaged, spread=one.spread + averaged) for one in scores]
+        best.append(max(scores, key=lambda one: one.gain))
+    return sorted(best, key=lambda one: -one.gain)
+
+
+def _best_form(regression: Regression, group: Sequence[Hypothesis]) -> Score:
+    """Of forms that act in the same joints with as many amplitudes."""
+    gains, expected = regression.screened([hypothesis.columns for hypothesis in group])
+    place = int(np.argmax(gains))
+    averaged = float(logsumexp(gains)) - float(np.log(len(group)))
+    return Score(group[place], averaged, float(expected.max()), averaged - float(gains[place]))
 
 
 def _closer(explanation: Explanation, score: Score) -> Score:

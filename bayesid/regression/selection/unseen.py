@@ -18,7 +18,7 @@ that balances gravity well is gravity to a log. Of a geometry far off its table 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -40,18 +40,13 @@ from bayesid.regression.tuning import TUNING
 
 @dataclass(frozen=True)
 class Unseen:
-    """What may be there.
+    """What may be there."""
 
-    Attributes:
-        nuisance: what it does to coefficients; None where it does nothing.
-        stood_for: effects of which the model's columns stand for a part: by how much (r,) coefficients are off where it
-            is there, in its usual size. The nuisance leaves that part out: nothing tells that it is there.
-        by_geometry: (r,) sd of the coefficients by the geometry's error alone; None where the geometry is exact.
-    """
-
-    nuisance: Nuisance | None = None
+    nuisance: Nuisance | None = None  #: what it does to coefficients; None where it does nothing
+    #: effects of which the model's columns stand for a part: by how much (r,) coefficients are off where it is there,
+    #: in its usual size. The nuisance leaves that part out: nothing tells that it is there
     stood_for: tuple[tuple[EffectKey, Array], ...] = ()
-    by_geometry: Array | None = None
+    by_geometry: Array | None = None  #: (r,) sd of the coefficients by its error alone; None where it is exact
 
 
 def find_unseen(
@@ -68,50 +63,36 @@ def find_unseen(
     if not groups:
         return Unseen()
     regression = Regression(case.data, groups, explain(case.data, ()).errors)
-    placed = []
-    for group in groups:
-        always = group is geometry
-        least = float(always and tolerance.stated)
-        placed.append(Group(regression.place(group), group.columns.sd, always, least))
-    free = len(evidence.coefficients)
-    relevance = learn_scales(regression.hessian, regression.gradient, placed, free)
+    always = {id(geometry): float(tolerance.stated)}
+    relevance, free = learn_scales(regression, always), len(evidence.coefficients)
     moves = inverse_of(regression.hessian[:free, :free]) @ regression.hessian[:free]
     stood_for = tuple(
-        (group.key, np.linalg.norm(moves[:, at.place] @ directions, axis=1))
-        for group, at, directions in zip(groups, placed, relevance.stood_for, strict=True)
+        (group.key, np.linalg.norm(moves[:, regression.place(group)] @ directions, axis=1))
+        for group, directions in zip(groups, relevance.stood_for, strict=True)
         if directions.size
     )
-    of_groups = list(zip(groups, relevance.scales.tolist(), relevance.turns, strict=True))
-    there = [(group, turn) for group, scale, turn in of_groups if scale > 0.0]
-    if not there:
+    kept = relevance.scales > 0.0
+    if not kept.any():
         return Unseen(None, stood_for)
     by_geometry = None
     if geometry is groups[-1]:
-        own = moves[:, placed[-1].place] * placed[-1].sd
-        count = own.shape[1]
-        variance = np.einsum("rp,pq,rq->r", own, relevance.moments[-count:, -count:], own)
+        own, moments = moves[:, regression.place(geometry)], relevance.moments
+        variance = np.einsum("rp,pq,rq->r", own, moments[-own.shape[1] :, -own.shape[1] :], own)
         by_geometry = np.sqrt(np.maximum(variance, 0.0))  # rounding leaves less than nothing of what is not there
-    nuisance = _nuisance(evidence, fit, case, there, relevance)
-    return Unseen(nuisance, stood_for, by_geometry)
-
-
-def _nuisance(
-    evidence: Evidence, fit: Fit, case: SignedLog, there: Sequence[tuple[Hypothesis, Array]], relevance: Relevance
-) -> Nuisance | None:
-    motion = evidence.signals.motion
-    scene = evidence.model.scene(motion, fit.theta, fit.predicted, evidence.signals.magnitude)
-    counts = [turn.shape[1] for turn in relevance.turns]
-    kept = np.repeat(relevance.scales > 0.0, counts)
+    there = [(group, turn) for group, turn, one in zip(groups, relevance.turns, kept, strict=True) if one]
+    signals, amplitudes = evidence.signals, np.repeat(kept, [turn.shape[1] for turn in relevance.turns])
+    scene = evidence.model.scene(signals.motion, fit.theta, fit.predicted, signals.magnitude)
     parts = [_on_all_rows(group, turn, case, scene) for group, turn in there]
-    return make_nuisance(
+    nuisance = make_nuisance(
         columns=lambda place: np.concatenate([part(place) for part in parts], axis=2),
         model=evidence.chunks,
         used=evidence.used,
         weight=fit.noise.sigma * np.sqrt(fit.noise.autocorrelation),
-        names=tuple(" ".join([group.key[0], *(str(j) for j in group.key[1])]) for group, _ in there),
-        scales=relevance.scales[relevance.scales > 0.0],
-        moments=relevance.moments[np.ix_(kept, kept)],
+        names=tuple(" ".join([group.effect, *map(str, group.joints)]) for group, _ in there),
+        scales=relevance.scales[kept],
+        moments=relevance.moments[np.ix_(amplitudes, amplitudes)],
     )
+    return Unseen(nuisance, stood_for, by_geometry)
 
 
 def _no_other_form(source: Effect) -> Hypothesis:
@@ -147,66 +128,47 @@ _SCALES = np.geomspace(1e-3, 1e2, 501)
 
 
 @dataclass(frozen=True)
-class Group:
-    """Columns whose amplitudes share a scale.
-
-    Attributes:
-        place: (p,) indices among all columns.
-        sd: (p,) usual sizes of the amplitudes.
-        there: whether the effect is there in any case, also in directions that the model's columns stand for.
-        least: the scale never falls below it: 1 for what was stated.
-    """
-
-    place: Integers
-    sd: Array
-    there: bool = False
-    least: float = 0.0
-
-
-@dataclass(frozen=True)
 class Relevance:
-    """What a log says of groups of columns.
+    """What a log says of groups of columns."""
 
-    Attributes:
-        scales: (groups,) of each, relative to what is usual; 0 where it is left out.
-        turns: of each, (p, p') the directions of its amplitudes that count.
-        stood_for: of each, (p, p - p') those that the model's columns stand for.
-        moments: (p', p') second moments of the amplitudes of all groups in these directions, given the log.
-    """
-
-    scales: Array
-    turns: tuple[Array, ...]
-    stood_for: tuple[Array, ...]
-    moments: Array
+    scales: Array  #: (groups,) of each, relative to what is usual; 0 where it is left out
+    turns: tuple[Array, ...]  #: of each, (p, p') the directions of its amplitudes that count
+    stood_for: tuple[Array, ...]  #: of each, (p, p - p') those that the model's columns stand for
+    moments: Array  #: (p', p') second moments of the amplitudes of all groups in these directions, given the log
 
 
-def learn_scales(hessian: Array, gradient: Array, groups: Sequence[Group], free: int) -> Relevance:
-    """How large groups of columns are likely to be.
+def learn_scales(regression: Regression, always: Mapping[int, float]) -> Relevance:
+    """How large the effects of a regression are likely to be, each a group of columns.
 
     What the model's columns stand for themselves, up to a hundredth of a column's square, is left to them: kinetic
-    friction is Coulomb friction, whatever else an effect has.
-
-    Args:
-        hessian: (m, m) products of whitened columns.
-        gradient: (m,) products with the whitened efforts.
-        groups: of the columns that are not the model's.
-        free: number of the model's columns, which come first and have no prior.
+    friction is Coulomb friction, whatever else an effect has. Not of what is there in any case, with a least scale (by
+    the effect's id): 1 for what was stated.
     """
+    hessian, gradient, groups = regression.hessian, regression.gradient, regression.effects
+    free = regression.data.columns.shape[2]
     of_model = inverse_of(hessian[:free, :free])
-    directions = [_directions(hessian, of_model, group, free) for group in groups]
-    turns, stood_for = tuple(own for own, _ in directions), tuple(others for _, others in directions)
+    columns = np.concatenate([regression.place(group) for group in groups])
+    across, whole = hessian[columns, :free], hessian[np.ix_(columns, columns)]
+    own = whole - across @ of_model @ across.T  # beside the model's columns
+    directions, end = [], 0
+    for group in groups:
+        at, end = slice(end, end + len(group.columns.sd)), end + len(group.columns.sd)
+        sd = np.diag(group.columns.sd)
+        kept, vectors = np.ones(len(sd), dtype=bool), np.eye(len(sd))
+        if id(group) not in always:
+            values, vectors = np.linalg.eigh(sd @ own[at, at] @ sd)
+            kept = values > TUNING.own_share * np.einsum("ij,ik,kj->j", vectors, sd @ whole[at, at] @ sd, vectors)
+        directions.append((sd @ vectors[:, kept], sd @ vectors[:, ~kept]))
+    turns, stood_for = (tuple(some) for some in zip(*directions, strict=True))
     turn = block_diag(*turns)
-    columns = np.concatenate([group.place for group in groups])
-    inner, across = hessian[np.ix_(columns, columns)], hessian[np.ix_(columns, np.arange(free))]
-    reduced = turn.T @ (inner - across @ of_model @ across.T) @ turn
-    slope = turn.T @ (gradient[columns] - across @ of_model @ gradient[:free])
+    reduced, slope = turn.T @ own @ turn, turn.T @ (gradient[columns] - across @ of_model @ gradient[:free])
     owner = np.repeat(np.arange(len(groups)), [own.shape[1] for own in turns])
-    there, least = np.array([g.there for g in groups]), np.array([g.least for g in groups])
+    there = np.array([id(group) in always for group in groups])
     scales = np.where(there, 1.0, TUNING.relevance_start)
     for _ in range(2 if there.any() else 1):
         scales = _likeliest(reduced, slope, owner, scales, ~there)
         for k in np.flatnonzero(there).tolist():
-            scales[k] = max(_expected(reduced, slope, owner == k, scales[owner]), least[k])
+            scales[k] = max(_expected(reduced, slope, owner == k, scales[owner]), always[id(groups[k])])
     mean, covariance = _amplitudes(reduced, slope, scales[owner])
     spread = covariance * np.outer(scales[owner], scales[owner])
     return Relevance(scales, turns, stood_for, spread + np.outer(mean, mean))
@@ -237,19 +199,6 @@ def _expected(reduced: Array, slope: Array, own: Mask, sd: Array) -> float:
     return float(np.sqrt(weight @ square[:, 0] / weight.sum()))
 
 
-def _directions(hessian: Array, of_model: Array, group: Group, free: int) -> tuple[Array, Array]:
-    """(p, p') amplitudes, in their usual sizes, that the model's columns cannot stand for, and (p, p - p') others."""
-    if group.there:
-        return np.diag(group.sd), np.zeros((len(group.sd), 0))
-    place, sd = group.place, np.diag(group.sd)
-    across, inner = hessian[place, :free], hessian[np.ix_(place, place)]
-    whole = sd @ inner @ sd
-    own = sd @ (inner - across @ of_model @ across.T) @ sd
-    values, vectors = np.linalg.eigh(own)
-    kept = values > TUNING.own_share * np.einsum("ij,ik,kj->j", vectors, whole, vectors)
-    return sd @ vectors[:, kept], sd @ vectors[:, ~kept]
-
-
 def _amplitudes(reduced: Array, slope: Array, scale: Array) -> tuple[Array, Array]:
     """(p,) mean of the amplitudes, and (p, p) covariance in units of their scales (p,)."""
     precision: Array = np.eye(len(scale)) + reduced * np.outer(scale, scale)
@@ -259,19 +208,12 @@ def _amplitudes(reduced: Array, slope: Array, scale: Array) -> tuple[Array, Arra
 
 @dataclass(frozen=True)
 class TooNarrow:
-    """Coefficients whose intervals are too narrow if one of several effects is there.
+    """Coefficients whose intervals are too narrow if one of several effects is there."""
 
-    Attributes:
-        effects: any of which would look like these coefficients.
-        joints: from 1; none: the whole robot.
-        coefficients: those that would be off, the most first.
-        times: as far as believed, if the log shows that it is there: the geometry.
-    """
-
-    effects: tuple[str, ...]
-    joints: tuple[int, ...]
-    coefficients: tuple[str, ...]
-    times: float | None = None
+    effects: tuple[str, ...]  #: any of which would look like these coefficients
+    joints: tuple[int, ...]  #: from 1; none: the whole robot
+    coefficients: tuple[str, ...]  #: those that would be off, the most first
+    times: float | None = None  #: as far as believed, if the log shows that it is there: the geometry
 
 
 def too_narrow(

@@ -5,14 +5,16 @@ Effects are looked for in a `SignedLog`, on thinned rows.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence, Set
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from itertools import chain
 
 import numpy as np
 
 from bayesid.arrays import Array, Integers
-from bayesid.effects.effect import Effect, Scene
+from bayesid.effects import catalogue
+from bayesid.effects.effect import Effect, Scene, effect_of
 from bayesid.effects.model import Model
 from bayesid.log.signals import Signals
 from bayesid.parallel import in_parallel
@@ -20,36 +22,23 @@ from bayesid.regression.evidence import Evidence
 from bayesid.regression.knowledge import Knowledge
 from bayesid.regression.least_squares import Fit
 from bayesid.regression.selection.explanation import LN10, Explanation, Observations
-from bayesid.regression.selection.forward import Rules, select_forward
+from bayesid.regression.selection.forward import select_forward
 from bayesid.regression.selection.held_back import HeldBackErrors
-from bayesid.regression.selection.hypotheses import (
-    EffectKey,
-    Hypothesis,
-    hypotheses_of,
-    kinds_of_forms,
-    near_standstill,
-)
+from bayesid.regression.selection.hypotheses import EffectKey, Hypothesis, hypotheses, near_standstill
 from bayesid.regression.selection.modelled_log import Extension, ModelledLog, about, effort_of
 from bayesid.regression.selection.regression import Effects, Regression, explain
-from bayesid.regression.selection.scores import BestOfGroup, best_groups
+from bayesid.regression.selection.scores import best_forms
 from bayesid.regression.tuning import TUNING
 
 
 @dataclass(frozen=True)
 class EnteredEffect:
-    """An effect that entered a model, as it was added.
+    """An effect that entered a model, as it was added."""
 
-    Attributes:
-        source: the term or distortion.
-        log10_bayes_factor: for it, given all others that entered.
-        equivalent: effects that the log cannot tell from it.
-        number_sd: standard deviations of its nonlinear numbers; empty where the log was not asked for them.
-    """
-
-    source: Effect
-    log10_bayes_factor: float
-    equivalent: tuple[str, ...]
-    number_sd: tuple[float, ...] = ()
+    source: Effect  #: the term or distortion
+    log10_bayes_factor: float  #: for it, given all others that entered
+    equivalent: tuple[str, ...]  #: effects that the log cannot tell from it
+    number_sd: tuple[float, ...] = ()  #: sd of its nonlinear numbers; empty where the log was not asked for them
 
     @property
     def effect(self) -> str:
@@ -78,23 +67,14 @@ def consistent_with_nothing(effect: EnteredEffect, model: Model, theta: Array, s
 
 @dataclass(frozen=True)
 class Wanted:
-    """What a log wants beyond a model, its signs given.
+    """What a log wants beyond a model, its signs given."""
 
-    Attributes:
-        extension: the model with the effects.
-        effects: in the order in which they were added.
-        before: errors on held-back blocks without them.
-        after: and with them.
-        screened: the most promising effects of the catalogue, each in its best form.
-        effort: (n,) RMS, N m.
-    """
-
-    extension: Extension
-    effects: tuple[EnteredEffect, ...]
-    before: HeldBackErrors
-    after: HeldBackErrors
-    screened: tuple[Hypothesis, ...]
-    effort: Array
+    extension: Extension  #: the model with the effects
+    effects: tuple[EnteredEffect, ...]  #: in the order in which they were added
+    before: HeldBackErrors  #: on blocks of the log, without them
+    after: HeldBackErrors  #: and with them
+    screened: tuple[Hypothesis, ...]  #: the most promising effects of the catalogue, each in its best form
+    effort: Array  #: (n,) RMS, N m
 
     @property
     def keys(self) -> set[EffectKey]:
@@ -147,7 +127,9 @@ def borne_out(evidence: Evidence, fit: Fit, probability: Array, effects: Sequenc
 
 def _selected(case: SignedLog, regression: Regression, start: frozenset[EffectKey], most: int) -> Wanted:
     """The result of a forward selection from a start, with so many effects at most or, with none, of what stays."""
-    regression, chosen = select_forward(regression, Rules(TUNING.needed, most, case.sharpened), start)
+    regression, chosen = select_forward(
+        regression, needed=TUNING.needed, most=most, sharpen=case.sharpened, start=start
+    )
     explanation = explain(case.data, chosen)
     return Wanted(
         extension=case.modelled.extended(explanation),
@@ -234,27 +216,27 @@ class SignedLog:
 
     def library(self, joint: int) -> list[list[Hypothesis]]:
         """All forms in a (0-based) joint that a first log can tell from the model's own parameters and can resolve."""
-        kinds = kinds_of_forms(refinements=True)
-        return [group for kind in kinds for group in self._tellable(kind, (joint + 1,))]
+        return list(self._tellable(joints=(joint + 1,)))
 
     def screened(self, regression: Regression, most: int) -> list[Hypothesis]:
         """The most promising effects of the library, each in its best form, best first."""
-        kinds = kinds_of_forms(refinements=True)
-        groups = [
-            one for some in in_parallel([partial(self._best, regression, kind) for kind in kinds]) for one in some
-        ]
-        best = [groups[k] for k, _ in best_groups(groups)[:most]]
-        made = [(self._make(one.source), one.sd) for one in best]
+        effects = dict.fromkeys(effect_of(name) for name in catalogue.forms())
+        tasks = [partial(self._best_forms, regression, effect) for effect in effects]
+        best = sorted(chain(*in_parallel(tasks)), key=lambda one: -one[0])[:most]
+        made = [(self._make(source), sd) for _, source, sd in best]
         return [replace(one, columns=replace(one.columns, sd=sd)) for one, sd in made]
 
-    def _best(self, regression: Regression, kind: type[Effect]) -> list[BestOfGroup]:
-        return [BestOfGroup.of(regression, group) for group in self._tellable(kind)]
+    def _best_forms(self, regression: Regression, effect: str) -> list[tuple[float, Effect, Array]]:
+        """Gain, source and prior sd of the best form of an effect in each place: what a process can hand over."""
+        scores = best_forms(regression, self._tellable(effect=effect))
+        return [(score.gain, score.hypothesis.source, score.hypothesis.columns.sd) for score in scores]
 
-    def _tellable(self, kind: type[Effect], joints: tuple[int, ...] | None = None) -> list[list[Hypothesis]]:
-        """The forms of one kind; in some joints (from 1) alone, if they are given."""
-        groups = hypotheses_of(kind, self._make, self._scene, joints)
-        testable = ([h for h in group if _testable(h, self._scene)] for group in groups)
-        return [group for group in testable if group]
+    def _tellable(
+        self, *, effect: str | None = None, joints: tuple[int, ...] | None = None
+    ) -> Iterator[list[Hypothesis]]:
+        for group in hypotheses(self._make, self._scene, effect=effect, joints=joints, refinements=True):
+            if testable := [one for one in group if _testable(one, self._scene)]:
+                yield testable
 
     @cached_property
     def _scene(self) -> Scene:

@@ -11,7 +11,7 @@ from bayesid.effects.model import Model
 from bayesid.regression.knowledge import Knowledge
 from bayesid.regression.selection.columns import NO_COLUMNS
 from bayesid.regression.selection.explanation import Explanation
-from bayesid.regression.selection.hypotheses import hypotheses
+from bayesid.regression.selection.hypotheses import hypotheses, maker
 from bayesid.regression.selection.modelled_log import extend
 from bayesid.simulation.parameters import random_parameters
 
@@ -33,9 +33,8 @@ class Case:
         self.knowledge = Knowledge(self.model, theta, root @ root.T + np.eye(len(root)))
         self.beta = self.coefficients.project(theta) * rng.uniform(0.9, 1.1, len(self.coefficients))
         self.effort = self.of(MOTION)
-        self.library = [
-            one for group in hypotheses(self.model, self.scene, np.ones_like(self.effort, bool)) for one in group
-        ]
+        make = maker(self.model, self.scene, np.ones_like(self.effort, bool))
+        self.library = [one for group in hypotheses(make, self.scene) for one in group]
 
     def of(self, motion):
         """(N, n) efforts of the coefficients alone."""

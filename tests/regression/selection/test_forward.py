@@ -9,11 +9,11 @@ from scipy.signal import lfilter
 
 from bayesid.regression.selection import forward
 from bayesid.regression.selection.error_model import ErrorModel, fit_error
-from bayesid.regression.selection.forward import Rules, select_forward
+from bayesid.regression.selection.forward import select_forward
 from bayesid.regression.selection.regression import Regression
 
 NEEDED = 12.0
-RULES = Rules(NEEDED, 16)
+RULES = {"needed": NEEDED, "most": 16}
 LOG = 640
 WHITE = ErrorModel(1.0, 1e-6, 0.1, RATE)
 
@@ -59,7 +59,7 @@ def test_the_group_that_is_there_is_found_and_no_other(place, memory):
     hypotheses = dictionary(rng)
     for j, rows in hypotheses[place].columns.rows.items():
         effort[:, j] += rows @ np.array([1.0, -0.6])[: rows.shape[1]]
-    products, chosen = select_forward(products_of(columns, effort, hypotheses), RULES)
+    products, chosen = select_forward(products_of(columns, effort, hypotheses), **RULES)
     assert names(chosen) == [hypotheses[place].key]
     assert np.sqrt(np.mean(products.residual(chosen) ** 2)) < 0.7
 
@@ -71,8 +71,8 @@ def test_nothing_is_found_in_noise():
         rng, columns, effort = log_of(100 + seed, 1.0, 0.9)
         products = products_of(columns, effort, dictionary(rng))
         passed += bool((products.gains((), products.effects) > 0.0).any())
-        assert select_forward(products, RULES)[1] == []
-        borne_out += bool(select_forward(products, Rules(0.0, 16))[1])
+        assert select_forward(products, **RULES)[1] == []
+        borne_out += bool(select_forward(products, needed=0.0, most=16)[1])
     assert passed > 5
     assert borne_out <= passed / 3
 
@@ -93,8 +93,8 @@ def three_of_one_joint(seed=5):
 def test_what_becomes_needless_goes():
     products = three_of_one_joint()
     assert np.argmax(products.gains((), products.effects)) == 0
-    assert names(select_forward(products, Rules(NEEDED, 1))[1]) == [("sum", (1,))]
-    _, chosen = select_forward(three_of_one_joint(), RULES)
+    assert names(select_forward(products, needed=NEEDED, most=1)[1]) == [("sum", (1,))]
+    _, chosen = select_forward(three_of_one_joint(), **RULES)
     assert sorted(names(chosen)) == [("one", (1,)), ("other", (1,))]
 
 
@@ -109,7 +109,7 @@ def test_of_what_cannot_be_told_apart_that_of_the_fewest_columns_is_taken():
     products = Regression(observed(columns, effort), [wide, slim, beside], [WHITE])
     first, second, _ = products.gains((), products.effects)
     assert 0.0 < first - second < np.log(10.0)
-    assert sorted(names(select_forward(products, RULES)[1])) == [("beside", (1,)), ("slim", (1,))]
+    assert sorted(names(select_forward(products, **RULES)[1])) == [("beside", (1,)), ("slim", (1,))]
 
 
 def test_an_effect_that_harms_another_joint_is_refused():
@@ -120,9 +120,9 @@ def test_an_effect_that_harms_another_joint_is_refused():
     harmful = made("harmful", {0: rows, 1: 0.15 * rows}, [0.8])
     products = products_of(columns, effort, [harmful])
     assert products.gains((), products.effects)[0] > 2.0 * NEEDED
-    assert select_forward(products, RULES)[1] == []
+    assert select_forward(products, **RULES)[1] == []
     honest = made("honest", {0: rows}, [0.8])
-    _, chosen = select_forward(products_of(columns, effort, [harmful, honest]), RULES)
+    _, chosen = select_forward(products_of(columns, effort, [harmful, honest]), **RULES)
     assert names(chosen) == [honest.key]
 
 
@@ -141,7 +141,7 @@ def test_a_distortion_is_sharpened_and_what_looks_like_it_is_needless_then():
         found = {off.key} <= set(names(chosen)) and off in current.effects
         return {id(off): right} if found else {}
 
-    found, chosen = select_forward(products, Rules(NEEDED, 16, sharpen))
+    found, chosen = select_forward(products, **RULES, sharpen=sharpen)
     assert asked == [[("alike", (1,))], [("alike", (1,)), off.key], [off.key]]
     assert chosen == [right]
     assert np.sqrt(np.mean(found.residual(chosen) ** 2)) == pytest.approx(0.2, rel=0.1)
@@ -155,8 +155,8 @@ def test_a_selection_may_begin_with_what_is_only_worth_it_together():
     pair = [made("one", {0: (common + 0.5 * small)[:, None]}, [2.0]), made("two", {0: common[:, None]}, [2.0])]
     useless = made("useless", {0: waves(rng, LOG, 1)}, [0.8])
     fresh = [products_of(columns, effort, [*pair, useless]) for _ in range(2)]
-    assert select_forward(fresh[0], Rules(40.0, 16))[1] == []
-    _, chosen = select_forward(fresh[1], Rules(40.0, 16), {one.key for one in (*pair, useless)})
+    assert select_forward(fresh[0], needed=40.0, most=16)[1] == []
+    _, chosen = select_forward(fresh[1], needed=40.0, most=16, start={one.key for one in (*pair, useless)})
     assert set(names(chosen)) == {one.key for one in pair}
 
 
@@ -166,15 +166,15 @@ def test_an_effect_of_more_joints_takes_the_place_of_itself_in_fewer():
     effort += 1.2 * rows
     alone = made("same", {0: rows[:, :1]}, [0.8])
     both = replace(made("same", {j: rows[:, [j]] for j in (0, 1)}, [0.8]), key=("same", ()))
-    _, chosen = select_forward(products_of(columns, effort, [alone, both]), RULES, {alone.key})
+    _, chosen = select_forward(products_of(columns, effort, [alone, both]), **RULES, start={alone.key})
     assert names(chosen) == [both.key]
 
 
 def test_what_harms_most_in_the_end_goes_and_does_not_come_back(monkeypatch):
     """Without "one" the error is the larger, so "other" is blamed for a harm that is made up."""
-    kept = names(select_forward(three_of_one_joint(), RULES)[1])
+    kept = names(select_forward(three_of_one_joint(), **RULES)[1])
     monkeypatch.setattr(forward, "harmed", lambda after, nothing: after.rms < 0.5 * nothing.rms)
     products = three_of_one_joint()
-    _, chosen = select_forward(products, RULES)
+    _, chosen = select_forward(products, **RULES)
     left = {c.key: products.held_back([c]).rms[0] for c in products.effects if c.key in kept}
     assert names(chosen) == [min(left, key=left.get)]

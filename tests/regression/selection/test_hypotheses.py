@@ -13,7 +13,7 @@ from bayesid.effects.distortion import RobotDistortion
 from bayesid.effects.effect import Scene
 from bayesid.effects.model import Model
 from bayesid.regression.selection.columns import NO_COLUMNS
-from bayesid.regression.selection.hypotheses import hypotheses, near_standstill
+from bayesid.regression.selection.hypotheses import hypotheses, maker, near_standstill
 from bayesid.simulation.parameters import random_parameters
 
 NAMES = """
@@ -58,7 +58,7 @@ class Case:
 
     @cached_property
     def groups(self):
-        return list(hypotheses(self.model, self.scene, self.used, refinements=True))
+        return list(hypotheses(maker(self.model, self.scene, self.used), self.scene, refinements=True))
 
     def all(self):
         return [one for group in self.groups for one in group]
@@ -145,10 +145,10 @@ def test_what_leaves_no_trace_in_used_samples_is_left_out():
     """A dead zone that only unused samples reach; and nothing is clipped that the model does not exceed."""
     one = case()
     calm = replace(one.scene, measured=one.measured + 2.0 * np.abs(one.effort).max())
-    found = {h.effect for group in hypotheses(one.model, calm, one.used) for h in group}
+    found = {h.effect for group in hypotheses(maker(one.model, calm, one.used), calm) for h in group}
     assert found == set(EFFECTS) - {"clipping"}
     small = np.abs(one.effort) < 0.3 * np.abs(one.effort).max(axis=0)
-    found = [h for group in hypotheses(one.model, one.scene, one.used & ~small) for h in group]
+    found = [h for group in hypotheses(maker(one.model, one.scene, one.used & ~small), one.scene) for h in group]
     widths = np.array([h.source.width[0] for h in found if h.source.name == "dead_zone" and h.joints == (2,)])
     assert len(widths)
     assert widths.min() >= 0.3 * np.abs(one.effort[:, 1]).max()

@@ -17,7 +17,7 @@ from bayesid.log.signals import prepare
 from bayesid.regression.knowledge import Information
 from bayesid.regression.selection.columns import Whitening
 from bayesid.regression.selection.explanation import Observations
-from bayesid.regression.selection.hypotheses import hypotheses
+from bayesid.regression.selection.hypotheses import hypotheses, maker
 from bayesid.regression.selection.refinement import refined
 from bayesid.regression.selection.regression import Regression, plain_errors
 from bayesid.regression.selection.wanted import SignedLog
@@ -44,7 +44,7 @@ def case():
     data = Observations(
         Whitening(columns, used), effort, nothing, np.full(2, 0.05), np.ones(2, dtype=bool), limits, 50.0
     )
-    return data, list(hypotheses(BASE, scene, used))
+    return data, list(hypotheses(maker(BASE, scene, used), scene))
 
 
 def form(library, name, **shape):

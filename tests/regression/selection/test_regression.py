@@ -6,6 +6,7 @@ import pytest
 from dense_errors import Dense, covariance
 from effect_problems import RATE, Made, observed
 from scipy.integrate import simpson
+from scipy.special import logsumexp
 from scipy.stats import norm
 
 from bayesid.regression.knowledge import Information
@@ -13,7 +14,7 @@ from bayesid.regression.selection import explanation as judging
 from bayesid.regression.selection.columns import Columns
 from bayesid.regression.selection.error_model import ErrorModel, fit_error
 from bayesid.regression.selection.regression import Regression, explain
-from bayesid.regression.selection.scores import BestOfGroup, best_groups
+from bayesid.regression.selection.scores import best_forms
 
 ERRORS = (ErrorModel(0.3, 0.5, 0.1, RATE), ErrorModel(1.1, 0.7, 0.3, RATE))
 
@@ -218,12 +219,18 @@ def test_errors_of_joints_that_an_effect_leaves_alone_are_kept():
 
 
 def test_of_the_groups_of_an_effect_the_best_stands_for_it():
-    """Less the log of how many names share the effect, over all of its groups; the best effect first."""
+    """Averaged over its forms, and over all names that share the effect; the best effect first."""
 
-    def group(name, key, gain, spread):
-        return BestOfGroup(None, (key, (1,)), np.ones(1), 0, gain, spread, 0.0, frozenset([name]))
+    def group(name, key, *gains):
+        source = SimpleNamespace(name=name)
+        return [SimpleNamespace(key=(key, (1,)), source=source, columns=gain) for gain in gains]
 
-    groups = [group("a", "a", 4.0, -1.0), group("b", "b", 2.0, -0.5), group("b.x", "b", 9.0, -2.0)]
-    for order in ((0, 1, 2), (2, 1, 0)):
-        found = [(order[k], spread) for k, spread in best_groups([groups[k] for k in order])]
-        assert found == [(2, pytest.approx(-2.0 - np.log(2.0))), (0, -1.0)]
+    regression = SimpleNamespace(screened=lambda gains: (np.array(gains), np.zeros(len(gains))))
+    groups = [group("a", "a", 4.0, 2.0), group("b", "b", 2.0), group("b.x", "b", 9.0, 1.0), []]
+    for order in ((0, 1, 2, 3), (2, 3, 1, 0)):
+        best = best_forms(regression, [groups[k] for k in order])
+        assert [one.hypothesis.columns for one in best] == [9.0, 4.0]
+        assert [one.gain for one in best] == pytest.approx(
+            [logsumexp([9.0, 1.0]) - np.log(4.0), logsumexp([4.0, 2.0]) - np.log(2.0)]
+        )
+        assert [one.gain - one.spread for one in best] == pytest.approx([9.0, 4.0])

@@ -7,6 +7,8 @@ from itertools import product
 
 import numpy as np
 import pytest
+from effect_problems import RATE, observed
+from effect_problems import made as made_effect
 from oracles import (
     actuator_efforts,
     assert_close,
@@ -26,8 +28,10 @@ from bayesid.effects.catalogue import make_effect, make_terms
 from bayesid.effects.model import Model
 from bayesid.identification.pipeline import identify
 from bayesid.regression.knowledge import KinematicTolerance, inverse_of
+from bayesid.regression.selection.error_model import ErrorModel
 from bayesid.regression.selection.geometry import kinematic_columns
-from bayesid.regression.selection.unseen import Group, TooNarrow, geometry_far_off, learn_scales, too_narrow
+from bayesid.regression.selection.regression import Regression
+from bayesid.regression.selection.unseen import TooNarrow, geometry_far_off, learn_scales, too_narrow
 from bayesid.robot import robot_from_table
 from bayesid.signs.search.certified import Certified
 from bayesid.simulation.logs import simulate
@@ -53,11 +57,11 @@ class Case:
         self.there = there or [False] * len(sds)
 
     def learned(self):
-        columns, groups, start = np.hstack([self.model, *self.rows]), [], FREE
-        for sd, there, least in zip(self.sds, self.there, self.least, strict=True):
-            groups.append(Group(np.arange(start, start + len(sd)), sd, there, least))
-            start += len(sd)
-        return learn_scales(columns.T @ columns, columns.T @ self.effort, groups, FREE)
+        effects = [made_effect("made", {0: rows}, sd) for rows, sd in zip(self.rows, self.sds, strict=True)]
+        data = observed(self.model[:, None], self.effort[:, None])
+        regression = Regression(data, effects, [ErrorModel(1.0, 0.0, 0.1, RATE)])
+        pairs = zip(effects, self.there, self.least, strict=True)
+        return learn_scales(regression, {id(one): least for one, there, least in pairs if there})
 
     @cached_property
     def left(self):
