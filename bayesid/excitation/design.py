@@ -23,22 +23,21 @@ from bayesid.arrays import Array, Mask
 from bayesid.effects import STANDARD, Term, catalogue
 from bayesid.effects.coefficients import BaseCoefficients
 from bayesid.effects.model import Model
-from bayesid.excitation.known import usual_motion
+from bayesid.excitation.known import period_of, usual_motion
 from bayesid.excitation.limits import check_between, check_limits
 from bayesid.excitation.resolvability import (
     WRONG,
+    Excitation,
     Expectation,
     JointFlips,
-    SegmentFlips,
     check_noise,
+    condition_of,
     expect,
-    expected_noise,
     groups_of,
     joint_grams,
     mistaken,
     noise_tolerance,
     turn_segments,
-    undecided,
 )
 from bayesid.excitation.search import MotionSearch, best_motion
 from bayesid.excitation.splines import Feasibility, SplineBasis, SplineTrajectory
@@ -48,7 +47,7 @@ from bayesid.parallel import one_blas_thread
 from bayesid.progress import SILENT, Progress
 from bayesid.regression.knowledge import Beliefs
 from bayesid.robot import Robot, load_robot
-from bayesid.simulation.trajectories import HARMONICS, MotionLimits, condition_number, log_condition_of
+from bayesid.simulation.trajectories import HARMONICS, MotionLimits, log_condition_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,17 +100,13 @@ class Objective:
         check_noise(self.noise)
 
 
-@dataclass(frozen=True)
-class Quality:
-    """What a motion is worth, at one noise."""
+@dataclass(frozen=True, kw_only=True)
+class Quality(Excitation):
+    """What a designed motion shows."""
 
-    condition: float  # condition number of the base regressor
+    joints: JointFlips  # all signs are unknown
     tolerance: float  # noise, relative to the RMS efforts, that the signs bear, for the hardest of the expected robots
-    joints: JointFlips  # of groups of joints, for the robot for which the easiest one is easiest to mistake
-    segments: SegmentFlips  # those of that robot, and what turning them weighs
-    magnitude: Array  # (N, n) that robot's |effort|, N m: all that is seen of it
-    uncertainty: Array  # (r,) sd of each coefficient after a log of this motion, signs given, over its usual size
-    noise: float  # relative to the RMS efforts, at which all this is meant
+    magnitude: Array  # (N, n) |effort| of the robot whose joints are easiest to mistake, N m: all that is seen of it
 
     @property
     def weak(self) -> Mask:
@@ -171,7 +166,7 @@ class ExcitationDesign:
     @property
     def undecided(self) -> tuple[int, ...]:
         """Coefficients that a log of this motion leaves undecided."""
-        return undecided(self.reached.uncertainty)
+        return self.reached.undecided
 
     @property
     def noise(self) -> float:
@@ -238,12 +233,11 @@ def _search(
     """For a period of the motion, from rest to rest in the middle of the limits."""
     robot, size = expectation.model.robot, expectation.size
     usual = usual_motion(robot, limits)
-    grams = joint_grams(expectation.columns(usual))
-    noise = [expected_noise(grams, beta, len(usual), objective.noise) for beta in expectation.betas]
-    density = TUNING.independent / float(np.mean(np.square(noise)))
+    noise = expectation.sigma(joint_grams(expectation.columns(usual)), len(usual), objective.noise)
+    density = TUNING.independent / float(np.mean(noise**2))
 
-    def weights(motion: Motion, period: float) -> Array:
-        return np.full((len(motion), robot.n_joints), density * period)
+    def weights(motion: Motion) -> Array:
+        return np.full((len(motion), robot.n_joints), density * period_of(motion))
 
     def worth(information: Array) -> float:
         precision = size[:, None] * information * size + np.eye(len(size))
@@ -265,27 +259,24 @@ def quality(expectation: Expectation, motion: Motion, noise: float) -> Quality:
     """What a motion is worth: figures over its independent samples, for the expected robots."""
     step = -(-len(motion) // TUNING.judged)
     judged = motion[::step]
-    columns = expectation.columns(judged)
-    grams, speed = joint_grams(columns), expectation.model.robot.actuators(judged).dq
-    span = float(motion.t[-1] - motion.t[0])
-    weight = min(1.0, TUNING.independent * span / len(judged))
-    flips = expectation.joint_flips(grams, len(judged), noise, weight, groups_of(list(range(len(grams)))))
+    columns, speed = expectation.columns(judged), expectation.model.robot.actuators(judged).dq
+    grams, samples = joint_grams(columns), len(judged)
+    weight = min(1.0, TUNING.independent * float(motion.t[-1] - motion.t[0]) / samples)
+    flips = expectation.joint_flips(grams, samples, noise, weight, groups_of(list(range(len(grams)))))
     segments = [
-        turn_segments(columns, columns @ beta, speed, expected_noise(grams, beta, len(judged), noise), weight)
-        for beta in expectation.betas
+        turn_segments(columns, columns @ beta, speed, sigma, weight)
+        for beta, sigma in zip(expectation.betas, expectation.sigma(grams, samples, noise), strict=True)
     ]
-    tolerance = [noise_tolerance(*pair, noise) for pair in zip(flips, segments, strict=True)]
     hardest = int(np.argmin([groups.resolvability.min() for groups in flips]))
     shown = segments[hardest]
-    last = np.minimum(shown.end * step, len(motion))
     return Quality(
-        condition=condition_number(expectation.model, expectation.coefficients, judged),
-        tolerance=min(tolerance),
-        joints=flips[hardest],
-        segments=replace(shown, start=shown.start * step, end=last),
-        magnitude=np.abs(expectation.model.effort(motion, expectation.thetas[hardest])),
-        uncertainty=expectation.uncertainty(grams, len(judged), noise, weight),
         noise=noise,
+        condition=condition_of(grams),
+        uncertainty=expectation.uncertainty(grams, samples, noise, weight),
+        joints=flips[hardest],
+        segments=replace(shown, start=shown.start * step, end=np.minimum(shown.end * step, len(motion))),
+        tolerance=min(noise_tolerance(*pair, noise) for pair in zip(flips, segments, strict=True)),
+        magnitude=np.abs(expectation.model.effort(motion, expectation.thetas[hardest])),
     )
 
 

@@ -22,26 +22,13 @@ import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 
 from bayesid.arrays import TINY, Array, Integers
+from bayesid.regression.knowledge import inverse_of
 
 
 def information_of(columns: Array, weights: Array) -> Array:
     """(R, R) of rows (N, n, R) that count for (N, n)."""
     rows = (columns * np.sqrt(weights)[:, :, None]).reshape(-1, columns.shape[2])
     return rows.T @ rows
-
-
-def inverse(matrix: Array) -> Array:
-    """Of a positive matrix."""
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), TINY))
-    return np.asarray(np.linalg.inv(matrix * np.outer(scale, scale)) * np.outer(scale, scale))
-
-
-def pseudo_inverse(matrix: Array) -> Array:
-    """Of a Gram matrix; nothing along what it does not show."""
-    lengths = np.sqrt(np.diag(matrix))
-    scale = np.divide(1.0, lengths, out=np.zeros_like(lengths), where=lengths > 0.0)
-    scaled = scale[:, None] * matrix * scale
-    return np.asarray(scale[:, None] * np.linalg.pinv(scaled, rcond=1e-12, hermitian=True) * scale)
 
 
 def scaled_spectrum(matrix: Array) -> tuple[Array, Array, Array]:
@@ -51,17 +38,10 @@ def scaled_spectrum(matrix: Array) -> tuple[Array, Array, Array]:
     return values, vectors, scale
 
 
-def at_least(matrix: Array, least: float) -> Array:
-    """A symmetric matrix whose scaled eigenvalues are no less than a share of the largest."""
+def root_of(matrix: Array, least: float = 0.0) -> Array:
+    """(R, R) whose product with its transpose is a matrix, but for eigenvalues below a share of the largest."""
     values, vectors, scale = scaled_spectrum(matrix)
-    raised: Array = (vectors * np.maximum(values, least * values[-1])) @ vectors.T * np.outer(scale, scale)
-    return raised
-
-
-def root_of(covariance: Array) -> Array:
-    """(R, R) whose product with its transpose is a covariance."""
-    values, vectors = np.linalg.eigh(covariance)
-    root: Array = vectors * np.sqrt(np.maximum(values, 0.0))
+    root: Array = scale[:, None] * vectors * np.sqrt(np.maximum(values, least * values[-1]))
     return root
 
 
@@ -77,13 +57,7 @@ class Belief:
     @cached_property
     def root(self) -> Array:
         """(q, q) of the covariance: it is root root'."""
-        return root_of(inverse(self.precision))
-
-    @cached_property
-    def log_det(self) -> float:
-        """Of the inverse covariance."""
-        scale = np.sqrt(np.maximum(np.diag(self.precision), TINY))
-        return float(np.linalg.slogdet(self.precision / np.outer(scale, scale))[1] + 2.0 * np.log(scale).sum())
+        return root_of(inverse_of(self.precision))
 
 
 def expected_factors(pairs: Sequence[tuple[Belief, Sequence[Belief]]], information: Array) -> Array:
@@ -115,8 +89,8 @@ def _after(held: Belief, information: Array) -> tuple[Array, float]:
     """(q, q) C with P^-1 = C' C, and log det L - log det P + tr P^-1 H."""
     own = information[np.ix_(held.columns, held.columns)]
     after = held.precision + own
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(after), TINY))
+    scale = 1.0 / np.sqrt(np.diag(after))
     root = cholesky(after * np.outer(scale, scale), lower=True, check_finite=False)
     half = solve_triangular(root, np.diag(scale), lower=True, check_finite=False)
-    log_det = 2.0 * float(np.log(np.diag(root)).sum() - np.log(scale).sum())
-    return half, held.log_det - log_det + float(((half @ own) * half).sum())
+    log_det = 2.0 * float(np.log(np.diag(root) / scale).sum())
+    return half, float(np.linalg.slogdet(held.precision)[1]) - log_det + float(((half @ own) * half).sum())

@@ -20,14 +20,13 @@ from bayesid.effects.coefficients import BaseCoefficients
 from bayesid.effects.model import Model
 from bayesid.errors import InputError
 from bayesid.excitation.resolvability import (
-    JointFlips,
-    SegmentFlips,
+    Excitation,
     check_noise,
+    condition_of,
     expect,
     groups_of,
     mistaken,
     turn_measured,
-    undecided,
 )
 from bayesid.excitation.tuning import TUNING
 from bayesid.log.reading import LogSource, as_log
@@ -36,27 +35,20 @@ from bayesid.log.signals import prepare
 from bayesid.parallel import one_blas_thread
 from bayesid.regression.moments import moments
 from bayesid.robot import Robot, check_joints, load_robot
-from bayesid.simulation.trajectories import UNEXCITED, log_condition_of
 
 
-@dataclass(frozen=True)
-class ExcitationJudgement:
+@dataclass(frozen=True, kw_only=True)
+class ExcitationJudgement(Excitation):
     """What a log's motion shows, at a noise relative to the RMS efforts.
 
     Attributes:
         model: robot and terms.
         coefficients: the r base coefficients.
         source: of the log.
-        noise: relative to each joint's RMS effort.
         reach: (n,) range of positions of each actuator, rad.
         speed: (n,) highest speed, rad/s.
         acceleration: (n,) highest acceleration, rad/s^2.
         idle: (n,) share of the time at standstill.
-        condition: condition number of the base regressor over the samples in motion; inf if a coefficient is not shown.
-        uncertainty: (r,) standard deviation of each coefficient after the log, signs given, over its usual size.
-        joints: groups of joints of unknown sign, for the robot of which the easiest is easiest to mistake; None if all
-            signs are known.
-        segments: the log's own of unknown sign.
         doubtful: (n,) expected share of each joint's energy with the wrong sign, segments turned one by one.
 
     Example:
@@ -68,15 +60,10 @@ class ExcitationJudgement:
     model: Model
     coefficients: BaseCoefficients
     source: str
-    noise: float
     reach: Array
     speed: Array
     acceleration: Array
     idle: Array
-    condition: float
-    uncertainty: Array
-    joints: JointFlips | None
-    segments: SegmentFlips
     doubtful: Array
 
     def __repr__(self) -> str:
@@ -86,11 +73,6 @@ class ExcitationJudgement:
             *(f"- {remark}" for remark in self.remarks),
         ]
         return "\n  ".join(lines)
-
-    @property
-    def undecided(self) -> tuple[int, ...]:
-        """Coefficients that the log leaves undecided."""
-        return undecided(self.uncertainty)
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -158,7 +140,6 @@ def judge_log(
     flips = expectation.joint_flips(grams, samples, noise, weight, groups) if unsigned else []
     measured = turn_measured(sums.scaled(noise * sums.rms_effort(n)), segments.start, segments.end, weight)
     wrong = np.bincount(measured.joint, sums.energy[sums.known == 0] * mistaken(measured.resolvability), n)
-    log_condition = log_condition_of(grams.sum(axis=0))
     return ExcitationJudgement(
         model=model,
         coefficients=expectation.coefficients,
@@ -168,7 +149,7 @@ def judge_log(
         speed=speed.max(axis=0),
         acceleration=np.abs(actuators.ddq).max(axis=0),
         idle=np.mean(speed <= actuators.standstill_speed, axis=0),
-        condition=float(np.exp(log_condition)) if log_condition < UNEXCITED else np.inf,
+        condition=condition_of(grams),
         uncertainty=expectation.uncertainty(grams, samples, noise, weight),
         joints=min(flips, key=lambda one: one.resolvability.min(), default=None),
         segments=measured,

@@ -13,7 +13,7 @@ by the first, for no motion changes what a model lacks.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
@@ -23,12 +23,13 @@ from bayesid.arrays import TINY, Array, Integers, Mask
 from bayesid.effects.coefficients import BaseCoefficients, base_coefficients
 from bayesid.effects.model import Model
 from bayesid.errors import InputError, near_names
-from bayesid.excitation.gaussian import at_least, information_of, inverse, root_of, scaled_spectrum
+from bayesid.excitation.gaussian import information_of, root_of, scaled_spectrum
 from bayesid.excitation.resolvability import expect, expected_segments, mistaken, resolvability
 from bayesid.excitation.tuning import TUNING
 from bayesid.identification.identification import KNOWN, SURE
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.motion import Motion
+from bayesid.regression.knowledge import inverse_of
 from bayesid.robot import Robot
 from bayesid.simulation.trajectories import INDUSTRIAL_ARM, MotionLimits, random_trajectory
 
@@ -85,24 +86,24 @@ class Known:
         of_gains[:, self.gains, np.arange(len(self.gains))] = -effort[:, self.gains]
         return np.concatenate([columns, of_gains], axis=2)
 
-    def weights(self, motion: Motion, period: float) -> Array:
-        """(N, n) what each sample of a motion, one a period (s), counts for: nothing where its actuator rests."""
+    def weights(self, motion: Motion) -> Array:
+        """(N, n) what each of the even samples of a motion counts for: nothing where its actuator rests."""
         actuators = self.model.robot.actuators(motion)
         moving: Mask = np.abs(actuators.dq) > actuators.standstill_speed
-        return moving * (self.density * period)
+        return moving * (self.density * period_of(motion))
 
-    def information(self, motion: Motion, period: float) -> Array:
+    def information(self, motion: Motion) -> Array:
         """(R, R) of a recording."""
-        return information_of(self.columns(motion), self.weights(motion, period))
+        return information_of(self.columns(motion), self.weights(motion))
 
     def covariance(self, information: Array) -> Array:
         """(R, R) P after a recording of some information (R, R)."""
-        return inverse(self.precision + information)
+        return inverse_of(self.precision + information)
 
     @cached_property
     def now(self) -> Array:
         """(R, R) covariance as it is, with what the model may lack."""
-        return inverse(self.precision) + self.lacking
+        return inverse_of(self.precision) + self.lacking
 
     @cached_property
     def root(self) -> Array:
@@ -135,14 +136,20 @@ def _distribution(identified: IdentifiedModel, base: BaseCoefficients) -> tuple[
     if draws.log_gain is not None and (gains := np.flatnonzero(np.ptp(draws.log_gain, axis=0) > 0.0)).size:
         both = np.cov(np.hstack([drawn, draws.log_gain[:, gains]]), rowvar=False)
         mean = np.concatenate([beta, draws.log_gain[:, gains].mean(axis=0)])
-        return mean, inverse(at_least(both, _ROUNDING)), np.zeros_like(both), gains
+        return mean, inverse_of(_at_least(both, _ROUNDING)), np.zeros_like(both), gains
     covariance = np.atleast_2d(np.cov(drawn, rowvar=False))
     if not identified.precision.any():
-        return beta, inverse(at_least(covariance, _ROUNDING)), np.zeros_like(covariance), none
+        return beta, inverse_of(_at_least(covariance, _ROUNDING)), np.zeros_like(covariance), none
     lacking = identified.lacking
     if lacking is None:
         lacking = _beyond_sampling(covariance, identified.precision, len(drawn))
-    return beta, identified.precision, at_least(lacking, 0.0), none
+    return beta, identified.precision, _at_least(lacking, 0.0), none
+
+
+def _at_least(matrix: Array, least: float) -> Array:
+    """A symmetric matrix whose scaled eigenvalues are no less than a share of the largest."""
+    root = root_of(matrix, least)
+    return root @ root.T
 
 
 def _blind(precision: Array) -> bool:
@@ -158,25 +165,27 @@ def _beyond_sampling(covariance: Array, precision: Array, draws: int) -> Array:
     Pastur, 1967). A true l > 1 + sqrt(R / K) comes out as l + l (R / K) / (l - 1) (Baik and Silverstein, Eigenvalues of
     large sample covariance matrices of spiked population models, 2006), which is undone; a smaller one is not seen.
     """
-    share = len(covariance) / draws
-    values, vectors, scale = scaled_spectrum(precision)
-    root = scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))  # L = root root'
+    share, root = len(covariance) / draws, root_of(precision)
     found, turn = np.linalg.eigh(root.T @ covariance @ root)
     more = found > TUNING.chance * (1.0 + np.sqrt(share)) ** 2
     middle = 0.5 * (found[more] + 1.0 - share)
     true = middle + np.sqrt(middle**2 - found[more])
-    across = inverse(precision) @ root @ turn[:, more]
+    across = inverse_of(precision) @ root @ turn[:, more]
     return (across * (true - 1.0)) @ across.T
 
 
-def certain_share(known: Known, motion: Motion, period: float) -> float:
+def period_of(motion: Motion) -> float:
+    """Seconds from one of its even samples to the next."""
+    return float(motion.t[-1] - motion.t[0]) / max(len(motion) - 1, 1)
+
+
+def certain_share(known: Known, motion: Motion) -> float:
     """Share of the |effort| in motion, each joint alike, in segments whose sign will be sure to 99 %.
 
     A segment's sign is doubtful where turning it costs little (:eq:`resolvability`), all that is known beforehand
-    counted as data. Segments end where effort or speed change their sign, and are turned one by one. The motion has one
-    sample a period, s.
+    counted as data. Segments end where effort or speed change their sign, and are turned one by one.
     """
-    columns, weights, r = known.columns(motion), known.weights(motion, period), len(known.coefficients)
+    columns, weights, r = known.columns(motion), known.weights(motion), len(known.coefficients)
     effort, speed = columns[:, :, :r] @ known.mean[:r], known.model.robot.actuators(motion).dq
     joint, start, _, gradient, energy = expected_segments(columns, effort, speed, weights)
     left = known.covariance(information_of(columns, weights))
@@ -205,28 +214,25 @@ class Goal:
         forms = self.forms / self.wanted[:, None]
         return forms @ covariance @ forms.T
 
+    def spread(self, covariance: Array) -> float:
+        """The logarithm of det(1 + W^-1 F C F' W^-1): twice what is left to be told of the sums F.
 
-def information_gain(goal: Goal, before: Array, after: Array) -> float:
-    """Nats that a recording tells of the sums, seen as well as they are wanted, from covariances (R, R) of it."""
-    return 0.5 * (log_spread(goal, before) - log_spread(goal, after))
+        Of :eq:`next-information`. D-optimal, but that a sum which is known as well as it is wanted counts no more
+        (Chaloner and Verdinelli, Bayesian Experimental Design: A Review, 1995, section 2.2).
+        """
+        left = self.left(covariance)
+        return float(np.linalg.slogdet(np.eye(len(left)) + left)[1])
 
+    def mean_variance(self, covariance: Array) -> float:
+        """Mean variance of the sums over what is wanted: A-optimal (ibid., section 2.3)."""
+        return float(np.trace(self.left(covariance)) / len(self.wanted))
 
-def log_spread(goal: Goal, covariance: Array) -> float:
-    """The logarithm of det(1 + W^-1 F C F' W^-1): twice what is left to be told of the sums F (:eq:`next-information`).
-
-    D-optimal, but that a sum which is known as well as it is wanted counts no more (Chaloner and Verdinelli, Bayesian
-    Experimental Design: A Review, 1995, section 2.2).
-    """
-    left = goal.left(covariance)
-    return float(np.linalg.slogdet(np.eye(len(left)) + left)[1])
-
-
-def mean_variance(goal: Goal, covariance: Array) -> float:
-    """Mean variance of the sums over what is wanted: A-optimal (ibid., section 2.3)."""
-    return float(np.trace(goal.left(covariance)) / len(goal.wanted))
+    def gain(self, before: Array, after: Array) -> float:
+        """Nats that a recording tells of the sums, seen as well as they are wanted, from covariances (R, R) of it."""
+        return 0.5 * (self.spread(before) - self.spread(after))
 
 
-CRITERIA = {"D": log_spread, "A": mean_variance}
+CRITERIA = {"D": Goal.spread, "A": Goal.mean_variance}
 """By name; the less, the better."""
 
 
@@ -248,27 +254,22 @@ def goal_of(known: Known, about: Sequence[str] = (), payload: str = "") -> Goal:
     Raises:
         InputError: there is none of a name.
     """
+    parts = [_named(known, name, payload) for name in about]
     if not about:
-        places = open_coefficients(known) or list(range(len(known.coefficients)))
-        parts = [_of_places(known, places), *([_gains(known)] if len(known.gains) > 1 else [])]
-        return _joined(parts)
-    return _joined([_named(known, name, payload) for name in about])
-
-
-def _joined(parts: Sequence[Goal]) -> Goal:
-    sums: dict[str, tuple[Array, float]] = {}
-    for part in parts:
-        for name, form, size in zip(part.names, part.forms, part.wanted.tolist(), strict=True):
-            sums.setdefault(name, (form, size))
+        parts = [_of_places(known, open_coefficients(known) or list(range(len(known.coefficients))))]
+        parts += [_gains(known)] * (len(known.gains) > 1)
+    names = [name for part in parts for name in part.names]
     never = tuple(dict.fromkeys(sentence for part in parts for sentence in part.never))
-    if not sums:
+    if not names:
         raise InputError("; ".join(never), field="about", remedy="name something that a motion can tell")
-    forms, wanted = zip(*sums.values(), strict=True)
-    return Goal(tuple(sums), np.array(forms), np.array(wanted), never)
+    first = [names.index(name) for name in dict.fromkeys(names)]
+    forms, wanted = (
+        np.concatenate(each)[first] for each in zip(*((part.forms, part.wanted) for part in parts), strict=True)
+    )
+    return Goal(tuple(names[k] for k in first), forms, wanted, never)
 
 
-def _of_places(known: Known, places: Iterable[int], never: tuple[str, ...] = ()) -> Goal:
-    chosen = list(places)
+def _of_places(known: Known, chosen: list[int], never: tuple[str, ...] = ()) -> Goal:
     sd = np.sqrt(np.diag(known.now))
     wanted = np.maximum(KNOWN * np.abs(known.mean), 1e-6 * sd)  # of a quantity that is zero, below every gain
     return Goal(tuple(known.names[k] for k in chosen), np.eye(len(known))[chosen], wanted[chosen], never)
@@ -311,8 +312,7 @@ def _gains(known: Known) -> Goal:
     """Ratios of gains to the first that is unknown; their common factor is no motion's."""
     count, r = len(known.gains), len(known.coefficients)
     if not count:
-        never = ("the result's gains are exact: nothing is open of them",)
-        return Goal((), np.zeros((0, len(known))), np.zeros(0), never)
+        return _of_places(known, [], ("the result's gains are exact: nothing is open of them",))
     forms = np.zeros((count - 1, len(known)))
     forms[:, r] = -1.0
     forms[np.arange(count - 1), r + 1 + np.arange(count - 1)] = 1.0
@@ -354,13 +354,10 @@ def _signs(known: Known) -> Goal:
     A sign is certain where the model's error of the effort is small beside it. The motions are random ones.
     """
     motion = usual_motion(known.model.robot)
-    information = known.information(motion, float(np.median(np.diff(motion.t)))) / (motion.t[-1] - motion.t[0])
-    values, vectors = np.linalg.eigh(information)
-    seen = values > _NONE * values[-1]
-    forms = (vectors[:, seen] * np.sqrt(values[seen])).T
-    names = tuple(f"effort{k + 1}" for k in range(int(seen.sum())))
+    forms = root_of(known.information(motion) / (motion.t[-1] - motion.t[0])).T
+    names = tuple(f"effort{k + 1}" for k in range(len(forms)))
     never = ("what is learned of efforts hardly helps signs: over 291 simulated logs no design of motion has",)
-    return Goal(names, forms, np.full(int(seen.sum()), TUNING.sign), never)
+    return Goal(names, forms, np.full(len(forms), TUNING.sign), never)
 
 
 def usual_motion(robot: Robot, limits: MotionLimits = INDUSTRIAL_ARM, duration: float | None = None) -> Motion:

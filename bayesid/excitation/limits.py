@@ -13,8 +13,6 @@ jerks: they have the defaults too.
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ET
-from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -22,9 +20,9 @@ from typing import Any
 import numpy as np
 
 from bayesid.errors import InputError
-from bayesid.files.bounded import LARGEST, read_source, toml_of, xml_of
+from bayesid.files.bounded import LARGEST, read_source, toml_of
 from bayesid.robot import Robot
-from bayesid.robot.urdf_tree import check_links
+from bayesid.robot.urdf_tree import UrdfJoint, read_tree
 from bayesid.simulation.trajectories import INDUSTRIAL_ARM, MotionLimits
 
 _KEYS = tuple(field.name for field in fields(MotionLimits))
@@ -50,12 +48,7 @@ def read_limits(path: str | Path, robot: Robot | None = None) -> MotionLimits:
     path = Path(path)
     text = read_source(path, _REMEDY)
     if path.suffix in (".urdf", ".xml"):
-        try:
-            root = xml_of(text, str(path))
-        except ET.ParseError as error:
-            raise InputError(f"cannot be read ({error})", str(path), _REMEDY) from None
-        check_links(root, str(path))
-        return _urdf_limits(root, robot, str(path))
+        return _urdf_limits(text, robot, str(path))
     table = toml_of(text, str(path), _REMEDY)
     unknown = sorted(set(table) - set(_KEYS))
     if unknown:
@@ -115,66 +108,29 @@ def _numbers(value: object, where: str) -> float | tuple[float, ...]:
 # ---------------------------------------------------------------------------------------------------------------
 # URDF
 # ---------------------------------------------------------------------------------------------------------------
-def _urdf_limits(root: ET.Element, robot: Robot | None, where: str) -> MotionLimits:
-    names = [] if robot is None else [joint.name for joint in robot.joints]
-    joints = _named(root, names, where) if any(names) else _chain(root, where)
-    rows = [_joint_limits(joint, f"{where}, joint {joint.get('name')}") for joint in joints]
-    if not rows:
+def _urdf_limits(text: str, robot: Robot | None, where: str) -> MotionLimits:
+    tree = read_tree(text, where)
+    names = [] if robot is None else [joint.name for joint in robot.joints if joint.name]
+    missing = [name for name in names if name not in tree.named]
+    if missing:
+        raise InputError(f"has no joint {missing[0]!r}", where, "give the robot's own URDF, or a TOML file")
+    joints = [tree.named[name] for name in names] or [joint for joint in tree.joints if joint.moves]
+    if not joints:
         raise InputError("has no moving joint", where, "give a URDF of an arm")
-    lower, upper, velocity, effort = (tuple(column) for column in zip(*rows, strict=True))
+    if not names and any(joint not in tree.path(joints[-1].child) for joint in joints):
+        raise InputError("is of a robot that branches", where, "give the limits in a TOML file")
+    lower, upper, velocity, effort = zip(*(_joint_limits(joint, where) for joint in joints), strict=True)
     limited = {} if not np.isfinite(effort).any() else {"effort": effort}
     return _made({"lower": lower, "upper": upper, "velocity": velocity, **limited}, where)
 
 
-def _named(root: ET.Element, names: Sequence[str], where: str) -> list[ET.Element]:
-    known = {joint.get("name"): joint for joint in root.findall("joint")}
-    for name in names:
-        if name not in known:
-            raise InputError(f"has no joint {name!r}", where, "give the robot's own URDF, or a TOML file")
-    return [known[name] for name in names]
-
-
-def _chain(root: ET.Element, where: str) -> list[ET.Element]:
-    """The moving joints from base to tip."""
-    after: dict[str, list[tuple[ET.Element, str]]] = {}
-    for joint in root.findall("joint"):
-        parent, child = joint.find("parent"), joint.find("child")
-        if parent is None or child is None:
-            raise InputError("lacks a parent or a child", f"{where}, joint {joint.get('name')}", "correct the file")
-        after.setdefault(parent.get("link", ""), []).append((joint, child.get("link", "")))
-    children = [child for joints in after.values() for _, child in joints]
-    for link in children:
-        if children.count(link) > 1:
-            raise InputError("is the child of two joints", f"{where}, link {link}", "give a URDF without loops")
-    chain: list[ET.Element] = []
-    for base in (link for link in after if link not in children):
-        own: list[ET.Element] = []
-        waiting = [(base, 0)]
-        while waiting:
-            link, depth = waiting.pop()
-            for joint, beyond in after.get(link, []):
-                moves = joint.get("type") != "fixed"
-                if moves and depth < len(own):
-                    raise InputError("is of a robot that branches", where, "give the limits in a TOML file")
-                own += [joint] * moves
-                waiting.append((beyond, depth + moves))
-        chain += own
-    return chain
-
-
-def _joint_limits(joint: ET.Element, where: str) -> tuple[float, float, float, float]:
+def _joint_limits(joint: UrdfJoint, where: str) -> tuple[float, float, float, float]:
     """Lower, upper, velocity and effort; the usual ones where the file does not say, or a joint turns without end."""
-    limit = joint.find("limit")
-    try:
-        lower, upper, velocity, effort = (
-            float(limit.get(key, 0.0)) if limit is not None else 0.0 for key in ("lower", "upper", "velocity", "effort")
-        )
-    except ValueError as error:
-        raise InputError(f"its limits are no numbers ({error})", where, "correct the file") from None
-    endless = joint.get("type") == "continuous" or not 0.0 < upper - lower <= 4.0 * np.pi
-    if endless and joint.get("type") == "prismatic":
-        raise InputError("slides, and has no limits", where, "give the limits in a TOML file")
-    usual = np.asarray([INDUSTRIAL_ARM.lower, INDUSTRIAL_ARM.upper, INDUSTRIAL_ARM.velocity])
-    lower, upper = (float(usual[0]), float(usual[1])) if endless else (lower, upper)
-    velocity = velocity if 0.0 < velocity < LARGEST else float(usual[2])
-    return lower, upper, velocity, effort if 0.0 < effort < LARGEST else np.inf
+    lower, upper, velocity = joint.range
+    usual = np.asarray([INDUSTRIAL_ARM.lower, INDUSTRIAL_ARM.upper, INDUSTRIAL_ARM.velocity]).tolist()
+    if joint.kind == "continuous" or not 0.0 < upper - lower <= 4.0 * np.pi:
+        if joint.kind == "prismatic":
+            raise InputError("slides, and has no limits", f"{where}, joint {joint.name}", "give them in a TOML file")
+        lower, upper = usual[:2]
+    velocity = velocity if 0.0 < velocity < LARGEST else usual[2]
+    return lower, upper, velocity, np.inf if joint.rated_effort is None else joint.rated_effort

@@ -9,7 +9,7 @@ between hypotheses (`bayesid.excitation.rivals`). What will be known afterwards 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
@@ -20,18 +20,8 @@ from bayesid.arrays import Array
 from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.effects.coefficients import base_coefficients
 from bayesid.errors import InputError
-from bayesid.excitation.gaussian import information_of, inverse
-from bayesid.excitation.known import (
-    CRITERIA,
-    GAIN,
-    Goal,
-    Known,
-    certain_share,
-    goal_of,
-    information_gain,
-    known_of,
-    usual_motion,
-)
+from bayesid.excitation.gaussian import information_of
+from bayesid.excitation.known import CRITERIA, GAIN, Goal, Known, certain_share, goal_of, known_of, usual_motion
 from bayesid.excitation.limits import check_between, check_limits
 from bayesid.excitation.rivals import (
     Hypotheses,
@@ -42,13 +32,14 @@ from bayesid.excitation.rivals import (
     make_rivals,
 )
 from bayesid.excitation.search import MotionSearch, best_motion
-from bayesid.excitation.splines import Feasibility, SplineBasis, SplineTrajectory, at_rest, fine_steps
+from bayesid.excitation.splines import Feasibility, SplineBasis, SplineTrajectory, at_rest, fine_steps, largest_efforts
 from bayesid.excitation.tuning import TUNING
 from bayesid.identification.identification import KNOWN, Identification, identified_of
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.motion import Motion
 from bayesid.parallel import one_blas_thread
 from bayesid.progress import SILENT, Progress
+from bayesid.regression.knowledge import inverse_of
 from bayesid.regression.selection.explanation import LN10
 from bayesid.robot.collision import CollisionModel
 from bayesid.simulation.trajectories import MotionLimits
@@ -254,24 +245,18 @@ def design_next(
     delayed = known_of(identified, run.rate)  # a delay may be among the hypotheses
     known = delayed.undelayed
     _check(known, run.payload, criterion, changes)
-    assumed, (limits, run) = run.limits is None, _settled(run, known, recorded)
+    unlimited, (limits, run) = run.limits is None, _settled(run, known, recorded)
     feasibility = Feasibility.of(known, limits, run.clearance)
     still = at_rest(SplineBasis(run.duration), np.array(run.start), run.payload)
     _check_start(feasibility, still)
     labelled = partial(replace, payload=np.array(run.payload))
-    reference = labelled(usual_motion(known.model.robot, limits))
+    reference, random = (labelled(usual_motion(known.model.robot, limits, each)) for each in (None, run.duration))
     rivals = tuple(make_rivals(delayed, keys, recorded, reference, hypotheses.changed) for keys in hypotheses.classes)
     goal = None if rivals else goal_of(known, about, run.payload)
-    search = _search_of(known, CRITERIA[criterion], goal, rivals, feasibility, still)
+    search = _search_of(known, criterion, goal, rivals, feasibility, still)
     usual = TUNING.telling_changes if goal is None else TUNING.changes
     _, trajectory = best_motion(search, changes or (usual // TUNING.whole if search.whole else usual), progress)
-    never = ((_SUPPOSED,) if known.supposed else ()) + (() if goal is None else goal.never)
-    never += tuple(
-        f"no motion can tell {one} from {other}: efforts are the same under both"
-        for made in rivals
-        for one, other in inseparable(made, reference)
-    )
-    random = labelled(usual_motion(known.model.robot, limits, run.duration))
+    alike = [pair for made in rivals for pair in inseparable(made, reference)]
     return NextMotion(
         known=known,
         trajectory=trajectory,
@@ -281,8 +266,12 @@ def design_next(
         predicted=_prediction(known, goal, rivals, trajectory.motion(_instants(run))),
         of_random=_prediction(known, goal, rivals, random),
         feasibility=feasibility,
-        never=never,
-        unchecked=_unchecked(run, assumed=assumed),
+        never=(
+            *([_SUPPOSED] if known.supposed else []),
+            *(() if goal is None else goal.never),
+            *(f"no motion can tell {one} from {other}: efforts are the same under both" for one, other in alike),
+        ),
+        unchecked=_unchecked(run, limits, assumed=unlimited),
         slow=tuple(share for share in SPEEDS if _bears_slowly(feasibility, trajectory, share)),
         seconds=time.perf_counter() - began,
     )
@@ -385,7 +374,7 @@ def _instants(run: RunSettings) -> Array:
 
 def _search_of(
     known: Known,
-    criterion: Callable[[Goal, Array], float],
+    criterion: str,
     goal: Goal | None,
     rivals: tuple[RivalEffects, ...],
     feasibility: Feasibility,
@@ -396,7 +385,7 @@ def _search_of(
     if goal is not None:
 
         def left_of(information: Array) -> float:
-            return criterion(goal, known.covariance(information))
+            return CRITERIA[criterion](goal, known.covariance(information))
 
         return MotionSearch(known.columns, known.weights, left_of, known.memory, *to_keep)
     ends = np.cumsum([0, *(len(one.recorded) for one in rivals)]).tolist()
@@ -414,11 +403,10 @@ def _search_of(
 def _prediction(
     known: Known, goal: Goal | None, rivals: tuple[RivalEffects, ...], motion: Motion
 ) -> PredictedKnowledge:
-    period = float(motion.t[-1] - motion.t[0]) / (len(motion) - 1)
-    after = known.covariance(known.information(motion, period))
+    after = known.covariance(known.information(motion))
     factors: dict[tuple[str, str], float] = {}
     for one in rivals:
-        information = information_of(one.columns(motion), one.known.weights(motion, period))
+        information = information_of(one.columns(motion), one.known.weights(motion))
         factors |= {pair: value / LN10 for pair, value in one.expected(information).items()}
     return PredictedKnowledge(
         names=known.names,
@@ -427,22 +415,21 @@ def _prediction(
         sd_now=np.sqrt(np.diag(known.now)),
         sd=np.sqrt(np.diag(after)),
         sd_lacking=np.sqrt(np.diag(after + known.lacking)),
-        gain=0.0 if goal is None else information_gain(goal, inverse(known.precision), after),
+        gain=0.0 if goal is None else goal.gain(inverse_of(known.precision), after),
         log10_bayes_factors=factors,
-        certain_signs=certain_share(known, motion, period),
+        certain_signs=certain_share(known, motion),
     )
 
 
-def _unchecked(run: RunSettings, *, assumed: bool) -> tuple[str, ...]:
-    assert run.limits is not None
+def _unchecked(run: RunSettings, limits: MotionLimits, *, assumed: bool) -> tuple[str, ...]:
     usual = "the robot's own joint limits: usual ones are assumed, widened to where the log has been (--limits)"
     said = [usual] if assumed else []
-    if run.limits.effort is None:
+    if limits.effort is None:
         said.append("efforts: no limits are known (--effort-limits, or a URDF with them)")
-    elif not np.isfinite(run.limits.effort).all():
-        joints = ", ".join(map(str, np.flatnonzero(~np.isfinite(run.limits.effort)) + 1))
+    elif not np.isfinite(limits.effort).all():
+        joints = ", ".join(map(str, np.flatnonzero(~np.isfinite(limits.effort)) + 1))
         said.append(f"efforts of joints {joints}: no limits are known (--effort-limits)")
-    if run.limits.jerk is None:
+    if limits.jerk is None:
         said.append("jerks: no limits are known (a key of the file that --limits takes)")
     if run.clearance is None:
         why = f"no collision model: {run.no_clearance}"
@@ -457,7 +444,8 @@ def _unchecked(run: RunSettings, *, assumed: bool) -> tuple[str, ...]:
 def _bears_slowly(feasibility: Feasibility, trajectory: SplineTrajectory, share: float) -> bool:
     """Whether efforts keep their limits where the motion is played at a share of its speed."""
     motion = slowed(trajectory, share, share * fine_steps(trajectory.duration) / trajectory.duration)
-    return not feasibility.limits_effort or feasibility.holds(*feasibility.effort_band(motion))
+    largest = largest_efforts(*feasibility.effort_band(motion)) if feasibility.limits_effort else -np.inf
+    return bool(np.all(largest <= feasibility.effort))
 
 
 def slowed(trajectory: SplineTrajectory, share: float, rate: float) -> Motion:

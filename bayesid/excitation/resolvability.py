@@ -40,12 +40,13 @@ from bayesid.arrays import TINY, Array, Integers
 from bayesid.effects.coefficients import BaseCoefficients, base_coefficients
 from bayesid.effects.model import Model
 from bayesid.errors import InputError
-from bayesid.excitation.gaussian import information_of, pseudo_inverse
+from bayesid.excitation.gaussian import information_of
 from bayesid.excitation.tuning import TUNING
 from bayesid.motion import Motion
 from bayesid.regression.knowledge import Beliefs
 from bayesid.regression.moments import Moments
 from bayesid.simulation.parameters import random_parameters
+from bayesid.simulation.trajectories import UNEXCITED, log_condition_of
 
 WRONG = 0.1
 """Share of the energy with a wrong sign at which the noise is more than a motion bears: a definition, equation (3)."""
@@ -81,6 +82,40 @@ class SegmentFlips:
         return float(self.share @ mistaken(self.resolvability))
 
 
+@dataclass(frozen=True, kw_only=True)
+class Excitation:
+    """What a motion shows, before anything is identified.
+
+    Attributes:
+        noise: relative to each joint's RMS effort, at which all this is meant.
+        condition: condition number of the base regressor; inf if a coefficient is not shown.
+        uncertainty: (r,) sd of each coefficient after a log of this motion, signs given, over its usual size.
+        joints: groups of joints of unknown sign, for the robot of which the easiest is easiest to mistake; None if all
+            signs are known.
+        segments: those of unknown sign.
+    """
+
+    noise: float
+    condition: float
+    uncertainty: Array
+    joints: JointFlips | None
+    segments: SegmentFlips
+
+    @property
+    def undecided(self) -> tuple[int, ...]:
+        """Coefficients of which more than half of the usual size is left open."""
+        return tuple(np.flatnonzero(self.uncertainty > TUNING.decided).tolist())
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Turned signs
+# ---------------------------------------------------------------------------------------------------------------
+def resolvability(inverse: Array, gradient: Array, energy: Array) -> Array:
+    """(m,) R of (2) from H^-1 (r, r), gradients g (m, r) and energies c (m,), all in units of the noise."""
+    explained = np.einsum("mr,mr->m", gradient @ inverse, gradient)
+    return 4.0 * np.maximum(energy - explained, 0.0)
+
+
 def mistaken(resolvability: Array) -> Array:
     """Probability that noise makes turned signs look better than the true ones, Phi(-sqrt(R) / 2)."""
     probability: Array = ndtr(-0.5 * np.sqrt(resolvability))
@@ -92,29 +127,21 @@ def noise_tolerance(joints: JointFlips, segments: SegmentFlips, noise: float) ->
     share = np.concatenate([joints.share, segments.share])
     resolved = np.concatenate([joints.resolvability, segments.resolvability])
 
-    def excess(log_factor: float) -> float:
-        return float(share @ mistaken(resolved * np.exp(-2.0 * log_factor))) - WRONG
+    def excess(log_noise: float) -> float:
+        return float(share @ mistaken(resolved * noise**2 * np.exp(-2.0 * log_noise))) - WRONG
 
     least, most = 1e-6, 1e6  # no sensor is as good, nothing is shown beyond
-    low, high = np.log([least / noise, most / noise])
-    if excess(low) >= 0.0:
+    if excess(np.log(least)) >= 0.0:
         return least
-    if excess(high) <= 0.0:
+    if excess(np.log(most)) <= 0.0:
         return most
-    return noise * float(np.exp(scipy.optimize.brentq(excess, low, high, xtol=1e-6)))
+    return float(np.exp(scipy.optimize.brentq(excess, np.log(least), np.log(most), xtol=1e-6)))
 
 
-def joint_grams(columns: Array) -> Array:
-    """(n, r, r) Gram matrix of each joint's rows of the columns (N, n, r)."""
-    rows = columns.swapaxes(0, 1)
-    grams: Array = rows.swapaxes(1, 2) @ rows
-    return grams
-
-
-def expected_noise(grams: Array, beta: Array, samples: int | Integers, noise: float) -> Array:
-    """(n,) noise, N m: a share of the RMS effort of a robot with coefficients beta (r,); 1 where there is no effort."""
-    rms = np.sqrt(np.maximum(grams @ beta @ beta, 0.0) / samples)
-    return noise * np.where(rms > 0.0, rms, 1.0)
+def groups_of(joints: list[int], all_unsigned: bool = True) -> tuple[tuple[int, ...], ...]:
+    """Groups of up to three of the joints whose signs are unknown; all at once only if there are others."""
+    most = min(TUNING.largest_group, max(1, len(joints) - all_unsigned))
+    return tuple(group for size in range(1, most + 1) for group in combinations(joints, size))
 
 
 def turn_joints(grams: Array, beta: Array, groups: tuple[tuple[int, ...], ...]) -> JointFlips:
@@ -126,14 +153,8 @@ def turn_joints(grams: Array, beta: Array, groups: tuple[tuple[int, ...], ...]) 
     gradient = grams @ beta
     energy = gradient @ beta
     share = members @ energy / max(float(energy.sum()), TINY)
-    cost = resolvability(pseudo_inverse(grams.sum(axis=0)), members @ gradient, members @ energy)
+    cost = resolvability(_pseudo_inverse(grams.sum(axis=0)), members @ gradient, members @ energy)
     return JointFlips(groups, np.minimum(share, 1.0 - share), cost)
-
-
-def groups_of(joints: list[int], all_unsigned: bool = True) -> tuple[tuple[int, ...], ...]:
-    """Groups of up to three of the joints whose signs are unknown; all at once only if there are others."""
-    most = min(TUNING.largest_group, max(1, len(joints) - all_unsigned))
-    return tuple(group for size in range(1, most + 1) for group in combinations(joints, size))
 
 
 def expected_segments(
@@ -167,7 +188,7 @@ def turn_segments(columns: Array, effort: Array, speed: Array, sigma: Array, wei
     """
     weights = np.broadcast_to(weight / sigma**2, effort.shape)
     joint, start, end, gradient, energy = expected_segments(columns, effort, speed, weights)
-    cost = resolvability(pseudo_inverse(information_of(columns, weights)), gradient, energy)
+    cost = resolvability(_pseudo_inverse(information_of(columns, weights)), gradient, energy)
     return SegmentFlips(joint, start, end, energy / max(float(energy.sum()), TINY), cost)
 
 
@@ -177,18 +198,23 @@ def turn_measured(moments: Moments, start: Integers, end: Integers, weight: floa
     The moments of the log's S segments are in units of the noise; they begin and end at samples (S,), each of which
     stands for so many independent ones.
     """
-    cost = weight * resolvability(pseudo_inverse(moments.hessian.total()), moments.gradient, moments.energy)
+    cost = weight * resolvability(_pseudo_inverse(moments.hessian.total()), moments.gradient, moments.energy)
     share = moments.energy / max(float(moments.energy.sum()), TINY)
     unsigned = np.flatnonzero(moments.known == 0)
     return SegmentFlips(moments.joint[unsigned], start[unsigned], end[unsigned], share[unsigned], cost[unsigned])
 
 
-def resolvability(inverse: Array, gradient: Array, energy: Array) -> Array:
-    """(m,) R of (2) from H^-1 (r, r), gradients g (m, r) and energies c (m,), all in units of the noise."""
-    explained = np.einsum("mr,mr->m", gradient @ inverse, gradient)
-    return 4.0 * np.maximum(energy - explained, 0.0)
+def _pseudo_inverse(gram: Array) -> Array:
+    """Nothing along what a Gram matrix does not show; exact, for a resolvability is a small difference of energies."""
+    lengths = np.sqrt(np.diag(gram))
+    scale = np.divide(1.0, lengths, out=np.zeros_like(lengths), where=lengths > 0.0)
+    scaled = scale[:, None] * gram * scale
+    return np.asarray(scale[:, None] * np.linalg.pinv(scaled, rcond=1e-12, hermitian=True) * scale)
 
 
+# ---------------------------------------------------------------------------------------------------------------
+# Plausible robots
+# ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Expectation:
     """K plausible robots with the same kinematics."""
@@ -207,6 +233,14 @@ class Expectation:
         """(N, n, r) base regressor."""
         return self.model.columns(motion)[:, :, self.coefficients.kept]
 
+    def sigma(self, grams: Array, samples: int | Integers, noise: float) -> Array:
+        """(K, n) noise of each robot's joints, N m: a share of the RMS effort; 1 where there is no effort.
+
+        Arguments as for `joint_flips`.
+        """
+        square = np.einsum("kr,jrs,ks->kj", self.betas, grams, self.betas) / samples
+        return noise * np.where(square > 0.0, np.sqrt(np.maximum(square, 0.0)), 1.0)
+
     def joint_flips(
         self, grams: Array, samples: int | Integers, noise: float, weight: float, groups: tuple[tuple[int, ...], ...]
     ) -> list[JointFlips]:
@@ -219,8 +253,8 @@ class Expectation:
             weight: independent samples that each sample stands for.
             groups: that are turned.
         """
-        sigma = [expected_noise(grams, beta, samples, noise)[:, None, None] for beta in self.betas]
-        return [turn_joints(weight * grams / sd**2, beta, groups) for beta, sd in zip(self.betas, sigma, strict=True)]
+        pairs = zip(self.betas, self.sigma(grams, samples, noise)[:, :, None, None], strict=True)
+        return [turn_joints(weight * grams / sd**2, beta, groups) for beta, sd in pairs]
 
     def uncertainty(self, grams: Array, samples: int | Integers, noise: float, weight: float) -> Array:
         """(r,) standard deviation of each coefficient after a log whose signs are known, over its size beforehand.
@@ -230,22 +264,17 @@ class Expectation:
 
         Arguments as for `joint_flips`.
         """
-        sigma = np.sqrt(np.mean([expected_noise(grams, beta, samples, noise) ** 2 for beta in self.betas], axis=0))
-        hessian = np.einsum("j,jrs->rs", weight / sigma**2, grams)
+        square = np.mean(self.sigma(grams, samples, noise) ** 2, axis=0)
+        hessian = np.einsum("j,jrs->rs", weight / square, grams)
         precision = self.size[:, None] * hessian * self.size + np.eye(len(self.size))
         return np.sqrt(np.diag(np.linalg.inv(precision)))
 
 
 def expect(model: Model, seed: int = 0, beliefs: Beliefs = Beliefs()) -> Expectation:
-    """Draws robots that are plausible for a model.
-
-    Args:
-        model: robot and terms.
-        seed: of the draws.
-        beliefs: parameters known beforehand take the place of drawn ones.
+    """Draws robots that are plausible for a model; parameters that are believed take the place of drawn ones.
 
     Raises:
-        InputError: the model has no such parameter.
+        InputError: the model has no parameter of which something is believed.
     """
     rng, coefficients = np.random.default_rng(seed), base_coefficients(model)
     drawn = np.array([random_parameters(model, rng) for _ in range(TUNING.sized)])
@@ -254,9 +283,17 @@ def expect(model: Model, seed: int = 0, beliefs: Beliefs = Beliefs()) -> Expecta
     return Expectation(model, coefficients, np.where(np.isnan(stated), drawn, stated)[: TUNING.robots], size)
 
 
-def undecided(uncertainty: Array) -> tuple[int, ...]:
-    """Coefficients of which more than half of the usual size is left open."""
-    return tuple(np.flatnonzero(uncertainty > TUNING.decided).tolist())
+def joint_grams(columns: Array) -> Array:
+    """(n, r, r) Gram matrix of each joint's rows of the columns (N, n, r)."""
+    rows = columns.swapaxes(0, 1)
+    grams: Array = rows.swapaxes(1, 2) @ rows
+    return grams
+
+
+def condition_of(grams: Array) -> float:
+    """Condition number of all joints' rows together, from their Gram matrices; inf where it cannot be told from it."""
+    log_condition = log_condition_of(grams.sum(axis=0))
+    return float(np.exp(log_condition)) if log_condition < UNEXCITED else np.inf
 
 
 def check_noise(noise: float) -> None:

@@ -10,9 +10,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
+import scipy
 
 from bayesid.arrays import TINY, Array, Integers
 from bayesid.discrepancy.workflow import CHANGE_OF
@@ -22,13 +22,14 @@ from bayesid.effects.coefficients import base_coefficients
 from bayesid.effects.effect import Effect
 from bayesid.effects.model import Model
 from bayesid.errors import InputError
-from bayesid.excitation.gaussian import Belief, expected_factors, information_of, inverse, scaled_spectrum
+from bayesid.excitation.gaussian import Belief, expected_factors, information_of
 from bayesid.excitation.known import Known
 from bayesid.excitation.tuning import TUNING
 from bayesid.motion import Motion
+from bayesid.regression.knowledge import inverse_of
 from bayesid.regression.selection.added_effect import AddedEffect
 from bayesid.regression.selection.explanation import LN10
-from bayesid.regression.selection.hypotheses import EffectKey, hypotheses, maker
+from bayesid.regression.selection.hypotheses import EffectKey, Hypothesis, hypotheses, maker
 
 _RANK = 1e-6
 """Share of a column's length that others must leave for a motion to tell it from them."""
@@ -60,13 +61,11 @@ def hypotheses_after(found: Sequence[AddedEffect], classes: Classes, *, asked: b
 
     Where no classes are named and they are asked for, the effects that its log could not tell apart are meant.
     """
-    changed: dict[EffectKey, dict[str, float]] = {}
+    changed: dict[EffectKey, dict[str, float]]
+    changed = {score.key: {} for added in found for score in added.rivals if score.hypothesis.changes}
     for added in found:
-        changed |= {score.key: {} for score in added.rivals if score.hypothesis.changes}
-    for added in found:
-        if added.hypothesis.changes:
-            steps = {name: added.parameters[f"{CHANGE_OF}{name}"][0] for name in added.hypothesis.changes}
-            changed[added.hypothesis.key] = steps
+        if names := added.hypothesis.changes:
+            changed[added.hypothesis.key] = {name: added.parameters[f"{CHANGE_OF}{name}"][0] for name in names}
     if asked and not classes:
         classes = equivalent_classes([(one.effect, one.joints, _equivalents(one)) for one in found])
     return Hypotheses(classes, changed)
@@ -84,16 +83,16 @@ def equivalent_classes(found: Sequence[tuple[str, tuple[int, ...], Mapping[str, 
         found: of each effect that was found its name, its joints, and the effects that are equivalent with theirs. An
             effect whose joints are not known acts in the same, or in the whole robot where it can in no joint alone.
     """
+    whole = {name for name, kind in main_forms().items() if kind.acts_on == "robot"}
+
+    def placed(effect: str, joints: tuple[int, ...] | None, beside: tuple[int, ...]) -> EffectKey:
+        return effect, joints if joints is not None else () if effect in whole else beside
+
     return tuple(
-        ((effect, joints), *((one, _placed(one, joints) if where is None else where) for one, where in others.items()))
+        ((effect, joints), *(placed(one, where, joints) for one, where in others.items()))
         for effect, joints, others in found
         if others
     )
-
-
-def _placed(effect: str, joints: tuple[int, ...]) -> tuple[int, ...]:
-    kind = main_forms().get(effect)
-    return joints if kind is None or kind.acts_on != "robot" else ()
 
 
 def parse_key(text: str) -> EffectKey:
@@ -119,14 +118,18 @@ class RivalForm:
     """One form of a hypothesis."""
 
     source: Effect  # term or distortion
-    place: slice  # of its columns among all, its amplitudes first
-    sd: Array  # (p,) of its amplitudes beforehand; `TUNING.shift` of a change without amplitude
+    sd: Array  # (p,) of its amplitudes beforehand; `TUNING.shift` of a change without amplitude, which comes last
     mean: Array  # (p,) of them beforehand
+    columns: Integers  # (p,) places of its columns among all
 
-    @property
-    def columns(self) -> Integers:
-        """(p,) places of its columns."""
-        return np.arange(self.place.start, self.place.stop)
+    @classmethod
+    def of(cls, hypothesis: Hypothesis) -> RivalForm:
+        """Its columns have no place yet."""
+        columns = hypothesis.columns
+        shift = int(any(np.any(values) for values in columns.shift.values()))
+        sd = np.concatenate([columns.sd, np.full(shift, TUNING.shift)])
+        mean = np.concatenate([np.zeros(len(columns.sd)), np.ones(shift)])
+        return cls(hypothesis.source, sd, mean, np.zeros(0, dtype=np.int64))
 
 
 @dataclass(frozen=True)
@@ -134,7 +137,7 @@ class Rival:
     """A hypothesis."""
 
     key: EffectKey
-    forms: tuple[RivalForm, ...]  # with different numbers
+    forms: tuple[RivalForm, ...]  # with different numbers; that which the result has found comes first
     own: Array | None  # (p,) amplitudes of its first form that the result has found; None where it has not got it
 
     @property
@@ -165,9 +168,7 @@ class RivalEffects:
         scene, parts = self.known.model.scene(motion, self.known.theta, effort, np.abs(effort)), [base]
         for form in (form for rival in self.rivals for form in rival.forms):
             shift, rows = form.source.change(scene)
-            parts.append(rows)
-            if form.place.stop - form.place.start > rows.shape[2]:
-                parts.append(shift[:, :, None])
+            parts += [rows] if rows.shape[2] == len(form.columns) else [rows, shift[:, :, None]]
         return np.concatenate(parts, axis=2)
 
     @property
@@ -200,11 +201,11 @@ class RivalEffects:
 
         Where the result has found one of them, another one has looked to the earlier recording as that one did.
         """
-        found = next((rival for rival in self.rivals if rival.own is not None), None)
+        found = next(((rival.forms[0], rival.own) for rival in self.rivals if rival.own is not None), None)
         truths = {}
         for rival in self.rivals:
-            if rival.own is None and found is not None and found.own is not None:
-                seen = self._of(found.forms[0], found.own)
+            if rival.own is None and found is not None:
+                seen = self._of(*found)
                 truths[rival.name] = max((self._after(form, seen) for form in rival.forms), key=lambda one: one.fit)
             else:
                 form = rival.forms[len(rival.forms) // 2]
@@ -218,10 +219,8 @@ class RivalEffects:
 
     def _of(self, form: RivalForm, amplitudes: Array) -> Belief:
         """A form before the earlier recording, about some amplitudes (p,)."""
-        r = len(self.known)
-        precision = np.diag(1.0 / np.concatenate([np.ones(r), form.sd]) ** 2)
-        precision[:r, :r] = self.prior
-        columns = np.concatenate([np.arange(r), form.columns])
+        columns = np.concatenate([np.arange(len(self.known)), form.columns])
+        precision = scipy.linalg.block_diag(self.prior, np.diag(form.sd**-2.0))
         return Belief(columns, np.concatenate([self.known.mean, amplitudes]), precision)
 
     def _after(self, form: RivalForm, true: Belief) -> Belief:
@@ -230,7 +229,7 @@ class RivalEffects:
         pull = before.precision @ before.mean
         seen = pull + self.recorded[np.ix_(before.columns, true.columns)] @ true.mean
         precision = before.precision + self.recorded[np.ix_(before.columns, before.columns)]
-        mean = inverse(precision) @ seen
+        mean = inverse_of(precision) @ seen
         return Belief(before.columns, mean, precision, float(seen @ mean - before.mean @ pull))
 
 
@@ -256,17 +255,18 @@ def make_rivals(
         remedy = "as in stribeck_friction:3,thermal_drift:3"
         raise InputError("takes two different hypotheses", field="between", remedy=remedy)
     changed = {key: step for key, step in (changed or {}).items() if key in keys}
+    steps = {key: np.array(list(step.values())) for key, step in changed.items() if step}
     bare, found = _without(known, [key for key in keys if key not in changed])
     prior = bare.precision if earlier is None else _before(known, bare, earlier)
-    bare, steps = _as_before(bare.undelayed, changed)
+    bare = _unstepped(bare.undelayed, [changed[key] for key in steps])
     rivals = _rivals(bare, keys, found, steps, reference if earlier is None else earlier)
-    size = rivals[-1].forms[-1].place.stop
+    size = rivals[-1].forms[-1].columns[-1] + 1
     made = RivalEffects(bare, rivals, np.zeros((size, size)), prior)
     if earlier is not None:
         for rival in rivals:
             if rival.key in steps:
-                prior = _unstepped(prior, bare, list(changed[rival.key]), rival.forms[0].sd)
-        recorded = information_of(made.columns(earlier), bare.weights(earlier, _period(earlier)))
+                prior = _without_step(prior, bare, list(changed[rival.key]), rival.forms[0].sd)
+        recorded = information_of(made.columns(earlier), bare.weights(earlier))
         made = replace(made, recorded=recorded, prior=prior)
     return _likeliest(made)
 
@@ -278,73 +278,60 @@ def _rivals(
     steps: Mapping[EffectKey, Array],
     motion: Motion,
 ) -> tuple[Rival, ...]:
-    """Every form of each hypothesis on a motion; that which the result has found comes first."""
-    effort = np.einsum("njr,r->nj", bare.columns(motion), bare.mean)
+    """Every form of each hypothesis on a motion."""
+    effort = bare.columns(motion) @ bare.mean
     scene = bare.model.scene(motion, bare.theta, effort, np.abs(effort))
     actuators = bare.model.robot.actuators(motion)
     make = maker(bare.model, scene, np.abs(actuators.dq) > actuators.standstill_speed)
     rivals = []
     for key in keys:
         own, amplitudes = found.get(key), steps.get(key)
-        tried = [] if own is None else [make(own[0])]
-        tried += [one for group in hypotheses(make, scene, effect=key[0], joints=key[1]) for one in group]
-        if not tried:
+        made = [] if own is None else [make(own[0])]
+        made += [one for group in hypotheses(make, scene, effect=key[0], joints=key[1]) for one in group]
+        forms = [RivalForm.of(one) for one in made]
+        if not forms:
             where = f"joint {', '.join(map(str, key[1]))}" if key[1] else "the whole robot"
             raise InputError(f"{key[0]!r} has no form in {where}", field="between", remedy=_REMEDY)
-        forms = []
-        for one in tried:
-            shift = int(any(np.any(values) for values in one.columns.shift.values()))
-            sd = np.concatenate([one.columns.sd, np.full(shift, TUNING.shift)])
-            mean = np.concatenate([np.zeros(len(one.columns.sd)), np.ones(shift)])
-            forms.append(RivalForm(one.source, slice(0, 0), sd, mean))
         if own is not None:  # a term's parameters, or nothing beside the change that a distortion is
             amplitudes = np.concatenate([own[1], forms[0].mean[len(own[1]) :]])
         rivals.append(Rival(key, tuple(forms), amplitudes))
-    return _placed_behind(len(bare), rivals)
+    return _placed(len(bare), rivals)
 
 
-def _placed_behind(place: int, rivals: Sequence[Rival]) -> tuple[Rival, ...]:
+def _placed(place: int, rivals: Sequence[Rival]) -> tuple[Rival, ...]:
     """With the columns of one form behind those of the other."""
     placed = []
     for rival in rivals:
-        ends = place + np.cumsum([0, *(len(form.sd) for form in rival.forms)])
-        pairs = zip(rival.forms, pairwise(ends.tolist()), strict=True)
-        placed.append(replace(rival, forms=tuple(replace(form, place=slice(*pair)) for form, pair in pairs)))
-        place = int(ends[-1])
+        forms = []
+        for form in rival.forms:
+            forms.append(replace(form, columns=np.arange(place, place + len(form.sd))))
+            place += len(form.sd)
+        placed.append(replace(rival, forms=tuple(forms)))
     return tuple(placed)
 
 
-def _period(motion: Motion) -> float:
-    return float(motion.t[-1] - motion.t[0]) / max(len(motion) - 1, 1)
-
-
-def _as_before(known: Known, changed: Changes) -> tuple[Known, dict[EffectKey, Array]]:
-    """The result with terms as they were before they changed, and by how much they did, where that was found."""
+def _unstepped(known: Known, steps: Sequence[Mapping[str, float]]) -> Known:
+    """The result with parameters as they were before they made some steps."""
     names = [parameter.name for parameter in known.model.parameters]
-    steps = {key: np.array(list(step.values())) for key, step in changed.items() if step}
-    if not steps:
-        return known, steps
     theta, mean = known.theta.copy(), known.mean.copy()
-    for key, step in steps.items():
-        theta[[names.index(name) for name in changed[key]]] -= step
-    mean[: len(known.coefficients)] = known.coefficients.project(theta)
-    return replace(known, theta=theta, mean=mean), steps
+    for name, step in (pair for one in steps for pair in one.items()):
+        theta[names.index(name)] -= step
+    mean[: len(known.coefficients)] += known.coefficients.project(theta - known.theta)
+    return replace(known, theta=theta, mean=mean)
 
 
-def _unstepped(prior: Array, bare: Known, parameters: Sequence[str], sd: Array) -> Array:
-    """The inverse covariance before, without the step that parameters were taken to have made (`Knowledge.widened`).
+def _without_step(prior: Array, bare: Known, parameters: Sequence[str], sd: Array) -> Array:
+    """The inverse covariance before, without the step of sd (p,) that parameters may have made (`Knowledge.widened`).
 
-    Where that step, of standard deviations (p,), is all that was uncertain of a coefficient, a `TUNING.wider`th of it
-    is left.
+    Where that is all that was uncertain of a coefficient, a `TUNING.wider`th of its standard deviation is left.
     """
     names = [parameter.name for parameter in bare.model.parameters]
     step = np.zeros((len(bare), len(parameters)))
     step[: len(bare.coefficients)] = bare.coefficients.projection[:, [names.index(name) for name in parameters]]
-    root = np.linalg.cholesky(prior)
-    whitened = root.T @ step * sd[: len(parameters)]
-    sizes, turn = np.linalg.eigh(whitened @ whitened.T)
-    spread = np.linalg.inv(root).T @ turn * np.sqrt(np.clip(1.0 - sizes, 1.0 / TUNING.wider**2, 1.0))
-    return inverse(spread @ spread.T)
+    pulled = prior @ step * sd[: len(parameters)]
+    left, directions = _left(prior, pulled @ pulled.T)
+    across = prior @ directions
+    return (across / left) @ across.T
 
 
 def _before(known: Known, bare: Known, earlier: Motion) -> Array:
@@ -352,14 +339,19 @@ def _before(known: Known, bare: Known, earlier: Motion) -> Array:
 
     What the recording tells is taken from what is known now; where it tells all of it, next to nothing was known.
     """
-    values, vectors, scale = scaled_spectrum(known.precision)
-    root = scale[:, None] * vectors * np.sqrt(np.maximum(values, TINY))  # L = root root'
-    whiten = np.linalg.pinv(root)
-    told, turn = np.linalg.eigh(whiten @ known.information(earlier, _period(earlier)) @ whiten.T)
-    spread = whiten.T @ turn / np.sqrt(np.clip(1.0 - told, 1.0 / TUNING.wider**2, 1.0))
+    left, directions = _left(known.precision, known.information(earlier))
+    covariance = (directions / left) @ directions.T
     if bare is not known:
-        spread = _turn(known, bare.model) @ spread[: len(known.coefficients)]
-    return inverse(spread @ spread.T)
+        turn, r = _turn(known, bare.model), len(known.coefficients)
+        covariance = turn @ covariance[:r, :r] @ turn.T
+    return inverse_of(covariance)
+
+
+def _left(matrix: Array, part: Array) -> tuple[Array, Array]:
+    """(r,) shares of a positive matrix that a part of it leaves, and (r, r) directions D of them: D' matrix D = 1."""
+    ridge = 1e-13 * np.diag(np.diag(matrix))  # against rounding
+    shares, directions = scipy.linalg.eigh(part, matrix + ridge)
+    return np.clip(1.0 - shares, 1.0 / TUNING.wider**2, 1.0), directions
 
 
 def _turn(known: Known, model: Model) -> Array:
@@ -372,28 +364,24 @@ def _turn(known: Known, model: Model) -> Array:
 
 def _without(known: Known, keys: Sequence[EffectKey]) -> tuple[Known, dict[EffectKey, tuple[Effect, Array]]]:
     """The result without some effects, and those that it has: the effect and its amplitudes."""
-    terms = list(zip(known.model.terms, known.model.places, strict=True))
-    found: dict[EffectKey, tuple[Effect, Array]] = {
-        (term.effect, term.joints): (term, known.theta[place])
-        for term, place in terms
-        if (term.effect, term.joints) in keys
-    }
-    found |= {
-        (one.effect, one.joints): (one, np.zeros(0))
-        for one in known.model.distortions
-        if (one.effect, one.joints) in keys
-    }
+    model = known.model
+    places = [*model.places, *(slice(0, 0) for _ in model.distortions)]
+    found, kept = dict[EffectKey, tuple[Effect, Array]](), list[slice]()
+    bare_model = Model(model.robot, (), ())
+    for effect, place in zip(model.effects, places, strict=True):
+        if (effect.effect, effect.joints) in keys:
+            found[effect.effect, effect.joints] = effect, known.theta[place]
+        else:
+            bare_model = bare_model.extend(effect)
+            kept.append(place)
     if not found:
         return known, found
-    kept = [(term, place) for term, place in terms if (term.effect, term.joints) not in found]
-    distortions = tuple(one for one in known.model.distortions if (one.effect, one.joints) not in found)
-    model = Model(known.model.robot, tuple(term for term, _ in kept), distortions)
-    theta = np.concatenate([known.theta[place] for _, place in kept])
-    base, turn, r = base_coefficients(model), _turn(known, model), len(known.coefficients)
-    precision = inverse(turn @ known.now[:r, :r] @ turn.T)
+    theta = np.concatenate([known.theta[place] for place in kept])
+    base, turn, r = base_coefficients(bare_model), _turn(known, bare_model), len(known.coefficients)
+    precision = inverse_of(turn @ known.now[:r, :r] @ turn.T)
     bare = replace(
         known,
-        model=model,
+        model=bare_model,
         coefficients=base,
         theta=theta,
         names=base.names,
@@ -410,7 +398,7 @@ def _likeliest(made: RivalEffects) -> RivalEffects:
     """The forms of each hypothesis that imitate the others best on the earlier recording; evenly many without one."""
     r, chosen = len(made.known), [replace(one, forms=tuple(_chosen(made, one))) for one in made.rivals]
     kept = np.concatenate([np.arange(r), *(form.columns for rival in chosen for form in rival.forms)])
-    return replace(made, rivals=_placed_behind(r, chosen), recorded=made.recorded[np.ix_(kept, kept)])
+    return replace(made, rivals=_placed(r, chosen), recorded=made.recorded[np.ix_(kept, kept)])
 
 
 def _chosen(made: RivalEffects, rival: Rival) -> list[RivalForm]:
@@ -430,22 +418,16 @@ def inseparable(made: RivalEffects, motion: Motion) -> list[tuple[str, str]]:
     columns = made.columns(motion)
     rows = columns.reshape(-1, columns.shape[2])
     rows = rows / np.maximum(np.linalg.norm(rows, axis=0), TINY)
-    r, pairs = len(made.known), []
-    base, own = rows[:, :r], rows[:, r:]
-    beside = own - base @ np.linalg.lstsq(base, own, rcond=None)[0]  # what the coefficients leave of each column
+    base = rows[:, : len(made.known)]
+    beside = rows - base @ np.linalg.lstsq(base, rows, rcond=None)[0]  # what the coefficients leave of each column
 
-    def alike(one: RivalForm, other: RivalForm) -> bool:
-        first, second = (beside[:, form.columns - r] for form in (one, other))
-        return _among(first, second) and _among(second, first)
+    def among(one: RivalForm, other: RivalForm) -> bool:
+        wanted, others = beside[:, one.columns], beside[:, other.columns]
+        left = wanted - others @ np.linalg.lstsq(others, wanted, rcond=_RANK)[0]
+        return bool(np.linalg.norm(left, axis=0).max(initial=0.0) <= _RANK)
 
-    for k, a in enumerate(made.rivals):
-        for b in made.rivals[k + 1 :]:
-            if any(alike(one, other) for one in a.forms for other in b.forms):
-                pairs.append((a.name, b.name))
-    return pairs
+    def alike(a: Rival, b: Rival) -> bool:
+        return any(among(one, other) and among(other, one) for one in a.forms for other in b.forms)
 
-
-def _among(columns: Array, others: Array) -> bool:
-    """Whether columns (N, p) are combinations of others (N, k)."""
-    left = columns - others @ np.linalg.lstsq(others, columns, rcond=_RANK)[0]
-    return bool(np.linalg.norm(left, axis=0).max(initial=0.0) <= _RANK)
+    pairs = [(a, b) for k, a in enumerate(made.rivals) for b in made.rivals[k + 1 :]]
+    return [(a.name, b.name) for a, b in pairs if alike(a, b)]

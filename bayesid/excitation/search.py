@@ -2,10 +2,10 @@
 
 Information adds up over instants, and a change of some control points moves a short window of the motion: only there
 columns are made anew. What samples count for is looked at all over, as the top speed says which of them stand still.
-What is tried is a bump of some width, a stretch of constant speed (down to creeping), the same stretch again at another
-time, or a new random wave, in one joint or several, at once as long as it may be (`Feasibility.shortened`). A change
-that tells less, or that a robot cannot run, is dropped, and its opposite is tried; so every motion on the way is
-possible. The first one is the best of some random Fourier series within the limits.
+What is tried is a bump of some width, a stretch of constant speed (down to creeping), or the same stretch again at
+another time, in one joint or several, at once as long as it may be (`Feasibility.shortened`). A change that tells less,
+or that a robot cannot run, is dropped, and its opposite is tried; so every motion on the way is possible. The first one
+is the best of some random Fourier series within the limits.
 """
 
 from __future__ import annotations
@@ -39,37 +39,22 @@ class _Tried:
 
 @dataclass(frozen=True)
 class MotionSearch:
-    """A search: what to look for, what to keep, and where.
+    """A search: what to look for, what to keep, and where."""
 
-    Attributes:
-        columns: of a motion (N, n) those of all that is to be told, (N, n, R).
-        weights: of a motion and the seconds between its samples, what each sample counts for, (N, n).
-        worth: of information (R, R); the less, the better.
-        whole: whether columns depend on the whole motion.
-        feasibility: what to keep.
-        basis: of the motion.
-        pose: (n,) at both ends, rad.
-        payload: label of what the flange carries.
-    """
-
-    columns: Callable[[Motion], Array]
-    weights: Callable[[Motion, float], Array]
-    worth: Callable[[Array], float]
-    whole: bool
-    feasibility: Feasibility
-    basis: SplineBasis
-    pose: Array
-    payload: str = ""
-
-    @property
-    def rate(self) -> float:
-        """1/s, of the instants at which information is summed."""
-        return min(TUNING.instants, TUNING.per_knot / self.basis.spacing)
+    columns: Callable[[Motion], Array]  # of a motion (N, n) those of all that is to be told, (N, n, R)
+    weights: Callable[[Motion], Array]  # what each of its samples counts for, (N, n)
+    worth: Callable[[Array], float]  # of information (R, R); the less, the better
+    whole: bool  # whether columns depend on the whole motion
+    feasibility: Feasibility  # what to keep
+    basis: SplineBasis  # of the motion
+    pose: Array  # (n,) at both ends, rad
+    payload: str = ""  # label of what the flange carries
 
     @cached_property
     def instants(self) -> Array:
-        """(N,) s."""
-        return np.linspace(0.0, self.basis.duration, round(self.basis.duration * self.rate) + 1)
+        """(N,) s, at which information is summed."""
+        rate = min(TUNING.instants, TUNING.per_knot / self.basis.spacing)
+        return np.linspace(0.0, self.basis.duration, round(self.basis.duration * rate) + 1)
 
     @cached_property
     def _values(self) -> tuple[Array, ...]:
@@ -119,39 +104,35 @@ class MotionSearch:
         wave = random_trajectory(n, self.basis.duration, seed=int(rng.integers(2**31)), limits=limits)
         away = np.minimum(places, self.basis.duration - places) / min(TUNING.rise, 0.5 * self.basis.duration)
         share = np.sin(0.5 * np.pi * np.clip(away, 0.0, 1.0)) ** 2
-        control: Array = self.pose + share[:, None] * (wave.motion(places).q - self.pose)
-        return control
+        return np.asarray(self.pose + share[:, None] * (wave.motion(places).q - self.pose))
 
-    def _judged(self, trajectory: SplineTrajectory) -> _Tried:
+    def _judged(
+        self, trajectory: SplineTrajectory, other: _Tried | None = None, start: float = 0.0, end: float = 0.0
+    ) -> _Tried:
+        """A motion; one that differs from another between two instants (s) alone is looked at where it does."""
         motion = self._motion(trajectory)
-        columns, weights = self.columns(motion), self.weights(motion, 1.0 / self.rate)
-        information = information_of(columns, weights)
+        weights = self.weights(motion)
+        if other is None or self.whole:
+            columns = self.columns(motion)
+            information = information_of(columns, weights)
+        else:
+            window = slice(*np.searchsorted(self.instants, [start - 1e-9, end + 1e-9]).tolist())
+            changed, columns = (weights != other.weights).any(axis=1), other.columns.copy()
+            changed[window], columns[window] = True, self.columns(motion[window])
+            before = information_of(other.columns[changed], other.weights[changed])
+            information = other.information - before + information_of(columns[changed], weights[changed])
         return _Tried(trajectory, columns, weights, information, self.worth(information))
 
     def _changed(self, best: _Tried, step: Array) -> _Tried:
         """The motion with a change (K, n) of its control points, if that is better and possible."""
         share, rows = self.feasibility.shortened(best.trajectory, step), np.flatnonzero(step.any(axis=1))
-        if not (share > 0.0 and len(rows)):
+        if not share > 0.0:
             return best
         moved = replace(best.trajectory, control=best.trajectory.control + share * step)
         start, end = float(self.basis.knots[rows[0]]), float(self.basis.knots[rows[-1] + DEGREE + 1])
-        tried = self._judged(moved) if self.whole else self._judged_between(best, moved, start, end)
+        tried = self._judged(moved, best, start, end)
         better = tried.cost < best.cost and self.feasibility.possible(moved, start, end)
         return tried if better else best
-
-    def _judged_between(self, best: _Tried, moved: SplineTrajectory, start: float, end: float) -> _Tried:
-        """A motion that differs from another between two instants alone."""
-        motion, columns = self._motion(moved), best.columns.copy()
-        window = slice(*np.searchsorted(self.instants, [start - 1e-9, end + 1e-9]).tolist())
-        columns[window], weights = self.columns(motion[window]), self.weights(motion, 1.0 / self.rate)
-        elsewhere = np.any(weights != best.weights, axis=1)  # all over the motion, where its top speed is another
-        elsewhere[window] = False
-        information = best.information - information_of(best.columns[window], best.weights[window])
-        information = information + information_of(columns[window], weights[window])
-        if elsewhere.any():
-            information = information + information_of(columns[elsewhere], weights[elsewhere])
-            information = information - information_of(columns[elsewhere], best.weights[elsewhere])
-        return _Tried(moved, columns, weights, information, self.worth(information))
 
     # -----------------------------------------------------------------------------------------------------------
     # Changes
@@ -180,22 +161,19 @@ class MotionSearch:
         full, width = self.feasibility.upper[joint] - self.feasibility.lower[joint], span.stop - span.start
         size = full * np.exp(rng.uniform(np.log(TUNING.smallest), 0.0))
         phase = (np.arange(width) + 1.0) / (width + 1.0)
-        bump: Array = rng.choice([-1.0, 1.0]) * size * np.sin(np.pi * phase) ** 2
-        return bump
+        return np.asarray(rng.choice([-1.0, 1.0]) * size * np.sin(np.pi * phase) ** 2)
 
     def _constant_speed(self, control: Array, joint: int, span: slice, rng: np.random.Generator) -> Array:
         """A stretch of constant speed from where the joint is."""
         speed = self.feasibility.rates[0, joint] * np.exp(rng.uniform(np.log(TUNING.slowest), 0.0))
         steps = np.arange(span.stop - span.start) * self.basis.duration / (len(self.basis) - DEGREE)
-        line: Array = control[span.start - 1] + rng.choice([-1.0, 1.0]) * speed * steps
-        return line - control[span]
+        return np.asarray(control[span.start - 1] + rng.choice([-1.0, 1.0]) * speed * steps - control[span])
 
     def _again(self, control: Array, joint: int, span: slice, rng: np.random.Generator) -> Array:
         """What the joint does at another time."""
         width = span.stop - span.start
         other = int(rng.integers(0, len(self.basis) - width + 1))
-        again: Array = control[other : other + width] - control[span]
-        return again
+        return np.asarray(control[other : other + width] - control[span])
 
 
 def best_motion(

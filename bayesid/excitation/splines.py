@@ -20,7 +20,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import scipy
+from scipy.interpolate import BPoly, BSpline, PPoly
+from scipy.special import factorial
 
 from bayesid.arrays import Array, frozen
 from bayesid.excitation.known import Known
@@ -33,8 +34,8 @@ DEGREE = 5
 """The jerk is continuous, and its derivative bounded."""
 ENDS = 3
 """Control points at each end that are its pose: position, no velocity, no acceleration."""
-_INSTANT = 1e-9
-"""s, rounding of instants."""
+_ROUNDING = 1e-9
+"""s, and share of the largest change or limit, below which a number is rounding."""
 _BESIDE = 3
 """Samples beside a window: what is said of the time between two samples hangs on four of them."""
 
@@ -50,8 +51,7 @@ class SplineBasis:
     def knots(self) -> Array:
         """(K + 6,) s; the first and the last six times."""
         pieces = max(TUNING.fewest_knots, round(self.duration / self.spacing))
-        inner = np.linspace(0.0, self.duration, pieces + 1)
-        return np.concatenate([np.zeros(DEGREE), inner, np.full(DEGREE, self.duration)])
+        return np.pad(np.linspace(0.0, self.duration, pieces + 1), DEGREE, mode="edge")
 
     def __len__(self) -> int:
         return len(self.knots) - DEGREE - 1
@@ -59,17 +59,7 @@ class SplineBasis:
     @cached_property
     def places(self) -> Array:
         """(K,) s, where the curve is about at its control points, the means of inner knots (de Boor, chapter XI)."""
-        return np.array([self.knots[k + 1 : k + DEGREE + 1].mean() for k in range(len(self))])
-
-    @cached_property
-    def _differences(self) -> tuple[Array, ...]:
-        """(K - d, K) what takes control points to those of the d-th derivative, d = 0 to 3 (de Boor, chapter X)."""
-        maps = [np.eye(len(self))]
-        for order in range(1, 4):
-            degree, knots = DEGREE - order + 1, self.knots[order - 1 : len(self.knots) - order + 1]
-            span = knots[degree + 1 : -1] - knots[1 : -degree - 1]
-            maps.append(degree / span[:, None] * np.diff(maps[-1], axis=0))
-        return tuple(maps)
+        return np.asarray(np.lib.stride_tricks.sliding_window_view(self.knots[1:-1], DEGREE).mean(axis=1))
 
     @cached_property
     def edges(self) -> Array:
@@ -78,27 +68,27 @@ class SplineBasis:
         return np.interp(np.arange(TUNING.halves * (len(knots) - 1) + 1) / TUNING.halves, np.arange(len(knots)), knots)
 
     @cached_property
+    def _curves(self) -> tuple[BSpline, ...]:
+        """All basis functions, and their derivatives."""
+        curve = BSpline(self.knots, np.eye(len(self)), DEGREE)
+        return (curve, *(curve.derivative(order) for order in range(1, DEGREE + 1)))
+
+    def values(self, t: Array, order: int = 0) -> Array:
+        """(N, K) what takes control points to the d-th derivative, d = 0 to 5, at instants t (N,)."""
+        return np.asarray(self._curves[order](np.clip(t, 0.0, self.duration)))
+
+    @cached_property
     def bernstein(self) -> tuple[Array, ...]:
         """(m, K) what takes control points to Bernstein coefficients of the d-th derivative, d = 0 to 3."""
         return tuple(self._bernstein(order) for order in range(4))
 
     def _bernstein(self, order: int) -> Array:
-        degree, edges = DEGREE - order, self.edges
-        at = (np.arange(degree + 1) + 0.5) / (degree + 1)
-        power = np.arange(degree + 1)
-        of_polynomial = scipy.special.binom(degree, power) * at[:, None] ** power * (1.0 - at[:, None]) ** power[::-1]
-        t = (edges[:-1, None] + np.diff(edges)[:, None] * at).ravel()
-        values = self.values(t, order).reshape(len(edges) - 1, degree + 1, -1)
-        matrix = np.linalg.solve(of_polynomial, values).reshape(-1, len(self))
-        matrix[np.abs(matrix) < 1e-12 * np.abs(matrix).max()] = 0.0  # rounding, which would touch limits
-        return matrix
-
-    def values(self, t: Array, order: int = 0) -> Array:
-        """(N, K) what takes control points to the d-th derivative, d = 0 to 3, at instants t (N,)."""
-        knots, inside = self.knots[order : len(self.knots) - order], np.clip(t, 0.0, self.duration)
-        own = scipy.interpolate.BSpline.design_matrix(inside, knots, DEGREE - order)
-        values: Array = own @ self._differences[order]
-        return values
+        powers = range(DEGREE - order, -1, -1)
+        taylor = np.array([self.values(self.edges[:-1], order + k) / factorial(k) for k in powers])
+        matrix = BPoly.from_power_basis(PPoly(taylor, self.edges)).c.swapaxes(0, 1).reshape(-1, len(self))
+        return np.where(
+            np.abs(matrix) < 1e-12 * np.abs(matrix).max(), 0.0, matrix
+        )  # rounding, which would touch limits
 
 
 @dataclass(frozen=True)
@@ -135,9 +125,8 @@ class SplineTrajectory:
 
     def speeds(self) -> Array:
         """(M, n) largest speeds between each two of the basis's edges, rad/s."""
-        coefficients = self.basis.bernstein[1] @ self.control
-        speeds: Array = np.abs(coefficients).reshape(len(self.basis.edges) - 1, -1, self.control.shape[1]).max(axis=1)
-        return speeds
+        speeds = np.abs(self.basis.bernstein[1] @ self.control)
+        return np.asarray(speeds.reshape(len(self.basis.edges) - 1, DEGREE, -1).max(axis=1))
 
 
 def at_rest(basis: SplineBasis, pose: Array, payload: str = "") -> SplineTrajectory:
@@ -161,32 +150,32 @@ class Feasibility:
         """By limits, those of positions with one number for each joint where no result has the joints."""
         n = np.size(limits.lower) if known is None else known.model.robot.n_joints
         each = [np.full(n, np.inf if limit is None else limit, dtype=float) for limit in vars(limits).values()]
-        lower, upper, velocity, acceleration, jerk, effort = each
-        return cls(known, lower, upper, np.array([velocity, acceleration, jerk]), effort, clearance)
-
-    def shortened(self, trajectory: SplineTrajectory, step: Array) -> float:
-        """How much, from 0 to 1, of a step (K, n) of the control points stays within position, velocity and so on."""
-        moved = np.flatnonzero(step.any(axis=0))
-        share = float(len(moved) > 0)
-        for order, matrix in enumerate(trajectory.basis.bernstein):
-            if not len(moved) or (order and not np.isfinite(self.rates[order - 1, moved]).any()):
-                continue
-            lower, upper = self._between(order)
-            at, by = matrix @ trajectory.control[:, moved], matrix @ step[:, moved]
-            room = np.where(by > 0.0, upper[moved] - at, at - lower[moved])
-            with np.errstate(divide="ignore", invalid="ignore"):
-                shares = np.where(by != 0.0, np.maximum(room, 0.0) / np.abs(by), np.inf)
-            share = min(share, float(shares.min()))
-        return share
+        lower, upper, *rates, effort = each
+        return cls(known, lower, upper, np.array(rates), effort, clearance)
 
     def _between(self, order: int) -> tuple[Array, Array]:
+        """(n,) least and largest of the d-th derivative."""
         return (-self.rates[order - 1], self.rates[order - 1]) if order else (self.lower, self.upper)
+
+    def shortened(self, trajectory: SplineTrajectory, step: Array) -> float:
+        """How much, from 0 to 1, of a step (K, n) of the control points stays within position, velocity and so on.
+
+        Zero where the motion is at a limit already, beyond which the step leads: rounding does not decide by how much.
+        """
+        share = float(step.any())
+        for order, matrix in enumerate(trajectory.basis.bernstein):
+            lower, upper = self._between(order)
+            at, by = matrix @ trajectory.control, matrix @ step
+            room = np.where(by > 0.0, upper - at, at - lower)
+            moves = np.abs(by) > _ROUNDING * np.abs(by).max()
+            share = min(share, float((room[moves] / np.abs(by[moves])).min(initial=np.inf)))
+        return share if share > TUNING.least_step else 0.0
 
     def within_limits(self, trajectory: SplineTrajectory) -> bool:
         """Whether position, velocity, acceleration and jerk hold at every instant."""
         for order in range(4):
             (least, largest), (lower, upper) = trajectory.bounds(order), self._between(order)
-            slack = 1e-9 * np.where(np.isfinite(upper), np.maximum(np.abs(lower), np.abs(upper)), 1.0)
+            slack = _ROUNDING * np.where(np.isfinite(upper), np.maximum(np.abs(lower), np.abs(upper)), 1.0)
             if np.any(least < lower - slack) or np.any(largest > upper + slack):
                 return False
         return True
@@ -206,38 +195,28 @@ class Feasibility:
 
     def bears(self, trajectory: SplineTrajectory, start: float = 0.0, end: float | None = None) -> bool:
         """Whether efforts keep their limits from one instant to another, s, and between samples."""
-        if not self.limits_effort:
-            return True
-        at = self._judged_at(trajectory, start, end)
-        mean, sd = self.effort_band(trajectory.motion(at[:: TUNING.coarse]))
-        if (np.abs(mean) + TUNING.band * sd > self.effort).any():
-            return False
-        return self.holds(*self.effort_band(trajectory.motion(at)))
+        return not self.limits_effort or bool((self.largest_efforts(trajectory, start, end) <= self.effort).all())
 
-    def holds(self, mean: Array, sd: Array) -> bool:
-        """Whether efforts at even instants (N, n), N m, keep their limits with their band, between instants too."""
-        return bool((largest_efforts(mean, sd) <= self.effort).all())
+    def largest_efforts(self, trajectory: SplineTrajectory, start: float = 0.0, end: float | None = None) -> Array:
+        """(n,) largest |effort| of a motion with its band, from one instant to another, s.
 
-    def largest_efforts(self, trajectory: SplineTrajectory) -> Array:
-        """(n,) largest |effort| of a motion with its band."""
-        return largest_efforts(*self.effort_band(trajectory.motion(self._judged_at(trajectory, 0.0, None))))
-
-    def _judged_at(self, trajectory: SplineTrajectory, start: float, end: float | None) -> Array:
-        """(N,) instants, s, of those of the whole motion, so that windows and the whole say the same."""
+        By instants of the whole motion, so that windows and the whole say the same.
+        """
         count, last = fine_steps(trajectory.duration), trajectory.duration if end is None else end
         if self.known is not None and self.known.memory:
             start, last = 0.0, trajectory.duration
         step = trajectory.duration / count
         first = max(0, int(start / step) - _BESIDE)
         every = np.linspace(0.0, trajectory.duration, count + 1)
-        return every[first : int(np.ceil(last / step)) + _BESIDE + 1]
+        at = every[first : int(np.ceil(last / step)) + _BESIDE + 1]
+        return largest_efforts(*self.effort_band(trajectory.motion(at)))
 
     def clear(self, trajectory: SplineTrajectory, start: float, end: float) -> bool:
         """Whether the robot keeps clear from one instant to another, s, and between them."""
         if self.clearance is None:
             return True
         edges = trajectory.basis.edges
-        first, last = np.searchsorted(edges, [start + _INSTANT, end - _INSTANT]).tolist()
+        first, last = np.searchsorted(edges, [start + _ROUNDING, end - _ROUNDING]).tolist()
         first = max(first - 1, 0)
 
         def path(t: Array) -> Array:

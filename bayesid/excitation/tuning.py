@@ -60,8 +60,8 @@ class Tuning:
     """Standard deviations of the predicted effort within the limit: beyond lie 6e-5 of a normal distribution."""
     fine: float = 0.005
     """s between samples at which efforts are judged: with 10 ms bounds missed up to 0.9 % of them, with these none."""
-    coarse: int = 4
-    """Of these samples, every so many are judged first: they refuse most motions that are refused."""
+    least_step: float = 1e-6
+    """Share of a step that is worth a try: a shorter one leads beyond a limit where the motion is, but for rounding."""
 
     # search
     instants: float = 20.0

@@ -14,7 +14,7 @@ from bayesid.identification.identification import Identification, identified_of
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.prediction import NORMAL_95, check_payloads
 from bayesid.identification.records import Coefficient, Records, named
-from bayesid.monitor.stream_moments import SignCheck, StreamMoments, StreamSamples, check_signs
+from bayesid.monitor.stream_moments import SignCheck, StreamMoments, check_signs
 from bayesid.monitor.tracked import MOVING, Tracked, looked_at, signed_joints
 from bayesid.motion import SLOWEST, STANDSTILL, Motion
 from bayesid.posterior.tuning import TUNING as POSTERIOR_TUNING
@@ -23,7 +23,7 @@ from bayesid.regression.least_squares import covariance_of
 from bayesid.regression.noise import Noise
 from bayesid.regression.solver import solve_precisely
 from bayesid.signs.search.certified import Certified
-from bayesid.signs.search.protocol import Search, SignProblem
+from bayesid.signs.search.protocol import Search
 
 _BY_DATA, _BY_EARLIER, _BY_PRIOR = "data", "earlier log", "prior"
 
@@ -111,8 +111,9 @@ class Accumulator:
         """
         running = self._running
         self._check_motion(motion)
-        values = _checked(effort, motion.q.shape, "effort")
-        of_plus = _checked(probability, motion.q.shape, "probability")
+        values, of_plus = (
+            _checked(given, motion.q.shape, name) for given, name in ((effort, "effort"), (probability, "probability"))
+        )
         if np.any((of_plus < 0.0) | (of_plus > 1.0)):
             raise InputError("holds values outside of 0 to 1", "probability", "give P(sign = +)")
         if len(motion) == 0:
@@ -120,11 +121,13 @@ class Accumulator:
         speed = running.model.robot.actuators(motion).dq
         top = np.maximum.accumulate(np.vstack([running.top_speed, np.abs(speed)]))[1:]
         fast = np.abs(speed) > STANDSTILL * np.maximum(top, SLOWEST)
-        used = fast if moving is None else np.asarray(moving, dtype=bool)
-        _check_shape(used.shape, motion.q.shape, "moving")
+        used = fast if moving is None else _checked(moving, motion.q.shape, "moving") > 0.0
         magnitude, readable = running.model.unread(np.abs(values))
         sign = np.where(running.signed, np.where(values >= 0.0, 1.0, -1.0), 2.0 * of_plus - 1.0)
-        running.add(StreamSamples(motion, speed, magnitude, sign, used & readable), top[-1])
+        own = {"speed": speed, "magnitude": magnitude, "sign": sign, "used": used & readable}
+        of_motion = {name: getattr(motion, name) for name in ("t", "q", "dq", "ddq", "payload")}
+        running.add(of_motion | own, motion.origin)
+        running.top_speed = top[-1]
 
     def add_tracked(self, records: Iterable[Tracked], payload: str = "") -> None:
         """Takes what a tracker has said, record by record: its motion and signs, where its joints are "moving".
@@ -166,18 +169,15 @@ class Accumulator:
         known, (normal, lost) = self._running.coefficients, self._normal()
         beta = _least_squares(normal, known.project(self._identified.theta))
         now, before = (np.diag(covariance_of(one)[0]) for one in (normal.hessian - lost, self._shown_before()))
+        of_data, of_earlier = now <= POSTERIOR_TUNING.of_prior * before, np.isfinite(before)
+        decided = np.select([~np.isfinite(now), of_data, of_earlier], [_BY_PRIOR, _BY_DATA, _BY_EARLIER], _BY_PRIOR)
         more = np.diag(self._identified.beyond_precision)
-        decided = np.where(
-            now <= POSTERIOR_TUNING.of_prior * before, _BY_DATA, np.where(np.isfinite(before), _BY_EARLIER, _BY_PRIOR)
-        )
-        decided = np.where(np.isfinite(now), decided, _BY_PRIOR)
-        sd, told = np.sqrt(now + more), np.sqrt(np.where(np.isfinite(before), before + more, np.nan))
+        sd, told = np.sqrt(now + more), np.sqrt(np.where(of_earlier, before + more, np.nan))
+        numbers = np.column_stack([beta, sd, beta - NORMAL_95 * sd, beta + NORMAL_95 * sd]).tolist()
         words = zip(known.names, known.expressions, known.units, strict=True)
-        ends = beta - NORMAL_95 * sd, beta + NORMAL_95 * sd
-        numbers = np.column_stack([beta, sd, *ends, told]).tolist()
         rows = (
-            Coefficient(*names, mean, own, lower, upper, by, of_prior, np.nan)
-            for names, (mean, own, lower, upper, of_prior), by in zip(words, numbers, decided.tolist(), strict=True)
+            Coefficient(*names, *values, by, of_prior, np.nan)
+            for names, values, of_prior, by in zip(words, numbers, told.tolist(), decided.tolist(), strict=True)
         )
         return Records(Coefficient, rows)
 
@@ -243,10 +243,7 @@ class Accumulator:
             (True, True, {2})
         """
         self._check_begun()
-        stretches, running = self._running.stretches(), self._running
-        moments = stretches.moments.scaled(self._weights)
-        problem = SignProblem(moments, running.model.cone, running.coefficients)
-        return check_signs(problem, stretches, search)
+        return check_signs(self._running, self._weights, search)
 
     @property
     def _noise(self) -> Noise:
@@ -265,12 +262,15 @@ class Accumulator:
         And (r, r) what their Hessian says too much as long as signs are not certain: |effort| tells at least E[(E s)^2]
         of what the effort would, whatever that is in units of its noise (tests/monitor).
         """
-        before, weights = self._shown_before(), self._weights
-        centre = self._running.coefficients.project(self._identified.theta)
-        sums = self._running.stretches().moments.scaled(weights)
-        hessian, gradient = sums.hessian.total() + before, sums.gradient.sum(axis=0) + before @ centre
-        normal = Information(hessian, gradient, float(sums.energy.sum() + centre @ before @ centre))
-        return normal, np.tensordot(weights**-2.0, self._running.lost, 1)
+        before, weights, running = self._shown_before(), self._weights, self._running
+        centre = running.coefficients.project(self._identified.theta)
+        hessian, gradient, energy = before.copy(), before @ centre, float(centre @ before @ centre)
+        for (joint, _), stretch in running.stretches.items():
+            weight = weights[joint] ** -2.0
+            hessian += weight * stretch.hessian
+            gradient += weight * stretch.gradient
+            energy += float(weight * stretch.energy)
+        return Information(hessian, gradient, energy), np.tensordot(weights**-2.0, running.lost, 1)
 
     def _shown_before(self) -> Array:
         """(r, r) what the model's own log has shown, if that is to count, as far as it is not forgotten."""
@@ -298,26 +298,19 @@ class Accumulator:
         check_payloads(self._running.model, motion)
 
 
-def _checked(values: Array, shape: tuple[int, ...], name: str) -> Array:
+def _checked(values: object, shape: tuple[int, ...], name: str) -> Array:
+    remedy = f"give {shape[0]} samples of {shape[1]} joints, as the motion has"
     try:
         array = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError):
-        raise InputError("holds something else than numbers", name, _remedy(shape)) from None
-    _check_shape(array.shape, shape, name)
+        raise InputError("holds something else than numbers", name, remedy) from None
+    if array.shape != shape:
+        raise InputError(f"values of shape {array.shape}", name, remedy)
     bad = np.argwhere(~np.isfinite(array))
     if bad.size:
         where = f"{name}, sample {bad[0, 0]}, joint {bad[0, 1] + 1}"
         raise InputError("holds values that are not finite", where, "leave these samples out")
     return array
-
-
-def _check_shape(found: tuple[int, ...], shape: tuple[int, ...], name: str) -> None:
-    if found != shape:
-        raise InputError(f"values of shape {found}", name, _remedy(shape))
-
-
-def _remedy(shape: tuple[int, ...]) -> str:
-    return f"give {shape[0]} samples of {shape[1]} joints, as the motion has"
 
 
 def _least_squares(normal: Information, start: Array) -> Array:
@@ -327,6 +320,6 @@ def _least_squares(normal: Information, start: Array) -> Array:
     """
     lengths = np.sqrt(np.diag(normal.hessian))
     scale = np.divide(1.0, lengths, out=np.zeros_like(lengths), where=lengths > 0.0)
-    inverse = np.linalg.pinv(scale[:, None] * normal.hessian * scale, rcond=1e-12, hermitian=True)
-    step: Array = scale * (inverse @ (scale * (normal.gradient - normal.hessian @ start)))
+    scaled, slope = scale[:, None] * normal.hessian * scale, scale * (normal.gradient - normal.hessian @ start)
+    step: Array = scale * np.linalg.lstsq(scaled, slope, rcond=1e-12)[0]
     return start + step

@@ -12,106 +12,54 @@ it does not matter how a stream is cut into chunks.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bayesid.arrays import Array, Integers, Mask
 from bayesid.effects.coefficients import BaseCoefficients
-from bayesid.effects.model import FeltColumns, Model
+from bayesid.effects.model import Model
 from bayesid.effects.tuning import TUNING as EFFECTS
 from bayesid.monitor.tuning import TUNING
 from bayesid.motion import Motion
-from bayesid.regression.moments import HessianSums, Moments
+from bayesid.regression.moments import Hessians, Moments
 from bayesid.signs.search.protocol import Search, SearchResult, SignProblem
 
 _MERGED = 0
 """The number of what a joint's stretches have been merged into, and of all stretches of a joint with signs."""
-_UNUSED = -1
-"""The number of a sample that no stretch holds."""
 _SURELY = 2.0 * float(np.log(99.0))
 """Cost, twice the nats, from which on a sign is as good as certain: 99 to 1, `bayesid.identification.SURE`."""
+Samples = dict[str, NDArray[Any]]
+"""N samples of a stream: t, q, dq, ddq and payload of the motion, and of each joint (N, n) the actuator's speed, rad/s,
+the magnitude |effort|, N m, its expected sign, -1 to +1, and whether it is used."""
 
 
-@dataclass(frozen=True)
-class StreamSamples:
-    """N samples of a stream."""
+@dataclass
+class Stretch:
+    """Moments of a stretch of constant sign, or of many, as they weigh now: N m, with the sign that was taken."""
 
-    motion: Motion  # of n joints
-    speed: Array  # (N, n) velocities of the actuators, rad/s
-    magnitude: Array  # (N, n) |effort|, N m
-    sign: Array  # (N, n) its expected sign, -1 to +1
-    used: Mask  # (N, n) whether it counts
+    hessian: Array  # (r, r)
+    gradient: Array  # (r,)
+    start: float = np.inf  # s
+    end: float = -np.inf  # last sample, s
+    energy: float = 0.0
+    doubt: float = 0.0  # expected energy of samples whose sign is wrong, (N m)^2
+    count: int = 0  # samples
 
-    @classmethod
-    def none(cls, n: int) -> StreamSamples:
-        """No sample of n joints."""
-        nothing = np.zeros((0, n))
-        motion = Motion(np.zeros(0), nothing, nothing, nothing)
-        return cls(motion, nothing, nothing, nothing, nothing.astype(bool))
+    def add(self, other: Stretch) -> None:
+        """Takes another one in."""
+        self.start, self.end = min(self.start, other.start), max(self.end, other.end)
+        for name in ("hessian", "gradient", "energy", "doubt", "count"):
+            setattr(self, name, getattr(self, name) + getattr(other, name))
 
-    def __len__(self) -> int:
-        return len(self.motion)
-
-    def __getitem__(self, rows: slice) -> StreamSamples:
-        return StreamSamples(*(part[rows] for part in vars(self).values()))
-
-    def followed_by(self, others: StreamSamples) -> StreamSamples:
-        """These, and behind them others, by the origin of the first."""
-        if not len(self):
-            return others
-        mine, theirs = self.motion, others.motion
-        names = ("t", "q", "dq", "ddq", "payload")
-        both = {name: np.concatenate([getattr(mine, name), getattr(theirs, name)]) for name in names}
-        pairs = zip([*vars(self).values()][1:], [*vars(others).values()][1:], strict=True)
-        return StreamSamples(Motion(**both, origin=mine.origin), *(np.concatenate(pair) for pair in pairs))
-
-
-@dataclass(frozen=True)
-class Stretches:
-    """Moments of S stretches of constant sign, or of parts of them, as they weigh at an instant."""
-
-    moments: Moments  # of them, N m, with the signs that were taken: +1 is as taken, -1 turned
-    number: Integers  # (S,) of the stretch in its joint; 0 for what holds many
-    start: Array  # (S,) s
-    end: Array  # (S,) last sample, s
-    doubt: Array  # (S,) expected energy of samples whose sign is wrong, (N m)^2
-    time: float  # the instant, s
-
-    @classmethod
-    def none(cls, size: int) -> Stretches:
-        """No stretch, of so many coefficients."""
-        no, nothing = np.zeros(0, dtype=np.int64), np.zeros(0)
-        empty = Moments(no, no, HessianSums(size, no).done(), np.zeros((0, size)), nothing, no)
-        return cls(empty, no, nothing, nothing, nothing, -np.inf)
-
-    def faded(self, share: float, time: float) -> Stretches:
-        """The same as they weigh later: a share of what they did."""
-        if share == 1.0:
-            return replace(self, time=time)
-        m = self.moments
-        hessian = m.hessian.scaled(np.full(len(m.hessian), share))
-        m = replace(m, hessian=hessian, gradient=share * m.gradient, energy=share * m.energy)
-        return replace(self, moments=m, doubt=share * self.doubt, time=time)
-
-    def followed_by(self, others: Sequence[Stretches]) -> Stretches:
-        """These and others, all as they weigh at one instant."""
-        every = (self, *others)
-        names = ("number", "start", "end", "doubt")
-        parts = {name: np.concatenate([getattr(one, name) for one in every]) for name in names}
-        return Stretches(self.moments.join(*(one.moments for one in others)), **parts, time=self.time)
-
-    def merged(self, number: Integers) -> Stretches:
-        """Those of one joint and one number (S,) made one, in the order of joints and numbers."""
-        joint = self.moments.joint
-        keys, into = np.unique(np.stack([joint, number]), axis=1, return_inverse=True)
-        into, size = into.ravel().astype(np.int64), keys.shape[1]
-        start, end = np.full(size, np.inf), np.full(size, -np.inf)
-        np.minimum.at(start, into, self.start)
-        np.maximum.at(end, into, self.end)
-        doubt = np.bincount(into, self.doubt, size).astype(np.float64)
-        return Stretches(self.moments.merged(into), keys[1], start, end, doubt, self.time)
+    def fade(self, share: float) -> None:
+        """Weighs a share of what it did."""
+        for name in ("hessian", "gradient", "energy", "doubt"):
+            setattr(self, name, share * getattr(self, name))
 
 
 @dataclass
@@ -124,131 +72,124 @@ class StreamMoments:
     forget: float  # time constant, s; inf to forget nothing
     signed: Mask  # (n,) joints whose efforts have signs
     most_individual: int  # stretches of each joint that are kept by themselves
-    pieces: list[Stretches] = field(init=False)  # in the order in which they came
-    bound: int = 0  # parts of Hessians from which on they are condensed
+    stretches: dict[tuple[int, int], Stretch] = field(default_factory=dict)  # by joint and number in it
     lost: Array = field(init=False)  # (n, r, r) sums of (1 - (E s)^2) y' y: what is not known as long as signs are not
     weight: Array = field(init=False)  # (n,) sums of the samples' weights
     number: Integers = field(init=False)  # (n,) of each joint's last stretch, from 1
     time: float = -np.inf  # the last sample that has been added, s
     began: float = np.nan  # the first sample, s
+    origin: float = np.nan  # when the motion began, s
     steps: int = 0  # from one sample to the next, pauses left out
     span: float = 0.0  # their sum, s
-    kept: StreamSamples = field(init=False)  # those on which columns to come depend, and those that wait for them
+    kept: Samples = field(default_factory=dict)  # on which columns to come depend, and those that wait for them
     waiting: int = 0  # how many of these wait
     top_speed: Array = field(init=False)  # (n,) the highest speed of each actuator so far, rad/s
     last: float = -np.inf  # the last sample that has come, s
 
     def __post_init__(self) -> None:
         n, r = len(self.sigma), len(self.coefficients)
-        self.pieces, self.lost = [Stretches.none(r)], np.zeros((n, r, r))
-        self.weight, self.top_speed, self.number = np.zeros(n), np.zeros(n), np.zeros(n, dtype=np.int64)
-        self.kept = StreamSamples.none(n)
+        self.lost, self.number = np.zeros((n, r, r)), np.zeros(n, dtype=np.int64)
+        self.weight, self.top_speed = np.zeros((2, n))
 
     def fade(self, seconds: float) -> float:
         """What is left of a weight after some time."""
         return 1.0 if np.isinf(self.forget) else float(np.exp(-seconds / self.forget))
 
-    def add(self, samples: StreamSamples, top_speed: Array) -> None:
-        """Takes at least one more sample, later than all before.
-
-        Args:
-            samples: those.
-            top_speed: (n,) the highest speed of each actuator with them, rad/s.
-        """
+    def add(self, samples: Samples, origin: float) -> None:
+        """Takes at least one more sample, later than all before, of a motion that began at its origin, s."""
         memory = any(effect.memory for effect in self.model.effects)
         back, ahead = (EFFECTS.look_back, EFFECTS.look_ahead) if memory else (0, 0)
-        if np.isnan(self.began):
-            self.began = float(samples.motion.t[0])
-        every, first = self.kept.followed_by(samples), len(self.kept) - self.waiting
-        ready = max(len(every) - ahead, first)
+        self.last = float(samples["t"][-1])
+        if not self.kept:
+            self.began, self.origin = float(samples["t"][0]), origin
+            self.kept = {name: values[:0] for name, values in samples.items()}
+        every = {name: np.concatenate([self.kept[name], values]) for name, values in samples.items()}
+        size, first = len(every["t"]), len(self.kept["t"]) - self.waiting
+        ready = max(size - ahead, first)
         for begin in range(first, ready, EFFECTS.chunk):
-            end = min(begin + EFFECTS.chunk, ready)
-            around = slice(max(begin - back, 0), end + ahead)
-            columns = self.model.columns(every.motion[around])[begin - around.start : end - around.start]
-            number = self._numbered(every[max(begin - 1, 0) : end], first=begin == 0)
-            self._add(every[begin:end], number, FeltColumns.of(columns).chosen(self.coefficients.kept))
-        self.kept, self.waiting = every[max(ready - max(back, 1), 0) :], len(every) - ready
-        self.top_speed, self.last = top_speed, float(samples.motion.t[-1])
+            end, since = min(begin + EFFECTS.chunk, ready), max(begin - back, 0)
+            around = {name: every[name][since : end + ahead] for name in ("t", "q", "dq", "ddq", "payload")}
+            columns = self.model.columns(Motion(**around, origin=self.origin))[begin - since : end - since]
+            before = {name: values[max(begin - 1, 0) : end] for name, values in every.items()}
+            self._add(before, columns[:, :, self.coefficients.kept])
+        self.kept = {name: values[max(ready - max(back, 1), 0) :] for name, values in every.items()}
+        self.waiting = size - ready
 
-    def stretches(self) -> Stretches:
-        """All that came; of each joint at most so many stretches by themselves as are kept, those most in doubt.
+    def _add(self, samples: Samples, columns: Array) -> None:
+        """Adds samples with columns (N, n, r); one that was added before comes before the first, if there is one."""
+        number = self.number + np.cumsum(self._begins(samples, first=len(samples["t"]) == len(columns)), axis=0)
+        now = {name: values[-len(columns) :] for name, values in samples.items()}
+        t, magnitude, sign, used = (now[name] for name in ("t", "magnitude", "sign", "used"))
+        share, weight = self.fade(t[-1] - self.time), np.exp((t - t[-1]) / self.forget)
+        for stretch in self.stretches.values():
+            stretch.fade(share)
+        columns, square = np.sqrt(weight)[:, None, None] * columns, weight[:, None] * magnitude**2
+        effort = np.sqrt(weight)[:, None] * sign * magnitude
+        wrong = np.maximum(0.5 * (1.0 - np.abs(sign)), TUNING.least_doubt) * square
+        for j, a, b in _runs(np.where(used, number, -1)):
+            rows = columns[a:b, j]
+            own = Stretch(rows.T @ rows, rows.T @ effort[a:b, j], t[a], t[b - 1])
+            own.energy, own.doubt, own.count = square[a:b, j].sum(), wrong[a:b, j].sum(), b - a
+            self._put(j, _MERGED if self.signed[j] else int(number[a, j]), own)
+        unknown = (np.sqrt(used * (1.0 - sign**2))[:, :, None] * columns).swapaxes(0, 1)
+        self.lost = share * self.lost + unknown.swapaxes(1, 2) @ unknown
+        self.weight = share * self.weight + weight @ used
+        steps = np.diff(t, prepend=self.time)
+        steps = steps[steps <= TUNING.pause]
+        self.steps, self.span = self.steps + len(steps), self.span + float(steps.sum())
+        self.number, self.time = number[-1], float(t[-1])
+        if len(self.stretches) > 2 * len(self.signed) * (self.most_individual + 2):  # now and then costs less
+            self.condense()
+
+    def _begins(self, samples: Samples, *, first: bool) -> Mask:
+        """(N, n) whether a stretch begins at a sample; without the one that was added before, if there is one."""
+        used, plus, direction = samples["used"], samples["sign"] >= 0.0, np.sign(samples["speed"])
+        weak, silent = samples["magnitude"] <= TUNING.clearly * self.sigma, np.diff(samples["t"]) > TUNING.pause
+        ends = ~used[:-1] | silent[:, None] | (plus[1:] != plus[:-1]) | (weak[:-1] & ~weak[1:])
+        begins = used[1:] & (ends | (direction[1:] * direction[:-1] < 0.0))
+        return np.vstack([used[:1], begins]) if first else begins
+
+    def _put(self, joint: int, number: int, stretch: Stretch) -> None:
+        if (joint, number) in self.stretches:
+            self.stretches[joint, number].add(stretch)
+        else:
+            self.stretches[joint, number] = stretch
+
+    def condense(self) -> None:
+        """Merges the stretches of each joint but so many as are kept by themselves, those most in doubt.
 
         The last of each joint stays by itself too, for it may go on.
         """
-        every = [piece.faded(self.fade(self.time - piece.time), self.time) for piece in self.pieces]
-        whole = every[0].followed_by(every[1:])
-        whole = whole.merged(whole.number)
-        joint, kept = whole.moments.joint, np.zeros(len(whole.number), dtype=bool)
-        for j in np.unique(joint):
-            here = np.flatnonzero((joint == j) & (whole.number != _MERGED))
-            kept[here[np.argsort(-whole.doubt[here], kind="stable")][: self.most_individual]] = True
-            kept[here[whole.number[here] == self.number[j]]] = True
-        return whole.merged(np.where(kept, whole.number, _MERGED))
+        for joint, last in enumerate(self.number.tolist()):
+            own = [number for j, number in self.stretches if j == joint and number != _MERGED]
+            own.sort(key=lambda number, j=joint: (-self.stretches[j, number].doubt, number))
+            for number in own[self.most_individual :]:
+                if number != last:
+                    self._put(joint, _MERGED, self.stretches.pop((joint, number)))
 
-    def _add(self, samples: StreamSamples, number: Integers, columns: FeltColumns) -> None:
-        """Adds samples with the numbers (N, n) of their stretches and with columns (N, n, r)."""
-        t, before = samples.motion.t, self.time
-        self.time = float(t[-1])
-        weight, share = np.exp((t - self.time) / self.forget), self.fade(self.time - before)
-        self.number = number[-1]
-        self.pieces.append(self._piece(samples, columns, number, weight))
-        self.lost = share * self.lost + _lost(samples, columns, weight)
-        self.weight = share * self.weight + weight @ samples.used
-        steps = np.diff(t, prepend=before)
-        steps = steps[steps <= TUNING.pause]
-        self.steps, self.span = self.steps + len(steps), self.span + float(steps.sum())
-        if sum(len(one.moments.hessian) for one in self.pieces) > self.bound:  # now and then costs less than every time
-            self.pieces = [self.stretches()]
-            self.bound = max(2 * len(self.pieces[0].moments.hessian), self.most_individual * len(self.signed))
-
-    def _numbered(self, samples: StreamSamples, *, first: bool) -> Integers:
-        """(N, n) the number of the last stretch up to each sample; one that was numbered comes before the first."""
-        plus, direction, used = samples.sign >= 0.0, np.sign(samples.speed), samples.used
-        weak, silent = samples.magnitude <= TUNING.clearly * self.sigma, np.diff(samples.motion.t) > TUNING.pause
-        ends = ~used[:-1] | silent[:, None] | (plus[1:] != plus[:-1]) | (weak[:-1] & ~weak[1:])
-        ends |= direction[1:] * direction[:-1] < 0.0
-        begins = used[1:] & ends
-        return self.number + np.cumsum(np.vstack([used[:1], begins]) if first else begins, axis=0)
-
-    def _piece(self, samples: StreamSamples, columns: FeltColumns, number: Integers, weight: Array) -> Stretches:
-        """Moments of the stretches of some samples, with columns (N, n, r), weighed by (N,) at the last of them."""
-        joint, start, end, which = _runs(np.where(samples.used, np.where(self.signed, _MERGED, number), _UNUSED))
-        hessian, gradient = HessianSums(columns.size, joint), np.zeros((len(joint), columns.size))
-        felt = {j: hessian.feel(j, columns.felt[j]) for j in np.unique(joint)}
-        root = np.sqrt(weight)[:, None]
-        rows = [root * values for values in columns.values]
-        effort, square = root * samples.sign * samples.magnitude, weight[:, None] * samples.magnitude**2
-        wrong = np.maximum(0.5 * (1.0 - np.abs(samples.sign)), TUNING.least_doubt) * square
-        energy, doubt = np.zeros(len(joint)), np.zeros(len(joint))
-        for k, (j, a, b) in enumerate(zip(joint, start, end, strict=True)):
-            hessian.add_rows(k, rows[j][a:b])
-            gradient[k, felt[j]] = rows[j][a:b].T @ effort[a:b, j]
-            energy[k], doubt[k] = square[a:b, j].sum(), wrong[a:b, j].sum()
-        known, t = self.signed[joint].astype(np.int64), samples.motion.t
-        sums = Moments(joint, known, hessian.done(), gradient, energy, end - start)
-        return Stretches(sums, which, t[start], t[end - 1], doubt, float(t[-1]))
+    def moments(self, weights: Array) -> tuple[list[tuple[int, int]], Moments]:
+        """Joint and number of each stretch, in this order, and their moments, rows over the noise (n,)."""
+        keys = sorted(self.stretches)
+        every = [self.stretches[key] for key in keys]
+        joint = np.array([j for j, _ in keys], dtype=np.int64)
+        moments = Moments(
+            joint,
+            self.signed[joint].astype(np.int64),
+            Hessians.make(joint, np.array([one.hessian for one in every])),
+            np.array([one.gradient for one in every]),
+            np.array([one.energy for one in every]),
+            np.array([one.count for one in every]),
+        )
+        return keys, moments.scaled(weights)
 
 
-def _runs(number: Integers) -> tuple[Integers, Integers, Integers, Integers]:
-    """(S,) joint, first sample, the one behind the last, and number of every run of samples of one number (N, n)."""
-    found = []
+def _runs(number: Integers) -> Iterator[tuple[int, int, int]]:
+    """Joint, first sample and the one behind the last of every run of samples of one number (N, n); -1 is none."""
     for j, column in enumerate(number.T):
-        bounds = np.concatenate([[0], np.flatnonzero(np.diff(column)) + 1, [len(column)]])
-        start, end = bounds[:-1], bounds[1:]
-        found.append(np.stack([np.full(len(start), j), start, end, column[start]])[:, column[start] != _UNUSED])
-    joint, start, end, which = np.concatenate(found, axis=1)
-    return joint, start, end, which
-
-
-def _lost(samples: StreamSamples, columns: FeltColumns, weight: Array) -> Array:
-    """(n, r, r) sums over samples with columns (N, n, r), weighed by (N,), of what is not known without their signs."""
-    n, r = samples.used.shape[1], columns.size
-    lost, unknown = np.zeros((n, r, r)), samples.used * (1.0 - samples.sign**2)
-    for j, (felt, values) in enumerate(zip(columns.felt, columns.values, strict=True)):
-        doubtful = unknown[:, j] > 1e-12  # less is rounding
-        rows = np.sqrt(weight[doubtful] * unknown[doubtful, j])[:, None] * values[doubtful]
-        lost[j][np.ix_(felt, felt)] = rows.T @ rows
-    return lost
+        bounds = np.flatnonzero(np.diff(column, prepend=column[0] - 1, append=column[-1] - 1)).tolist()
+        for a, b in pairwise(bounds):
+            if column[a] >= 0:
+                yield j, a, b
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -301,29 +242,32 @@ class SignCheck:
         return "\n  ".join(lines)
 
 
-def check_signs(problem: SignProblem, stretches: Stretches, search: Search) -> SignCheck:
-    """Searches the signs of a stream's stretches, whose moments in units of the noise are the problem's.
+def check_signs(running: StreamMoments, weights: Array, search: Search) -> SignCheck:
+    """Searches the signs of a stream's stretches, rows over the noise (n,), N m.
 
     Raises:
         SolverError: an optimisation failed.
     """
+    running.condense()
+    keys, moments = running.moments(weights)
+    problem = SignProblem(moments, running.model.cone, running.coefficients)
     result = search.find(problem)
     result = search.conclude(replace(problem, earlier=result)).with_work_of([result])
-    taken = problem.solver().prepared().solve_precisely(problem.moments.gradient.sum(axis=0))
+    taken = problem.solver().prepared().solve_precisely(moments.gradient.sum(axis=0))
     cost_taken = problem.energy + taken.cost
-    cost = -4.0 * problem.moments.gradient @ problem.coefficients.project(result.theta)
-    turned = np.flatnonzero((result.signs < 0) & (cost >= _SURELY) & (problem.moments.count > TUNING.outliers))
+    cost = -4.0 * moments.gradient @ problem.coefficients.project(result.theta)
+    turned = np.flatnonzero((result.signs < 0) & (cost >= _SURELY) & (moments.count > TUNING.outliers))
     turned = turned[np.argsort(-cost[turned], kind="stable")] if result.cost < cost_taken else turned[:0]
     listed = tuple(
         TurnedStretch(
-            joint=int(stretches.moments.joint[k]) + 1,
-            start=float(stretches.start[k]),
-            end=float(stretches.end[k]),
-            n_samples=int(stretches.moments.count[k]),
+            joint=keys[k][0] + 1,
+            start=float(running.stretches[keys[k]].start),
+            end=float(running.stretches[keys[k]].end),
+            n_samples=int(moments.count[k]),
             cost=float(cost[k]),
             settled=result.settled is not None and bool(result.settled[k]),
-            merged=bool(stretches.number[k] == _MERGED),
+            merged=keys[k][1] == _MERGED,
         )
-        for k in turned
+        for k in turned.tolist()
     )
     return SignCheck(listed, cost_taken, result.cost, result.certified, len(result.signs), result)

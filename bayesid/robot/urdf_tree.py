@@ -33,6 +33,7 @@ class UrdfJoint:
         axis: (3,) unit axis in its frame; zero for a joint that is fixed and names none.
         leader: name of the joint that it follows by <mimic>, fixed or not: multiplier * position + offset.
         rated_effort: N m, or N; None where the file names none that a joint may have.
+        range: lowest and highest position, and highest speed, rad and rad/s (m); zero where the file names none.
     """
 
     name: str
@@ -45,6 +46,7 @@ class UrdfJoint:
     multiplier: float = 1.0
     offset: float = 0.0
     rated_effort: float | None = None
+    range: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     @property
     def moves(self) -> bool:
@@ -176,8 +178,8 @@ def _joint(element: ET.Element, links: list[str], where: str) -> UrdfJoint:
         for key, usual in (("multiplier", 1.0), ("offset", 0.0)):
             follows[key] = float(given_numbers(mimic.get(key, usual), (), f"mimic {key}", here))
     leader, direction = None if mimic is None else mimic.get("joint", ""), axis / (np.linalg.norm(axis) or 1.0)
-    origin, rated = origin_of(element, here), _rated_effort(element)
-    return UrdfJoint(name, kind, parent, child, origin, direction, leader, **follows, rated_effort=rated)
+    origin, rated, span = origin_of(element, here), _rated_effort(element), _range(element)
+    return UrdfJoint(name, kind, parent, child, origin, direction, leader, **follows, rated_effort=rated, range=span)
 
 
 def origin_of(element: ET.Element, where: str) -> Array:
@@ -190,13 +192,21 @@ def origin_of(element: ET.Element, where: str) -> Array:
 
 
 def _rated_effort(element: ET.Element) -> float | None:
-    """The effort of a joint's <limit>; no other use is made of it, so that one which cannot be meant is none."""
+    effort = _limit(element, "effort")
+    return effort if 0.0 < effort < TUNING.unlimited_effort else None
+
+
+def _range(element: ET.Element) -> tuple[float, float, float]:
+    return _limit(element, "lower"), _limit(element, "upper"), _limit(element, "velocity")
+
+
+def _limit(element: ET.Element, key: str) -> float:
+    """A number of a joint's <limit>; a robot needs none of them, so that one which cannot be meant is none: zero."""
     limit = element.find("limit")
     try:
-        effort = float("nan" if limit is None else limit.get("effort", "nan"))
+        return float(0.0 if limit is None else limit.get(key, 0.0))
     except ValueError:
-        return None
-    return effort if 0.0 < effort < TUNING.unlimited_effort else None
+        return 0.0
 
 
 def _link(element: ET.Element, end: str, links: list[str], where: str) -> str:

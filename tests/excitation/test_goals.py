@@ -10,7 +10,7 @@ from open_results import open_known
 from bayesid.cli.terminal import in_options
 from bayesid.effects.bodies import CarriedPayload
 from bayesid.errors import InputError
-from bayesid.excitation.known import CRITERIA, Goal, goal_of, information_gain, open_coefficients, usual_motion
+from bayesid.excitation.known import CRITERIA, Goal, goal_of, open_coefficients, usual_motion
 
 
 @pytest.fixture(scope="module")
@@ -117,9 +117,9 @@ def test_signs_are_the_efforts_of_random_motions(known):
     """Summed over the goal's forms, the error of efforts is its mean square over the noise, in a second's samples."""
     goal = goal_of(known, ["signs"])
     motion = usual_motion(known.model.robot)
-    columns, weights = known.columns(motion), known.weights(motion, 1.0)
+    columns, weights = known.columns(motion), known.weights(motion)
     variance = np.einsum("njr,rs,njs->nj", columns, known.now, columns)
-    want = np.sum(weights * variance) * np.median(np.diff(motion.t)) / (motion.t[-1] - motion.t[0])
+    want = np.sum(weights * variance) / (motion.t[-1] - motion.t[0])
     assert np.trace(goal.left(known.now)) == pytest.approx(want, rel=1e-6)
 
 
@@ -138,7 +138,7 @@ def test_information_is_what_a_normal_recording_tells_of_sums_as_well_as_they_ar
     """Mutual information of the sums, with an error of what is wanted, and the recording: by determinants of all."""
     rng = np.random.default_rng(4)
     motion = smooth_motion(3, 0.3, 20.0, seed=9)
-    r, rows = len(known), known.columns(motion) * np.sqrt(known.weights(motion, 0.05))[:, :, None]
+    r, rows = len(known), known.columns(motion) * np.sqrt(known.weights(motion))[:, :, None]
     rows = rows.reshape(-1, r)
     goal = Goal(("a", "b"), rng.normal(size=(2, r)), np.array([0.3, 2.5]))
     prior = np.linalg.inv(known.precision)
@@ -146,9 +146,9 @@ def test_information_is_what_a_normal_recording_tells_of_sums_as_well_as_they_ar
     mixed += np.diag(np.concatenate([goal.wanted**2, np.ones(len(rows))]))
     logs = [np.linalg.slogdet(block)[1] for block in (mixed[:2, :2], mixed[2:, 2:], mixed)]
     want = 0.5 * (logs[0] + logs[1] - logs[2])
-    after = known.covariance(known.information(motion, 0.05))
+    after = known.covariance(known.information(motion))
     assert want > 0.1
-    assert information_gain(goal, prior, after) == pytest.approx(want, rel=1e-6)
+    assert goal.gain(prior, after) == pytest.approx(want, rel=1e-6)
 
 
 def test_the_criteria_are_a_determinant_and_a_trace():

@@ -7,10 +7,10 @@ import pytest
 from conftest import smooth_motion
 from open_results import NOISE, gains_result, open_result
 
-from bayesid.excitation.gaussian import inverse
 from bayesid.excitation.known import known_of
 from bayesid.excitation.resolvability import expect
 from bayesid.identification.identified_model import ParameterDraws
+from bayesid.regression.knowledge import inverse_of
 
 PERIOD = 0.02
 
@@ -24,7 +24,7 @@ def test_what_a_recording_leaves_is_a_regression_on_prior_and_noise_rows(motion)
     """Rows of the noise are those of independent samples: as many for a sample as its share of a correlation time."""
     result = open_result()
     known = known_of(result, 1.0 / PERIOD)
-    found = known.covariance(known.information(motion, PERIOD))
+    found = known.covariance(known.information(motion))
     memory = np.exp(-PERIOD / NOISE.correlation)
     times = 1.0 + 2.0 * NOISE.coloured**2 / (NOISE.white**2 + NOISE.coloured**2) * memory / (1.0 - memory)
     sigma = np.sqrt(NOISE.white**2 + NOISE.coloured**2)
@@ -79,7 +79,7 @@ def test_draws_that_are_wider_than_the_log_s_information_say_what_is_lacking():
     theta = result.theta + (rng.normal(size=(20_000, len(base))) @ wide.T) @ np.linalg.pinv(base.projection).T
     known = known_of(replace(result, draws=ParameterDraws(theta, np.tile(NOISE.sigma, (20_000, 1)))), 50.0)
     inside = np.linalg.inv(result.precision)
-    np.testing.assert_allclose(inverse(known.precision), inside, rtol=1e-6, atol=1e-9 * np.abs(inside).max())
+    np.testing.assert_allclose(inverse_of(known.precision), inside, rtol=1e-6, atol=1e-9 * np.abs(inside).max())
     ratio = np.diag(known.lacking) / np.diag(inside)
     np.testing.assert_allclose(ratio, 3.0, rtol=0.07)  # five times 4 / 3 sqrt(2 / 20000)
     told = replace(result, draws=ParameterDraws(theta, np.tile(NOISE.sigma, (20_000, 1))), lacking=0.5 * inside)

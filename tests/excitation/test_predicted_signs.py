@@ -20,7 +20,7 @@ def turned_cost(known, motion, rows_of, joint, chosen):
     rows, effort = rows_of
     target = effort.copy()
     target[chosen, joint] *= -1.0
-    moving = known.weights(motion, PERIOD) > 0.0
+    moving = known.weights(motion) > 0.0
     stacked = np.vstack([prior, rows[moving]])
     wanted = np.concatenate([prior @ known.mean, target[moving]])
     return float(np.sum((wanted - stacked @ np.linalg.lstsq(stacked, wanted, rcond=None)[0]) ** 2))
@@ -28,7 +28,7 @@ def turned_cost(known, motion, rows_of, joint, chosen):
 
 def brute_force(known, motion):
     """Share of |effort| in motion, the mean over joints, in segments that are mistaken in one of a hundred cases."""
-    columns, weights = known.columns(motion), known.weights(motion, PERIOD)
+    columns, weights = known.columns(motion), known.weights(motion)
     rows = columns * np.sqrt(weights)[:, :, None]
     effort = rows @ known.mean
     size, shares = np.abs(columns @ known.mean) * (weights > 0.0), []
@@ -48,6 +48,6 @@ def test_the_share_is_that_of_segments_that_cost_enough_when_turned(quiet):
     known = open_known(share=0.002)
     known = replace(known, density=quiet * known.density)
     motion = smooth_motion(3, 4.0, 1.0 / PERIOD, seed=12)
-    found = certain_share(known, motion, PERIOD)
+    found = certain_share(known, motion)
     assert found == pytest.approx(brute_force(known, motion), abs=1e-9)
     assert 0.05 < found < 1.0

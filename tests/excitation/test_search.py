@@ -5,7 +5,7 @@ import pytest
 from open_results import LIMITS, open_known
 
 from bayesid.effects.hysteresis import Hysteresis
-from bayesid.excitation.known import goal_of, log_spread
+from bayesid.excitation.known import goal_of
 from bayesid.excitation.limits import check_limits
 from bayesid.excitation.search import MotionSearch
 from bayesid.excitation.splines import Feasibility, SplineBasis, at_rest
@@ -42,7 +42,7 @@ def search_of(known, whole=None, limits=LIMITS, clearance=None):
 
     def worth(information):
         asked.append(information)
-        return log_spread(goal, known.covariance(information))
+        return goal.spread(known.covariance(information))
 
     whole = known.memory if whole is None else whole
     feasibility = Feasibility.of(known, check_limits(limits, known.model.robot), clearance)
@@ -99,7 +99,7 @@ def off(known, whole, **options):
     """By how much the information that windows add up to is off that of the whole motion, of its largest entries."""
     search, asked = search_of(known, whole=whole, **options)
     _, trajectory = search.run(120, 4)
-    true = known.information(trajectory.motion(search.instants), 1.0 / search.rate)
+    true = known.information(trajectory.motion(search.instants))
     scale = np.sqrt(np.outer(np.diag(true), np.diag(true))) + 1e-9 * true.max()
     return min(np.abs((one - true) / scale).max() for one in asked)
 

@@ -47,7 +47,7 @@ def keys(*names):
 def numbers(rivals, motion, form):
     """Rows (M, R) and noise (M,) of the samples that count, for the coefficients and one form."""
     columns = rivals.columns(motion)
-    weights = rivals.known.weights(motion, PERIOD)
+    weights = rivals.known.weights(motion)
     r = len(rivals.known)
     chosen = np.concatenate([np.arange(r), form.columns])
     seen = weights > 0.0
@@ -81,7 +81,7 @@ def drawn_factors(motion, rivals, true, others):
 
 
 def information(rivals, motion):
-    rows = rivals.columns(motion) * np.sqrt(rivals.known.weights(motion, PERIOD))[:, :, None]
+    rows = rivals.columns(motion) * np.sqrt(rivals.known.weights(motion))[:, :, None]
     return np.einsum("njr,njs->rs", rows, rows)
 
 
