@@ -41,8 +41,8 @@ from .log.reading import read_motion as read_motion
 from .log.segments import Cutting as Cutting
 from .monitor.accumulator import Accumulator as Accumulator
 from .monitor.changes import Alarm as Alarm
-from .monitor.tracked import Tracked as Tracked
 from .monitor.tracker import SignTracker as SignTracker
+from .monitor.tracker import Tracked as Tracked
 from .posterior.sampler import Sampling as Sampling
 from .progress import Progress as Progress
 from .regression.knowledge import Beliefs as Beliefs

@@ -24,8 +24,7 @@ from bayesid.effects.model import Model
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.pipeline import identify
 from bayesid.monitor.changes import CONTACT, FRICTION, GAIN, PAYLOAD, Alarm
-from bayesid.monitor.tracked import Tracked
-from bayesid.monitor.tracker import SignTracker
+from bayesid.monitor.tracker import SignTracker, Tracked
 from bayesid.motion import Motion
 from bayesid.signs.search.certified import Certified
 from bayesid.simulation.logs import simulate

@@ -25,8 +25,7 @@ from bayesid.log.formats import STANDARD_INPUT, Options
 from bayesid.log.log import Log, check_exact_gains
 from bayesid.log.rows import RowReader
 from bayesid.monitor.changes import CONTACT, Alarm
-from bayesid.monitor.replay import Replay, agreement, contradicts, known_signs, replay, timed
-from bayesid.monitor.tracked import StreamFigures, looked_at
+from bayesid.monitor.replay import Replay, StreamFigures, agreement, contradicts, known_signs, replay, timed
 from bayesid.monitor.tracker import SignTracker
 from bayesid.monitor.tuning import TUNING as MONITOR
 from bayesid.parallel import one_blas_thread
@@ -272,7 +271,7 @@ def _answer_rows(tracker: SignTracker, reader: RowReader, file: TextIO | None) -
                 print(json.dumps(plain(alarm.as_dict())), file=sys.stderr, flush=True)
             if now.fresh:
                 line = stream_line(now)
-            if looked_at(now) and file is not None:
+            if now.known and file is not None:
                 file.write(f"{line}\n")
         _answer(line)
     if len(times) <= TUNING.steps:

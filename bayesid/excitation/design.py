@@ -54,22 +54,16 @@ from bayesid.simulation.trajectories import HARMONICS, MotionLimits, log_conditi
 class TrajectoryShape:
     """What is given of a motion before its shape is designed.
 
-    Attributes:
-        duration: of the whole motion, s.
-        rate: of the samples, Hz; rounded so that a whole number of them fits the duration.
-        harmonics: how many times a joint may swing to and fro in a period, about, 2 to 20.
-        periods: how many times the motion is played in the duration.
-
     Example:
         >>> shape = bayesid.TrajectoryShape(duration=10.0, rate=50.0, harmonics=3, periods=2)
         >>> len(shape.instants)
         501
     """
 
-    duration: float = 20.0
-    rate: float = 100.0
-    harmonics: int = HARMONICS
-    periods: int = 1
+    duration: float = 20.0  #: of the whole motion, s
+    rate: float = 100.0  #: of the samples, Hz; rounded so that a whole number of them fits the duration
+    harmonics: int = HARMONICS  #: how many times a joint may swing to and fro in a period, about, 2 to 20
+    periods: int = 1  #: how many times the motion is played in the duration
 
     def __post_init__(self) -> None:
         fewest = 4.0 * self.harmonics * self.periods  # twice as many as Nyquist asks for
@@ -86,14 +80,10 @@ class TrajectoryShape:
 
 @dataclass(frozen=True, kw_only=True)
 class Objective:
-    """What a design aims at.
+    """What a design aims at."""
 
-    Attributes:
-        noise: of the efforts, relative to each joint's RMS effort, at which the result is judged.
-        evaluations: changes of the motion that each of two searches tries; 6000 take about ten seconds for six joints.
-    """
-
-    noise: float = 0.05
+    noise: float = 0.05  #: of the efforts, relative to each joint's RMS effort, at which the result is judged
+    #: changes of the motion that each of two searches tries; 6000 take about ten seconds for six joints
     evaluations: int = 6000
 
     def __post_init__(self) -> None:
@@ -119,32 +109,21 @@ class Quality(Excitation):
 class ExcitationDesign:
     """A motion to be played.
 
-    Attributes:
-        model: robot and terms.
-        coefficients: the r base coefficients that it is to show.
-        trajectory: a period of the motion as a spline.
-        motion: N samples of it, from rest to rest.
-        rate: of these, Hz.
-        periods: that it holds.
-        limits: of each joint.
-        start: the best of some random motions.
-        reached: what the design has made of it.
-
     Example:
         >>> design = bayesid.design_excitation(robot, terms, objective=bayesid.Objective(evaluations=50))
         >>> design.reached.condition < design.start.condition
         True
     """
 
-    model: Model
-    coefficients: BaseCoefficients
-    trajectory: SplineTrajectory
-    motion: Motion
-    rate: float
-    periods: int
-    limits: MotionLimits
-    start: Quality
-    reached: Quality
+    model: Model  #: robot and terms
+    coefficients: BaseCoefficients  #: the r base coefficients that it is to show
+    trajectory: SplineTrajectory  #: a period of the motion as a spline
+    motion: Motion  #: N samples of it, from rest to rest
+    rate: float  #: of these, Hz
+    periods: int  #: that it holds
+    limits: MotionLimits  #: of each joint
+    start: Quality  #: the best of some random motions
+    reached: Quality  #: what the design has made of it
 
     def __repr__(self) -> str:
         lines = [
@@ -262,17 +241,18 @@ def quality(expectation: Expectation, motion: Motion, noise: float) -> Quality:
     columns, speed = expectation.columns(judged), expectation.model.robot.actuators(judged).dq
     grams, samples = joint_grams(columns), len(judged)
     weight = min(1.0, TUNING.independent * float(motion.t[-1] - motion.t[0]) / samples)
-    flips = expectation.joint_flips(grams, samples, noise, weight, groups_of(list(range(len(grams)))))
+    sigma = expectation.sigma(grams, samples, noise)
+    flips = expectation.joint_flips(grams, sigma, weight, groups_of(list(range(len(grams)))))
     segments = [
-        turn_segments(columns, columns @ beta, speed, sigma, weight)
-        for beta, sigma in zip(expectation.betas, expectation.sigma(grams, samples, noise), strict=True)
+        turn_segments(columns, columns @ beta, speed, sd, weight)
+        for beta, sd in zip(expectation.betas, sigma, strict=True)
     ]
     hardest = int(np.argmin([groups.resolvability.min() for groups in flips]))
     shown = segments[hardest]
     return Quality(
         noise=noise,
         condition=condition_of(grams),
-        uncertainty=expectation.uncertainty(grams, samples, noise, weight),
+        uncertainty=expectation.uncertainty(grams, sigma, weight),
         joints=flips[hardest],
         segments=replace(shown, start=shown.start * step, end=np.minimum(shown.end * step, len(motion))),
         tolerance=min(noise_tolerance(*pair, noise) for pair in zip(flips, segments, strict=True)),

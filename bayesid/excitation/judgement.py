@@ -41,30 +41,20 @@ from bayesid.robot import Robot, check_joints, load_robot
 class ExcitationJudgement(Excitation):
     """What a log's motion shows, at a noise relative to the RMS efforts.
 
-    Attributes:
-        model: robot and terms.
-        coefficients: the r base coefficients.
-        source: of the log.
-        reach: (n,) range of positions of each actuator, rad.
-        speed: (n,) highest speed, rad/s.
-        acceleration: (n,) highest acceleration, rad/s^2.
-        idle: (n,) share of the time at standstill.
-        doubtful: (n,) expected share of each joint's energy with the wrong sign, segments turned one by one.
-
     Example:
         >>> judgement = bayesid.judge_log(robot, log, terms)
         >>> judgement.light, [judgement.coefficients.names[k] for k in judgement.undecided]
         ('green', ['J2yz', 'J3yz'])
     """
 
-    model: Model
-    coefficients: BaseCoefficients
-    source: str
-    reach: Array
-    speed: Array
-    acceleration: Array
-    idle: Array
-    doubtful: Array
+    model: Model  #: robot and terms
+    coefficients: BaseCoefficients  #: the r base coefficients
+    source: str  #: of the log
+    reach: Array  #: (n,) range of positions of each actuator, rad
+    speed: Array  #: (n,) highest speed, rad/s
+    acceleration: Array  #: (n,) highest acceleration, rad/s^2
+    idle: Array  #: (n,) share of the time at standstill
+    doubtful: Array  #: (n,) expected share of each joint's energy with the wrong sign, segments turned one by one
 
     def __repr__(self) -> str:
         lines = [
@@ -137,7 +127,8 @@ def judge_log(
     grams, counts = sums.hessian.by_joint(n), np.bincount(sums.joint, sums.count, n)
     samples, weight = np.maximum(counts, 1).astype(np.int64), min(1.0, TUNING.independent / signals.rate)
     groups = groups_of(unsigned, all_unsigned=len(unsigned) == n)
-    flips = expectation.joint_flips(grams, samples, noise, weight, groups) if unsigned else []
+    sigma = expectation.sigma(grams, samples, noise)
+    flips = expectation.joint_flips(grams, sigma, weight, groups) if unsigned else []
     measured = turn_measured(sums.scaled(noise * sums.rms_effort(n)), segments.start, segments.end, weight)
     wrong = np.bincount(measured.joint, sums.energy[sums.known == 0] * mistaken(measured.resolvability), n)
     return ExcitationJudgement(
@@ -150,7 +141,7 @@ def judge_log(
         acceleration=np.abs(actuators.ddq).max(axis=0),
         idle=np.mean(speed <= actuators.standstill_speed, axis=0),
         condition=condition_of(grams),
-        uncertainty=expectation.uncertainty(grams, samples, noise, weight),
+        uncertainty=expectation.uncertainty(grams, sigma, weight),
         joints=min(flips, key=lambda one: one.resolvability.min(), default=None),
         segments=measured,
         doubtful=wrong / np.maximum(np.bincount(sums.joint, sums.energy, n), TINY),

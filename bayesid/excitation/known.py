@@ -13,7 +13,7 @@ by the first, for no motion changes what a model lacks.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
@@ -23,8 +23,7 @@ from bayesid.arrays import TINY, Array, Integers, Mask
 from bayesid.effects.coefficients import BaseCoefficients, base_coefficients
 from bayesid.effects.model import Model
 from bayesid.errors import InputError, near_names
-from bayesid.excitation.gaussian import information_of, root_of, scaled_spectrum
-from bayesid.excitation.resolvability import expect, expected_segments, mistaken, resolvability
+from bayesid.excitation.resolvability import expect, expected_segments, information_of, mistaken, resolvability
 from bayesid.excitation.tuning import TUNING
 from bayesid.identification.identification import KNOWN, SURE
 from bayesid.identification.identified_model import IdentifiedModel
@@ -37,8 +36,6 @@ _ROUNDING = 1e-12
 """Least eigenvalue of a scaled covariance, relative to the largest."""
 GAIN = "log_gain"
 """Names of the logarithms of gains begin so."""
-GAINS, PAYLOAD, SIGNS = "gains", "payload", "signs"
-"""Names of the goals that are no coefficients."""
 _NONE = 1e-9
 """Share of a coefficient below which a parameter's is rounding."""
 
@@ -113,49 +110,56 @@ class Known:
 
 def known_of(identified: IdentifiedModel, rate: float) -> Known:
     """What an identified model knows; a recording to come, at a rate, Hz, is as noisy as the result's log."""
-    model = identified.model.before_sensors
-    base = base_coefficients(model)
-    noise = identified.noise.with_time_of_model(rate)
-    density = rate / (noise.sigma**2 * noise.autocorrelation)
-    mean, precision, lacking, gains = _distribution(identified, base)
-    names = (*base.names, *(f"{GAIN}{j + 1}" for j in gains))
-    units = (*base.units, *("" for _ in gains))
-    supposed = identified.draws is None and _blind(identified.precision)
-    if supposed:
-        precision = precision + np.diag(expect(model).size ** -2.0)
-    return Known(model, base, identified.theta, names, units, mean, precision, lacking, gains, density, supposed)
-
-
-def _distribution(identified: IdentifiedModel, base: BaseCoefficients) -> tuple[Array, Array, Array, Integers]:
-    """Mean, inverse covariance, covariance of what may be lacking, and joints whose gains are unknown."""
-    beta, draws = base.project(identified.theta), identified.draws
-    none = np.empty(0, dtype=np.int64)
+    model, noise, draws = identified.model.before_sensors, identified.noise.with_time_of_model(rate), identified.draws
+    base, density = base_coefficients(model), rate / (noise.sigma**2 * noise.autocorrelation)
+    beta, precision, none = base.project(identified.theta), identified.precision, np.empty(0, dtype=np.int64)
+    nothing = np.zeros_like(precision)
+    known = Known(model, base, identified.theta, base.names, base.units, beta, precision, nothing, none, density)
     if draws is None:
-        return beta, identified.precision, identified.beyond_precision, none
+        known = replace(known, lacking=identified.beyond_precision)
+        values = scaled_spectrum(precision)[0]
+        if values[0] > _ROUNDING * values[-1]:
+            return known
+        return replace(known, precision=precision + np.diag(expect(model).size ** -2.0), supposed=True)
     drawn = base.project(draws.theta)
     if draws.log_gain is not None and (gains := np.flatnonzero(np.ptp(draws.log_gain, axis=0) > 0.0)).size:
         both = np.cov(np.hstack([drawn, draws.log_gain[:, gains]]), rowvar=False)
-        mean = np.concatenate([beta, draws.log_gain[:, gains].mean(axis=0)])
-        return mean, inverse_of(_at_least(both, _ROUNDING)), np.zeros_like(both), gains
+        return replace(
+            known,
+            names=(*base.names, *(f"{GAIN}{j + 1}" for j in gains)),
+            units=(*base.units, *("" for _ in gains)),
+            mean=np.concatenate([beta, draws.log_gain[:, gains].mean(axis=0)]),
+            precision=inverse_of(_at_least(both, _ROUNDING)),
+            lacking=np.zeros_like(both),
+            gains=gains,
+        )
     covariance = np.atleast_2d(np.cov(drawn, rowvar=False))
-    if not identified.precision.any():
-        return beta, inverse_of(_at_least(covariance, _ROUNDING)), np.zeros_like(covariance), none
+    if not precision.any():
+        return replace(known, precision=inverse_of(_at_least(covariance, _ROUNDING)))
     lacking = identified.lacking
     if lacking is None:
-        lacking = _beyond_sampling(covariance, identified.precision, len(drawn))
-    return beta, identified.precision, _at_least(lacking, 0.0), none
+        lacking = _beyond_sampling(covariance, precision, len(drawn))
+    return replace(known, lacking=_at_least(lacking, 0.0))
+
+
+def scaled_spectrum(matrix: Array) -> tuple[Array, Array, Array]:
+    """Eigenvalues and eigenvectors of a symmetric matrix, scaled to a diagonal of ones; its scale."""
+    scale = np.sqrt(np.maximum(np.abs(np.diag(matrix)), TINY))
+    values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
+    return values, vectors, scale
+
+
+def root_of(matrix: Array, least: float = 0.0) -> Array:
+    """(R, R) whose product with its transpose is a matrix, but for eigenvalues below a share of the largest."""
+    values, vectors, scale = scaled_spectrum(matrix)
+    root: Array = scale[:, None] * vectors * np.sqrt(np.maximum(values, least * values[-1]))
+    return root
 
 
 def _at_least(matrix: Array, least: float) -> Array:
     """A symmetric matrix whose scaled eigenvalues are no less than a share of the largest."""
     root = root_of(matrix, least)
     return root @ root.T
-
-
-def _blind(precision: Array) -> bool:
-    """Whether nothing is known of some sum of coefficients."""
-    values, *_ = scaled_spectrum(precision)
-    return bool(values[0] <= _ROUNDING * values[-1])
 
 
 def _beyond_sampling(covariance: Array, precision: Array, draws: int) -> Array:
@@ -276,8 +280,7 @@ def _of_places(known: Known, chosen: list[int], never: tuple[str, ...] = ()) -> 
 
 
 def _named(known: Known, name: str, payload: str) -> Goal:
-    special: dict[str, Callable[[Known], Goal]]
-    special = {GAINS: _gains, PAYLOAD: partial(_payload, payload=payload), SIGNS: _signs}
+    special = {"gains": _gains, "payload": partial(_payload, payload=payload), "signs": _signs}
     if name in special:
         return special[name](known)
     coefficients, parameters = known.coefficients, [parameter.name for parameter in known.model.parameters]
@@ -298,7 +301,7 @@ def _named(known: Known, name: str, payload: str) -> Goal:
             return _of_places(known, _holding(known, places))
     near = near_names(name, [*coefficients.names, *parameters, *(t.effect for t in known.model.terms), *special])
     alike = [one for one in coefficients.names if one[:2] == name[:2]][:6] or coefficients.names[:6]
-    remedy = f"name coefficients ({', '.join(alike)}, ..), effects, {GAINS}, {PAYLOAD} or {SIGNS}"
+    remedy = f"name coefficients ({', '.join(alike)}, ..), effects, gains, payload or signs"
     raise InputError(f"{name!r} is nothing of the model", field="about", remedy=f"{near} {remedy}".strip())
 
 
@@ -331,21 +334,16 @@ def _payload(known: Known, payload: str) -> Goal:
         said = f"is known as {', '.join(labels)}, and the motion carries nothing"
         remedy = f"give the payload that is recorded with it, as {labels[0]}"
         raise InputError(said, "payload", remedy, field="about")
-    places = [
-        k
-        for term, place in zip(known.model.terms, known.model.places, strict=True)
-        if payload in term.payloads or term.needs_earlier
-        for k in range(place.start, place.stop)
-    ]
-    if not places:
-        never = (
-            "no motion can tell a payload from the last link: record once without it and once with it (--log "
-            "FILE:payload=LABEL, or `bayesid payload`)",
-        )
-        n, parameters = known.model.robot.n_joints, known.model.parameters
-        last = [k for k, parameter in enumerate(parameters) if parameter.joint == n and parameter.name[:1] in "mJ"]
-        return _of_places(known, _holding(known, last), never)
-    return _of_places(known, _holding(known, places))
+    terms, n = zip(known.model.terms, known.model.places, strict=True), known.model.robot.n_joints
+    own = [place for term, place in terms if payload in term.payloads or term.needs_earlier]
+    if own:
+        return _of_places(known, _holding(known, [k for place in own for k in range(place.start, place.stop)]))
+    never = (
+        "no motion can tell a payload from the last link: record once without it and once with it (--log "
+        "FILE:payload=LABEL, or `bayesid payload`)",
+    )
+    last = [k for k, one in enumerate(known.model.parameters) if one.joint == n and one.name[:1] in "mJ"]
+    return _of_places(known, _holding(known, last), never)
 
 
 def _signs(known: Known) -> Goal:

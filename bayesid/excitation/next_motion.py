@@ -20,9 +20,9 @@ from bayesid.arrays import Array
 from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.effects.coefficients import base_coefficients
 from bayesid.errors import InputError
-from bayesid.excitation.gaussian import information_of
 from bayesid.excitation.known import CRITERIA, GAIN, Goal, Known, certain_share, goal_of, known_of, usual_motion
 from bayesid.excitation.limits import check_between, check_limits
+from bayesid.excitation.resolvability import information_of
 from bayesid.excitation.rivals import (
     Hypotheses,
     RivalEffects,
@@ -56,28 +56,22 @@ SPEEDS = (0.1, 0.3, 1.0)
 class RunSettings:
     """How a motion is to be run.
 
-    Attributes:
-        duration: of the recording, s.
-        rate: of the controller's file and of the recording, Hz.
-        start: (n,) pose at both ends, rad (m): where the robot is; by default where the result's log began.
-        limits: of the joints; by default those that suit most small arms, widened to where the robot has been.
-        effort_limits: (n,) largest |effort| of the actuators, N m, in place of those of `limits`.
-        clearance: tells collisions, and what distance is to be kept; None where nothing does, which the result says.
-        no_clearance: why nothing does.
-        payload: label of what the flange carries, one that the result knows; empty where it carries nothing.
-
     Raises:
         InputError: a number cannot be used.
     """
 
-    duration: float = 20.0
-    rate: float = 100.0
+    duration: float = 20.0  #: of the recording, s
+    rate: float = 100.0  #: of the controller's file and of the recording, Hz
+    #: (n,) pose at both ends, rad (m): where the robot is; by default where the result's log began
     start: tuple[float, ...] | None = None
+    #: of the joints; by default those that suit most small arms, widened to where the robot has been
     limits: MotionLimits | None = None
+    #: (n,) largest |effort| of the actuators, N m, in place of those of `limits`
     effort_limits: tuple[float, ...] | None = None
+    #: tells collisions, and what distance is to be kept; None where nothing does, which the result says
     clearance: CollisionModel | None = None
-    no_clearance: str = "no shapes are known"
-    payload: str = ""
+    no_clearance: str = "no shapes are known"  #: why nothing does
+    payload: str = ""  #: label of what the flange carries, one that the result knows; empty where it carries nothing
 
     def __post_init__(self) -> None:
         check_between(self.duration, 2.0, 600.0, "duration", "s")
@@ -125,38 +119,25 @@ class PredictedKnowledge:
 class NextMotion:
     """A motion to be run and recorded.
 
-    Attributes:
-        known: the result that it was designed for.
-        trajectory: the motion, exact at every instant.
-        run: how it is to be run, limits and start with one number for each joint.
-        goal: what it settles; None where it tells hypotheses apart.
-        rivals: classes of hypotheses that it tells apart.
-        predicted: what will be known after its recording.
-        of_random: the same after a random motion within the same limits (but of efforts and collisions).
-        feasibility: the limits that it keeps, by which its efforts are predicted.
-        never: sentences on what no motion can tell, and on what the predictions rest.
-        unchecked: sentences on what was not checked.
-        slow: shares of the speed at which the motion keeps its limits, and so may be played.
-        seconds: of the design.
-
     Example:
         >>> design = bayesid.design_next(result, run=bayesid.RunSettings(duration=4.0), changes=40)
         >>> design.motion.q.shape, design.predicted.open <= design.predicted.open_now
         ((401, 3), True)
     """
 
-    known: Known
-    trajectory: SplineTrajectory
-    run: RunSettings
-    goal: Goal | None
-    rivals: tuple[RivalEffects, ...]
-    predicted: PredictedKnowledge
+    known: Known  #: the result that it was designed for
+    trajectory: SplineTrajectory  #: the motion, exact at every instant
+    run: RunSettings  #: how it is to be run, limits and start with one number for each joint
+    goal: Goal | None  #: what it settles; None where it tells hypotheses apart
+    rivals: tuple[RivalEffects, ...]  #: classes of hypotheses that it tells apart
+    predicted: PredictedKnowledge  #: what will be known after its recording
+    #: the same after a random motion within the same limits (but of efforts and collisions)
     of_random: PredictedKnowledge
-    feasibility: Feasibility
-    never: tuple[str, ...]
-    unchecked: tuple[str, ...]
-    slow: tuple[float, ...]
-    seconds: float
+    feasibility: Feasibility  #: the limits that it keeps, by which its efforts are predicted
+    never: tuple[str, ...]  #: sentences on what no motion can tell, and on what the predictions rest
+    unchecked: tuple[str, ...]  #: sentences on what was not checked
+    slow: tuple[float, ...]  #: shares of the speed at which the motion keeps its limits, and so may be played
+    seconds: float  #: of the design
 
     def __repr__(self) -> str:
         after, now = self.predicted.open, self.predicted.open_now
@@ -313,13 +294,13 @@ def _with_lacking(result: Identification) -> IdentifiedModel:
     posterior, base = result.posterior, base_coefficients(result.model)
     if posterior is None or posterior.log_gain is not None:
         return result.identified
+
+    def covariance(theta: Array) -> Array:
+        return np.atleast_2d(np.cov(base.project(theta.reshape(-1, theta.shape[-1])), rowvar=False))
+
     lacking = np.zeros_like(result.identified.precision)
     if posterior.shift is not None:
-        drawn = (
-            base.project(of.theta.reshape(-1, of.theta.shape[-1])) for of in (posterior.uncertain, posterior.draws)
-        )
-        wide, narrow = (np.atleast_2d(np.cov(one, rowvar=False)) for one in drawn)
-        lacking = wide - narrow
+        lacking = covariance(posterior.uncertain.theta) - covariance(posterior.draws.theta)
     return replace(result.identified, lacking=lacking)
 
 
@@ -338,8 +319,8 @@ def _settled(run: RunSettings, known: Known, recorded: Motion | None) -> tuple[M
             remedy = "give a positive number for each joint, or one for all, N m"
             raise InputError(said, field="effort_limits", remedy=remedy)
         limits = check_limits(replace(limits, effort=run.effort_limits), robot)
-    middle = 0.5 * (np.asarray(limits.lower) + np.asarray(limits.upper))
-    start = np.array(run.start if run.start is not None else middle if recorded is None else recorded.q[0], dtype=float)
+    start = 0.5 * np.add(limits.lower, limits.upper) if recorded is None else recorded.q[0]
+    start = np.asarray(start if run.start is None else run.start, dtype=float)
     if start.shape != (robot.n_joints,) or not np.isfinite(start).all():
         said = f"{start.size} numbers, robot {robot.name} has {robot.n_joints} joints"
         raise InputError(said, field="start", remedy="give one position for each joint, in rad (m)")
@@ -348,23 +329,22 @@ def _settled(run: RunSettings, known: Known, recorded: Motion | None) -> tuple[M
 
 def _check_start(feasibility: Feasibility, still: SplineTrajectory) -> None:
     """Raises InputError if the robot cannot even stand still where the motion starts."""
-    pose = still.control[0]
+    pose, clearance = still.control[0], feasibility.clearance
     for j, (at, lower, upper) in enumerate(zip(pose, feasibility.lower, feasibility.upper, strict=True), start=1):
         if not lower <= at <= upper:
             said = f"joint {j} starts at {at:.4g}, its limits are {lower:.4g} to {upper:.4g}"
             raise InputError(said, field="start", remedy="give a pose within the limits, or `limits` that hold it")
-    mean, sd = feasibility.effort_band(still.motion(np.linspace(0.0, still.duration, 3)))
-    for j, (value, spread, limit) in enumerate(zip(mean[0], sd[0], feasibility.effort, strict=True), start=1):
-        if abs(value) + TUNING.band * spread > limit:
-            needed = f"{value:.3g} +- {TUNING.band * spread:.3g} N m"
-            said = f"joint {j} may need {needed} at the start, its limit is {limit:.3g} N m"
-            remedy = "give another `start`, or state what is known (`Beliefs.nominal`) when the log is identified"
-            raise InputError(said, field="effort_limits", remedy=remedy)
-    if not feasibility.clear(still, 0.0, still.duration):
-        assert feasibility.clearance is not None
-        distance = float(feasibility.clearance.distance(pose[None])[0])
-        margin = f"the margin is {feasibility.clearance.margin:g} m"
-        said = f"the robot is {distance:.3f} m from itself or the floor at the start, {margin}"
+    mean, sd = (values[0] for values in feasibility.effort_band(still.motion(np.linspace(0.0, still.duration, 3))))
+    for j in np.flatnonzero(np.abs(mean) + TUNING.band * sd > feasibility.effort)[:1].tolist():
+        needed = f"{mean[j]:.3g} +- {TUNING.band * sd[j]:.3g} N m"
+        said = f"joint {j + 1} may need {needed} at the start, its limit is {feasibility.effort[j]:.3g} N m"
+        remedy = "give another `start`, or state what is known (`Beliefs.nominal`) when the log is identified"
+        raise InputError(said, field="effort_limits", remedy=remedy)
+    if clearance is not None and not feasibility.clear(still, 0.0, still.duration):
+        distance = float(clearance.distance(pose[None])[0])
+        said = (
+            f"the robot is {distance:.3f} m from itself or the floor at the start, the margin is {clearance.margin:g} m"
+        )
         raise InputError(said, field="start", remedy="give another pose, or a smaller `margin`")
 
 

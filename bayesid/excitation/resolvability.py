@@ -40,7 +40,6 @@ from bayesid.arrays import TINY, Array, Integers
 from bayesid.effects.coefficients import BaseCoefficients, base_coefficients
 from bayesid.effects.model import Model
 from bayesid.errors import InputError
-from bayesid.excitation.gaussian import information_of
 from bayesid.excitation.tuning import TUNING
 from bayesid.motion import Motion
 from bayesid.regression.knowledge import Beliefs
@@ -84,22 +83,15 @@ class SegmentFlips:
 
 @dataclass(frozen=True, kw_only=True)
 class Excitation:
-    """What a motion shows, before anything is identified.
+    """What a motion shows, before anything is identified."""
 
-    Attributes:
-        noise: relative to each joint's RMS effort, at which all this is meant.
-        condition: condition number of the base regressor; inf if a coefficient is not shown.
-        uncertainty: (r,) sd of each coefficient after a log of this motion, signs given, over its usual size.
-        joints: groups of joints of unknown sign, for the robot of which the easiest is easiest to mistake; None if all
-            signs are known.
-        segments: those of unknown sign.
-    """
-
-    noise: float
-    condition: float
-    uncertainty: Array
+    noise: float  #: relative to each joint's RMS effort, at which all this is meant
+    condition: float  #: condition number of the base regressor; inf if a coefficient is not shown
+    uncertainty: Array  #: (r,) sd of each coefficient after a log of this motion, signs given, over its usual size
+    #: groups of joints of unknown sign, for the robot of which the easiest is easiest to mistake; None if all signs
+    #: are known
     joints: JointFlips | None
-    segments: SegmentFlips
+    segments: SegmentFlips  #: those of unknown sign
 
     @property
     def undecided(self) -> tuple[int, ...]:
@@ -236,36 +228,31 @@ class Expectation:
     def sigma(self, grams: Array, samples: int | Integers, noise: float) -> Array:
         """(K, n) noise of each robot's joints, N m: a share of the RMS effort; 1 where there is no effort.
 
-        Arguments as for `joint_flips`.
+        Args:
+            grams: (n, r, r) Gram matrices of the joints' rows.
+            samples: that each of them holds.
+            noise: relative to each joint's RMS effort.
         """
         square = np.einsum("kr,jrs,ks->kj", self.betas, grams, self.betas) / samples
         return noise * np.where(square > 0.0, np.sqrt(np.maximum(square, 0.0)), 1.0)
 
     def joint_flips(
-        self, grams: Array, samples: int | Integers, noise: float, weight: float, groups: tuple[tuple[int, ...], ...]
+        self, grams: Array, sigma: Array, weight: float, groups: tuple[tuple[int, ...], ...]
     ) -> list[JointFlips]:
         """(K) what turning groups of 0-based joints weighs for each of the robots.
 
-        Args:
-            grams: (n, r, r) Gram matrices of the joints' rows.
-            samples: that each of them holds.
-            noise: relative to each joint's RMS effort.
-            weight: independent samples that each sample stands for.
-            groups: that are turned.
+        By Gram matrices (n, r, r), the robots' noise (K, n), and how many independent samples each sample stands for.
         """
-        pairs = zip(self.betas, self.sigma(grams, samples, noise)[:, :, None, None], strict=True)
-        return [turn_joints(weight * grams / sd**2, beta, groups) for beta, sd in pairs]
+        scaled = weight * grams / sigma[:, :, None, None] ** 2
+        return [turn_joints(own, beta, groups) for own, beta in zip(scaled, self.betas, strict=True)]
 
-    def uncertainty(self, grams: Array, samples: int | Integers, noise: float, weight: float) -> Array:
+    def uncertainty(self, grams: Array, sigma: Array, weight: float) -> Array:
         """(r,) standard deviation of each coefficient after a log whose signs are known, over its size beforehand.
 
         It is that of the posterior (H + S^-2)^-1, S = diag(size), which has no singularity: 1 says that the log shows
-        nothing. The noise is that of the robots on average.
-
-        Arguments as for `joint_flips`.
+        nothing. The noise is that of the robots on average. Arguments as for `joint_flips`.
         """
-        square = np.mean(self.sigma(grams, samples, noise) ** 2, axis=0)
-        hessian = np.einsum("j,jrs->rs", weight / square, grams)
+        hessian = np.einsum("j,jrs->rs", weight / np.mean(sigma**2, axis=0), grams)
         precision = self.size[:, None] * hessian * self.size + np.eye(len(self.size))
         return np.sqrt(np.diag(np.linalg.inv(precision)))
 
@@ -281,6 +268,12 @@ def expect(model: Model, seed: int = 0, beliefs: Beliefs = Beliefs()) -> Expecta
     size = np.sqrt(np.mean(coefficients.project(drawn) ** 2, axis=0))
     stated = beliefs.of(model.parameters).mean
     return Expectation(model, coefficients, np.where(np.isnan(stated), drawn, stated)[: TUNING.robots], size)
+
+
+def information_of(columns: Array, weights: Array) -> Array:
+    """(R, R) of rows (N, n, R) that count for (N, n)."""
+    rows = (columns * np.sqrt(weights)[:, :, None]).reshape(-1, columns.shape[2])
+    return rows.T @ rows
 
 
 def joint_grams(columns: Array) -> Array:

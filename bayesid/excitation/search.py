@@ -17,7 +17,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from bayesid.arrays import Array
-from bayesid.excitation.gaussian import information_of
+from bayesid.excitation.resolvability import information_of
 from bayesid.excitation.splines import DEGREE, ENDS, Feasibility, SplineBasis, SplineTrajectory, at_rest
 from bayesid.excitation.tuning import TUNING
 from bayesid.motion import Motion

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 class Tuning:
     """Choices; `TUNING` holds those in use.
 
-    Many of them were halved and doubled (`python -m bayesid.studies.ablation excitation`). Where that was seen to
-    change a decision on a motion for UR10e, the number's sentence says so.
+    Many of them were halved and doubled (`python -m bayesid.studies.ablation excitation`). A motion designed for UR10e
+    has other segments with another `robots`, `starts`, `rise` or `usual_motion`; what else changed a decision says so.
     """
 
     # what a motion shows
@@ -20,8 +20,7 @@ class Tuning:
     largest_group: int = 3
     """Joints turned at once: for up to seven joints all groups, as a group and its complement are the same."""
     robots: int = 3
-    """For which a motion is designed and judged; each costs as much as the first. Halved or doubled, a designed motion
-    has other segments."""
+    """For which a motion is designed and judged; each costs as much as the first."""
     sized: int = 24
     """Robots from which a coefficient's usual size is taken: it is known to 1 / sqrt(48), 15 %."""
     decided: float = 0.5
@@ -69,12 +68,11 @@ class Tuning:
     per_knot: int = 20
     """Of these instants, at most, between two knots."""
     starts: int = 8
-    """Random motions of which the best is the start. Halved or doubled, a designed motion has other segments."""
+    """Random motions of which the best is the start."""
     halvings: int = 8
     """Of a random motion that is not possible, until it is given up."""
     rise: float = 1.0
-    """s in which a start leaves its pose, and comes back: as long as usual arms need. Halved or doubled, a designed
-    motion has other segments and another weakest group."""
+    """s in which a start leaves its pose, and comes back: as long as usual arms need."""
     searches: int = 2
     """From different random motions, the better of which counts: one a processor of a small machine."""
     kinds: tuple[float, float, float] = (0.6, 0.25, 0.15)
@@ -98,7 +96,7 @@ class Tuning:
     most_recorded: int = 4000
     """Instants of the earlier motion that are looked at."""
     usual_motion: tuple[float, float] = (20.0, 20.0)
-    """s and Hz of the random motion that stands for any. Halved or doubled, a designed motion has other segments."""
+    """s and Hz of the random motion that stands for any."""
     chance: float = 1.1
     """Times the largest eigenvalue of many draws by chance: what few have beyond it (Johnstone 2001)."""
     sign: float = 1.0

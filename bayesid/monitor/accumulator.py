@@ -15,7 +15,7 @@ from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.prediction import NORMAL_95, check_payloads
 from bayesid.identification.records import Coefficient, Records, named
 from bayesid.monitor.stream_moments import SignCheck, StreamMoments, check_signs
-from bayesid.monitor.tracked import MOVING, Tracked, looked_at, signed_joints
+from bayesid.monitor.tracker import MOVING, Tracked, signed_joints
 from bayesid.motion import SLOWEST, STANDSTILL, Motion
 from bayesid.posterior.tuning import TUNING as POSTERIOR_TUNING
 from bayesid.regression.knowledge import Information
@@ -148,7 +148,7 @@ class Accumulator:
             >>> running.coefficient("Fc2").decided_by
             'data'
         """
-        known = [one for one in records if looked_at(one)]
+        known = [one for one in records if one.known]
         if not known:
             return
         t, q, dq, ddq, effort, probability = (

@@ -24,6 +24,7 @@ from scipy.special import ndtri
 
 from bayesid.arrays import Array, Mask, some
 from bayesid.monitor.tuning import TUNING
+from bayesid.regression.knowledge import inverse_of
 from bayesid.regression.noise import Noise
 
 PAYLOAD, FRICTION, GAIN, UNKNOWN = "payload", "friction", "gain", "unknown"
@@ -36,7 +37,7 @@ _SHOWS = float(np.sqrt(_SIZE / _SQUARE))
 
 @dataclass
 class Sums:
-    """State of the tests."""
+    """State of the tests of n joints."""
 
     sums: Array  # (n,) S
     since: Array  # (n,) s of motion since S was zero
@@ -97,7 +98,7 @@ class ChangeTest:
         """
         size = np.abs(z)
         if max(size.tolist()) <= _SHOWS and not any(state.sums.tolist()):
-            return self._none
+            return np.zeros_like(moving)
         size = np.minimum(size, TUNING.largest)
         ratio = np.minimum((_SQUARE * size * size - _SIZE) * self.weight, self._most) * moving
         sums = np.minimum(np.maximum(state.sums + ratio, 0.0), TUNING.highest * self.limit)
@@ -116,10 +117,6 @@ class ChangeTest:
     def _most(self) -> float:
         """That a sample adds to a sum: a push, which shows for twice its length, must not reach the limit."""
         return self.limit / (TUNING.reached * self.rate)
-
-    @cached_property
-    def _none(self) -> Mask:
-        return np.zeros(len(self.noise.white), dtype=bool)
 
     def push(self, state: Sums, external: Array, threshold: Array) -> Mask:
         """(n,) which joints feel an external torque (n,), N m."""
@@ -195,13 +192,12 @@ def _fitted(look: Look, misfit: Array, name: str, of: tuple[int, ...], columns: 
     """
     joints, size = list(of), columns.shape[2]
     effort, weight = look.effort[:, joints], look.weight[joints] / look.width[:, joints] ** 2
-    rows = (np.sqrt(weight)[:, :, None] * columns).reshape(-1, size)
-    normal = rows.T @ rows
-    normal += np.diag(1e-6 * np.diag(normal) + 1e-300)  # what this motion does not show stays at zero
-    predicted, change = effort, np.zeros_like(normal[0])
+    root = np.sqrt(weight)
+    rows = (root[:, :, None] * columns).reshape(-1, size)
+    solver = inverse_of(rows.T @ rows) @ rows.T  # what this motion does not show stays at zero
+    predicted, change = effort, np.zeros(size)
     for _ in range(TUNING.passes):
-        aim = (np.sqrt(weight) * (_nearest(look, joints, predicted) - effort)).ravel()
-        change = np.linalg.solve(normal, rows.T @ aim)
+        change = solver @ (root * (_nearest(look, joints, predicted) - effort)).ravel()
         predicted = effort + columns @ change
     before, left = float(misfit[joints].sum()), _left(look, of, predicted)
     count = max(float((look.weight[joints] * np.isfinite(look.width[:, joints])).sum()), 1.0)
@@ -211,7 +207,7 @@ def _fitted(look: Look, misfit: Array, name: str, of: tuple[int, ...], columns: 
 
 def _nearest(look: Look, joints: list[int], predicted: Array) -> Array:
     reading = look.reading[:, joints]
-    return np.where(look.signed[joints], reading, np.where(predicted >= 0.0, 1.0, -1.0) * np.abs(reading))
+    return np.where(look.signed[joints], reading, np.copysign(reading, predicted))
 
 
 def _left(look: Look, joints: tuple[int, ...], predicted: Array) -> float:
@@ -225,7 +221,7 @@ def _left(look: Look, joints: tuple[int, ...], predicted: Array) -> float:
 class Ring:
     """The newest rows of a table: an instant, s, and what was known of it."""
 
-    rows: Array  # (R, C) the oldest at `count` modulo R
+    rows: Array  # (R, C) the oldest at `count` modulo R; nan where there is none
     count: int = 0  # rows so far
 
     @classmethod
@@ -236,17 +232,13 @@ class Ring:
 
     def add(self, t: float, *parts: Array) -> None:
         """One more row: an instant, s, and parts one after the other."""
-        row, start = self.rows[self.count % len(self.rows)], 1
-        row[0] = t
-        for part in parts:
-            row[start : start + part.size] = part.ravel()
-            start += part.size
+        row = np.concatenate([[t], *(part.ravel() for part in parts)])
+        self.rows[self.count % len(self.rows), : len(row)] = row
         self.count += 1
 
     def since(self, start: float) -> Array:
         """(R', C) the rows from an instant on, s, in their order."""
-        at = self.count % len(self.rows)
-        rows = self.rows[:at] if self.count < len(self.rows) else np.concatenate([self.rows[at:], self.rows[:at]])
+        rows = np.roll(self.rows, -(self.count % len(self.rows)), axis=0)
         return rows[rows[:, 0] >= start]
 
 
@@ -261,30 +253,22 @@ UNITS = {PAYLOAD: "kg", FRICTION: "N m", GAIN: "1"}
 class Alarm:
     """Something that has happened.
 
-    Attributes:
-        time: when it began, s.
-        joint: (from 1) the outermost that feels a contact, for it lies beyond; of a change the one that shows it most.
-        kind: contact, payload, friction, gain or unknown.
-        joints: all that show it.
-        raised: when it was said, s.
-        duration: s, of a contact that is over; None of what lasts.
-        amount: by how much payload, dry friction or gain have grown, kg, N m or a share; the largest external torque of
-            a contact, N m; None where nothing is known.
-        explained: share of the misfit that the kind explains; None of a contact.
-
     Example:
         >>> bayesid.Alarm(time=3.2, joint=2, kind="payload", joints=(2, 3), raised=4.1, amount=2.8).kind
         'payload'
     """
 
-    time: float
+    time: float  #: when it began, s
+    #: (from 1) the outermost that feels a contact, for it lies beyond; of a change the one that shows it most
     joint: int
-    kind: str
-    joints: tuple[int, ...]
-    raised: float
-    duration: float | None = None
+    kind: str  #: contact, payload, friction, gain or unknown
+    joints: tuple[int, ...]  #: all that show it
+    raised: float  #: when it was said, s
+    duration: float | None = None  #: s, of a contact that is over; None of what lasts
+    #: by how much payload, dry friction or gain have grown, kg, N m or a share; the largest external torque of a
+    #: contact, N m; None where nothing is known
     amount: float | None = None
-    explained: float | None = None
+    explained: float | None = None  #: share of the misfit that the kind explains; None of a contact
 
     def as_dict(self) -> dict[str, object]:
         """What alarms.json holds of it."""

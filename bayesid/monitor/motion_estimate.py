@@ -36,14 +36,11 @@ class MotionWindow:
     left: Array = field(init=False)  # (m n,) average square of what the fit leaves of the newest sample
     free: float = 0.0  # average share of a sample's variance that it leaves
     fits: int = 0  # that the averages are of
-    places: Array = field(init=False)  # (W',) where the instants of the last fit lay in the window, from -1 to 0
-    weights: Array = field(init=False)  # (d + 1, W') that its samples had in the coefficients
 
     def __post_init__(self) -> None:
         size = min(TUNING.most_in_window, int(np.ceil(self.span * self.rate)) + _DEGREE + TUNING.spare)
         width = self.n * (1 + self.velocities + self.accelerations)
         self.t, self.values, self.left = np.zeros(size), np.zeros((size, width)), np.zeros(width)
-        self.places, self.weights = np.zeros(0), np.zeros((_DEGREE + 1, 0))
 
     def empty(self) -> None:
         """Without samples; how noisy they are stays known."""
@@ -65,25 +62,16 @@ class MotionWindow:
             return None
         t, values = self.t[-self.count :], self.values[-self.count :]
         scale = t[-1] - t[0]
-        places = (t - t[-1]) / scale
-        if len(places) != len(self.places) or not _alike(places, self.places):
-            self.places, self.weights = places, _weights(places)
-        coefficients = self.weights @ values
+        weights = _weights((t - t[-1]) / scale)
+        coefficients = weights @ values
         left = values[-1] - coefficients[0]  # the newest sample lies at the origin
         self.fits += 1
         new = max(1.0 / self.fits, 1.0 / (TUNING.memory * self.rate))  # a plain average until there is a second of them
         self.left = self.left + new * (left * left - self.left)
-        self.free += new * (1.0 - float(self.weights[0, -1]) - self.free)
+        self.free += new * (1.0 - float(weights[0, -1]) - self.free)
         variance = self.left / max(self.free, 1e-6)  # less would be rounding
         measured = self.velocities, self.accelerations
-        return LocalMotion(
-            float(t[-1]), float(scale), coefficients, self.weights, variance, self.full, self.n, measured
-        )
-
-
-def _alike(places: Array, others: Array) -> bool:
-    apart = places - others
-    return bool(apart @ apart <= 1e-18)
+        return LocalMotion(float(t[-1]), float(scale), coefficients, weights, variance, self.full, self.n, measured)
 
 
 def _weights(places: Array) -> Array:

@@ -3,21 +3,67 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from collections import deque
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from bayesid.arrays import Array, Mask
+from bayesid.arrays import Array, Integers, Mask
 from bayesid.errors import InputError
 from bayesid.identification.identification import SURE
 from bayesid.identification.prediction import Validation
 from bayesid.log.log import Log
 from bayesid.monitor.changes import Alarm
-from bayesid.monitor.tracked import Counts, StreamFigures, Tracked, looked_at
-from bayesid.monitor.tracker import SignTracker
+from bayesid.monitor.tracker import REST, Counts, SignTracker, Tracked
 from bayesid.monitor.tuning import TUNING
 from bayesid.parallel import one_blas_thread
 from bayesid.progress import SILENT, Progress
+
+
+class UpdateTimes(deque[float]):
+    """s that the last updates took, `TUNING.timed` at most."""
+
+    def __init__(self) -> None:
+        super().__init__(maxlen=TUNING.timed)
+
+    def quantile(self, share: float) -> float:
+        """S; nan where there was no update."""
+        return float(np.quantile(self, share)) if self else np.nan
+
+
+@dataclass
+class StreamFigures:
+    """Of n joints."""
+
+    moving: Integers  # (n,) instants in motion
+    squares: Array  # (n,) sum of the squared residuals in motion, (N m)^2
+    # (n,) largest external torque over its threshold so far, of two samples in a row the lesser, as the test of a
+    # contact takes it (`bayesid.monitor.changes`); nan while none is known
+    pushed: Array
+    instants: int = 0  # that were looked at
+    times: UpdateTimes = field(default_factory=UpdateTimes)  # of the updates
+    last: Array | None = None  # (n,) external torque over its threshold in the last sample; nan where it was not known
+
+    @classmethod
+    def of_joints(cls, n: int) -> StreamFigures:
+        """Before the first sample."""
+        return cls(np.zeros(n, dtype=np.int64), np.zeros(n), np.full(n, np.nan))
+
+    def add(self, now: Tracked) -> None:
+        """One instant more that was looked at."""
+        self.instants += 1
+        counts = np.array([state != REST for state in now.state]) & np.isfinite(now.residual)
+        self.moving += counts
+        self.squares += np.where(counts, now.residual, 0.0) ** 2
+        ratio = np.where(np.isfinite(now.threshold), np.abs(now.external) / now.threshold, np.nan)
+        if self.last is not None:
+            self.pushed = np.fmax(self.pushed, np.minimum(ratio, self.last))
+        self.last = ratio
+
+    @property
+    def rms(self) -> Array:
+        """(n,) RMS of the residuals in motion, N m; nan of joints that never moved."""
+        return np.where(self.moving > 0, np.sqrt(self.squares / np.maximum(self.moving, 1)), np.nan)
 
 
 @dataclass(frozen=True)
@@ -38,16 +84,13 @@ class Replay:
     rate: float  # Hz
 
 
-_PARTS = "probability", "effort", "predicted", "predicted_sd", "external", "threshold"
-
-
 def timed(tracker: SignTracker, figures: StreamFigures, t: float, q: Array, effort: Array, dq: Array | None) -> Tracked:
     """One update, counted among a stream's figures."""
     began = time.perf_counter()
     now = tracker.update(t, q, effort, dq)
     if now.fresh:
-        figures.times.add(time.perf_counter() - began)
-    if looked_at(now):
+        figures.times.append(time.perf_counter() - began)
+    if now.known:
         figures.add(now)
     return now
 
@@ -73,22 +116,25 @@ def replay(tracker: SignTracker, log: Log, progress: Progress = SILENT) -> Repla
         said = f"the log has rows at {1.0 / log.period:.4g} Hz, not at {tracker.rate:g} Hz"
         remedy = f"leave it out, or give at most {TUNING.farthest:g} times more or less"
         raise InputError(said, field="rate", remedy=remedy)
-    n, rows = log.n_joints, len(log)
-    figures, seen = StreamFigures.of_joints(n), 0
-    t, parts = np.empty(rows), {name: np.empty((rows, n)) for name in _PARTS}
+    figures, records, rows = StreamFigures.of_joints(log.n_joints), list[Tracked](), len(log)
     for k in range(rows):
         if k % 1000 == 0:
             progress("track", k, rows)
         now = timed(tracker, figures, float(log.t[k]), log.q[k], log.effort[k], None if log.dq is None else log.dq[k])
-        if looked_at(now):
-            t[seen] = now.t
-            for name, values in parts.items():
-                values[seen] = getattr(now, name)
-            seen += 1
-    told = {name: values[:seen] for name, values in parts.items()}
+        if now.known:
+            records.append(now)
+
+    def told(name: str) -> Array:
+        return np.array([getattr(one, name) for one in records]).reshape(-1, log.n_joints)
+
     return Replay(
-        t[:seen],
-        **told,
+        t=np.array([one.t for one in records]),
+        probability=told("probability"),
+        effort=told("effort"),
+        predicted=told("predicted"),
+        predicted_sd=told("predicted_sd"),
+        external=told("external"),
+        threshold=told("threshold"),
         alarms=tracker.alarms,
         counts=tracker.counts,
         figures=figures,

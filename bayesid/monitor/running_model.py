@@ -17,7 +17,7 @@ from math import isnan
 
 import numpy as np
 
-from bayesid.arrays import Array, Labels, every
+from bayesid.arrays import Array, Labels
 from bayesid.effects.model import Model
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.monitor.tuning import TUNING
@@ -52,23 +52,12 @@ class RunningModel:
 
     def at(self, instant: Instant) -> AtInstant:
         """The model at one instant."""
-        effort = self.model.effort_at(instant, self.identified.theta)[0]
-        late = instant.ago(self._lag) if self._lag else instant
+        effort, late = self.model.effort_at(instant, self.identified.theta)[0], instant.ago(self.model.lag)
         here = self.model.robot.dynamics(late, self._links)
         inertia = here.mass + self._rotors
         torque = effort if self.model.robot.transmission is None else self.to_joints @ effort
         friction = torque - here.torque - self._rotors @ late.ddq[0]
         return AtInstant(effort, inertia @ late.dq[0], here.drift - friction, inertia)
-
-    def sd_of(self, columns: Array) -> Array:
-        """(n,) sd of the model's effort by its parameters, N m, of its columns (n, P); inf where nothing is known."""
-        sd: Array = self.identified.spread.sd(columns[None])[0]
-        return sd
-
-    def columns(self, instant: Instant) -> Array:
-        """(n, P) of the model's parameters."""
-        columns: Array = self.model.columns(instant)[0]
-        return columns
 
     @cached_property
     def standstill(self) -> Array:
@@ -84,10 +73,7 @@ class RunningModel:
 
     def resting_speeds(self, top: Array) -> Array:
         """(n,) speeds below which actuators stand still, rad/s, by their highest (n,) where one has no dry friction."""
-        if self._no_friction is None:
-            return self.standstill
-        speeds: Array = np.maximum(self.standstill, self._no_friction * top)
-        return speeds
+        return np.where(self.standstill > 0.0, self.standstill, STANDSTILL * top)
 
     def actuator_speeds(self, dq: Array) -> Array:
         """(n,) of joint speeds dq (n,), rad/s."""
@@ -95,15 +81,14 @@ class RunningModel:
 
     def doubt_near_rest(self, speeds: Array) -> Array:
         """(n,) between 0 and 1: how much the direction of friction is in doubt."""
-        share = speeds * self._slowness
-        doubt: Array = np.exp(-share * share)
-        return doubt
+        share = speeds / (TUNING.near_rest * np.maximum(self.standstill, 1e-12))
+        return np.exp(-share * share)
 
     def dry_friction(self, q: Array) -> Array:
         """(n,) by how much friction's direction changes the efforts at positions q (n,), N m: half of a reversal."""
         still = np.zeros_like(q)
         slow = TUNING.slow * np.linalg.solve(self.model.robot.coupling, self.standstill).astype(float)
-        forth, back = (self._effort(self.instant(0.0, q, sign * slow, still)) for sign in (1.0, -1.0))
+        forth, back = (self._effort(q, sign * slow, still) for sign in (1.0, -1.0))
         return np.asarray(0.5 * np.abs(forth - back))
 
     @cached_property
@@ -123,25 +108,10 @@ class RunningModel:
         """(n, n) from efforts of actuators to torques of joints."""
         return np.ascontiguousarray(self.model.robot.coupling.T)
 
-    def _effort(self, instant: Instant) -> Array:
+    def _effort(self, q: Array, dq: Array, ddq: Array) -> Array:
         """(n,) before sensors read it, N m."""
-        effort: Array = self.model.before_sensors.effort_at(instant, self.identified.theta)[0]
-        return effort
-
-    @cached_property
-    def _lag(self) -> float:
-        return self.model.lag
-
-    @cached_property
-    def _no_friction(self) -> Array | None:
-        """(n,) share of its highest speed below which one without dry friction stands still; None if all have it."""
-        return None if every(self.standstill > 0.0) else np.where(self.standstill > 0.0, 0.0, STANDSTILL)
-
-    @cached_property
-    def _slowness(self) -> Array:
-        """(n,) s/rad; infinite of an actuator without dry friction, whose direction is of no account."""
-        with np.errstate(divide="ignore"):
-            return np.where(self.standstill > 0.0, 1.0 / (TUNING.near_rest * self.standstill), 1e12)
+        effort = self.model.before_sensors.effort_at(self.instant(0.0, q, dq, ddq), self.identified.theta)
+        return np.asarray(effort[0])
 
     @cached_property
     def _links(self) -> Array:
@@ -152,8 +122,8 @@ class RunningModel:
         """(n, n) inertia of the joints that is none of the links, kg m^2: the same in every pose."""
         n = self.model.robot.n_joints
         zero = np.zeros(n)
-        resting = self._effort(self.instant(0.0, zero, zero, zero))
-        moved = [self._effort(self.instant(0.0, zero, zero, one)) - resting for one in np.eye(n)]
+        resting = self._effort(zero, zero, zero)
+        moved = [self._effort(zero, zero, one) - resting for one in np.eye(n)]
         here = self.model.robot.dynamics(self.instant(0.0, zero, zero, zero), self._links)
         return self.to_joints @ np.stack(moved, axis=1) - here.mass
 
@@ -198,5 +168,4 @@ class Observed:
 
     def threshold(self, deviations: float) -> Array:
         """(n,) size of an external torque that is no error, N m: some standard deviations, and what friction may do."""
-        size: Array = deviations * np.sqrt(self.lasting * self.lasting + self.fast) + self.bounded
-        return size
+        return np.asarray(deviations * np.sqrt(self.lasting * self.lasting + self.fast) + self.bounded)

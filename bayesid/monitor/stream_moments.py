@@ -210,24 +210,16 @@ class TurnedStretch:
 
 @dataclass(frozen=True)
 class SignCheck:
-    """The signs that were taken beside those that a search over all of a stream finds.
+    """The signs that were taken beside those that a search over all of a stream finds."""
 
-    Attributes:
-        stretches: those whose sign is another, as good as certainly (99 to 1), the dearest first; near zero effort, and
-            in a sample or three, signs may differ too.
-        cost_taken: least cost in the cone with the signs that were taken, efforts in units of their noise.
-        cost: the same with the signs that were found.
-        certified: whether no other signs of the stretches can cost less than those that were found.
-        n_stretches: how many were searched.
-        search: its result, +1 for the sign that was taken, -1 for the other.
-    """
-
+    #: those whose sign is another, as good as certainly (99 to 1), the dearest first; near zero effort, and in a
+    #: sample or three, signs may differ too
     stretches: tuple[TurnedStretch, ...]
-    cost_taken: float
-    cost: float
-    certified: bool
-    n_stretches: int
-    search: SearchResult
+    cost_taken: float  #: least cost in the cone with the signs that were taken, efforts in units of their noise
+    cost: float  #: the same with the signs that were found
+    certified: bool  #: whether no other signs of the stretches can cost less than those that were found
+    n_stretches: int  #: how many were searched
+    search: SearchResult  #: its result, +1 for the sign that was taken, -1 for the other
 
     @property
     def differ(self) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import deepcopy
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from math import isfinite, isnan
 from typing import Any
 
@@ -19,10 +19,97 @@ from bayesid.log.log import Log
 from bayesid.monitor.changes import Alarm, Alarms, ChangeTest, Kind, Look, Ring, Sums, kind_of
 from bayesid.monitor.motion_estimate import LocalMotion, MotionWindow
 from bayesid.monitor.running_model import AtInstant, Observed, RunningModel
-from bayesid.monitor.tracked import MOVING, REST, UNKNOWN, Counts, Tracked, TrackerState, signed_joints
 from bayesid.monitor.tuning import TUNING
 from bayesid.motion import STANDSTILL, Instant
-from bayesid.signs.filtering import SignFilter
+from bayesid.signs.filtering import Belief, SignFilter
+
+MOVING, REST, UNKNOWN = "moving", "rest", "unknown"
+"""States of a joint: at rest nobody knows friction's direction; unknown while there is too little to go by, or since
+the joint has changed."""
+
+
+@dataclass(frozen=True)
+class Tracked:
+    """What is known of n joints at an instant.
+
+    Example:
+        >>> tracker = bayesid.SignTracker(bayesid.load_model("result"), rate=50.0)
+        >>> for t, q, effort in zip(log.t, log.q, log.effort):
+        ...     now = tracker.update(t, q, effort)
+        >>> now.state
+        ('moving', 'moving', 'moving')
+    """
+
+    #: the instant, s: that of the oldest sample that is still waited for, which is the tracker's lag before the newest
+    #: one. At first, and after a gap, it stays that of the first sample for as long as it must be waited for, and of a
+    #: record that says nothing it is the sample of which nothing is known; nan before any sample could be used. It
+    #: never goes back, unless the clock was set back.
+    t: float
+    probability: Array  #: (n,) P(sign = +) of the effort; 0 or 1 where it is signed, 0.5 where nothing is known
+    effort: Array  #: (n,) the reading with its likelier sign, N m; nan where there is none
+    effort_sd: Array  #: (n,) sd of the effort about that, N m: by the doubt about its sign, and the sensor's noise
+    predicted: Array  #: (n,) the model's effort, N m; nan before there are enough samples
+    predicted_sd: Array  #: (n,) its sd, N m: by parameters and motion
+    residual: Array  #: (n,) effort - predicted, N m
+    external: Array  #: (n,) external torque of each joint by the momentum observer, N m; nan while it is not known
+    threshold: Array  #: (n,) beyond which it is one, N m; inf while that is not known
+    state: tuple[str, ...]  #: (n,) of each joint: "moving", "rest" or "unknown"
+    contact: tuple[int, ...]  #: joints (from 1) whose external torque is beyond the threshold
+    alarms: tuple[Alarm, ...]  #: that this sample has raised
+    q: Array  #: (n,) positions as estimated, rad
+    dq: Array  #: (n,) velocities, rad/s
+    ddq: Array  #: (n,) accelerations, rad/s^2
+    fresh: bool = True  #: False if the sample brought nothing: it was late, repeated or not a number
+
+    @property
+    def known(self) -> bool:
+        """Whether an update has brought an instant of which something is known."""
+        return self.fresh and bool(np.isfinite(self.predicted).all())
+
+
+def signed_joints(signed: Sequence[bool] | Mask | None, n: int) -> Mask:
+    """(n,) joints whose efforts have signs, none by default; InputError where it is not one for each."""
+    mask = np.zeros(n, dtype=bool) if signed is None else np.asarray(signed, dtype=bool)
+    if mask.shape != (n,):
+        raise InputError(f"values of shape {mask.shape}", "signed", f"give one for each of the {n} joints")
+    return mask
+
+
+@dataclass
+class Counts:
+    """What became of the samples."""
+
+    updates: int = 0  # that were taken
+    repeated: int = 0  # with the time of the sample before: left out
+    late: int = 0  # with an earlier time: left out
+    missing: int = 0  # without a finite time, position or velocity: left out
+    unread: int = 0  # efforts of single joints that were no numbers: their signs are the model's
+    gaps: int = 0  # pauses after which the tracker began anew
+    set_back: int = 0  # times that the clock was set back, after which it did so too
+
+
+@dataclass
+class TrackerState:
+    """All that a tracker remembers: numbers and arrays, to be copied, pickled and handed to another tracker."""
+
+    motion: MotionWindow  # the samples of the window
+    observed: Observed  # the momentum and its observer
+    sums: Sums  # of the tests for changes
+    alarms: Alarms  # what was raised
+    log: Ring  # the last seconds: q, measured dq and ddq, effort
+    looks: Ring  # what they looked like to the model now and then: parts of `bayesid.monitor.changes.Look`
+    top_speed: Array  # (n,) highest speeds of the actuators so far, rad/s
+    sd: Array  # (n,) of the model's effort by its parameters, N m
+    origin: float  # when the stream began, s
+    looked: float = np.nan  # time of the instant looked at last, s
+    at_rest: Array | None = None  # (n,) size of static friction, N m; None before the first instant
+    belief: Belief | None = None  # about the model's error; None before the first instant
+    readings: list[tuple[float, Array]] = field(default_factory=list)  # efforts of the newest samples, with their times
+    memory: dict[object, tuple[Array, Array]] = field(default_factory=dict)  # states of effects with a memory
+    waiting: list[tuple[Tracked, Array, Mask]] = field(default_factory=list)  # without signs, readings, joints held
+    late: tuple[int, float] = (0, np.inf)  # late samples in a row that went up, how many and the last, s
+    counts: Counts = field(default_factory=Counts)  # what became of the samples
+    latest: Tracked | None = None  # what was known last
 
 
 class SignTracker:
@@ -69,10 +156,6 @@ class SignTracker:
         _check(self._identified, rate, lag, payload, false_alarms)
         self.rate, self.signed = float(rate), signed_joints(signed, self.n_joints)
         self._noise = self._identified.noise
-        self._any_signed = bool(self.signed.any())
-        self._white_square = self._noise.white * self._noise.white
-        self._zeros = np.zeros(3 * self.n_joints)  # a product with them is finite if the other factors are
-        self._no_limit = np.full(self.n_joints, np.inf)
         waited = round(lag * rate)
         self._behind, self._sign_wait = waited - waited // 2, waited // 2
         self._running = RunningModel(self._identified, payload)
@@ -82,7 +165,7 @@ class SignTracker:
         self._state: TrackerState | None = None
         # what is made once is made before the first sample
         ready = self._running.instant(0.0, *np.zeros((3, self.n_joints)))
-        self._running.sd_of(self._running.columns(ready))
+        self._identified.spread.sd(self._running.model.columns(ready))
         self._running.at(ready)
 
     def __repr__(self) -> str:
@@ -139,13 +222,12 @@ class SignTracker:
             >>> len(tracker.window(since=log.t[40]))
             60
         """
-        n = self.n_joints
-        rows = np.empty((0, 1 + 3 * n)) if self._state is None else self._state.log.since(since)
-        rows = rows[~np.isnan(rows[:, 1 + n : 1 + 2 * n]).any(axis=1)]  # an effort that was not read is none of zero
+        n, rows = self.n_joints, np.empty((0, 1)) if self._state is None else self._state.log.since(since)
+        rows = rows[~np.isnan(rows[:, -n:]).any(axis=1)]  # an effort that was not read is none of zero
         if self._state is None or not len(rows):
             raise InputError("no samples to make a log of", "window", "update the tracker first")
-        q, effort, dq = np.split(rows[:, 1:], 3, axis=1)
-        return Log(rows[:, 0], q, effort, self.signed, dq if self._state.motion.velocities else None, source="stream")
+        dq = rows[:, 1 + n : 1 + 2 * n] if self._state.motion.velocities else None
+        return Log(rows[:, 0], rows[:, 1 : 1 + n], rows[:, -n:], self.signed, dq, source="stream")
 
     def update(
         self, t: float, q: ArrayLike, effort: ArrayLike, dq: ArrayLike | None = None, ddq: ArrayLike | None = None
@@ -181,13 +263,12 @@ class SignTracker:
             latest = self._nothing(np.nan) if state.latest is None else state.latest
             return replace(latest, fresh=False, alarms=())
         state.motion.add(float(t), values)
-        reading = np.where(self.signed, reading, np.abs(reading)) if self._any_signed else np.abs(reading)
-        if isnan(reading @ reading):
+        reading = np.where(self.signed, reading, np.abs(reading))
+        if isnan(reading.sum()):
             state.counts.unread += int(np.isnan(reading).sum())
         state.readings.append((float(t), reading))
         del state.readings[: -self._behind - 1]
-        n = self.n_joints
-        state.log.add(t, values[:n], reading, values[n : 2 * n] if state.motion.velocities else values[:0])
+        state.log.add(t, values, reading)
         local = state.motion.fit()
         if local is None or len(state.readings) <= self._behind or state.readings[0][0] < local.t - local.scale:
             state.latest = self._nothing(state.readings[0][0])
@@ -196,34 +277,35 @@ class SignTracker:
         return state.latest
 
     def _look(self, state: TrackerState, local: LocalMotion, t: float, reading: Array) -> Tracked:
-        motion = local.at(t)
+        motion = q, dq, ddq = local.at(t)
         running, instant = self._running, self._instant(state, local, t, motion)
-        here, speeds = running.at(instant), running.actuator_speeds(motion[1])
+        here, speeds = running.at(instant), running.actuator_speeds(dq)
         if state.at_rest is None:
-            state.at_rest = running.dry_friction(motion[0])
+            state.at_rest = running.dry_friction(q)
             self._filter = self._filter_of(state.at_rest)
         assert self._filter is not None
         if state.belief is None:
             state.belief = self._filter.begin()
-        by_motion = np.sqrt((here.inertia * here.inertia) @ local.variance_of_acceleration(t))
+        by_motion = (here.inertia * here.inertia) @ local.variance_of_acceleration(t)
         size, fast = np.abs(reading), np.abs(speeds)
         state.top_speed = np.maximum(state.top_speed, fast)
         moving = fast > running.resting_speeds(state.top_speed)
-        found, now = self._filter.update(state.belief, size, here.effort, by_motion, moving)
+        found, now = self._filter.update(state.belief, size, here.effort, np.sqrt(by_motion), moving)
         if state.counts.updates % self._look_stride == 0 or not some(state.sd > 0.0):
-            columns = running.columns(instant)
-            state.sd = running.sd_of(columns)
-            width = np.sqrt(self._test.width_square + state.sd * state.sd + by_motion * by_motion)
+            columns = running.model.columns(instant)
+            state.sd = self._identified.spread.sd(columns)[0]
+            width = np.sqrt(self._test.width_square + state.sd * state.sd + by_motion)
             width = np.where(moving & ~np.isnan(reading), width, np.inf)
             direction = np.tanh(speeds / np.maximum(running.standstill, STANDSTILL * state.top_speed + 1e-12))
-            body = columns[:, running.body]
+            body = columns[0][:, running.body]
             state.looks.add(t, np.nan_to_num(reading), here.effort, width, body, direction, speeds)
-        square = state.sd * state.sd + by_motion * by_motion
+        square = state.sd * state.sd + by_motion
         near_rest = 2.0 * state.at_rest * running.doubt_near_rest(speeds)
-        known = np.copysign(size, now - 0.5)
-        if self._any_signed or isnan(size @ size):
-            known = np.where(np.isnan(reading), here.effort, np.where(self.signed, reading, known))
-        limit = self._observe(state, t, known, here, square, near_rest) if local.full else self._no_limit
+        known = np.where(self.signed, reading, np.copysign(size, now - 0.5))
+        known = np.where(np.isnan(reading), here.effort, known)
+        limit = np.full(self.n_joints, np.inf)
+        if local.full:
+            limit = self._observe(state, t, known, here, square, near_rest)
         width = np.sqrt(self._test.width_square + square + near_rest * near_rest)
         alarms, contact = self._alarms(state, t, (known - here.effort) / width, limit, moving)
         state.looked, held = t, state.alarms.held
@@ -232,13 +314,13 @@ class SignTracker:
             self._nothing(t),
             predicted=here.effort,
             predicted_sd=np.sqrt(square),
-            external=state.observed.external if local.full else np.full(self.n_joints, np.nan),
+            external=np.where(np.isinf(limit), np.nan, state.observed.external),
             threshold=limit,
             state=tuple([UNKNOWN if changed else MOVING if moves else REST for changed, moves in joints]),
             contact=contact,
-            q=motion[0],
-            dq=motion[1],
-            ddq=motion[2],
+            q=q,
+            dq=dq,
+            ddq=ddq,
         )
         state.waiting.append((without_signs, reading, held))
         if found is None:
@@ -247,14 +329,11 @@ class SignTracker:
 
     def _with_signs(self, record: Tracked, reading: Array, held: Mask, probability: Array) -> Tracked:
         """A record with P(sign = +) (n,), which is that of a guess where a change has made the model another's."""
-        if some(held):
-            probability = np.where(held, 0.5 + TUNING.trust * (probability - 0.5), probability)
-        if self._any_signed:
-            known = self.signed & ~np.isnan(reading)
-            probability = np.where(known, reading >= 0.0, probability)
+        probability = np.where(held, 0.5 + TUNING.trust * (probability - 0.5), probability)
+        probability = np.where(self.signed & ~np.isnan(reading), reading >= 0.0, probability)
         effort = np.copysign(reading, probability - 0.5)
         wrong = 4.0 * reading * reading * np.minimum(probability, 1.0 - probability)
-        sd, residual = np.sqrt(wrong + self._white_square), effort - record.predicted
+        sd, residual = np.sqrt(wrong + self._noise.white**2), effort - record.predicted
         return replace(record, probability=probability, effort=effort, effort_sd=sd, residual=residual)
 
     def _observe(
@@ -310,7 +389,7 @@ class SignTracker:
     def _taken(self, state: TrackerState, t: float, values: Array) -> bool:
         """Whether a sample can be used; counts what it is."""
         counts = state.counts
-        if not (isfinite(t) and isfinite(values @ self._zeros[: values.size])):
+        if not isfinite(t + values.sum()):
             counts.missing += 1
             return False
         ahead = t - state.motion.t[-1] if state.motion.count else np.inf
@@ -342,11 +421,12 @@ class SignTracker:
         """Begins anew what was timed by a clock that has moved, s; what was raised stays."""
         state.origin += ahead  # what warms up with time goes on
         state.sums = Sums.begin(self.n_joints)
-        state.log, state.looks = self._rings()
+        state.log, state.looks = self._rings(state.motion)
         state.alarms.set_back()
 
-    def _rings(self) -> tuple[Ring, Ring]:
-        return Ring.of(self.rate, 3 * self.n_joints), Ring.of(self.rate / self._look_stride, 9 * self.n_joints)
+    def _rings(self, motion: MotionWindow) -> tuple[Ring, Ring]:
+        width = self.n_joints + motion.values.shape[1]
+        return Ring.of(self.rate, width), Ring.of(self.rate / self._look_stride, 9 * self.n_joints)
 
     def _forget(self, state: TrackerState) -> None:
         """Begins anew after a gap; tests and alarms stay."""
@@ -360,8 +440,9 @@ class SignTracker:
     def _begin(self, t: float, velocities: bool, accelerations: bool) -> TrackerState:
         n, span = self.n_joints, max(TUNING.span, TUNING.fewest_periods / self.rate, 2.0 * self.lag)
         motion, nothing = MotionWindow(n, span, self.rate, velocities, accelerations), np.zeros(n)
+        rings = self._rings(motion)
         return TrackerState(
-            motion, Observed.begin(n), Sums.begin(n), Alarms.begin(n), *self._rings(), nothing, nothing, origin=t
+            motion, Observed.begin(n), Sums.begin(n), Alarms.begin(n), *rings, nothing, nothing, origin=t
         )
 
     def _filter_of(self, at_rest: Array) -> SignFilter:

@@ -9,14 +9,15 @@ from dataclasses import dataclass
 class Tuning:
     """Choices of this package, with what each is for; `TUNING` holds those in use.
 
-    Many of them were halved and doubled (`python -m bayesid.studies.ablation monitor`). Where that was seen to change
-    a decision on a simulated stream, the number's sentence says so.
+    Many of them were halved and doubled (`python -m bayesid.studies.ablation monitor`). In a simulated stream an alarm
+    names another joint where `span`, `wider`, `lasting`, `reached` or `often` is doubled; what else changed a decision
+    says so.
     """
 
     # Samples and motion
     span: float = 0.12
     """s of the window from which the motion is estimated: a longer one takes torques of one joint for those of
-    another, a shorter one is noisy. Doubled, an alarm names another joint in a simulated stream; halved, none does."""
+    another, a shorter one is noisy."""
     fewest_periods: float = 10.0
     """Periods that the window spans at least: of fewer samples the noise is not known."""
     spare: int = 2
@@ -57,27 +58,25 @@ class Tuning:
     """s after which a contact that has ended is another one when it comes back."""
     most_alarms: float = 3600.0
     """False alarms an hour: one a second, with which nobody is served."""
+    timed: int = 100_000
+    """Updates whose times are remembered."""
     kept_alarms: int = 1000
     """Alarms that are remembered: a stream may last for weeks."""
 
     # Changes
     wider: float = 2.0
-    """How many times as wide a residual is that is tested for. Doubled, an alarm names other joints in a simulated
-    stream; at 1 there is nothing to test."""
+    """How many times as wide a residual is that is tested for."""
     other_motion: float = 2.0
     """Residual on another motion over that of the log a model was identified from. Halved or doubled, an alarm
     names another joint in a simulated stream; doubled, another kind too."""
     largest: float = 6.0
     """Standard deviations beyond which a residual says no more: a single outlier is no change."""
     lasting: float = 0.6
-    """s of motion in which a change has shown, at least: three times as long as a push. Doubled, an alarm names
-    another joint in a simulated stream; halved, none does."""
+    """s of motion in which a change has shown, at least: three times as long as a push."""
     reached: float = 0.6
-    """s over which a sum needs to grow to reach its limit, at least. Doubled, an alarm names another joint in a
-    simulated stream."""
+    """s over which a sum needs to grow to reach its limit, at least."""
     often: float = 0.4
-    """Share of the motion since it began in which a change has shown, at least: pushes are none. Doubled, an alarm
-    names other joints in a simulated stream."""
+    """Share of the motion since it began in which a change has shown, at least: pushes are none."""
     shortest: float = 0.05
     """s that count as one sample at least: what a model lacks changes with the motion, not from sample to sample."""
     highest: float = 1.25

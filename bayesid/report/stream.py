@@ -14,8 +14,8 @@ from bayesid.arrays import Array
 from bayesid.files.writing import numbered, save_folder, write_columns, write_json
 from bayesid.identification.checks import Check
 from bayesid.monitor.changes import CONTACT, FRICTION, GAIN, PAYLOAD, Alarm
-from bayesid.monitor.replay import Agreement, Replay
-from bayesid.monitor.tracked import Counts, StreamFigures, Tracked
+from bayesid.monitor.replay import Agreement, Replay, StreamFigures
+from bayesid.monitor.tracker import Counts, Tracked
 from bayesid.report.plot.stream import stream_figure
 from bayesid.report.summary import as_json, as_object, taken
 from bayesid.report.tuning import TUNING

@@ -19,8 +19,7 @@ from bayesid.effects.catalogue import make_terms
 from bayesid.effects.model import Model
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.pipeline import identify
-from bayesid.monitor.replay import timed
-from bayesid.monitor.tracked import StreamFigures
+from bayesid.monitor.replay import StreamFigures, timed
 from bayesid.monitor.tracker import SignTracker
 from bayesid.motion import Motion
 from bayesid.parallel import one_blas_thread

@@ -150,7 +150,8 @@ def test_at_the_noise_tolerance_a_tenth_is_wrong():
 def test_what_is_left_is_the_posterior_of_a_linear_regression(problem, model):
     columns, _, _, _ = problem
     expectation = expect(model, 2)
-    sd = expectation.uncertainty(joint_grams(columns), len(columns), noise=3.0, weight=0.25)
+    grams = joint_grams(columns)
+    sd = expectation.uncertainty(grams, expectation.sigma(grams, len(columns), noise=3.0), weight=0.25)
     rms = np.sqrt(np.mean([np.mean((columns @ beta) ** 2, axis=0) for beta in expectation.betas], axis=0))
     rows = (columns / (3.0 * rms)[:, None]).reshape(-1, columns.shape[2]) * 0.5
     stacked = np.vstack([rows, np.diag(1.0 / expectation.size)])

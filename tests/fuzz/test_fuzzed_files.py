@@ -209,6 +209,7 @@ def chain(n, kind):
 
 
 RING = '<joint name="{0}{1}" type="revolute"><parent link="{0}"/><child link="{1}"/></joint>'
+LINKS = '<link name="x"/><link name="a"/><link name="b"/>'
 SLIDES = URDF.decode().replace('lower="0" upper="0.5"', 'lower="0" upper="0"')
 BEYOND = [
     ("limits.urdf", SLIDES.replace('<mimic joint="j2"/>', ""), "slides, and has no limits"),
@@ -219,7 +220,7 @@ BEYOND = [
     ("robot.toml", DH.decode().replace("0.3", "1" + "0" * 400), "key 'a' cannot be used"),
     (
         "limits.urdf",
-        f"<robot name='r'>{''.join(RING.format(*one) for one in ('xa', 'ab', 'ba'))}</robot>",
+        f"<robot name='r'>{LINKS}{''.join(RING.format(*one) for one in ('xa', 'ab', 'ba'))}</robot>",
         "two joints",
     ),
 ]

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from bayesid.monitor.changes import Alarm, ChangeTest, Sums
-from bayesid.monitor.replay import Agreement, Replay
-from bayesid.monitor.tracked import Counts, StreamFigures, Tracked, UpdateTimes
+from bayesid.monitor.replay import Agreement, Replay, StreamFigures, UpdateTimes
+from bayesid.monitor.tracker import Counts, Tracked
 from bayesid.report.plot.stream import stream_figure
 from bayesid.report.stream import alarm_line, count_line, track_lines, track_rows
 
@@ -76,7 +76,7 @@ def test_what_was_not_compared_and_what_became_of_the_rows_is_said():
 def test_update_times_are_kept_to_a_hundredth(rng):
     times, taken = UpdateTimes(), 1e-3 * np.exp(0.5 * rng.standard_normal(2000))
     for seconds in taken:
-        times.add(seconds)
+        times.append(seconds)
     for share in (0.5, 0.999):
         assert abs(times.quantile(share) / np.quantile(taken, share, method="inverted_cdf") - 1.0) < 0.011
     assert np.isnan(UpdateTimes().quantile(0.5))
