@@ -13,7 +13,7 @@ by the first, for no motion changes what a model lacks.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
@@ -280,6 +280,7 @@ def _of_places(known: Known, chosen: list[int], never: tuple[str, ...] = ()) -> 
 
 
 def _named(known: Known, name: str, payload: str) -> Goal:
+    special: dict[str, Callable[[Known], Goal]]
     special = {"gains": _gains, "payload": partial(_payload, payload=payload), "signs": _signs}
     if name in special:
         return special[name](known)

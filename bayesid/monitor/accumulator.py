@@ -173,13 +173,10 @@ class Accumulator:
         decided = np.select([~np.isfinite(now), of_data, of_earlier], [_BY_PRIOR, _BY_DATA, _BY_EARLIER], _BY_PRIOR)
         more = np.diag(self._identified.beyond_precision)
         sd, told = np.sqrt(now + more), np.sqrt(np.where(of_earlier, before + more, np.nan))
-        numbers = np.column_stack([beta, sd, beta - NORMAL_95 * sd, beta + NORMAL_95 * sd]).tolist()
-        words = zip(known.names, known.expressions, known.units, strict=True)
-        rows = (
-            Coefficient(*names, *values, by, of_prior, np.nan)
-            for names, values, of_prior, by in zip(words, numbers, told.tolist(), decided.tolist(), strict=True)
-        )
-        return Records(Coefficient, rows)
+        numbers = np.stack([beta, sd, beta - NORMAL_95 * sd, beta + NORMAL_95 * sd]).tolist()
+        stated = [np.nan] * len(known)
+        columns = known.names, known.expressions, known.units, *numbers, decided.tolist(), told.tolist(), stated
+        return Records(Coefficient, (Coefficient(*row) for row in zip(*columns, strict=True)))
 
     def coefficient(self, name: str) -> Coefficient:
         """A base coefficient by its name.

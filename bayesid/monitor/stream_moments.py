@@ -161,9 +161,9 @@ class StreamMoments:
         The last of each joint stays by itself too, for it may go on.
         """
         for joint, last in enumerate(self.number.tolist()):
-            own = [number for j, number in self.stretches if j == joint and number != _MERGED]
-            own.sort(key=lambda number, j=joint: (-self.stretches[j, number].doubt, number))
-            for number in own[self.most_individual :]:
+            every = self.stretches.items()
+            own = sorted((-one.doubt, number) for (j, number), one in every if j == joint and number != _MERGED)
+            for _, number in own[self.most_individual :]:
                 if number != last:
                     self._put(joint, _MERGED, self.stretches.pop((joint, number)))
 
