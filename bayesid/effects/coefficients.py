@@ -129,9 +129,7 @@ def _independent_columns(columns: Array) -> tuple[Integers, Array]:
     return indices, weights
 
 
-# ---------------------------------------------------------------------------------------------------------------
 # Readable expressions
-# ---------------------------------------------------------------------------------------------------------------
 def _expression(weights: Array, labels: list[str], lengths: Mapping[str, float], n_links: int) -> str:
     """J2xx - J2yy + a2^2 M2: the nonzero weights, lengths spelled out, masses from one link to the tip as M."""
     symbols = _length_symbols(lengths)

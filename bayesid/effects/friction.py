@@ -181,10 +181,8 @@ class LoadDependentFriction(DryTerm):
         return np.array(self.links)
 
 
-# ---------------------------------------------------------------------------------------------------------------
 # What changes as a joint warms up, by 1 - exp(-t / T) since the recording began; T is a number of each actuator, s.
 # Simoni, Beschi, Legnani, Visioli, Friction modeling with temperature effects, 2015.
-# ---------------------------------------------------------------------------------------------------------------
 _WARMING = "repeating the same motion from cold to warm"
 
 

@@ -227,9 +227,7 @@ class LinkTwist(Displacement):
     symbol, of_angle, of_normal = "alpha", True, True
 
 
-# ---------------------------------------------------------------------------------------------------------------
 # A robot with a part moved
-# ---------------------------------------------------------------------------------------------------------------
 def shift(along: Array, step: float, point: Array | None = None) -> Array:
     """(4, 4) a step along a direction (3,), wherever the point is."""
     return _move(np.eye(3), step * along)

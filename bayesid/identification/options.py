@@ -119,9 +119,7 @@ def _usual(field: Field[Any]) -> object:
     return field.default if field.default_factory is MISSING else field.default_factory()
 
 
-# ---------------------------------------------------------------------------------------------------------------
 # Memory
-# ---------------------------------------------------------------------------------------------------------------
 def check_memory(log: Log, limit: float | None) -> None:
     """Checks that a log fits into so many GB; None is 0.8 of the machine's memory, where the system tells that.
 
@@ -153,9 +151,7 @@ def _usual_limit() -> float:
         return float("inf")
 
 
-# ---------------------------------------------------------------------------------------------------------------
 # Provenance
-# ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Provenance:
     """How a result came about."""

@@ -228,9 +228,7 @@ def _settled(basis: Array, effort: Array, signed: Mask, believed: Mask) -> tuple
     return effort, predicted
 
 
-# ---------------------------------------------------------------------------------------------------------------
 # Hypotheses
-# ---------------------------------------------------------------------------------------------------------------
 _Changes: TypeAlias = Iterator[tuple[str, dict[str, Any]]]
 """What is other, to follow on "with", and the fields of the reading that it changes."""
 

@@ -1,16 +1,13 @@
 """What a robot carries: mass, centre of mass and inertia of a payload from a log with it.
 
-An earlier log of the robot without it tells the payload from the last link; the posterior of both logs holds ten
-parameters of the payload, and each draw of them is a body with a mass, a centre of mass h / m and an inertia about it.
-What is reported are the means over draws: a mean of bodies' inertias about their centres of mass is that of a body too
-(they form a convex cone), while numbers taken one by one, such as medians, need not be. The centre of mass is the mean
-of h / m, not the ratio of the means.
+An earlier log of the robot without it tells the payload from the last link. Each draw of the posterior of both logs
+holds a body: a mass m, a centre of mass h / m, and an inertia about it. Reported are means over draws: a mean of
+inertias is that of a body too (they form a convex cone); numbers taken one by one, such as medians, need not be.
 
-The posterior's prior is as good as flat in the ten parameters, and so not in a body's sizes: of second moments
-S_xx, S_yy, S_zz of its mass about the centre there are in proportion to S_xx S_yy S_zz as many feasible products
-(|S_xy| <= sqrt(S_xx S_yy), ...), and large bodies would be favoured where a log says little of their size. Draws are
-weighed by the inverse, so that second moments are as likely whatever they are, and correlations apart from them (the
-separation of Barnard, McCulloch and Meng, Modeling covariance matrices, Statistica Sinica 2000).
+The posterior's prior is as good as flat in the ten parameters, and so favours large bodies where a log says little of
+their size: of second moments S_xx, S_yy, S_zz about the centre there are feasible products (|S_xy| <= sqrt(S_xx S_yy))
+in proportion to S_xx S_yy S_zz. Draws are weighed by the inverse, so that second moments are as likely whatever they
+are (the separation of Barnard, McCulloch and Meng, Modeling covariance matrices, Statistica Sinica 2000).
 """
 
 from __future__ import annotations
@@ -65,9 +62,8 @@ class UnchangedCheck:
     """What a later log leaves of n joints, and how far it moved what was known of the robot."""
 
     MOST_RESIDUAL: ClassVar[float] = Thresholds().above_blunt_floor
-    """Residual over the earlier noise beyond which a joint has changed: `find_discrepancy` takes the same ratio where
-    the floor may lack some of the model's own error, which is another one in another motion. No false-alarm rate is
-    known for real robots; docs/how-to/read-a-payload.md tells what it said of logs of one."""
+    """Residual over the earlier noise beyond which a joint has changed, as in `find_discrepancy`. Its rate of false
+    alarms on real robots is not known; docs/how-to/read-a-payload.md tells what it said of logs of one."""
     FALSE_ALARM: ClassVar[float] = TUNING.unchanged_false_alarm
     """Largest rate at which any chi-square is too large by chance, where the knowledge's covariance is right."""
 
@@ -107,14 +103,11 @@ def check_unchanged(knowledge: Knowledge, noise: Noise, later: Identification) -
     estimates, so false alarms are no more frequent than `UnchangedCheck.FALSE_ALARM`.
     """
     model, known = knowledge.model, base_coefficients(knowledge.model)
-    extended = later.model.before_sensors
-    theta = embedding(model, extended) @ later.coefficients.lift(later.fit.beta)
+    theta = embedding(model, later.model.before_sensors) @ later.coefficients.lift(later.fit.beta)
     move = known.project(theta - knowledge.theta)
-    scale = scale_of(knowledge.precision)
-    precision, move = knowledge.precision / np.outer(scale, scale), move * scale
     joint = _actuators(model)[known.kept]
-    of_joints = [_moved(precision, move, joint == j) for j in range(1, model.robot.n_joints + 1)]
-    chi_square, freedom = _moved(precision, move, np.ones(len(move), dtype=bool))
+    of_joints = [_chi_square(knowledge.precision, move, joint == j) for j in range(1, model.robot.n_joints + 1)]
+    chi_square, freedom = _chi_square(knowledge.precision, move, np.ones(len(move), dtype=bool))
     return UnchangedCheck(
         residual=later.fit.residual.sigma / noise.sigma,
         moved=np.array([one for one, _ in of_joints]),
@@ -130,10 +123,12 @@ def _actuators(model: Model) -> Integers:
     return np.array(of_terms, dtype=np.int64)
 
 
-def _moved(precision: Array, move: Array, which: Mask) -> tuple[float, int]:
-    """Chi-square of some coefficients, whatever the others, and its freedom; all scaled to a diagonal of 1."""
+def _chi_square(precision: Array, move: Array, which: Mask) -> tuple[float, int]:
+    """Of how far some coefficients moved, whatever the others, and its degrees of freedom."""
     if not which.any():
         return 0.0, 0
+    scale = scale_of(precision)
+    precision, move = precision / np.outer(scale, scale), move * scale
     across, rest = precision[np.ix_(which, ~which)], precision[np.ix_(~which, ~which)]
     marginal = precision[np.ix_(which, which)] - across @ np.linalg.pinv(rest, _UNSHOWN, hermitian=True) @ across.T
     freedom = int((np.linalg.eigvalsh(marginal) > _UNSHOWN).sum())
@@ -239,7 +234,8 @@ class PayloadReading:
     Attributes:
         body: mass, centre of mass and inertia, in the frame of the last link.
         check: whether nothing but the payload has changed since the earlier log.
-        evidence: chi-square of the payload against none, with ten degrees of freedom.
+        evidence: chi-square of the payload against none, with ten degrees of freedom: at the least of a quadratic form
+            over a cone what the form loses against the cone's tip is the squared length of the estimate (Moreau 1962).
         gain_factor: what the efforts are to be multiplied by, by a known mass; None without one, or without a payload.
         known_mass: kg, with its sd; None where none was given.
         identification: of the model with the payload from the log.
@@ -335,8 +331,7 @@ def identify_payload(
         common_sd = 0.0 if known.gains is None else known.gains.factor_sd
     stated = None if known_mass is None else _stated(known_mass)
     log = as_log(log)
-    _check_model(known)
-    _check_log(known, log)
+    _check(known, log)
     again = identify_again(
         known.model.extend(Payload()),
         log,
@@ -353,7 +348,9 @@ def identify_payload(
         again, logs=again.logs | known.logs, gains=known.gains, provenance=replace(again.provenance, call=call)
     )
     theta = _posterior_of(again).uncertain.theta  # of all modes together
-    draws, evidence = theta.reshape(-1, theta.shape[-1])[:, -10:], _evidence(again)
+    draws = theta.reshape(-1, theta.shape[-1])[:, -10:]
+    of_payload = again.coefficients.kept >= len(again.model.before_sensors.parameters) - 10
+    evidence, _ = _chi_square(again.fit.information, again.fit.beta, of_payload)
     shown = evidence > float(chdtri(10, TUNING.payload_false_alarm))
     return PayloadReading(
         body=PayloadBody.of_draws(draws, shown, common_sd),
@@ -387,26 +384,6 @@ def _posterior_of(again: Identification) -> Posterior:
     return again.posterior
 
 
-def _evidence(again: Identification) -> float:
-    """Chi-square of the payload against none.
-
-    At the least of a quadratic form over a cone what the form loses against the cone's tip is the squared length of the
-    estimate itself (Moreau 1962), here with the other parameters summed out. Without a payload it is less than one with
-    ten degrees of freedom.
-    """
-    coefficients = again.coefficients
-    own = len(again.model.before_sensors.parameters) - 10
-    here = coefficients.kept >= own
-    information, body = again.fit.information, again.fit.beta[here]
-    across, rest = information[np.ix_(here, ~here)], information[np.ix_(~here, ~here)]
-    scale = np.sqrt(np.maximum(np.diag(rest), np.diag(rest).max() * np.finfo(float).eps))
-    inverse = np.linalg.pinv(rest / np.outer(scale, scale), hermitian=True) / np.outer(scale, scale)
-    return float(body @ (information[np.ix_(here, here)] - across @ inverse @ across.T) @ body)
-
-
-# ---------------------------------------------------------------------------------------------------------------
-# Checks
-# ---------------------------------------------------------------------------------------------------------------
 def _stated(known_mass: float | tuple[float, float]) -> tuple[float, float]:
     """Mass and sd, kg."""
     try:
@@ -421,15 +398,12 @@ def _stated(known_mass: float | tuple[float, float]) -> tuple[float, float]:
 _REMEDY_OF_MASS = "give kg above 0, with an sd of less than a third of it or none, as in 2.805~0.005"
 
 
-def _check_model(known: IdentifiedModel) -> None:
+def _check(known: IdentifiedModel, log: Log) -> None:
     where, remedy = "model.toml", "give a result of `bayesid identify` from a log without the payload"
     if any(term.name == Payload.name for term in known.model.terms):
         raise InputError("the model holds a payload already", where, remedy)
     if not known.precision.any():
         raise InputError("the model knows nothing of its own parameters: a payload cannot be told", where, remedy)
-
-
-def _check_log(known: IdentifiedModel, log: Log) -> None:
     check_joints(known.model.robot, log)
     if known.seen(log):
         remedy = "give a log with the payload"

@@ -395,9 +395,7 @@ def _sign_changes(signals: Signals) -> list[tuple[int, int]]:
     return [(int(j), int(i) + 1) for i, j in changes if signals.signed[j]]
 
 
-# ---------------------------------------------------------------------------------------------------------------
 # Checks
-# ---------------------------------------------------------------------------------------------------------------
 def _check(robot: Robot, log: Log) -> None:
     check_joints(robot, log.n_joints, log.source)
     if still_joints(log.q).all():

@@ -212,9 +212,7 @@ def _of_arrays(given: Sequence[object]) -> Motion | RecordedMotion:
 _REMEDY = "give a file, a log, a DataFrame, or arrays (t, q[, dq[, ddq]])"
 
 
-# ---------------------------------------------------------------------------------------------------------------
 # What the parameters' uncertainty makes of the efforts
-# ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Spread:
     """A normal distribution of the r base coefficients about their mean."""
@@ -265,9 +263,7 @@ def drawn_noise(noise: Noise, sigma: Array, t: Array, rng: np.random.Generator) 
     return np.moveaxis(unit, 2, 0) * sigma[:, None]
 
 
-# ---------------------------------------------------------------------------------------------------------------
 # Validation
-# ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Validation:
     """How well a model predicts a log.

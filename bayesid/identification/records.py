@@ -102,9 +102,7 @@ def named(entries: Sequence[Entry], name: str, what: str, elsewhere: str = "") -
     raise InputError(f"there is no {what} {name!r}", f"{what}(name)", remedy)
 
 
-# ---------------------------------------------------------------------------------------------------------------
 # Segments of joined logs
-# ---------------------------------------------------------------------------------------------------------------
 def segment_signs(segments: Segments, probability: Array, effort: Array) -> tuple[Integers, Array]:
     """(S,) signs and (S,) confidences: each segment's mean probability, weighted with the squared effort.
 
