@@ -14,7 +14,7 @@ import numpy as np
 
 from bayesid import effects
 from bayesid.effects.distortion import Distortion
-from bayesid.effects.effect import Effect, Phrase, effect_of
+from bayesid.effects.effect import Effect, effect_of
 from bayesid.effects.parameters import Coefficient
 from bayesid.effects.term import ActuatorTerm, Term
 from bayesid.errors import InputError, near_names
@@ -104,8 +104,12 @@ def make_terms(chosen: Iterable[str | Term], robot: Robot, motion: Motion) -> tu
         ['rigid_body', 'joint_spring']
     """
     actuators, made = robot.actuators(motion), []
+    known = {key: kind for key, kind in forms().items() if issubclass(kind, Term)}
     for one in check_terms(chosen):
-        term = one if isinstance(one, Term) else _term_class(one).for_motion(actuators)
+        if isinstance(one, str) and one not in known:
+            remedy = f"{near_names(one, known)} choose from {', '.join(known)}".strip()
+            raise InputError(f"unknown term {one!r}", field="terms", remedy=remedy)
+        term = known[one].for_motion(actuators) if isinstance(one, str) else one
         _check_fit(term, robot, motion)
         made.append(term)
     names = [parameter.name for term in made for parameter in term.parameters(robot)]
@@ -137,14 +141,6 @@ def check_terms(chosen: Iterable[str | Term]) -> tuple[str | Term, ...]:
     return listed
 
 
-def _term_class(name: str) -> type[Term]:
-    known = {key: kind for key, kind in forms().items() if issubclass(kind, Term)}
-    if name not in known:
-        remedy = f"{near_names(name, known)} choose from {', '.join(known)}".strip()
-        raise InputError(f"unknown term {name!r}", field="terms", remedy=remedy)
-    return known[name]
-
-
 def _check_fit(term: Term, robot: Robot, motion: Motion) -> None:
     """A term of somebody's own is refused here, where its name is known, and not as a wrong sum later."""
     try:
@@ -174,12 +170,7 @@ def owner(symbol: str) -> tuple[type[ActuatorTerm], Coefficient]:
     return next((kind, one) for kind in kinds for one in kind.coefficients if one.symbol == symbol)
 
 
-def phrase_of(name: str) -> Phrase:
-    """How to speak of a form of an effect; the plain phrase where its package is not installed here."""
-    return forms()[name].phrase if name in forms() else Phrase()
-
-
 def noun(name: str) -> str:
-    """An effect with its article, any form of it."""
-    phrases = [phrase_of(form).noun for form in (name, effect_of(name))]
-    return next(filter(None, phrases), name.replace("_", " ").replace(".", ", "))
+    """An effect with its article, any form of it; its name where its package is not installed here."""
+    known = [forms()[form].phrase.noun for form in (name, effect_of(name)) if form in forms()]
+    return next(filter(None, known), name.replace("_", " ").replace(".", ", "))

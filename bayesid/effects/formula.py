@@ -14,13 +14,13 @@ from bayesid.effects.tuning import TUNING
 
 Shape = tuple[float, list[tuple[str, Array]]]
 """Multiple of the variable in a sine, 0 where there is none, and the texts and columns that are added to it."""
-_SYMBOLS = {Quantity.POSITION: "q", Quantity.VELOCITY: "dq", Quantity.ACCELERATION: "ddq", Quantity.LOAD: "tau"}
-_NOUNS = {
-    Quantity.POSITION: "position",
-    Quantity.VELOCITY: "speed",
-    Quantity.ACCELERATION: "acceleration",
-    Quantity.LOAD: "load",
+_WORDS = {
+    Quantity.POSITION: ("q", "position"),
+    Quantity.VELOCITY: ("dq", "speed"),
+    Quantity.ACCELERATION: ("ddq", "acceleration"),
+    Quantity.LOAD: ("tau", "load"),
 }
+"""Symbol and noun of what is a joint's."""
 
 
 @dataclass(frozen=True)
@@ -41,23 +41,16 @@ class Description:
 def described(
     joint: int, components: Sequence[Component], amplitudes: Sequence[Array], unit: str = "N m"
 ) -> Description:
-    """A learned effect in words.
-
-    Args:
-        joint: in which it acts, from 1.
-        components: the functions that it is the sum of.
-        amplitudes: (p,) of each one's products.
-        unit: of the effort.
-    """
+    """A learned effect of a joint (from 1), a sum of functions, each with amplitudes (p,) of its products, in words."""
     parts = list(zip(components, amplitudes, strict=True))
     texts = [text for component, amplitude in parts for text in _terms(component, amplitude)]
-    variables = sorted({axis.variable for component in components for axis in component.axes})
+    variables = [symbol(*one) for one in sorted({axis.variable for one in components for axis in one.axes})]
     if len(texts) > TUNING.most_terms:
         rms = float(np.sqrt(sum(np.mean(surface(component, amplitude)[1] ** 2) for component, amplitude in parts)))
-        texts = [f"{_number(rms)} f({', '.join(symbol(*variable) for variable in variables)})"]
+        texts = [f"{_number(rms)} f({', '.join(variables)})"]
     formula = " + ".join(texts).replace("+ -", "- ")
     return Description(
-        variables=tuple(symbol(*variable) for variable in variables),
+        variables=tuple(variables),
         formula=f"{formula} {unit}" if len(texts) == 1 else f"({formula}) {unit}",
         depends=_depends(parts),
         families=tuple(dict.fromkeys(_families(joint, parts))),
@@ -66,7 +59,7 @@ def described(
 
 def symbol(quantity: Quantity, joint: int) -> str:
     """Of a variable: q4, dq5, t."""
-    return f"{_SYMBOLS[quantity]}{joint}" if quantity in _SYMBOLS else "t"
+    return f"{_WORDS[quantity][0]}{joint}" if quantity in _WORDS else "t"
 
 
 def surface(component: Component, amplitude: Array) -> tuple[list[Array], Array]:
@@ -196,8 +189,8 @@ def _depends(parts: Sequence[tuple[Component, Array]]) -> str:
     words = []
     for quantity in Quantity:
         joints = sorted({axis.joint for axis in axes if axis.quantity is quantity and axis.variable in speeds})
-        if joints and quantity in _NOUNS:
-            words.append(f"the {_NOUNS[quantity]}{'s' * (len(joints) > 1)} of {_joints(joints)}")
+        if joints and quantity in _WORDS:
+            words.append(f"the {_WORDS[quantity][1]}{'s' * (len(joints) > 1)} of {_joints(joints)}")
         if quantity is Quantity.VELOCITY and turning:
             words.append(f"the direction of motion of {_joints(turning)}")
         if joints and quantity is Quantity.TIME:
@@ -211,7 +204,6 @@ def _joints(joints: Sequence[int]) -> str:
 
 
 def _families(joint: int, parts: Sequence[tuple[Component, Array]]) -> Iterator[str]:
-    """What it looks like."""
     own = (Quantity.VELOCITY, joint)
     turning = [_odd(component, amplitude, own) for component, amplitude in parts]
     if not any(axis.variable == own for component, _ in parts for axis in component.axes):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from typing import Any, ClassVar, Self
+from typing import ClassVar, Self
 
 import numpy as np
 import scipy
@@ -14,12 +14,12 @@ from bayesid.arrays import Array
 from bayesid.effects.distortion import Direction, RobotDistortion
 from bayesid.effects.effect import Numbers, Phrase, ReadableUnit, Scene, number
 from bayesid.effects.tuning import TUNING
-from bayesid.robot import Joint, Robot
+from bayesid.robot import Robot
 from bayesid.robot.kinematics import nearest_points
 
 _SAME = 1e-9
 """m and rad up to which two frames are one: rounding."""
-_X = np.array([1.0, 0.0, 0.0])
+_X, _ORIGIN = np.array([1.0, 0.0, 0.0]), np.zeros(3)
 _MILLIMETRES, _DEGREES = ReadableUnit("mm", 1e3), ReadableUnit("degrees", 180.0 / math.pi)
 
 
@@ -228,20 +228,18 @@ class LinkTwist(Displacement):
 
 
 # A robot with a part moved
-def shift(along: Array, step: float, point: Array | None = None) -> Array:
+def shift(along: Array, step: float, point: Array = _ORIGIN) -> Array:
     """(4, 4) a step along a direction (3,), wherever the point is."""
-    return _move(np.eye(3), step * along)
-
-
-def turn(about: Array, step: float, point: Array | None = None) -> Array:
-    """(4, 4) a turn about a unit axis (3,) through a point (3,), the origin by default."""
-    rotation = scipy.spatial.transform.Rotation.from_rotvec(step * about).as_matrix()
-    return _move(rotation, np.zeros(3) if point is None else point - rotation @ point)
-
-
-def _move(rotation: Array, step: Array) -> Array:
     move = np.eye(4)
-    move[:3, :3], move[:3, 3] = rotation, step
+    move[:3, 3] = step * along
+    return move
+
+
+def turn(about: Array, step: float, point: Array = _ORIGIN) -> Array:
+    """(4, 4) a turn about a unit axis (3,) through a point (3,)."""
+    move = np.eye(4)
+    move[:3, :3] = scipy.spatial.transform.Rotation.from_rotvec(step * about).as_matrix()
+    move[:3, 3] = point - move[:3, :3] @ point
     return move
 
 
@@ -257,13 +255,8 @@ def is_distal(robot: Robot) -> bool:
 
 def with_joint(robot: Robot, joint: int, move: Array, *, own: bool = True) -> Robot:
     """The robot with one joint, and what it carries, moved in its own frame or the frame that it stands in."""
-    placement = robot.joints[joint].placement
-    return _with(robot, joint, placement=placement @ move if own else move @ placement)
-
-
-def _with(robot: Robot, k: int, **changed: Any) -> Robot:
-    joints: list[Joint] = list(robot.joints)
-    joints[k] = replace(joints[k], **changed)
+    joints, placement = list(robot.joints), robot.joints[joint].placement
+    joints[joint] = replace(joints[joint], placement=placement @ move if own else move @ placement)
     return replace(robot, joints=tuple(joints))
 
 
@@ -271,10 +264,12 @@ def with_link(robot: Robot, link: int, move: Array, *, first: bool) -> Robot:
     """The robot with a link's frame moved, in its joint's frame (first) or its own; and with it what stands there."""
     frame = robot.joints[link].link_frame
     moved = move @ frame if first else frame @ move
-    for k, joint in enumerate(robot.joints):
-        if joint.parent == link:
-            robot = _with(robot, k, placement=moved @ np.linalg.solve(frame, joint.placement))
-    return _with(robot, link, link_frame=moved)
+    joints = [
+        replace(one, placement=moved @ np.linalg.solve(frame, one.placement)) if one.parent == link else one
+        for one in robot.joints
+    ]
+    joints[link] = replace(joints[link], link_frame=moved)
+    return replace(robot, joints=tuple(joints))
 
 
 def _normal(robot: Robot, joint: int) -> tuple[Array, Array]:

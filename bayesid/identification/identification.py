@@ -28,10 +28,6 @@ from bayesid.regression.least_squares import Fit
 from bayesid.signs.completion import Completion
 from bayesid.signs.search.protocol import SearchResult
 
-_NONE = 1e-9
-"""Share of a coefficient below which a parameter's is rounding."""
-
-
 SURE = 0.99
 """Probability from which on a sign is as good as certain: what the project's README promises (of the samples given as
 much, at most 0.05 % are wrong)."""
@@ -195,8 +191,8 @@ class Identification(IdentifiedModel):
     def prior_sd(self) -> tuple[Array, Mask]:
         """(r,) sd of the coefficients under the prior alone, without its cone, and (r,) whether the data decide them.
 
-        As of parameters, nine tenths of the precision must be the data's. Without a posterior there is no prior (NaN),
-        and the data decide what has a standard deviation.
+        Nine tenths of the precision must then be the data's. Without a posterior there is no prior (NaN), and the data
+        decide what has a standard deviation.
         """
         if self.posterior is None:
             return np.full(len(self.coefficients), np.nan), np.isfinite(self.sd)
@@ -212,9 +208,8 @@ class Identification(IdentifiedModel):
         nominal = np.array([stated.get(parameter.name, np.nan) for parameter in self.model.parameters])
         unknown = np.isnan(nominal)
         value = self.coefficients.project(np.where(unknown, 0.0, nominal))
-        return np.where(
-            np.abs(self.coefficients.projection[:, unknown]).max(axis=1, initial=0.0) > _NONE, np.nan, value
-        )
+        open_share = np.abs(self.coefficients.projection[:, unknown]).max(axis=1, initial=0.0)
+        return np.where(open_share > 1e-9, np.nan, value)  # below that it is rounding
 
     @property
     def settled_share(self) -> float | None:
@@ -258,22 +253,22 @@ class Identification(IdentifiedModel):
 
     def coefficients_table(self) -> Records[Coefficient]:
         """The base coefficients, one record each: to iterate over, or `.to_dataframe()`."""
-        known, (low, high), (prior_sd, by_data) = self.coefficients, self.interval_95, self.prior_sd
+        known, (prior_sd, by_data) = self.coefficients, self.prior_sd
         words = zip(known.names, known.expressions, known.units, strict=True)
-        before, nominal = np.where(np.isfinite(prior_sd), prior_sd, np.nan), self.nominal_beta
-        numbers = np.column_stack([self.beta, self.sd, low, high, before, nominal]).tolist()
-        rows = (
-            Coefficient(*names, mean, sd, lower, upper, _decided_by(data), of_prior, stated)
-            for names, (mean, sd, lower, upper, of_prior, stated), data in zip(words, numbers, by_data, strict=True)
+        before = np.where(np.isfinite(prior_sd), prior_sd, np.nan)
+        numbers = np.column_stack([self.beta, self.sd, *self.interval_95, before, self.nominal_beta]).tolist()
+        rows = zip(words, numbers, map(_decided_by, by_data), strict=True)
+        made = (
+            Coefficient(*name, mean, sd, low, high, decided, prior, stated)
+            for name, (mean, sd, low, high, prior, stated), decided in rows
         )
-        return Records(Coefficient, rows)
+        return Records(Coefficient, made)
 
     def parameters_table(self) -> Records[ParameterValue]:
         """The model's parameters, one record each: to iterate over, or `.to_dataframe()`."""
         sd, by_data = self.parameter_sd
-        figures = zip(self.model.parameters, self.theta.tolist(), sd.tolist(), by_data, strict=True)
-        rows = (ParameterValue(p.name, p.unit, p.joint, mean, own, _decided_by(data)) for p, mean, own, data in figures)
-        return Records(ParameterValue, rows)
+        rows = zip(self.model.parameters, self.theta.tolist(), sd.tolist(), map(_decided_by, by_data), strict=True)
+        return Records(ParameterValue, (ParameterValue(p.name, p.unit, p.joint, *own) for p, *own in rows))
 
     def segments_table(self) -> Records[SegmentSign]:
         """The segments with their signs, one record each, joints from 1: to iterate over, or `.to_dataframe()`."""
@@ -316,11 +311,7 @@ def _decided_by(data: bool) -> str:
 
 
 def identified_of(model: object, name: str) -> IdentifiedModel:
-    """The model of a result of any kind.
-
-    Args:
-        model: an `Identification`, or its model, whatever a caller has given.
-        name: of the argument.
+    """The model of an `Identification`, or the model itself, whatever a caller has given as the argument of a name.
 
     Raises:
         InputError: it is neither.

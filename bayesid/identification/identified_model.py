@@ -63,8 +63,7 @@ class IdentifiedModel:
             were exact, or draws show it.
         logs: by which the logs that it was identified from are known again
             (`bayesid.identification.options.hashes`); none of a model that was written by hand.
-        gains: by which its log's readings were made efforts, where they were unknowns; other logs are to be read by
-            the same.
+        gains: by which readings were made efforts, where they were unknowns; other logs are to be read by the same.
 
     Example:
         >>> stored = bayesid.load_model("result")
@@ -173,10 +172,8 @@ class IdentifiedModel:
     @property
     def _as_read(self) -> IdentifiedModel:
         """The same for efforts that are made of readings by its gains, whatever the true ones are."""
-        draws = self.draws
-        if draws is None or draws.log_gain is None:
-            return replace(self, by_gains=None)
-        return replace(self, draws=replace(draws, as_read=True))
+        draws = None if self.draws is None else replace(self.draws, as_read=True)
+        return replace(self, draws=draws, by_gains=None)
 
     def _sd_of_effort(self, motion: Motion) -> Array:
         """(N, n) of the efforts before sensors read them, N m."""

@@ -159,7 +159,7 @@ def _by_posterior(
     """The result, without effects whose numbers are consistent with zero under the posterior."""
     while True:
         sampled = _sampled(run, completed.averaged)
-        _, posterior, _ = sampled
+        posterior = sampled[1]
         doubtful = posterior and completed.consistent_with_nothing(posterior.theta, posterior.parameter_sd)
         if completed.without is None or not doubtful:
             return completed, _identification(run, log, completed.signals, completed.model, sampled, gains)
@@ -316,7 +316,7 @@ def _call(run: _Run, robot: Robot, log: Log, terms: tuple[str | Term, ...]) -> s
 
 
 _Sampled = tuple[AveragedSigns, Posterior | None, Array]
-"""Signs with the fit of the chosen mode, the posterior if there is one, and (N, n) P(sign = +), averaged over it."""
+"""Signs with the fit of the chosen mode, the posterior if any, and (N, n) P(sign = +), averaged over it."""
 
 
 def _identification(
@@ -336,7 +336,8 @@ def _identification(
         one.forget()
     doubt = structural_doubt(settled)
     probability = tempered_by_outliers(settled, (1.0 - doubt) * probability + 0.5 * doubt)
-    probability = _with_unseen(settled, probability)
+    unseen = np.where(settled.evidence.signals.signed, 0.0, settled.signs.search.unseen)  # mass of unseen assignments
+    probability = (1.0 - unseen) * probability + 0.5 * unseen
     segments = settled.signs.segments.split(_sign_changes(signals))
     signs, confidence = segment_signs(segments, probability, signals.raw_effort)
     identified, fit = identified_model(model, asked.evidence, averaged.fit, posterior, spread), averaged.fit
@@ -380,12 +381,6 @@ def _sampled(run: _Run, averaged: AveragedSigns) -> _Sampled:
         probability = average_over_draws(averaged, posterior, run.progress)
     run.lap("smooth")
     return averaged, posterior, probability
-
-
-def _with_unseen(settled: Settled, probability: Array) -> Array:
-    """(N, n) P(sign = +) with the mass of assignments that nobody has looked at, whose signs are guesses."""
-    unseen = settled.signs.search.unseen
-    return np.where(settled.evidence.signals.signed, probability, (1.0 - unseen) * probability + 0.5 * unseen)
 
 
 def _sign_changes(signals: Signals) -> list[tuple[int, int]]:

@@ -36,12 +36,9 @@ NORMAL_95 = 1.959963984540054
 """Standard deviations within which 95 % of a normal distribution lie: the 0.975 quantile."""
 BY_POSTERIOR, BY_INFORMATION, NOISE_ALONE = "by the posterior", "by the information matrix", "noise alone"
 """Where the uncertainty of a prediction comes from: draws; least squares; or nothing is known of the parameters'."""
-_UNKNOWN = 1e-12
-"""Information about a combination of coefficients, relative to the best known one, below which it is rounding; as where
-`bayesid.regression.least_squares` says that a coefficient is not excited."""
-_INVOLVED = 1e-3
-"""Share of an instant's columns in combinations of which nothing is known, from which on its effort is unknown; as
-there."""
+_UNKNOWN, _INVOLVED = 1e-12, 1e-3
+"""Information about a combination of coefficients, relative to the best known one, below which it is rounding; share of
+an instant's columns in such combinations from which on its effort is unknown: as in `regression.least_squares`."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -115,10 +112,9 @@ class PredictedEfforts:
 
     def columns(self) -> dict[str, Array]:
         """Name to (N,) values: t, tau1..taun, sd1..sdn, lower1..lowern, upper1..uppern."""
-        columns = {"t": self.t}
-        for kind, block in (("tau", self.mean), ("sd", self.sd), ("lower", self.lower), ("upper", self.upper)):
-            columns |= dict(zip(numbered(kind, block.shape[1]), block.T, strict=True))
-        return columns
+        blocks = {"tau": self.mean, "sd": self.sd, "lower": self.lower, "upper": self.upper}
+        names = [name for kind, block in blocks.items() for name in numbered(kind, block.shape[1])]
+        return {"t": self.t, **dict(zip(names, np.hstack([*blocks.values()]).T, strict=True))}
 
     def to_dataframe(self) -> DataFrame:
         """A `pandas.DataFrame` with the columns t, tau1..taun, sd1..sdn, lower1..lowern, upper1..uppern."""
@@ -147,9 +143,9 @@ class PredictedEfforts:
         Raises:
             InputError: the file cannot be written.
         """
-        place, (names, values) = Path(path), zip(*self.columns().items(), strict=True)
-        efforts = np.column_stack(values[1:])
-        replace_file(place, lambda aside: write_columns(aside, names, self.t, efforts, ".9g"))
+        place, columns = Path(path), self.columns()
+        efforts = np.column_stack([*columns.values()])[:, 1:]
+        replace_file(place, lambda aside: write_columns(aside, [*columns], self.t, efforts, ".9g"))
         return place
 
 
@@ -198,14 +194,14 @@ def _of_arrays(given: Sequence[object]) -> Motion | RecordedMotion:
         raise InputError(f"{len(given)} arrays are no motion", GIVEN, _REMEDY)
     if len(given) < 4 or given[3] is None:
         return motion_of_arrays(*given[:3])
-    remedy = "give finite t (N,), which never falls, and q, dq and ddq (N, n)"
     try:
         t, q, dq, ddq = (np.asarray(values, dtype=float) for values in given)
         motion = Motion(t, q, dq, ddq)
+        if not len(motion) or np.any(np.diff(motion.t) < 0.0):
+            raise ValueError("time runs backwards" if len(motion) else "holds no instant")
     except (TypeError, ValueError) as error:
+        remedy = "give finite t (N,), which never falls, and q, dq and ddq (N, n)"
         raise InputError(str(error), GIVEN, remedy) from None
-    if not len(motion) or np.any(np.diff(motion.t) < 0.0):
-        raise InputError("time runs backwards" if len(motion) else "holds no instant", GIVEN, remedy)
     return motion
 
 
@@ -304,15 +300,12 @@ class Validation:
     seen: bool = False
 
     def __repr__(self) -> str:
-        figures = zip(self.rms_error, self.relative_residual, self.coverage, strict=True)
-        joints = [
-            f"{j:>5}   {error:>10.4g}   {share:>17.1%}   {inside:>14.1%}"
-            for j, (error, share, inside) in enumerate(figures, start=1)
-        ]
+        joints = range(1, self.log.n_joints + 1)
+        figures = zip(joints, self.rms_error, self.relative_residual, self.coverage, strict=True)
         lines = [
             f"Validation on {self.log.source}: {len(self.log)} rows",
             "joint    RMS error   relative residual   in 95 % band",
-            *joints,
+            *(f"{j:>5}   {error:>10.4g}   {share:>17.1%}   {inside:>14.1%}" for j, error, share, inside in figures),
             f"the band holds {self.band}",
             *(["no validation: the model was identified from this log"] if self.seen else []),
         ]
