@@ -11,21 +11,19 @@ import numpy as np
 from bayesid.arrays import Array, Mask
 from bayesid.discrepancy.tuning import TUNING
 from bayesid.effects.coefficients import BaseCoefficients
-from bayesid.effects.effect import Scene
 from bayesid.effects.model import Model
 from bayesid.log.log import Log
 from bayesid.log.segments import find_segments
 from bayesid.log.signals import Signals, prepare
 from bayesid.motion import Motion
 from bayesid.regression.evidence import Evidence
-from bayesid.regression.knowledge import Information, KinematicTolerance, Knowledge
+from bayesid.regression.knowledge import KinematicTolerance, Knowledge
 from bayesid.regression.least_squares import fit_signed
 from bayesid.regression.noise import Noise, residual_noise
-from bayesid.regression.selection.columns import Columns, Whitening, blocks_of
-from bayesid.regression.selection.explanation import Explanation, Observations, Thresholds
-from bayesid.regression.selection.geometry import kinematic_columns
+from bayesid.regression.selection.columns import Columns, blocks_of
+from bayesid.regression.selection.explanation import LN10, Explanation, Observations, Thresholds
 from bayesid.regression.selection.held_back import HeldBackErrors
-from bayesid.regression.selection.modelled_log import Extension, effort_of
+from bayesid.regression.selection.modelled_log import Extension, ModelledLog
 from bayesid.signs.averaging import with_standard_terms
 from bayesid.signs.search.protocol import Search
 from bayesid.signs.settling import Settled, restored, settle_signs
@@ -46,13 +44,13 @@ class Trial:
         actuators: the motion in actuator coordinates.
         used: (N, n) samples that count: measured, away from both ends, and clearly in motion: where dry friction is
             smoothed, the smoothing would look like an effect of its own.
-        repeated: (n,) sd of the efforts between repetitions of the motion, N m, found before a log was shortened.
+        whole: the trial that it is shortened from, where it is.
     """
 
     signals: Signals
     actuators: Motion
     used: Mask
-    repeated: Array | None = None
+    whole: Trial | None = None
 
     @property
     def magnitude(self) -> Array:
@@ -79,6 +77,20 @@ class Trial:
     def gap(self, predicted: Array) -> Array:
         """(n,) RMS of what a prediction leaves of the efforts, N m; unknown signs as predicted (:eq:`gap`)."""
         return self.rms(self.residual(predicted))
+
+    @cached_property
+    def between_periods(self) -> Array | None:
+        """(n,) sd of the efforts between repetitions of the same motion, N m; None where nothing is repeated."""
+        if self.whole is not None:
+            return self.whole.between_periods
+        q, count = self.signals.motion.q, len(self.signals.motion)
+        tolerance = np.maximum(TUNING.repeated * np.ptp(q, axis=0), TUNING.repeated_still)
+        shortest = int(TUNING.shortest_period * self.signals.rate)
+        probe = np.abs(q[shortest : count // 2 + 1] - q[0]) < TUNING.probed * tolerance
+        for lag in (np.flatnonzero(probe.all(axis=1)) + shortest).tolist():
+            if np.all(np.abs(q[lag:] - q[:-lag]).max(axis=0) < tolerance):
+                return np.sqrt(_half_square(self.magnitude, self.used, lag))
+        return None
 
 
 def make_trial(model: Model, signals: Signals, thresholds: Thresholds = Thresholds()) -> Trial:
@@ -109,7 +121,7 @@ def shortened(trial: Trial) -> Trial:
         raw_effort=whole.raw_effort[rows],
         measured=whole.measured[rows] & inner,
     )
-    return Trial(signals, trial.actuators[rows], trial.used[rows] & inner, _between_periods(trial))
+    return Trial(signals, trial.actuators[rows], trial.used[rows] & inner, trial)
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -146,16 +158,11 @@ def noise_floor(
 ) -> NoiseFloor:
     """The floor of each joint: from repeated periods, the earlier model's residual, a refit's, or its fast part.
 
-    :eq:`noise-floor` where it is taken from differences.
-
-    Args:
-        trial: the log.
-        residual: (N, n) of the best explanation so far, N m.
-        earlier: noise of the log that the model was identified from.
-        refit: (n,) RMS residual of a model with all standard effects, identified from this log by itself, N m.
-        thresholds: that decide.
+    :eq:`noise-floor` where it is taken from differences. The residual (N, n) is that of the best explanation so far,
+    the earlier noise that of the log that the model was identified from; a refit is the RMS residual (n,) of a model
+    with all standard effects, identified from this log by itself. All in N m.
     """
-    repeated = _between_periods(trial) if trial.repeated is None else trial.repeated
+    repeated = trial.between_periods
     sharp = earlier.sigma < thresholds.good_fit * trial.rms(trial.magnitude)
     lag = _lag_of_noise(residual, trial.used, trial.signals.rate)
     fast = np.maximum(np.sqrt(_half_square(residual, trial.used, lag)), TUNING.least_floor * earlier.sigma)
@@ -209,20 +216,6 @@ def _half_square(residual: Array, used: Mask, lag: int) -> Array:
     return half
 
 
-def _between_periods(trial: Trial) -> Array | None:
-    """(n,) sd of the efforts between repetitions of the same motion, N m; None where nothing is repeated."""
-    q, count = trial.signals.motion.q, len(trial.signals.motion)
-    tolerance = np.maximum(TUNING.repeated * np.ptp(q, axis=0), TUNING.repeated_still)
-    shortest = int(TUNING.shortest_period * trial.signals.rate)
-    probe = np.abs(q[shortest : count // 2 + 1] - q[0]) < TUNING.probed * tolerance
-    for lag in np.flatnonzero(probe.all(axis=1)) + shortest:
-        if np.all(np.abs(q[lag:] - q[:-lag]).max(axis=0) < tolerance):
-            both = trial.used[lag:] & trial.used[:-lag]
-            square = ((trial.magnitude[lag:] - trial.magnitude[:-lag]) ** 2 * both).sum(axis=0)
-            return np.sqrt(0.5 * square / np.maximum(both.sum(axis=0), 1))
-    return None
-
-
 # ---------------------------------------------------------------------------------------------------------------
 # Where
 # ---------------------------------------------------------------------------------------------------------------
@@ -246,14 +239,9 @@ class Excess:
 def where_it_shows(
     trial: Trial, residual: Array, predicted: Array, floor: Array, joints: Sequence[int]
 ) -> list[Excess]:
-    """The variable that orders each joint's residual best: whose bins' means explain the largest share of it.
+    """The variable that orders each (0-based) joint's residual best: whose bins' means explain the most of it.
 
-    Args:
-        trial: the log.
-        residual: (N, n) N m, zero where not used.
-        predicted: (N, n) the model's effort, N m.
-        floor: (n,) RMS of the noise, N m.
-        joints: (0-based) to look at.
+    Of a residual (N, n), zero where not used, a model's effort (N, n) and the noise's RMS (n,), all in N m.
     """
     excesses = []
     for j in joints:
@@ -321,12 +309,8 @@ class HeldBack:
             effort += np.concatenate([columns @ theta[count:] for _, columns in added.chunks(motion)])
         return extended.read(effort)
 
-    def errors(self, predicted: Array) -> HeldBackErrors:
-        """What efforts (N, n), N m, leave of blocks of these data."""
-        return self.errors_of(self.trial.residual(predicted))
-
-    def errors_of(self, residual: Array) -> HeldBackErrors:
-        """The same of residuals (N, n), N m."""
+    def errors(self, residual: Array) -> HeldBackErrors:
+        """What residuals (N, n), N m, are on blocks of these data."""
         return HeldBackErrors(self.by_block(residual**2), self.by_block(self.trial.used.astype(np.float64)))
 
     def by_block(self, values: Array) -> Array:
@@ -386,10 +370,17 @@ class Case:
         """As it was."""
         return self.knowledge.model
 
+    @property
+    def needed(self) -> float:
+        """Nats by which an effect must be likelier than none to be added."""
+        return self.thresholds.log10_bayes_factor * LN10
+
     @cached_property
-    def columns(self) -> Array:
-        """(N, n, r) of the base coefficients."""
-        return self.model.columns(self.trial.signals.motion)[:, :, self.coefficients.kept]
+    def modelled(self) -> ModelledLog:
+        """The model on the data that select."""
+        signals = self.trial.signals
+        log = signals.motion, self.trial.magnitude, self.trial.used, signals.rate
+        return ModelledLog(self.knowledge, self.coefficients, *log)
 
     @cached_property
     def uncertain(self) -> Columns:
@@ -398,17 +389,7 @@ class Case:
         But for the place of the first joint: how the base stands is an effect by itself, `base_tilt`. A table that is
         much further off since the earlier log is one too, such as `link_length`.
         """
-        motion = self.trial.signals.motion
-        links = self.scene(self.before).links
-        columns = kinematic_columns(self.model.robot, motion, links, self.tolerance, known=True)
-        count = columns.shape[2]
-        rows = {j: columns[:, j] for j in range(columns.shape[1])}
-        return Columns(rows, {}, np.ones(count), np.zeros(count, dtype=bool))
-
-    @cached_property
-    def information(self) -> Information:
-        """What is known of them."""
-        return self.knowledge.information(self.model, self.coefficients)
+        return self.modelled.geometry(self.tolerance, known=True)
 
     @cached_property
     def before(self) -> Array:
@@ -419,30 +400,25 @@ class Case:
         """The log with its signs settled under a prediction (N, n), N m, unless their probabilities are given."""
         probability = self.trial.probability(predicted) if probability is None else probability
         expected, floor = (2.0 * probability - 1.0) * self.trial.magnitude, self.floor(predicted)
-        return Observations(
-            whitening=self._whitening,
-            effort=expected * self.trial.used,
-            information=self.information,
-            floor=floor.rms,
-            sharp=floor.sharp,
-            limits=floor.limits,
-            rate=self.trial.signals.rate,
-            thresholds=self.thresholds,
+        return self.modelled.observed(
+            expected, floor=floor.rms, sharp=floor.sharp, limits=floor.limits, thresholds=self.thresholds
         )
-
-    @cached_property
-    def _whitening(self) -> Whitening:
-        """Of the model's columns, zero where a sample is not used."""
-        return Whitening(self.columns * self.trial.used[:, :, None], self.trial.used)
 
     def settled(self, explanation: Explanation) -> Observations:
         """The log with its signs settled under an explanation."""
-        return self.data(self.predicted(explanation))
+        return self.data(self.modelled.effort(explanation))
 
     def floor(self, predicted: Array) -> NoiseFloor:
         """The noise floor, as far as this prediction shows it."""
         refit = None if self.standard_refit is None else self.standard_refit.fit.residual.sigma
         return noise_floor(self.trial, self.trial.residual(predicted), self.noise, refit, self.thresholds)
+
+    def unexplained(self, explanation: Explanation, predicted: Array) -> dict[int, float]:
+        """Joints (from 1) whose residual is surely above the floor on the log under a prediction, with their ratio."""
+        floor, gap = self.floor(predicted), self.trial.gap(predicted)
+        sure = explanation.free_evidence - explanation.noise_evidence > self.needed
+        above = np.flatnonzero(sure & floor.exceeded(gap, self.thresholds)).tolist()
+        return {j + 1: float(gap[j] / floor.rms[j]) for j in above}
 
     @cached_property
     def standard_refit(self) -> Settled | None:
@@ -455,10 +431,6 @@ class Case:
         segments = find_segments(signals, self.trial.actuators)
         return settle_signs(model, signals, segments, self.search)
 
-    def predicted(self, explanation: Explanation) -> Array:
-        """(N, n) efforts of an explanation, N m."""
-        return effort_of(self.columns, explanation.beta, explanation.parts, distorted=True)
-
     def refitted(self, extension: Extension, predicted: Array) -> Extension:
         """The extended model with feasible parameters, from the samples that select and what was known before."""
         model, knowledge = extension.model.before_sensors, extension.knowledge
@@ -468,7 +440,3 @@ class Case:
         used, information = self.trial.used & signals.measured, knowledge.information(model, coefficients)
         evidence = Evidence(model, coefficients, signals, used, used, information)
         return replace(extension, theta=fit_signed(evidence, signs, most_corrected=0).theta)
-
-    def scene(self, predicted: Array) -> Scene:
-        """What effects may look at."""
-        return self.model.scene(self.trial.signals.motion, self.knowledge.theta, predicted, self.trial.magnitude)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,11 +23,7 @@ from bayesid.robot import Robot
 
 
 def check_log(robot: Robot, log: Log) -> None:
-    """The log has the robot's joints, some of them move, and it lasts long enough to be held against itself.
-
-    Raises:
-        InputError: it has not, they do not, or it does not.
-    """
+    """InputError unless a log has the robot's joints, some of them move, and it is long enough to hold parts back."""
     check_joints(robot, log)
     duration = float(log.t[-1] - log.t[0])
     if duration < SHORTEST_LOG:
@@ -38,22 +35,14 @@ def check_log(robot: Robot, log: Log) -> None:
 
 
 def check_unseen(earlier: IdentifiedModel, log: Log) -> None:
-    """The model was not identified from the log.
-
-    Raises:
-        InputError: it was: what it lacks there, its own fit has bent it round.
-    """
+    """InputError if the model was identified from the log: what it lacks there, its own fit has bent it round."""
     if earlier.seen(log):
         problem = "is a log that the model was identified from: it cannot show what the model lacks"
         raise InputError(problem, log.source, "give another log of this robot, of another motion or load")
 
 
 def check_same_robot(predicted: Array, trial: Trial, log: Log, thresholds: Thresholds = Thresholds()) -> None:
-    """Enough samples in motion, and a model that is better than none.
-
-    Raises:
-        InputError: too few samples, or the model explains nothing in any joint.
-    """
+    """InputError if a log has too few samples in motion, or the model explains nothing in any joint."""
     count, least = trial.used.sum(axis=0), thresholds.min_samples
     if count.max() < least:
         problem = f"only {int(count.max())} samples in motion"
@@ -70,11 +59,7 @@ def check_same_robot(predicted: Array, trial: Trial, log: Log, thresholds: Thres
 
 
 def check_holdout(robot: Robot, log: Log, holdout: Log) -> None:
-    """The holdout is another log of the same robot.
-
-    Raises:
-        InputError: it is not.
-    """
+    """InputError unless the holdout is another log of the same robot."""
     check_log(robot, holdout)
     same = len(log) == len(holdout) and np.array_equal(log.q, holdout.q)
     if same or _contains(log.q, holdout.q) or _contains(holdout.q, log.q):
@@ -93,39 +78,21 @@ def _contains(whole: Array, part: Array) -> bool:
 # ---------------------------------------------------------------------------------------------------------------
 # Columns that are mixed up
 # ---------------------------------------------------------------------------------------------------------------
-@dataclass(frozen=True)
-class _MixUp:
-    """What may have happened to the columns of a log.
-
-    Attributes:
-        said: what it looks like, and
-        remedy: what to do.
-        positions: (n,) which column holds the position of each joint, and
-        sides: (n,) 1 or -1, by what it is multiplied.
-        efforts: (n,) which column holds the effort of each joint.
-    """
+class _MixUp(NamedTuple):
+    """What may have happened to the columns of a log of n joints."""
 
     said: str
     remedy: str
-    positions: Integers
-    sides: Array
-    efforts: Integers
-
-    def motion(self, motion: Motion) -> Motion:
-        """Mended."""
-        q, dq, ddq = (x[:, self.positions] * self.sides for x in (motion.q, motion.dq, motion.ddq))
-        return replace(motion, q=q, dq=dq, ddq=ddq)
+    positions: Integers  # (n,) which column holds the position of each joint
+    sides: Array  # (n,) 1 or -1, by what it is multiplied
+    efforts: Integers  # (n,) which column holds the effort of each joint
 
 
 def check_columns(effort_of: Callable[[Motion], Array], trial: Trial, log: Log) -> None:
     """The log's columns belong to the joints that they name, as far as the model can tell.
 
-    Only where the model explains some joint badly are mix-ups tried; one is said if mending it mends these joints.
-
-    Args:
-        effort_of: the model's effort (N, n) in a motion, N m.
-        trial: the log.
-        log: named in the error.
+    Only where the model, with the effort (N, n) in a motion, explains some joint badly are mix-ups tried; one is said
+    if mending it mends these joints.
 
     Raises:
         InputError: two joints, or two columns of positions or efforts, are exchanged, or a position is reversed.
@@ -136,23 +103,20 @@ def check_columns(effort_of: Callable[[Motion], Array], trial: Trial, log: Log) 
     def errors(mix_up: _MixUp) -> Array:
         """(n,) mean squared, over what the measured efforts vary by; 0 of a joint that hardly moves."""
         measured, used = trial.magnitude[some][:, mix_up.efforts], trial.used[some][:, mix_up.positions]
-        misses = (measured - np.abs(effort_of(mix_up.motion(motion)))) ** 2
+        q, dq, ddq = (x[:, mix_up.positions] * mix_up.sides for x in (motion.q, motion.dq, motion.ddq))
+        misses = (measured - np.abs(effort_of(replace(motion, q=q, dq=dq, ddq=ddq)))) ** 2
         ratio = np.zeros(n)
         for j in np.flatnonzero(used.any(axis=0)):
             ratio[j] = misses[used[:, j], j].mean() / max(float(measured[used[:, j], j].var()), np.finfo(float).tiny)
         return ratio
 
-    as_is = errors(_as_is(n))
+    as_is = errors(_MixUp("", "", np.arange(n), np.ones(n), np.arange(n)))
     if not (suspect := as_is > TUNING.suspect).any():
         return
     tried = [(errors(one), one) for one in _mix_ups(n)]
     left, best = min(tried, key=lambda pair: float(pair[0].sum()))
     if left[suspect].sum() < TUNING.mended * as_is[suspect].sum():
         raise InputError(f"{best.said}: as it is the model does not explain the log", log.source, best.remedy)
-
-
-def _as_is(n: int) -> _MixUp:
-    return _MixUp("", "", np.arange(n), np.ones(n), np.arange(n))
 
 
 def _mix_ups(n: int) -> Iterator[_MixUp]:

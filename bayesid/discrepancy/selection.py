@@ -3,30 +3,27 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import combinations
 
 import numpy as np
 from scipy.special import logsumexp
 
-from bayesid.arrays import Array, Mask
-from bayesid.discrepancy.case import Case, NoiseFloor, Trial
-from bayesid.discrepancy.sets import EffectSet, EffectSets, Forms, WeighedSet, costs, weighed
+from bayesid.discrepancy.case import Case
+from bayesid.discrepancy.sets import EffectSet, EffectSets, Forms, WeighedSet, costs, form_of, score, weighed
 from bayesid.discrepancy.tuning import TUNING
 from bayesid.discrepancy.unnamed import learn_effects
 from bayesid.progress import SILENT, Progress
 from bayesid.regression.selection.added_effect import AddedEffect, Cost, all_along, was_there, weigh
 from bayesid.regression.selection.error_model import ErrorModel
-from bayesid.regression.selection.explanation import LN10, Explanation, Observations, Thresholds
+from bayesid.regression.selection.explanation import LN10, Explanation, Observations
 from bayesid.regression.selection.forward import select_forward
-from bayesid.regression.selection.held_back import HeldBackErrors, bears_out, log_density, surely_better
-from bayesid.regression.selection.hypotheses import EffectKey, Hypothesis, Library, hypotheses, maker
-from bayesid.regression.selection.modelled_log import Extension, extend, sharpened
+from bayesid.regression.selection.held_back import bears_out, log_density, surely_better
+from bayesid.regression.selection.hypotheses import EffectKey, Hypothesis, Library, hypotheses
 from bayesid.regression.selection.refinement import refined
-from bayesid.regression.selection.regression import Effects, Regression, explain
-from bayesid.regression.selection.scores import Score, assess, at_blunt_floor, best_forms, joint_sets
+from bayesid.regression.selection.regression import Regression, explain
+from bayesid.regression.selection.scores import at_blunt_floor, best_forms, joint_sets
 
 ON_LOG, HELD_BACK, GROWN = "log", "held-back data", "gap grew on held-back data"
 """Which data say that a joint stays unexplained: its residual on the log is above the floor, or that on held-back data;
@@ -38,39 +35,49 @@ class Selection:
     """Effects that explain a log and are borne out by held-back data.
 
     Attributes:
-        explanation: by all of them, in the order in which they were added, signs settled under them.
-        before: without any.
+        chosen: all of them, in the order in which they were added.
+        before: the log explained without any.
         library: all hypotheses.
-        extension: the extended model.
         sets: that predict held-back data as well as any, and no part of which does, likeliest first; this is the first.
         stopped: whether the search was stopped before all was tried.
         rejected: effects that had passed by their evidence, but that held-back data did not bear out or that were no
             more than stand-ins; each with the set that it was chosen in.
-        costs: of the hypotheses, if each were ignored.
+        costs: of the effects, if each were ignored.
     """
 
-    explanation: Explanation
+    chosen: EffectSet
     before: Explanation
     library: Library
-    extension: Extension
     sets: tuple[WeighedSet, ...]
     stopped: bool
     rejected: tuple[tuple[EffectSet, Hypothesis], ...]
     costs: tuple[Cost, ...]
 
-    def weighed(self, case: Case) -> tuple[list[Score], list[AddedEffect], list[AddedEffect]]:
-        """Scores of the whole catalogue, before anything was added; its effects, and those that were rejected."""
-        added = [weigh(self.explanation, self.library, one, case.uncertain) for one in self.explanation.effects]
-        refused = [weigh(some.explanation, self.library, effect, case.uncertain) for some, effect in self.rejected]
-        return assess(self.before, self.library), [self._with_sets(one) for one in added], refused
-
-    def _with_sets(self, added: AddedEffect) -> AddedEffect:
-        """An effect with its probability over all sets, and what stands in its place in sets about as likely."""
-        key, chosen = added.hypothesis.key, self.sets[0]
+    @property
+    def added(self) -> list[AddedEffect]:
+        """The effects, with their probabilities over all sets, and what stands in their places in likely ones."""
+        chosen, added = self.sets[0], []
         likely = [one for one in self.sets if one.probability > chosen.probability / TUNING.equivalent_odds]
-        others = {name for one in likely for name, joints in one.without(key, chosen) if joints == key[1]}
-        included = sum(one.probability for one in self.sets if key in one.effects)
-        return replace(added, included=included, equivalent=tuple(sorted({*added.equivalent, *others} - {key[0]})))
+        for effect in (self._weighed(self.chosen, one) for one in self.chosen.effects):
+            name, joints = key = effect.hypothesis.key
+            others = {other for one in likely for other, where in one.without(key, chosen) if where == joints}
+            equivalent = tuple(sorted({*effect.equivalent, *others} - {name}))
+            included = sum(one.probability for one in self.sets if key in one.effects)
+            added.append(replace(effect, included=included, equivalent=equivalent))
+        return added
+
+    @property
+    def refused(self) -> list[AddedEffect]:
+        """Those that were rejected; without a name, with the words of the explanation that had it."""
+        refused, robot = [], self.chosen.case.model.robot
+        for among, effect in self.rejected:
+            amplitude, _ = among.explanation.amplitude_of(effect)
+            words = effect.source.description(robot, amplitude)
+            refused.append(replace(self._weighed(among, effect), description=words))
+        return refused
+
+    def _weighed(self, among: EffectSet, effect: Hypothesis) -> AddedEffect:
+        return weigh(among.explanation, self.library, effect, among.case.uncertain)
 
 
 def select_effects(case: Case, progress: Progress = SILENT) -> Selection:
@@ -89,10 +96,9 @@ def select_effects(case: Case, progress: Progress = SILENT) -> Selection:
     passed = [*idle, *((one, effect) for one in (likeliest, minimal[0]) for effect in one.effects)]
     rejected = {effect.key: (one, effect) for one, effect in passed if effect.key not in chosen.keys}
     return Selection(
-        explanation=chosen.explanation,
+        chosen=chosen,
         before=before,
         library=library,
-        extension=extend(case.knowledge, case.coefficients, chosen.explanation),
         sets=weighed(minimal, chosen),
         stopped=stopped,
         rejected=(*(rejected[key] for key in sorted(rejected)), *not_learned),
@@ -104,9 +110,9 @@ def _begin(case: Case) -> tuple[Observations, Library]:
     """Signs settled under the model, its parameters moved as far as the earlier log allows."""
     predicted = case.before
     for _ in range(TUNING.settlings):
-        predicted = case.predicted(explain(case.data(predicted), ()))
-    scene = case.scene(predicted)
-    library = list(hypotheses(maker(case.model, scene, case.trial.used), scene))
+        predicted = case.modelled.effort(explain(case.data(predicted), ()))
+    scene = case.modelled.scene(predicted)
+    library = list(hypotheses(case.modelled.maker(scene), scene))
     refit = case.standard_refit
     return case.data(predicted, None if refit is None else refit.probability), library
 
@@ -135,7 +141,6 @@ def _one_by_one(sets: EffectSets, chosen: EffectSet, idle: Collection[EffectKey]
     they reach it: the friction of a real joint is never exactly what a term says.
     """
     case, limits = sets.case, sets.case.thresholds
-    needed, sharpen = limits.log10_bayes_factor * LN10, partial(_sharper, case)
     seen = [chosen.keys]
     standard = not chosen.data.sharp.all() and not chosen.effects
     while True:
@@ -144,7 +149,7 @@ def _one_by_one(sets: EffectSets, chosen: EffectSet, idle: Collection[EffectKey]
         tried = [*chosen.effects, *others[: limits.short_list]]
         regression = Regression(chosen.data, tried, errors, case.uncertain, predicting=False)
         _, found = select_forward(
-            regression, needed=needed, most=limits.max_effects, sharpen=sharpen, start=chosen.keys
+            regression, needed=case.needed, most=limits.max_effects, sharpen=case.modelled.sharper, start=chosen.keys
         )
         chosen = sets.settled(refined(chosen.data, found, sets.library), chosen.data, ())
         if not standard and chosen.keys in seen:
@@ -156,7 +161,7 @@ def _one_by_one(sets: EffectSets, chosen: EffectSet, idle: Collection[EffectKey]
 def _ranked(sets: EffectSets, chosen: EffectSet, standard: bool) -> tuple[Sequence[ErrorModel], list[Hypothesis]]:
     """All other effects on top of a set, best first: the standard ones alone where nothing else is looked for."""
     regression = Regression.of(explain(chosen.data, chosen.effects, chosen.explanation))
-    closed = ~chosen.data.sharp if standard else _at_floor(chosen)
+    closed = ~chosen.data.sharp if standard else at_blunt_floor(chosen.data, chosen.explanation.mean_square)
     allowed = [
         [h for h in group if h.standard or not all(closed[j] for j in h.columns.joints)]
         for group in sets.library
@@ -164,19 +169,6 @@ def _ranked(sets: EffectSets, chosen: EffectSet, standard: bool) -> tuple[Sequen
     ]
     scores = best_forms(regression, allowed)
     return regression.errors, [score.hypothesis for score in scores]
-
-
-def _at_floor(chosen: EffectSet) -> Mask:
-    """(n,) joints that are as small as a blunt floor asks for."""
-    return at_blunt_floor(chosen.data, chosen.explanation.mean_square)
-
-
-def _sharper(case: Case, regression: Regression, found: Effects) -> Mapping[int, Hypothesis]:
-    """Distortions about the numbers that were found, by the ids of their old forms: they are linear near these."""
-    if all(effect.source.linear for effect in found):
-        return {}
-    new = sharpened(regression.data, found, case.columns, case.scene).effects
-    return {id(old): form for old, form in zip(found, new, strict=True)}
 
 
 def _improved(sets: EffectSets, best: EffectSet) -> EffectSet:
@@ -194,7 +186,7 @@ def _improved(sets: EffectSets, best: EffectSet) -> EffectSet:
 
 
 def _elsewhere(chosen: EffectSet, joint: int) -> Forms:
-    return frozenset((e.source.name, e.joints) for e in chosen.effects if e.columns.joints != {joint})
+    return frozenset(map(form_of, chosen.without(*chosen.in_joint(joint))))
 
 
 def _unsettled(case: Case, chosen: EffectSet) -> list[int]:
@@ -216,7 +208,7 @@ def _improved_in(sets: EffectSets, best: EffectSet, joint: int) -> EffectSet:
     itself first, and other effects are looked for beside it.
     """
     forms = [form for group in sets.library for form in group if form.columns.joints == {joint}]
-    others = [effect for effect in best.effects if effect.columns.joints != {joint}]
+    others = best.without(*best.in_joint(joint))
     tried = [best, *_with_some_of(sets, others, best, joint, forms)]
     best = max(tried, key=lambda one: one.log_posterior)
     if _left(best, joint) > sets.case.thresholds.above_blunt_floor**2:
@@ -257,26 +249,20 @@ def polished(sets: EffectSets, best: EffectSet) -> EffectSet:
         seen.add(best.forms)
         best = sets.anchored(best)
         better = sets.settled(best.effects, best.data)
-        likeliest = max(_fewer(sets, best), key=lambda one: one.log_posterior)
-        needed = sets.case.thresholds.log10_bayes_factor * LN10
-        if likeliest.log_posterior > max(better.log_posterior, best.log_posterior) - needed:
+        likeliest = max(sets.fewer(best), key=lambda one: one.log_posterior)
+        if likeliest.log_posterior > max(better.log_posterior, best.log_posterior) - sets.case.needed:
             best = likeliest
         elif better.log_posterior > best.log_posterior + TUNING.noticed:
             best = better
     return best
 
 
-def _fewer(sets: EffectSets, chosen: EffectSet) -> list[EffectSet]:
-    return [sets.settled(chosen.without(one), chosen.data, one.columns.joints) for one in chosen.effects]
-
-
 def _of_several_joints(sets: EffectSets, nothing: EffectSet) -> list[Hypothesis]:
     """Effects that may explain what is missing in several joints, best first."""
-    needed = sets.case.thresholds.log10_bayes_factor * LN10
     regression = Regression.of(explain(nothing.data, (), nothing.explanation))
-    groups = [group for group in sets.library if group and len(group[0].columns.joints) > 1]
+    groups = [group for group in sets.library if len(group[0].columns.joints) > 1]
     scores = best_forms(regression, groups)
-    return [score.hypothesis for score in scores[: TUNING.whole] if score.gain > needed]
+    return [score.hypothesis for score in scores[: TUNING.whole] if score.gain > sets.case.needed]
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -327,7 +313,7 @@ def _idle(sets: EffectSets, chosen: EffectSet) -> Hypothesis | None:
 def _look_around(sets: EffectSets, chosen: EffectSet) -> None:
     """Adds the sets that lack an effect of a chosen one, or have a rival in its place, or in that of two."""
     chosen = sets.anchored(chosen)
-    _fewer(sets, chosen)
+    sets.fewer(chosen)
     pairs = [(a, b) for a, b in combinations(chosen.effects, 2) if a.columns.joints == b.columns.joints]
     for gone in [*((effect,) for effect in chosen.effects), *pairs]:
         for rival in _rivals(sets, chosen, gone):
@@ -340,6 +326,7 @@ def minimal_sets(sets: EffectSets) -> list[EffectSet]:
     Errors are judged by what the best set leaves of each joint: it is no less than the noise.
     """
     candidates = [one for one in sets.found.values() if not _needless(sets, one)]
+    score(candidates)
     held_back, limits = sets.case.held_back, sets.case.thresholds
     sd = np.min([np.maximum(held_back.trial.rms(one.held_back), one.data.floor) for one in candidates], axis=0)
     used = held_back.trial.used
@@ -358,12 +345,11 @@ def minimal_sets(sets: EffectSets) -> list[EffectSet]:
 
 def _needless(sets: EffectSets, chosen: EffectSet) -> bool:
     """Whether a set that was looked at and lacks one of the effects is about as likely, or that was there all along."""
-    needed = sets.case.thresholds.log10_bayes_factor * LN10
     for effect in chosen.effects:
-        fewer = sets.found.get(chosen.forms - {(effect.source.name, effect.joints)})
+        fewer = sets.found.get(chosen.forms - {form_of(effect)})
         if fewer is None:
             continue
-        if fewer.log_posterior > chosen.log_posterior - needed:
+        if fewer.log_posterior > chosen.log_posterior - sets.case.needed:
             return True
         if effect.source.of_table and was_there(chosen.explanation, fewer.explanation):
             return True
@@ -374,11 +360,11 @@ def _rivals(sets: EffectSets, chosen: EffectSet, gone: tuple[Hypothesis, ...]) -
     """Other effects, or other forms, that explain nearly as much in the place of one; or the most, in that of two."""
     regression = Regression.of(explain(chosen.data, chosen.without(*gone), chosen.explanation))
     keys = {effect.key for effect in gone}
-    joints, forms = gone[0].columns.joints, {(effect.source.name, effect.joints) for effect in gone}
+    joints, forms = gone[0].columns.joints, set(map(form_of, gone))
     by_form: dict[EffectKey, list[list[Hypothesis]]] = {}
     for group in sets.library:
         if group[0].columns.joints & joints and group[0].key not in chosen.keys - keys:
-            by_form.setdefault((group[0].source.name, group[0].joints), []).append(group)
+            by_form.setdefault(form_of(group[0]), []).append(group)
     scores = {form: best_forms(regression, some)[0] for form, some in by_form.items()}
     own = max((scores[form].gain for form in forms & set(scores)), default=np.inf)
     rivals = sorted((scores[form] for form in set(scores) - forms), key=lambda one: -one.gain)
@@ -391,49 +377,10 @@ def _rivals(sets: EffectSets, chosen: EffectSet, gone: tuple[Hypothesis, ...]) -
 def _without_stand_ins(sets: EffectSets, chosen: EffectSet) -> EffectSet:
     """Without effects of joints that stay unexplained, unless they explain most of what was to be explained."""
     case, limits = sets.case, sets.case.thresholds
-    predicted = case.predicted(chosen.explanation)
-    for joint, _ in unexplained(case.trial, predicted, case.floor(predicted), chosen.explanation, limits):
-        of_joint = [effect for effect in chosen.effects if effect.columns.joints == {joint - 1}]
+    for joint in case.unexplained(chosen.explanation, chosen.predicted):
+        of_joint = chosen.in_joint(joint - 1)
         others = sets.settled(chosen.without(*of_joint), chosen.data, ())
         before, after = (case.held_back.trial.rms(one.held_back)[joint - 1] ** 2 for one in (others, chosen))
         if of_joint and before - after < limits.explained_share * (before - chosen.data.floor[joint - 1] ** 2):
             chosen = others
     return chosen
-
-
-def unexplained(
-    trial: Trial, predicted: Array, floor: NoiseFloor, explanation: Explanation, thresholds: Thresholds
-) -> tuple[tuple[int, float], ...]:
-    """Joint (from 1) and ratio to the floor, of those whose residual is surely above it on the log."""
-    gap = trial.gap(predicted)
-    sure = explanation.free_evidence - explanation.noise_evidence > thresholds.log10_bayes_factor * LN10
-    above = np.flatnonzero(sure & floor.exceeded(gap, thresholds)).tolist()
-    return tuple((j + 1, float(gap[j] / floor.rms[j])) for j in above)
-
-
-def unexplained_anywhere(
-    on_log: Sequence[tuple[int, float]],
-    before: HeldBackErrors,
-    after: HeldBackErrors,
-    floor: NoiseFloor,
-    thresholds: Thresholds,
-) -> tuple[tuple[tuple[int, float], ...], dict[int, tuple[str, ...]]]:
-    """Joint (from 1) and ratio to the floor of those that stay unexplained, and by joint which data say so.
-
-    Args:
-        on_log: those on the log; their ratio is kept.
-        before: errors of the model as it was on held-back data, and
-        after: of the extended one.
-        floor: of the noise.
-        thresholds: that decide.
-    """
-    ratio = dict(on_log)
-    above = floor.exceeded(after.rms, thresholds) & after.surely_above(floor.rms)
-    said = {ON_LOG: set(ratio), HELD_BACK: _joints(above), GROWN: _joints(after.surely_grown(before))}
-    joints = sorted(set().union(*said.values()))
-    ratios = tuple((j, ratio.get(j, float(after.rms[j - 1] / floor.rms[j - 1]))) for j in joints)
-    return ratios, {j: tuple(name for name, which in said.items() if j in which) for j in joints}
-
-
-def _joints(which: Mask) -> set[int]:
-    return set((np.flatnonzero(which) + 1).tolist())

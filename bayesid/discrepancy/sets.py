@@ -5,21 +5,22 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from scipy.special import logsumexp
 
-from bayesid.arrays import Array
+from bayesid.arrays import TINY, Array
 from bayesid.discrepancy.case import Case
 from bayesid.effects.catalogue import main_forms
 from bayesid.effects.effect import Effect
 from bayesid.effects.learned_effect import LearnedEffect
+from bayesid.parallel import in_parallel
 from bayesid.regression.selection.added_effect import Cost
 from bayesid.regression.selection.explanation import Explanation, Observations
 from bayesid.regression.selection.held_back import HeldBackErrors
-from bayesid.regression.selection.hypotheses import EffectKey, Hypothesis, Library, hypotheses, maker
-from bayesid.regression.selection.modelled_log import Extension, effort_of, extend, sharpened
+from bayesid.regression.selection.hypotheses import EffectKey, Hypothesis, Library, hypotheses
+from bayesid.regression.selection.modelled_log import Extension
 from bayesid.regression.selection.refinement import refined
 from bayesid.regression.selection.regression import Effects, Regression, explain, plain_errors
 from bayesid.regression.selection.scores import best_forms
@@ -49,13 +50,7 @@ class WeighedSet:
 
 @dataclass(frozen=True, eq=False)
 class EffectSet:
-    """Effects, and the explanation by them of the log with its signs settled under it.
-
-    Attributes:
-        case: what stays the same.
-        explanation: by the effects, in the order in which they were added.
-        log_prior: of these effects in these forms.
-    """
+    """Effects in the order in which they were added, and the explanation by them of the log, signs settled under it."""
 
     case: Case
     explanation: Explanation
@@ -75,6 +70,10 @@ class EffectSet:
         """The effects but some."""
         return self.explanation.without(*gone)
 
+    def in_joint(self, joint: int) -> tuple[Hypothesis, ...]:
+        """The effects that act in a (0-based) joint alone."""
+        return tuple(effect for effect in self.effects if effect.columns.joints == {joint})
+
     @cached_property
     def keys(self) -> frozenset[EffectKey]:
         """Effects and joints, whatever the form."""
@@ -83,7 +82,12 @@ class EffectSet:
     @cached_property
     def forms(self) -> Forms:
         """Names of the forms, and their joints."""
-        return frozenset((effect.source.name, effect.joints) for effect in self.effects)
+        return frozenset(form_of(effect) for effect in self.effects)
+
+    @property
+    def predicted(self) -> Array:
+        """(N, n) efforts of the explanation, N m."""
+        return self.case.modelled.effort(self.explanation)
 
     def explained(self, effects: Effects | None = None) -> Explanation:
         """Its log by some effects or its own, from scratch, beside what the geometry may be wrong by in any case."""
@@ -104,11 +108,15 @@ class EffectSet:
 
         With a learned function they stay those of the explanation: only its prior holds a function's shape.
         """
-        extension = extend(self.case.knowledge, self.case.coefficients, self.explanation)
         learned = any(isinstance(effect.source, LearnedEffect) for effect in self.effects)
         if learned and not any(effect.beyond_numbers for effect in self.effects):
-            return extension
-        return self.case.refitted(extension, self.case.predicted(self.explanation))
+            return self.case.modelled.extended(self.explanation)
+        return self.refitted
+
+    @cached_property
+    def refitted(self) -> Extension:
+        """The model with them and feasible parameters."""
+        return self.case.refitted(self.case.modelled.extended(self.explanation), self.predicted)
 
     @cached_property
     def held_back(self) -> Array:
@@ -118,7 +126,7 @@ class EffectSet:
     @property
     def held_back_errors(self) -> HeldBackErrors:
         """The same by blocks."""
-        return self.case.held_back.errors_of(self.held_back)
+        return self.case.held_back.errors(self.held_back)
 
     def held_back_less(self, term: Effect) -> Array:
         """(N, n) the same with a term of it at zero, all else as it is."""
@@ -130,15 +138,21 @@ class EffectSet:
         return case.held_back.trial.residual(case.held_back.effort(case.model, self.extension.model, theta))
 
 
+def form_of(effect: Hypothesis) -> EffectKey:
+    """Name of an effect's form, and its joints."""
+    return effect.source.name, effect.joints
+
+
+def score(some: Sequence[EffectSet]) -> None:
+    """Makes ready what sets leave of the held-back data, in several processes: each is fitted again, in the cone."""
+    left = [one for one in some if "held_back" not in vars(one)]
+    for one, residual in zip(left, in_parallel([partial(getattr, one, "held_back") for one in left]), strict=True):
+        vars(one)["held_back"] = residual  # as a cached property keeps it
+
+
 @dataclass(frozen=True, eq=False)
 class EffectSets:
-    """Sets that were looked at: of the same forms with different numbers the likeliest.
-
-    Attributes:
-        case: what stays the same.
-        library: all hypotheses.
-        found: the sets.
-    """
+    """Sets that were looked at: of the same forms (`found`) with different numbers the likeliest."""
 
     case: Case
     library: Library
@@ -164,7 +178,7 @@ class EffectSets:
         if key not in self._settled:
             asked = (*effects, kept)  # lest others take their ids
             effects = refined(data, self._in_best_forms(effects, data, joints, kept), self.library, joints)
-            explanation = sharpened(data, effects, self.case.columns, self.case.scene)
+            explanation = self.case.modelled.sharpened(data, effects)
             data = replace(self.case.settled(explanation), reference=data.reference)
             explanation = explain(data, explanation.effects, explanation)
             made = EffectSet(self.case, explanation, sum(map(self.log_prior, explanation.effects)))
@@ -173,6 +187,10 @@ class EffectSets:
             if other is None or made.log_posterior > other.log_posterior:
                 self.found[made.forms] = made
         return self._settled[key][0]
+
+    def fewer(self, chosen: EffectSet) -> list[EffectSet]:
+        """A set without each of its effects, numbers and signs in their joints found anew."""
+        return [self.settled(chosen.without(one), chosen.data, one.columns.joints) for one in chosen.effects]
 
     def anchored(self, chosen: EffectSet) -> EffectSet:
         """A set that others are compared with: where they have the same effects, what is left is judged alike."""
@@ -224,12 +242,10 @@ class EffectSets:
     def _forms_of(self, effect: Hypothesis, effects: Effects, data: Observations) -> Library:
         """The library's forms of an effect; of a distortion those about what all effects together make."""
         if effect.source.linear:
-            return [group for group in self.library if group and group[0].key == effect.key]
-        explanation = explain(data, effects)
-        effort = effort_of(self.case.columns, explanation.beta, explanation.parts, distorted=False)
-        scene = self.case.scene(effort)
-        make = maker(self.case.model, scene, data.used)
-        return list(hypotheses(make, scene, effect=effect.effect, joints=effect.joints))
+            return [group for group in self.library if group[0].key == effect.key]
+        modelled = self.case.modelled
+        scene = modelled.scene(modelled.effort(explain(data, effects), distorted=False))
+        return list(hypotheses(modelled.maker(scene), scene, effect=effect.effect, joints=effect.joints))
 
 
 def weighed(smallest: Sequence[EffectSet], chosen: EffectSet) -> tuple[WeighedSet, ...]:
@@ -255,14 +271,13 @@ def _in_order(keys: frozenset[EffectKey], chosen: EffectSet) -> tuple[EffectKey,
 
 def costs(sets: EffectSets, chosen: EffectSet) -> tuple[Cost, ...]:
     """Of each effect of a chosen set: of the set without it, numbers and signs found anew, and of the set itself."""
-    return tuple(_cost(sets, chosen, effect) for effect in chosen.effects)
-
-
-def _cost(sets: EffectSets, chosen: EffectSet, effect: Hypothesis) -> Cost:
-    trial = sets.case.held_back.trial
-    without = sets.settled(chosen.without(effect), chosen.data, effect.columns.joints)
-    before, after = trial.rms(without.held_back), trial.rms(chosen.held_back)
-    effort = trial.rms(np.where(trial.used, trial.magnitude, 0.0))
-    rise = (before**2 - after**2) / np.maximum(effort**2, 1e-300)
-    joint = max(sorted(effect.columns.joints), key=lambda j: float(rise[j]))
-    return Cost(joint + 1, float(before[joint]), float(after[joint]), float(effort[joint]))
+    trial, without = sets.case.held_back.trial, sets.fewer(chosen)
+    score([chosen, *without])
+    after, effort = trial.rms(chosen.held_back), trial.rms(np.where(trial.used, trial.magnitude, 0.0))
+    found = []
+    for effect, fewer in zip(chosen.effects, without, strict=True):
+        before = trial.rms(fewer.held_back)
+        rise = (before**2 - after**2) / np.maximum(effort**2, TINY)
+        joint = max(sorted(effect.columns.joints), key=lambda j: float(rise[j]))
+        found.append(Cost(joint + 1, float(before[joint]), float(after[joint]), float(effort[joint])))
+    return tuple(found)

@@ -52,12 +52,10 @@ SHOWN, ABSENT, OPEN = "shown", "absent", "cannot tell"
 # ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Standing:
-    """What a log says of an effect.
+    """What a log says of an effect: `SHOWN`, `ABSENT` or `OPEN`.
 
-    Attributes:
-        says: `SHOWN`, `ABSENT` or `OPEN`.
-        log10_bayes_factor: for the effect beside all others, where the log bears it out; NaN elsewhere.
-        log10_ratio: for its size in the other log against none; NaN where that cannot be said.
+    The Bayes factor is for the effect beside all others, NaN where the log does not bear it out; the ratio for its size
+    in the other log against none, NaN where that cannot be said.
     """
 
     says: str
@@ -77,15 +75,7 @@ def without(model: Model, keys: Sequence[EffectKey]) -> Model:
 
 
 def shown_by(run: Identification, effects: Sequence[Effect]) -> dict[EffectKey, float]:
-    """Those of some effects that a log bears out by itself, beside the rest of its model, with log10 Bayes factors.
-
-    Args:
-        run: from that log.
-        effects: beyond the terms asked for.
-
-    Raises:
-        SolverError: an optimisation failed.
-    """
+    """Those of some effects that a run's log bears out by itself, beside the rest of its model: log10 Bayes factors."""
     if not effects:
         return {}
     evidence = _evidence(run, without(run.model, [key_of(effect) for effect in effects]))
@@ -95,15 +85,7 @@ def shown_by(run: Identification, effects: Sequence[Effect]) -> dict[EffectKey, 
 
 
 def missing_all_along(model: Model, again: Identification) -> tuple[EffectKey, ...]:
-    """Effects beyond the standard terms that an earlier model has and a later log bears out by itself as well.
-
-    Args:
-        model: the earlier one, completed by what its log has shown.
-        again: from the later log, of that model with what it lacked.
-
-    Raises:
-        SolverError: an optimisation failed.
-    """
+    """Effects beyond the standard terms that an earlier model has and a later log bears out by itself as well."""
     beyond = [one for one in model.effects if (one.joints or one.name not in STANDARD) and not one.needs_earlier]
     shown = shown_by(again, [one for one in again.model.effects if key_of(one) in {key_of(other) for other in beyond}])
     return tuple(key_of(one) for one in beyond if key_of(one) in shown)
@@ -112,16 +94,9 @@ def missing_all_along(model: Model, again: Identification) -> tuple[EffectKey, .
 def standing(
     run: Identification, effect: Effect, borne_out: Mapping[EffectKey, float], other: Identification
 ) -> Standing:
-    """What a log says of an effect that another log has shown.
+    """What a log says of an effect that another log has shown; `borne_out` is what `shown_by` says of it.
 
-    Args:
-        run: from this log by itself.
-        effect: with its numbers in the other log.
-        borne_out: what `shown_by` says of this log.
-        other: from the other log by itself, of a model with the effect.
-
-    Raises:
-        SolverError: an optimisation failed.
+    The effect has its numbers in the other log, and so does the model of the other run.
     """
     linear = bool(effect.parameters(run.model.robot))
     ratio = _of_amplitudes(run, effect, other) if linear else _of_distortion(run, effect)
@@ -170,21 +145,17 @@ def _evidence(run: Identification, model: Model) -> Evidence:
 # ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class TrackedParameter:
-    """A parameter that is followed.
-
-    Attributes:
-        name: of the coefficient, after the parameter that it is built on.
-        expression: the sum of standard parameters that it is.
-        unit: of it.
-        effect: name in the catalogue of the form whose parameter it is built on.
-        joint: from 1.
-    """
+    """A coefficient that is followed."""
 
     name: str
+    """Of the parameter that it is built on."""
     expression: str
+    """The sum of standard parameters that it is."""
     unit: str
     effect: str
+    """Name in the catalogue of the form whose parameter it is built on."""
     joint: int
+    """From 1."""
 
     @property
     def plain(self) -> bool:
@@ -248,11 +219,9 @@ class Timeline:
 
 
 def make_timeline(runs: Sequence[Identification], loaded: Sequence[bool]) -> Timeline:
-    """The time line of K identifications of one model, each from its own log.
+    """The time line of K identifications of one model, each from its own log; (K,) whether a payload has come since.
 
-    Args:
-        runs: without a posterior, whose prior would pull all to the same values.
-        loaded: (K,) whether a payload has come since the first log.
+    They are without a posterior, whose prior would pull all to the same values.
     """
     first = runs[0]
     tracked = _tracked(first)
@@ -278,30 +247,19 @@ def make_timeline(runs: Sequence[Identification], loaded: Sequence[bool]) -> Tim
 
 @dataclass(frozen=True)
 class Rest:
-    """What a payload leaves of the differences of m coefficients.
+    """What a payload leaves of the differences of m coefficients."""
 
-    Attributes:
-        change: (m,) that it does not explain.
-        sd: (m,) of these; NaN where it would explain any.
-        of_payload: (m,) that it explains.
-        mass: kg, and its standard deviation; NaN without columns.
-    """
-
-    change: Array
-    sd: Array
-    of_payload: Array
-    mass: tuple[float, float]
+    change: Array  # (m,) that it does not explain
+    sd: Array  # (m,) of these; NaN where it would explain any
+    of_payload: Array  # (m,) that it explains
+    mass: tuple[float, float]  # kg, and its standard deviation; NaN without columns
 
 
 def without_payload(difference: Array, covariance: Array, columns: Array) -> Rest:
     """Takes a body on the last link out of differences of coefficients, by generalised least squares.
 
-    Coefficients that it does not touch have no say: they may have moved by themselves.
-
-    Args:
-        difference: (m,) of coefficients.
-        covariance: (m, m) of these.
-        columns: (m, 10) by which a body's parameters, the mass last, add to them; (m, 0) for none.
+    Differences (m,) with their covariance (m, m); columns (m, 10) by which a body's parameters, the mass last, add to
+    them, or (m, 0). Coefficients that it does not touch have no say: they may have moved by themselves.
     """
     variance, none = np.diag(covariance), np.zeros_like(difference)
     touched = np.any(columns != 0.0, axis=1)
@@ -333,9 +291,6 @@ def holm(p: Array) -> Array:
 
     Whatever the values' dependence (S. Holm, "A simple sequentially rejective multiple test procedure", Scandinavian
     Journal of Statistics 6, 65, 1979): all changes here share the first log's errors.
-
-    Args:
-        p: (m,) p values, each of its own test.
     """
     order, m = np.argsort(p, kind="stable"), len(p)
     corrected = np.empty(m)
@@ -346,23 +301,13 @@ def holm(p: Array) -> Array:
 def _with_payload(line: Timeline, masses: Sequence[tuple[float, float]], loaded: Sequence[bool]) -> Timeline:
     """With the payload's mass as one more parameter; what it is beyond the first log's."""
     mass, sd = (np.array(column)[:, None] for column in zip(*masses, strict=True))
-    none = np.array([not one for one in loaded])[:, None]
-    sd = np.where(none, np.inf, sd)
-    change_sd = np.where(none, np.nan, sd)
-    tracked = TrackedParameter(PAYLOAD, PAYLOAD, "kg", "payload", 0)
-    value = np.where(none, np.nan, mass)
+    there = np.array(loaded)[:, None]
+    value, change_sd, sd = np.where(there, mass, np.nan), np.where(there, sd, np.nan), np.where(there, sd, np.inf)
     value[0], sd[0] = 0.0, 0.0
-    columns = {
-        "value": value,
-        "sd": sd,
-        "change": value,
-        "change_sd": change_sd,
-        "of_payload": np.zeros_like(mass),
-        "p": np.full_like(mass, np.nan),
-    }
-    return Timeline(
-        (*line.tracked, tracked), **{name: np.hstack([getattr(line, name), one]) for name, one in columns.items()}
-    )
+    columns = (value, sd, value, change_sd, np.zeros_like(mass), np.full_like(mass, np.nan))
+    known = (line.value, line.sd, line.change, line.change_sd, line.of_payload, line.p)
+    tracked = (*line.tracked, TrackedParameter(PAYLOAD, PAYLOAD, "kg", "payload", 0))
+    return Timeline(tracked, *(np.hstack(pair) for pair in zip(known, columns, strict=True)))
 
 
 def _tracked(run: Identification) -> tuple[TrackedParameter, ...]:

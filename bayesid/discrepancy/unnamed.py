@@ -11,13 +11,10 @@ import numpy as np
 from bayesid.discrepancy.sets import EffectSet
 from bayesid.discrepancy.tuning import TUNING
 from bayesid.effects.learned_effect import LearnedEffect
-from bayesid.regression.selection.added_effect import AddedEffect
-from bayesid.regression.selection.explanation import LN10, Explanation
 from bayesid.regression.selection.held_back import HeldBackErrors, bears_out
-from bayesid.regression.selection.hypotheses import Hypothesis, maker
+from bayesid.regression.selection.hypotheses import Hypothesis
 from bayesid.regression.selection.learned import Finder, Learned
 from bayesid.regression.selection.regression import Effects, explain
-from bayesid.robot import Robot
 
 
 def learn_effects(
@@ -37,7 +34,7 @@ def learn_effects(
     refused: list[tuple[EffectSet, Hypothesis]] = []
     for joint in _left(state):
         learned, gone = _in_joint(state, joint)
-        own = [effect for effect in state.effects if effect.columns.joints == {joint - 1}]
+        own = state.in_joint(joint - 1)
         if own and (learned is state or joint in _left(learned)):
             others = state.without(*own)
             alone, gone_too = _in_joint(_settled(others, state), joint)
@@ -65,8 +62,7 @@ def _by_one_function(state: EffectSet, joint: int, log_prior: Callable[[Hypothes
 
     A function that explains less than half of what they do, before its signs are settled, is not looked at closely.
     """
-    needed, limits = state.case.thresholds.log10_bayes_factor * LN10, state.case.thresholds
-    own = [effect for effect in state.effects if effect.columns.joints == {joint - 1}]
+    needed, limits, own = state.case.needed, state.case.thresholds, state.in_joint(joint - 1)
     others = state.without(*own)
     bare = _settled(others, state)
     finder, evidence = _finder(bare, joint), _log_evidence(state)
@@ -94,20 +90,22 @@ def _log_evidence(state: EffectSet) -> float:
 
 def _left(state: EffectSet) -> list[int]:
     """Joints (from 1) whose residual is surely above a sharp floor, on the log or on held-back data, worst first."""
-    predicted, explanation = state.case.predicted(state.explanation), state.explanation
-    floor, gap, unseen = state.case.floor(predicted), state.case.trial.gap(predicted), state.held_back_errors
-    sure = explanation.free_evidence - explanation.noise_evidence > state.case.thresholds.log10_bayes_factor * LN10
-    on_log = sure & floor.exceeded(gap, state.case.thresholds)
-    held_back = unseen.surely_above(floor.rms) & floor.exceeded(unseen.rms, state.case.thresholds)
+    case, predicted, unseen = state.case, state.predicted, state.held_back_errors
+    floor, gap, on_log = (
+        case.floor(predicted),
+        case.trial.gap(predicted),
+        case.unexplained(state.explanation, predicted),
+    )
+    held_back = unseen.surely_above(floor.rms) & floor.exceeded(unseen.rms, case.thresholds)
     ratio = np.maximum(gap, unseen.rms) / floor.rms
-    return [int(j) + 1 for j in np.argsort(-ratio) if floor.sharp[j] and (on_log[j] or held_back[j])]
+    return [int(j) + 1 for j in np.argsort(-ratio) if floor.sharp[j] and (j + 1 in on_log or held_back[j])]
 
 
 def _in_joint(state: EffectSet, joint: int) -> tuple[EffectSet, list[tuple[EffectSet, Hypothesis]]]:
     """A learned effect in a joint (from 1), if held-back data bear it out."""
     found: list[Learned] = []
-    needed, now, finder = state.case.thresholds.log10_bayes_factor * LN10, state, _finder(state, joint)
     passed: list[Learned] = []
+    needed, now, finder = state.case.needed, state, _finder(state, joint)
     while len(found) < TUNING.most_functions and not (found and _is_noise(now, joint, needed)):
         ranked = finder.ranked(now.explained())
         passed = [learned for learned in ranked if learned.gain > needed]
@@ -135,8 +133,8 @@ def _explains_most(before: EffectSet, after: EffectSet, joint: int) -> bool:
 
 
 def _finder(state: EffectSet, joint: int) -> Finder:
-    scene = state.case.scene(state.case.predicted(state.explanation))
-    return Finder(scene, state.case.trial.used, joint, maker(state.case.model, scene, state.case.trial.used))
+    scene = state.case.modelled.scene(state.predicted)
+    return Finder(scene, state.case.trial.used, joint, state.case.modelled.maker(scene))
 
 
 def _merged(finder: Finder, state: EffectSet, found: Sequence[Learned]) -> EffectSet:
@@ -193,7 +191,7 @@ def _helps(state: EffectSet, before: HeldBackErrors, learned: Hypothesis) -> boo
     What only the log shows pulls at these. A function lets them go, and may do nothing where the held-back data are.
     """
     after, joints = state.held_back_errors, learned.columns.joints
-    without = state.case.held_back.errors_of(state.held_back_less(learned.source))
+    without = state.case.held_back.errors(state.held_back_less(learned.source))
     least = state.case.thresholds.held_back_improvement
     return all(bears_out(after, other, joints, least) for other in (before, without))
 
@@ -245,9 +243,3 @@ def _without_needless(state: EffectSet, found: list[Learned], needed: float) -> 
 def _settled(effects: Effects, state: EffectSet) -> EffectSet:
     explanation = explain(state.data, effects)
     return EffectSet(state.case, explain(state.case.settled(explanation), effects, explanation))
-
-
-def in_words(robot: Robot, weighed: AddedEffect, explanation: Explanation) -> AddedEffect:
-    """An effect without a name that was refused, with its words, of the explanation that had it; others as they are."""
-    amplitude, _ = explanation.amplitude_of(weighed.hypothesis)
-    return replace(weighed, description=weighed.hypothesis.source.description(robot, amplitude))

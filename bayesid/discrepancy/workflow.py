@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
-from bayesid.arrays import Array
+from bayesid.arrays import Array, Mask
 from bayesid.discrepancy.case import Case, Excess, NoiseFloor, Trial, divide, make_trial, shortened, where_it_shows
 from bayesid.discrepancy.log_checks import check_columns, check_holdout, check_log, check_same_robot, check_unseen
-from bayesid.discrepancy.selection import Selection, select_effects, unexplained, unexplained_anywhere
-from bayesid.discrepancy.sets import WeighedSet
+from bayesid.discrepancy.selection import GROWN, HELD_BACK, ON_LOG, Selection, select_effects
+from bayesid.discrepancy.sets import WeighedSet, form_of
 from bayesid.discrepancy.timeline import missing_all_along
 from bayesid.discrepancy.tuning import TUNING
-from bayesid.discrepancy.unnamed import in_words
 from bayesid.effects.coefficients import base_coefficients
 from bayesid.effects.distortion import Distortion
 from bayesid.effects.formula import Description
@@ -43,7 +42,7 @@ from bayesid.regression.selection.added_effect import (
 from bayesid.regression.selection.explanation import Explanation, Thresholds
 from bayesid.regression.selection.held_back import HeldBackErrors
 from bayesid.regression.selection.hypotheses import EffectKey, Hypothesis
-from bayesid.regression.selection.scores import Score
+from bayesid.regression.selection.scores import Score, assess
 from bayesid.signs.search.protocol import Search
 
 CHANGE_OF = "change of "
@@ -182,7 +181,7 @@ def find_discrepancy(
     check_columns(partial(model.effort, theta=earlier.knowledge.theta), selecting, log)
     check_same_robot(case.before, selecting, log, thresholds)
     selection = select_effects(case, progress)
-    extension = selection.extension
+    extension = case.modelled.extended(selection.chosen.explanation)
     again = identify_again(
         extension.model,
         log,
@@ -212,13 +211,12 @@ def _with_origin(again: Identification, known: IdentifiedModel, log: Log, later:
 # ---------------------------------------------------------------------------------------------------------------
 def _discrepancy(case: Case, selection: Selection, again: Identification) -> Discrepancy:
     trial, scoring = case.trial, case.held_back.trial
-    scores, chosen, refused = selection.weighed(case)
+    scores = assess(selection.before, selection.library)
     before, after = _gaps(case, selection, again)
     predicted = again.model.effort(trial.signals.motion, again.theta)
-    floor = case.floor(predicted)
-    on_log = unexplained(trial, predicted, floor, selection.explanation, case.thresholds)
-    ratios, says = unexplained_anywhere(on_log, before, after, floor, case.thresholds)
-    added = _with_numbers(case, chosen, selection, again)
+    floor, on_log = case.floor(predicted), case.unexplained(selection.chosen.explanation, predicted)
+    ratios, says = _unexplained_anywhere(on_log, before, after, floor, case.thresholds)
+    added = _with_numbers(case, selection, again)
     return Discrepancy(
         status=_status(bool(added), bool(ratios)),
         where=tuple(_where(case, selection.before, floor)),
@@ -231,10 +229,7 @@ def _discrepancy(case: Case, selection: Selection, again: Identification) -> Dis
         unexplained=ratios,
         unexplained_on=says,
         scores=tuple(score.alone for score in scores),
-        refused=tuple(
-            in_words(case.model.robot, effect, among.explanation).alone
-            for effect, (among, _) in zip(refused, selection.rejected, strict=True)
-        ),
+        refused=tuple(effect.alone for effect in selection.refused),
         not_testable=tuple(not_testable(scores, len(floor.rms), case.thresholds)),
         identification=again,
         trial=trial,
@@ -254,20 +249,45 @@ def _status(found: bool, left: bool) -> str:
     return "explained" if found else "no_discrepancy"
 
 
+def _unexplained_anywhere(
+    on_log: Mapping[int, float],
+    before: HeldBackErrors,
+    after: HeldBackErrors,
+    floor: NoiseFloor,
+    thresholds: Thresholds,
+) -> tuple[tuple[tuple[int, float], ...], dict[int, tuple[str, ...]]]:
+    """Joint (from 1) and ratio to the floor of those that stay unexplained, and by joint which data say so.
+
+    The ratio is that on the log, of those that the log itself shows; of others on held-back data, of which there are
+    the errors of the model as it was and of the extended one.
+    """
+    above = floor.exceeded(after.rms, thresholds) & after.surely_above(floor.rms)
+    grown = after.surely_grown(before)
+    said = {ON_LOG: set(on_log), HELD_BACK: _joints(above), GROWN: _joints(grown)}
+    joints = sorted(set().union(*said.values()))
+    ratios = tuple((j, on_log.get(j, float(after.rms[j - 1] / floor.rms[j - 1]))) for j in joints)
+    return ratios, {j: tuple(name for name, which in said.items() if j in which) for j in joints}
+
+
+def _joints(which: Mask) -> set[int]:
+    return set((np.flatnonzero(which) + 1).tolist())
+
+
 def _gaps(case: Case, selection: Selection, again: Identification) -> tuple[HeldBackErrors, HeldBackErrors]:
     """What the model as it was leaves of the held-back data, and what the extended one does."""
     theta = again.theta
     if not case.held_back.another_log:  # those stretches must not have had a say
-        predicted = case.predicted(selection.explanation)
-        theta = case.refitted(selection.extension, predicted).theta
-    motion = case.held_back.trial.signals.motion
-    before = case.model.effort(motion, case.knowledge.theta)
-    return case.held_back.errors(before), case.held_back.errors(again.model.effort(motion, theta))
+        theta = selection.chosen.refitted.theta
+    scoring = case.held_back.trial
+    motion = scoring.signals.motion
+    efforts = case.model.effort(motion, case.knowledge.theta), again.model.effort(motion, theta)
+    before, after = (case.held_back.errors(scoring.residual(effort)) for effort in efforts)
+    return before, after
 
 
 def _where(case: Case, explanation: Explanation, floor: NoiseFloor) -> list[Excess]:
     """Where the model exceeds the floor, having given way as far as the earlier log allows."""
-    predicted, trial = case.predicted(explanation), case.trial
+    predicted, trial = case.modelled.effort(explanation), case.trial
     above = np.flatnonzero(floor.exceeded(trial.gap(predicted), case.thresholds)).tolist()
     return where_it_shows(trial, trial.residual(predicted), predicted, floor.rms, above)
 
@@ -289,9 +309,7 @@ def _warnings(case: Case, floor: NoiseFloor, stopped: bool) -> list[str]:
     return warnings
 
 
-def _with_numbers(
-    case: Case, weighed: Sequence[AddedEffect], selection: Selection, again: Identification
-) -> tuple[AddedEffect, ...]:
+def _with_numbers(case: Case, selection: Selection, again: Identification) -> tuple[AddedEffect, ...]:
     numbers = Numbers(case.model, case.knowledge.theta, again)
     return tuple(
         replace(
@@ -302,7 +320,7 @@ def _with_numbers(
             size=effort_size(case, effect.hypothesis, again.model, again.theta),
             cost=cost,
         )
-        for effect, sd, cost in zip(weighed, selection.explanation.sd, selection.costs, strict=True)
+        for effect, sd, cost in zip(selection.added, selection.chosen.explanation.sd, selection.costs, strict=True)
     )
 
 
@@ -318,13 +336,7 @@ def _own_numbers(case: Case, effect: Hypothesis, sd: Array) -> dict[str, Quantit
 # The numbers of added effects
 # ---------------------------------------------------------------------------------------------------------------
 class Numbers:
-    """Parameters of the extended model, beside those of the model as it was.
-
-    Args:
-        model: as it was.
-        theta: (P,) its parameters.
-        again: the identification of the extended model.
-    """
+    """Parameters of the extended model, identified again, beside theta (P,) of the model as it was."""
 
     def __init__(self, model: Model, theta: Array, again: Identification) -> None:
         self._again, self._names = again, [parameter.name for parameter in again.model.parameters]
@@ -350,7 +362,7 @@ class Numbers:
 
     def readable(self, effect: Hypothesis) -> dict[str, Quantity]:
         """What people read in place of these."""
-        place = [self._names.index(p.name) for p in effect.source.parameters(self._again.model.robot)]
+        place = self._place(effect)
         values = effect.source.readable(self._again.theta[place])
         drawn = {} if self._draws is None else effect.source.readable(self._draws[:, place])
         sd = {name: float(np.std(draws)) for name, (draws, _) in drawn.items()}
@@ -358,9 +370,10 @@ class Numbers:
 
     def description(self, effect: Hypothesis) -> Description | None:
         """Of an effect without a name, in words."""
-        robot = self._again.model.robot
-        place = [self._names.index(p.name) for p in effect.source.parameters(robot)]
-        return effect.source.description(robot, self._again.theta[place])
+        return effect.source.description(self._again.model.robot, self._again.theta[self._place(effect)])
+
+    def _place(self, effect: Hypothesis) -> list[int]:
+        return [self._names.index(p.name) for p in effect.source.parameters(self._again.model.robot)]
 
     def _sum(self, *names: str) -> tuple[float, float]:
         """Value and standard deviation of the sum of parameters; NaN where that is not known."""
@@ -375,22 +388,17 @@ class Numbers:
 
 
 def effort_size(case: Case, effect: Hypothesis, extended: Model, theta: Array) -> EffortSize:
-    """How large an effect's own effort is on held-back data.
-
-    Args:
-        case: the data.
-        effect: that was added to a model.
-        extended: that model.
-        theta: (P,) its parameters.
-    """
+    """How large the own effort of an effect of an extended model with parameters theta (P,) is on held-back data."""
     trial = case.held_back.trial
     own = np.where(trial.used, own_effort(case, effect, extended, theta, trial.signals.motion), 0.0)
     rms = trial.rms(own)
     joint = int(np.argmax(rms))
-    rated = case.model.robot.joints[joint].rated_effort
-    reference = _largest_readings(case)[joint] if rated is None else rated
-    largest, of = np.abs(own[:, joint]).max(), LARGEST_READING if rated is None else RATED
-    return EffortSize(joint + 1, float(rms[joint]), float(largest), float(reference), of)
+    reference, of = case.model.robot.joints[joint].rated_effort, RATED
+    if reference is None:  # the largest reading of the log, what is held back of it included
+        logs = [case.trial.signals, *([] if case.held_back.another_log else [trial.signals])]
+        read = [one.magnitude[one.measured[:, joint], joint] for one in logs]
+        reference, of = np.concatenate(read).max(initial=0.0), LARGEST_READING
+    return EffortSize(joint + 1, float(rms[joint]), float(np.abs(own[:, joint]).max()), float(reference), of)
 
 
 def own_effort(case: Case, effect: Hypothesis, extended: Model, theta: Array, motion: Motion) -> Array:
@@ -404,15 +412,8 @@ def own_effort(case: Case, effect: Hypothesis, extended: Model, theta: Array, mo
         earlier = dict(zip((p.name for p in case.model.parameters), case.knowledge.theta, strict=True))
         kept[[names.index(name) for name in effect.changes]] = [earlier[name] for name in effect.changes]
     elif isinstance(effect.source, Distortion):
-        key = effect.source.name, effect.source.joints
-        last = max(k for k, one in enumerate(extended.distortions) if (one.name, one.joints) == key)
+        last = max(k for k, one in enumerate(extended.distortions) if (one.name, one.joints) == form_of(effect))
         without = replace(extended, distortions=extended.distortions[:last] + extended.distortions[last + 1 :])
     else:
         kept[[names.index(p.name) for p in effect.source.parameters(extended.robot)]] = 0.0
     return extended.effort(motion, theta) - without.effort(motion, kept)
-
-
-def _largest_readings(case: Case) -> Array:
-    """(n,) largest |effort| of the log, what is held back of it included, N m."""
-    signals = [case.trial.signals, *([] if case.held_back.another_log else [case.held_back.trial.signals])]
-    return np.max([np.where(one.measured, one.magnitude, 0.0).max(axis=0) for one in signals], axis=0)

@@ -84,7 +84,8 @@ def smooth(
             partial(_smooth, effort[around, j], draws[around, j], turns[around, j], process, tuning)
             for j, process in enumerate(processes)
         ]
-        for j, mean in enumerate(in_parallel(joints)):
+        many = draws[around, 0].size > tuning.side_by_side  # of fewer a joint takes less than to fork for it
+        for j, mean in enumerate(in_parallel(joints) if many else (joint() for joint in joints)):
             probability[start:stop, j] = mean[start - around.start : stop - around.start]
         progress(stop, len(effort))
     return probability

@@ -164,7 +164,7 @@ class Tuning:
     piece: int = 24
     """Samples of the pieces that run side by side."""
     side_by_side: int = 24_000
-    """Samples times draws that run side by side, if one draw has not more."""
+    """Samples times draws that run side by side, if one draw has not more; of more, joints are smoothed in parallel."""
     fastest_filter: float = 125.0
     """Hz; steps of b in a filter: between them, at higher rates, b is constant."""
 

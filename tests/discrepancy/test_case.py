@@ -20,7 +20,8 @@ def made_case(names, **tolerance):
     robot, motion = small_robot(N, seed=2), smooth_motion(N, 2.0, 50.0, seed=4)
     model = Model(robot, make_terms(names, robot, motion))
     theta = random_parameters(model, np.random.default_rng(1))
-    trial = SimpleNamespace(signals=SimpleNamespace(motion=motion), actuators=motion, magnitude=None)
+    signals = SimpleNamespace(motion=motion, rate=50.0)
+    trial = SimpleNamespace(signals=signals, actuators=motion, magnitude=None, used=None)
     return Case(Knowledge(model, theta, np.zeros((1, 1))), None, None, trial, None, None, **tolerance), motion
 
 

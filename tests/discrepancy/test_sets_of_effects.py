@@ -44,7 +44,7 @@ def smallest(*found):
     held_back = SimpleNamespace(
         trial=trial, by_block=lambda values: np.stack([x.sum(axis=0) for x in np.array_split(values, BLOCKS)])
     )
-    case = SimpleNamespace(held_back=held_back, thresholds=Thresholds())
+    case = SimpleNamespace(held_back=held_back, thresholds=Thresholds(), needed=2.0 * np.log(10.0))
     sets = SimpleNamespace(found={one.forms: one for one in found}, case=case)
     return selection.minimal_sets(sets)
 
