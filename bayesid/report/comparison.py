@@ -30,9 +30,6 @@ SECTIONS: Mapping[str, str] = {
 _SAYS: Mapping[str, str] = {SHOWN: "shown", ABSENT: "not there", OPEN: "cannot tell"}
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Parameters
-# ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Moved:
     """A parameter that moved, as people read it."""
@@ -112,9 +109,6 @@ def timeline_rule(comparison: LogComparison) -> str:
     )
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Two columns
-# ---------------------------------------------------------------------------------------------------------------
 def columns(comparison: LogComparison) -> dict[str, list[str]]:
     """What to say under `CHANGED`, `ALL_ALONG`, `GONE` and `UNDECIDED`, a line each."""
     rows = _other_changes(comparison)
@@ -232,9 +226,6 @@ def log_names(comparison: LogComparison) -> list[str]:
     return [f"{name}, {text}" if dates.known and text not in name else name for name, text in pairs]
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# As discrepancy.json and timeline.csv have it
-# ---------------------------------------------------------------------------------------------------------------
 def comparison_summary(comparison: LogComparison) -> dict[str, Any]:
     """discrepancy.json of several logs: that of the last one, what became of each effect, and the time line."""
     said, dates = columns(comparison), comparison.dates

@@ -1,7 +1,7 @@
-"""What the figures and the report of an identification show: computed once, kept in the result folder, drawn anywhere.
+"""What figures and the report of an identification show: computed once, kept in the result folder, drawn anywhere.
 
-Plotting code computes nothing: all that it draws stands here, from an identification (`find_findings`) or from a result
-folder (`read_findings`: findings.npz beside summary.json and posterior.nc), which gives the same.
+It comes from an identification (`find_findings`) or from its folder (`read_findings`: findings.npz beside summary.json
+and posterior.nc), which gives the same.
 """
 
 from __future__ import annotations
@@ -160,8 +160,8 @@ class Findings:
     def segment_size(self) -> Array:
         """(S,) largest |effort| of each segment, as a share of its joint's."""
         t, effort, table = self.samples.t, np.abs(self.samples.recorded), self.segments
-        ranges = zip(table.joint, np.searchsorted(t, table.start), np.searchsorted(t, table.end, "right"), strict=True)
-        largest = np.array([effort[a:b, j].max(initial=0.0) for j, a, b in ranges])
+        ends = np.searchsorted(t, table.start), np.searchsorted(t, table.end, "right")
+        largest = np.array([effort[a:b, j].max(initial=0.0) for j, a, b in zip(table.joint, *ends, strict=True)])
         return largest / np.maximum(effort.max(axis=0), TINY)[table.joint]
 
     @property
@@ -208,9 +208,6 @@ class Findings:
         return replace(self, prediction=filled(Prediction, validation, source=validation.log.source, t=t, **curves))
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# From an identification
-# ---------------------------------------------------------------------------------------------------------------
 def find_findings(identification: Identification) -> Findings:
     """What there is to show of an identification.
 
@@ -220,20 +217,17 @@ def find_findings(identification: Identification) -> Findings:
         (0, 70)
     """
     sliding = [joint.prismatic for joint in identification.model.robot.joints]
-    _, by_data = identification.parameter_sd
-    samples = _samples(identification)
-    shown, posterior = evenly(len(samples.t), TUNING.samples), identification.posterior
+    samples, posterior = _samples(identification), identification.posterior
+    by_data = zip(identification.model.parameters, identification.parameter_sd[1], strict=True)
     return Findings(
         summary=summarise(identification),
         effort_unit=tuple("N" if slides else "N m" for slides in sliding),
         position_unit=tuple("m" if slides else "rad" for slides in sliding),
-        samples=_rows(samples, shown),
+        samples=_rows(samples, evenly(len(samples.t), TUNING.samples)),
         segments=_segments(identification),
         correlation=_correlation(samples, identification.signals.rate),
         coefficients=_coefficients(identification),
-        prior_parameters=tuple(
-            parameter.name for parameter, data in zip(identification.model.parameters, by_data, strict=True) if not data
-        ),
+        prior_parameters=tuple(parameter.name for parameter, data in by_data if not data),
         alternatives=_alternatives(identification),
         draws=None if posterior is None else posterior.uncertain.kept_coefficients(),
     )
@@ -261,19 +255,17 @@ def _samples(identification: Identification) -> Samples:
 
 
 def _rows(samples: Samples, rows: Integers) -> Samples:
-    count = len(samples.t)
     arrays = {entry.name: getattr(samples, entry.name)[rows] for entry in fields(samples) if entry.name != "every"}
-    return replace(samples, **arrays, every=round(count / len(rows)))
+    return replace(samples, **arrays, every=round(len(samples.t) / len(rows)))
 
 
 def _segments(identification: Identification) -> SegmentTable:
     segments, signs, confidence = identification.recorded_segments
     t = identification.signals.motion.t - identification.signals.motion.origin
-    last = len(t) - 1
     return SegmentTable(
         joint=segments.joint,
         start=t[segments.start],
-        end=t[np.minimum(segments.end, last)],
+        end=t[np.minimum(segments.end, len(t) - 1)],
         sign=signs,
         confidence=confidence,
         moving=segments.moving,
@@ -282,22 +274,23 @@ def _segments(identification: Identification) -> SegmentTable:
 
 
 def _correlation(samples: Samples, rate: float) -> Correlation:
-    lags = max(2, int(TUNING.lags * rate))
-    n = samples.residual.shape[1]
-    of_joints = [autocovariance(samples.residual[:, j], samples.used[:, j], lags) for j in range(n)]
+    joints = zip(samples.residual.T, samples.used.T, strict=True)
+    of_joints = [autocovariance(residual, used, max(2, int(TUNING.lags * rate))) for residual, used in joints]
     values = np.array([covariance / max(covariance[0], TINY) for covariance in of_joints])
     count = np.maximum(samples.used.sum(axis=0), 1)
     return Correlation(np.arange(values.shape[1]) / rate, values, NORMAL_95 / np.sqrt(count))
 
 
 def _coefficients(identification: Identification) -> CoefficientTable:
-    coefficients = identification.coefficients
-    low, high = identification.interval_95
-    prior_sd, by_data = identification.prior_sd
+    found, (low, high), (prior_sd, by_data) = (
+        identification.coefficients,
+        identification.interval_95,
+        identification.prior_sd,
+    )
     return CoefficientTable(
-        name=tuple(coefficients.names),
-        expression=tuple(coefficients.expressions),
-        unit=tuple(coefficients.units),
+        name=tuple(found.names),
+        expression=tuple(found.expressions),
+        unit=tuple(found.units),
         mean=identification.beta,
         sd=identification.sd,
         low=low,
@@ -309,14 +302,10 @@ def _coefficients(identification: Identification) -> CoefficientTable:
 
 
 def _alternatives(identification: Identification) -> Alternatives:
-    search, segments = identification.search, identification.searched
+    search, segments, branches = identification.search, identification.searched, identification.search.branches
     t = identification.signals.motion.t - identification.signals.motion.origin
-    branches = search.branches
-    decided = np.ones((len(branches), len(search.signs)), dtype=bool) if search.decided is None else search.decided
-    pairs = [
-        (b, k) for b, branch in enumerate(branches) for k in np.flatnonzero((branch.signs != search.signs) & decided[b])
-    ]
-    number, segment = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
+    signs = np.array([branch.signs for branch in branches]).reshape(-1, len(search.signs))
+    number, segment = np.nonzero((signs != search.signs) & (True if search.decided is None else search.decided))
     mass = None if identification.posterior is None else identification.posterior.branch_mass
     return Alternatives(
         cost=np.array([branch.cost for branch in branches]),
@@ -328,9 +317,6 @@ def _alternatives(identification: Identification) -> Alternatives:
     )
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# In a result folder
-# ---------------------------------------------------------------------------------------------------------------
 FILE = "findings.npz"
 _REMEDY = "give a folder that `bayesid identify` wrote, or identify again to write it anew"
 _PARTS: Mapping[str, type] = {
@@ -413,9 +399,6 @@ def _draws(path: Path) -> Array | None:
     return read_coefficients(path)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Many samples as a figure can show them
-# ---------------------------------------------------------------------------------------------------------------
 def binned(value: Array, residual: Array) -> tuple[Array, Array, Array]:
     """(b,) means of the variable and the residual over equally many samples each, and the latter's standard error.
 

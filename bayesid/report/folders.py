@@ -360,9 +360,6 @@ def validation_summary(validation: Validation) -> dict[str, Any]:
     )
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Tables and draws
-# ---------------------------------------------------------------------------------------------------------------
 def segment_rows(identification: Identification) -> list[dict[str, object]]:
     """segments.csv: one row a segment; of several logs the last column names which, and times are on its clock."""
     rows = []

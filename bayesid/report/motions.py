@@ -31,9 +31,6 @@ _RESOLVABILITY = "resolvability: twice the log odds against all signs of the joi
 _JOINT = ["joint", "starts at", "lowest", "highest", "speed", "acceleration"]
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# For a robot nobody knows
-# ---------------------------------------------------------------------------------------------------------------
 def save_design(design: ExcitationDesign, folder: str | Path) -> Path:
     """Writes trajectory.csv, design.json and excitation.svg; an earlier design there is replaced as a whole.
 
@@ -162,9 +159,6 @@ def judgement_text(judgement: ExcitationJudgement) -> str:
     return "\n".join(lines)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# After a result
-# ---------------------------------------------------------------------------------------------------------------
 def check_next_folder(folder: str | Path) -> Path:
     """The folder, if a next motion may be written there, as `bayesid.files.writing.check_folder` has it."""
     place = check_folder(folder, NEXT_FILES, NEXT_MARKER)

@@ -127,9 +127,6 @@ def _agreement(one: Agreement | None) -> dict[str, Any] | None:
     return None if one is None else taken(one, *names, sure=one.sure_share)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# In words
-# ---------------------------------------------------------------------------------------------------------------
 HEADINGS = ("joint", "signs agree", "sure (99 %)", "RMS residual, N m", "external / threshold")
 NOTE = "external / threshold: the most that two samples in a row have of it; beyond 1 it is a contact, or a change"
 

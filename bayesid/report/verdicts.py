@@ -30,13 +30,8 @@ from bayesid.report.words import counted, in_percent, joints_in_words, label, li
 def graded(name: str, value: float, limits: tuple[float, float], message: str, look: str = "", bad: str = "") -> Check:
     """A check of a number: good within the first limit, bad beyond the second, to be looked at between.
 
-    Args:
-        name: of what is checked.
-        value: judged; large values are good if the first limit is the larger one.
-        limits: both are on the better side.
-        message: what was seen.
-        look: what to do if it is to be looked at.
-        bad: what to do if it is bad; the same by default.
+    Large values are good if the first limit is the larger one. What to do if it is bad is as if it is to be looked at,
+    by default.
     """
     good, passable = limits
     way = 1.0 if good <= passable else -1.0
@@ -134,20 +129,6 @@ def _segments(findings: Findings) -> Check:
         return found
     state: State = "look" if found.state == "good" else found.state
     return replace(found, state=state, message=f"{message}; {checks.confidences_lowered(doubt)}", remedy=remedy)
-
-
-def at_standstill(findings: Findings) -> str:
-    """How many segments at standstill are ambiguous, the one of the largest |effort| named; empty where none is."""
-    table, size = findings.segments, findings.segment_size
-    doubtful = np.flatnonzero(table.ambiguous & ~table.moving)
-    if not len(doubtful):
-        return ""
-    largest = doubtful[int(np.argmax(size[doubtful]))]
-    where = f"joint {table.joint[largest] + 1}, {table.start[largest]:.2f} to {table.end[largest]:.2f} s"
-    return (
-        f"at standstill {len(doubtful)} of {int((~table.moving).sum())} segments are ambiguous (the largest, "
-        f"{size[largest]:.0%} of its joint's |effort|, in {where})"
-    )
 
 
 def sure_share(findings: Findings) -> float:

@@ -17,9 +17,6 @@ _UNITS = {"velocity": "rad/s", "position": "rad", "acceleration": "rad/s^2", "lo
 _SLIDING = {"velocity": "m/s", "position": "m", "acceleration": "m/s^2", "load": "N", "time": "s"}
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Numbers
-# ---------------------------------------------------------------------------------------------------------------
 def rounded(value: float, digits: int = 3) -> str:
     """A number to some significant digits, trailing zeros kept."""
     if not math.isfinite(value):
@@ -57,9 +54,6 @@ def unit_of(discrepancy: Discrepancy, joint: int, variable: str = "load") -> str
     return (_SLIDING if sliding else _UNITS)[variable]
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Names
-# ---------------------------------------------------------------------------------------------------------------
 def label(effect: str, joints: Sequence[int] = ()) -> str:
     """An effect without an article, and the joints (from 1) in which it acts."""
     plain = noun(effect).removeprefix("an ").removeprefix("a ")

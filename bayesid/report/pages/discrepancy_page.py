@@ -62,9 +62,6 @@ _WORDS = {"good": "found", "look": "look at", "bad": "unexplained", "not done": 
 """For the states of checks."""
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# One discrepancy
-# ---------------------------------------------------------------------------------------------------------------
 @one_at_a_time
 def discrepancy_page(discrepancy: Discrepancy) -> str:
     """The report of a comparison, in HTML: opens in a browser from anywhere, light or dark, and prints."""
@@ -296,9 +293,6 @@ def _name(hypothesis: Hypothesis) -> str:
     return label(hypothesis.effect) + (f" ({', '.join(remarks)})" if remarks else "")
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Several logs
-# ---------------------------------------------------------------------------------------------------------------
 @one_at_a_time
 def comparison_page(comparison: LogComparison) -> str:
     """The report of several logs, in HTML: opens in a browser from anywhere, light or dark, and prints."""

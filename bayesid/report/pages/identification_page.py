@@ -31,7 +31,6 @@ from bayesid.report.tuning import TUNING
 from bayesid.report.verdicts import (
     EFFECT_HEADINGS,
     GAIN_HEADINGS,
-    at_standstill,
     check_findings,
     effect_rows,
     gain_rows,
@@ -118,9 +117,6 @@ def _about(findings: Findings) -> list[tuple[str, str]]:
     ]
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Contents of the sections; empty where there is nothing to show
-# ---------------------------------------------------------------------------------------------------------------
 def _torques(findings: Findings) -> list[Markup]:
     every = findings.samples.every
     bands = (
@@ -162,8 +158,9 @@ def _doubts(findings: Findings) -> list[Markup]:
     caption = f"{which} in motion whose sign is not sure, by their largest |effort|; the fit averages over both signs."
     headings = "Joint", "Time", "Likelier sign", "Confidence", "Largest |effort|, of the joint's"
     told = html.table(caption, headings, rows) if rows else html.paragraph("No segment in motion is ambiguous.")
-    still = at_standstill(findings)
-    return [told, *([html.paragraph(f"{upper(still)}; they do not enter the fit.", note=True)] if still else [])]
+    still = int((segments.ambiguous & ~segments.moving).sum())
+    note = f"At standstill {still} of {int((~segments.moving).sum())} segments are ambiguous; they are not fitted."
+    return [told, *([html.paragraph(note, note=True)] if still else [])]
 
 
 def _link(of: SegmentTable | Alternatives, k: int, text: str) -> Markup:
@@ -362,9 +359,6 @@ _PARTS: Mapping[tuple[str, str], Callable[[Findings], list[Markup]]] = {
 """Names, titles and contents, in their order."""
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# In a notebook
-# ---------------------------------------------------------------------------------------------------------------
 @one_at_a_time
 def identification_view(identification: Identification) -> str:
     """What its text says, the checks, and the efforts of the joint that fits worst; HTML without a script."""

@@ -45,9 +45,6 @@ def picture(figure: Figure, name: str, caption: str, alt: str = "", group: str =
     return Picture(name, data, caption, alt or caption, group)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Sections
-# ---------------------------------------------------------------------------------------------------------------
 COLOURS = {"good": "good", "look": "look", "bad": "bad", "not done": "open"}
 """Of each state of a check the class on the page."""
 
@@ -156,9 +153,6 @@ def _environment() -> Environment:
     return environment
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Figures
-# ---------------------------------------------------------------------------------------------------------------
 def _panel(panel: Panel) -> dict[str, Any]:
     """For `figures.js`: numbers to a hundred-thousandth of an axis in x, to a ten-thousandth in y; nan is null."""
     x_ends, y_ends = panel.limits
@@ -219,9 +213,6 @@ def _rounded(values: ArrayLike, digits: int) -> list[float | None]:
     return [value if math.isfinite(value) else None for value in array.tolist()]
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Text and numbers
-# ---------------------------------------------------------------------------------------------------------------
 def typeset(text: str) -> Markup:
     """Escaped, with the signs that plain text lacks."""
     text = str(escape(text)).replace(" +- ", "&nbsp;&plusmn;&nbsp;").replace("^2", "&sup2;").replace("^3", "&sup3;")
