@@ -18,7 +18,7 @@ from bayesid.identification.identification import KNOWN
 from bayesid.report.discrepancy import added_summary, discrepancy_checks, discrepancy_summary, people_unit
 from bayesid.report.summary import as_json, as_object, taken
 from bayesid.report.tuning import TUNING
-from bayesid.report.words import counted, joints_in_words, label, listed, quantity, rounded, upper
+from bayesid.report.words import counted, form_label, joints_in_words, listed, quantity, rounded, upper
 
 SECTIONS: Mapping[str, str] = {
     CHANGED: "Changed since the first log",
@@ -88,12 +88,10 @@ def tracked_name(one: TrackedParameter) -> str:
         return PAYLOAD
     if one.effect == RigidBody.name:
         return f"links: {one.expression}"
-    effect, _, form = one.effect.partition(".")
     kind = forms()[one.effect]
-    details = [form.replace("_", " ")] if form else []
-    details += [one.name.rstrip("0123456789")] if len(getattr(kind, "coefficients", ())) > 1 else []
+    details = [one.name.rstrip("0123456789")] if len(getattr(kind, "coefficients", ())) > 1 else []
     where = f"joint {one.joint}: " if kind.acts_on != "robot" else ""
-    return f"{where}{label(effect)}{f' ({listed(details)})' if details else ''}"
+    return f"{where}{form_label(one.effect, *details)}"
 
 
 def _people(one: TrackedParameter) -> ReadableUnit:
@@ -130,17 +128,11 @@ def columns(comparison: LogComparison) -> dict[str, list[str]]:
 
 def changes_lead(comparison: LogComparison) -> str:
     """The same in short: as many as a sentence holds."""
-    rows = _other_changes(comparison)
-    links = sum(row.of_links for row in rows)
-    changed = [effect_name(one.effect) for one in _new(comparison)]
-    changed += [row.text for row in rows if not row.of_links]
-    changed += [counted(links, "link coefficient")] if links else []
-    others = {which: [effect_name(one.effect) for one in comparison.of(which)] for which in (ALL_ALONG, GONE)}
     parts = []
-    for which, texts in ({CHANGED: changed} | others).items():
-        more = len(texts) - TUNING.most_listed
-        few = [*texts[: TUNING.most_listed], *([f"{more} more"] if more > 0 else [])]
-        parts += [f"{SECTIONS[which]}: {'; '.join(few)}"] if texts else []
+    for which, lines in columns(comparison).items():
+        more = len(lines) - TUNING.most_listed
+        few = [*lines[: TUNING.most_listed], *([f"{more} more"] if more > 0 else [])]
+        parts += [f"{SECTIONS[which]}: {'; '.join(few)}"] if lines and which != UNDECIDED else []
     nothing = "Nothing has changed since the first log, and nothing was missing, as far as these logs show"
     return f"{'. '.join(parts) or nothing}."
 
@@ -162,9 +154,7 @@ def _other_changes(comparison: LogComparison) -> list[Moved]:
 
 def effect_name(effect: Effect) -> str:
     """As in load-dependent friction, joint 2; cable drag (stiffening), joint 3."""
-    form = effect.name.partition(".")[2].replace("_", " ")
-    where = f", {joints_in_words(effect.joints)}" if effect.joints else ""
-    return f"{label(effect.effect)}{f' ({form})' if form else ''}{where}"
+    return f"{form_label(effect.name)}{f', {joints_in_words(effect.joints)}' if effect.joints else ''}"
 
 
 def _came(comparison: LogComparison, history: EffectHistory) -> str:

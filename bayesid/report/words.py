@@ -60,6 +60,13 @@ def label(effect: str, joints: Sequence[int] = ()) -> str:
     return f"{plain}, {joints_in_words(joints)}" if joints else plain
 
 
+def form_label(name: str, *remarks: str) -> str:
+    """A form of an effect by its name, and remarks on it: cable drag (stiffening, changed)."""
+    effect, _, form = name.partition(".")
+    told = [*([form.replace("_", " ")] if form else []), *remarks]
+    return label(effect) + (f" ({', '.join(told)})" if told else "")
+
+
 def score_label(score: Score) -> str:
     """A candidate and its joints."""
     return label(score.hypothesis.effect, score.hypothesis.joints)

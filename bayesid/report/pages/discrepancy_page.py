@@ -49,7 +49,7 @@ from bayesid.report.plot.discrepancy import (
     timeline_figure,
 )
 from bayesid.report.tuning import TUNING
-from bayesid.report.words import best_first, joints_in_words, label, quantity, score_label, unit_of
+from bayesid.report.words import best_first, form_label, joints_in_words, label, quantity, score_label, unit_of
 
 _STATUS = {
     "explained": "Explained: what was missing is found",
@@ -287,10 +287,7 @@ def _joints(joints: Sequence[int]) -> str:
 
 
 def _name(hypothesis: Hypothesis) -> str:
-    """An effect's name, which form of it, and whether it is a change of what the model has."""
-    form = hypothesis.source.name.partition(".")[2].replace("_", " ")
-    remarks = [*([form] if form else []), *(["changed"] if hypothesis.changes else [])]
-    return label(hypothesis.effect) + (f" ({', '.join(remarks)})" if remarks else "")
+    return form_label(hypothesis.source.name, *(["changed"] if hypothesis.changes else []))
 
 
 @one_at_a_time
