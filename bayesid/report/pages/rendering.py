@@ -106,10 +106,9 @@ def page(
 
     The status is a class and a few words, the lead says the same in a sentence or two, and `about` names and values.
     """
-    content: dict[str, Any] = {"title": title, "subject": subject, "status": status, "lead": lead, "about": about}
-    content |= {"warnings": warnings, "sections": sections, "version": version("bayesid")}
-    content |= {"style": _read("uPlot.min.css") + _read("style.css"), "script": _script()}
-    return fragment("page.html.jinja", **content)
+    styles = {"style": _read("uPlot.min.css") + _read("style.css"), "script": _script(), "version": version("bayesid")}
+    content = {"title": title, "subject": subject, "status": status, "lead": lead, "about": about}
+    return fragment("page.html.jinja", **content, warnings=warnings, sections=sections, **styles)
 
 
 def fragment(template: str, **content: Any) -> str:
@@ -131,9 +130,8 @@ def _script() -> Markup:
     """The library uPlot under its licence, which draws at twice a screen's resolution, to print well; and ours."""
     code = _read("uPlot.iife.min.js").partition("\n")[2]  # without its address
     sharp = "const uPlot = ((devicePixelRatio) => {{\n{}\nreturn uPlot;\n}})(Math.max(2, devicePixelRatio));\n"
-    return (
-        Markup("/* uPlot 1.6.32\n") + _read("uPlot.LICENSE") + "*/\n" + Markup(sharp.format(code)) + _read("figures.js")
-    )
+    licence = Markup("/* uPlot 1.6.32\n{}*/\n").format(_read("uPlot.LICENSE"))
+    return licence + Markup(sharp.format(code)) + _read("figures.js")
 
 
 @cache
@@ -146,8 +144,7 @@ def _environment() -> Environment:
         keep_trailing_newline=True,
         undefined=StrictUndefined,
     )
-    filters = (typeset, code, cell)
-    environment.filters |= {function.__name__: function for function in filters}
+    environment.filters |= {"typeset": typeset, "code": code, "cell": cell}
     environment.policies["json.dumps_kwargs"] = {"separators": (",", ":")}
     environment.globals["NONE"] = NONE
     return environment
@@ -157,16 +154,12 @@ def _panel(panel: Panel) -> dict[str, Any]:
     """For `figures.js`: numbers to a hundred-thousandth of an axis in x, to a ten-thousandth in y; nan is null."""
     x_ends, y_ends = panel.limits
     x_digits, y_digits = _digits(x_ends, 5), _digits(y_ends, 4)
-    shared: dict[bytes, int] = {}
-    xs: list[list[float | None]] = []
+    xs: dict[bytes, list[float | None]] = {}  # of curves, which several have in common
 
     def across(x: Array) -> int:
-        """Index of the x values of a curve, which several have in common."""
         key = np.asarray(x).tobytes()
-        if key not in shared:
-            shared[key] = len(xs)
-            xs.append(_rounded(x, x_digits))
-        return shared[key]
+        xs.setdefault(key, _rounded(x, x_digits))
+        return list(xs).index(key)
 
     def told(mark: Mark) -> dict[str, Any]:
         named = {one.name: getattr(mark, one.name) for one in fields(mark)}
@@ -186,10 +179,9 @@ def _panel(panel: Panel) -> dict[str, Any]:
             named["alpha"] = _rounded(mark.alpha, 3)
         return {"kind": type(mark).__name__.lower(), **named}
 
-    marks = [told(mark) for mark in panel.marks]
     return {
-        "xs": xs,
-        "marks": marks,
+        "marks": [told(mark) for mark in panel.marks],
+        "xs": list(xs.values()),
         "x": _axis(panel.x_name, x_ends, panel.x_ticks, True),
         "y": _axis(panel.y_name, y_ends, panel.y_ticks, panel.grid == "both"),
         "title": panel.title,
