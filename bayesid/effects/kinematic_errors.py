@@ -105,19 +105,16 @@ class Displacement(RobotDistortion):
 
     @classmethod
     def variants(cls, scene: Scene) -> Iterator[Self]:
-        joints = (j for j in range(scene.robot.n_joints) if cls.stands_alone(scene.robot, j))
-        yield from (cls(joints=(j + 1,), error=(0.0,)) for j in joints)
-
-    @classmethod
-    def stands_alone(cls, robot: Robot, joint: int) -> bool:
-        """Whether the number of a (0-based) joint is not another effect's business.
+        """Neutral, of each joint whose number is no other effect's business.
 
         The first row of a modified table says how the base is mounted: `base_tilt`. The zero of a joint that slides is
         its d: `link_offset`.
         """
-        if cls.of_normal:
-            return joint > 0 or is_distal(robot)
-        return not (cls.of_angle and robot.joints[joint].prismatic)
+        for j, joint in enumerate(scene.robot.joints):
+            of_base = cls.of_normal and j == 0 and not is_distal(scene.robot)
+            of_offset = cls.of_angle and not cls.of_normal and joint.prismatic
+            if not (of_base or of_offset):
+                yield cls(joints=(j + 1,), error=(0.0,))
 
     def displaced(self, robot: Robot, joint: int, step: float) -> Robot:
         """The robot with the number of a (0-based) joint larger by a step, m or rad.

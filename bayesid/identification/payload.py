@@ -22,7 +22,6 @@ from scipy.special import chdtri, ndtri
 from bayesid.arrays import Array, Integers, Mask
 from bayesid.effects.bodies import Payload
 from bayesid.effects.coefficients import base_coefficients, embedding
-from bayesid.effects.model import Model
 from bayesid.errors import InputError
 from bayesid.files.bounded import LARGEST
 from bayesid.identification.checks import on_edge
@@ -105,7 +104,8 @@ def check_unchanged(knowledge: Knowledge, noise: Noise, later: Identification) -
     model, known = knowledge.model, base_coefficients(knowledge.model)
     theta = embedding(model, later.model.before_sensors) @ later.coefficients.lift(later.fit.beta)
     move = known.project(theta - knowledge.theta)
-    joint = _actuators(model)[known.kept]
+    of_term = [0 if term.of_links else one.joint for term in model.terms for one in term.parameters(model.robot)]
+    joint = np.array(of_term)[known.kept]  # whose actuator each is of, as friction; 0 of links
     of_joints = [_chi_square(knowledge.precision, move, joint == j) for j in range(1, model.robot.n_joints + 1)]
     chi_square, freedom = _chi_square(knowledge.precision, move, np.ones(len(move), dtype=bool))
     return UnchangedCheck(
@@ -115,12 +115,6 @@ def check_unchanged(knowledge: Knowledge, noise: Noise, later: Identification) -
         chi_square=chi_square,
         freedom=freedom,
     )
-
-
-def _actuators(model: Model) -> Integers:
-    """(P,) joint, from 1, whose actuator a parameter is of, as friction; 0 of what links and payloads are made of."""
-    of_terms = [(0 if term.of_links else one.joint) for term in model.terms for one in term.parameters(model.robot)]
-    return np.array(of_terms, dtype=np.int64)
 
 
 def _chi_square(precision: Array, move: Array, which: Mask) -> tuple[float, int]:
