@@ -18,11 +18,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from bayesid.errors import InputError
 from bayesid.files.writing import check_place, replace_file
+from bayesid.parallel import ALONE
 from bayesid.studies.record import KEY, TIMINGS, MisfitError, Record, Row, read_rows
 from bayesid.study.runner import LostSchedulerError, Outcome, Tally, no_tally, run
 
 if TYPE_CHECKING:
-    from bayesid.report.plot.drawing import MatplotlibFigure
+    from matplotlib.figure import Figure
 
 Scenario = Any
 """A frozen dataclass whose fields are numbers, texts, or tuples of these: they become columns."""
@@ -54,7 +55,7 @@ class Study:
     plan: Plan
     trial: Callable[[Scenario, int], Row]
     report: Callable[[Sequence[Row]], str]
-    draw: Callable[[Sequence[Row], MatplotlibFigure], None]
+    draw: Callable[[Sequence[Row], Figure], None]
     short: Callable[[Sequence[Row]], list[str]] = lambda rows: []
 
 
@@ -251,10 +252,19 @@ def check_results(folder: Path) -> None:
 
 def save_results(finished: Finished, folder: Path) -> str:
     """Writes report and figure, and returns the report."""
-    from bayesid.report.plot.drawing import save_figure  # matplotlib takes a second to import
-
     text = finished.report
     replace_file(folder / "report.txt", lambda aside: aside.write_text(f"{text}\n", encoding="utf-8"))
     if finished.good:
-        save_figure(lambda figure: finished.study.draw(finished.good, figure), folder / "figure.svg")
+        _save_figure(finished, folder / "figure.svg")
     return text
+
+
+def _save_figure(finished: Finished, path: Path) -> None:
+    """As the study draws it, written aside first and without a date."""
+    from matplotlib import rc_context  # takes a second to import
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7.5, 3.6), layout="constrained")
+    finished.study.draw(finished.good, figure)
+    with ALONE, rc_context({"svg.hashsalt": "bayesid"}):
+        replace_file(path, lambda aside: figure.savefig(aside, format="svg", metadata={"Date": None}))

@@ -4,24 +4,20 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from html import escape
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from bayesid.arrays import Array
 from bayesid.errors import InputError
-from bayesid.files.writing import replace_file
 from bayesid.parallel import ALONE
 from bayesid.report.plot.figure import INK, WIDTH, Band, Boxes, Dots, Figure, Line, Mark, Panel, Strokes, Words, corners
 
 if TYPE_CHECKING:
-    from matplotlib import figure as matplotlib_figure
     from matplotlib.axes import Axes
-
-    MatplotlibFigure = matplotlib_figure.Figure
+    from matplotlib.figure import Figure as MatplotlibFigure
 
 SIZE = 10.0
 """Of letters, points."""
@@ -74,27 +70,28 @@ def draw(figure: Figure, axes: Any = None) -> list[Axes]:
         ValueError: there are not as many Axes.
     """
     places = [panel for row in figure.panels for panel in row]
+    columns = len(figure.panels[0])
     if axes is None:
         made = new_figure(figure.height, figure.width)
-        rows, columns = len(figure.panels), len(figure.panels[0])
-        given = made.subplots(rows, columns, squeeze=False, height_ratios=figure.heights).ravel()
+        given = made.subplots(len(figure.panels), columns, squeeze=False, height_ratios=figure.heights).ravel()
         made.supxlabel(figure.x_name, fontsize=SIZE, color=INK)
     else:
         every = np.size(np.asarray(axes, dtype=object)) == len(places)
         places = places if every else list(figure.shown)
         given = given_axes(axes, len(places))
-    below = [*places[len(figure.panels[0]) :], *[None] * len(figure.panels[0])]
-    for ax, panel, lower in zip(given, places, below, strict=False):
+    drawn = []
+    for k, (ax, panel) in enumerate(zip(given, places, strict=True)):
         if panel is None:
             ax.set_axis_off()
             continue
         draw_panel(ax, panel)
-        shared = axes is None and lower is not None and lower.x_limits == panel.x_limits is not None
+        drawn.append(ax)
+        below = places[k + columns] if axes is None and k + columns < len(places) else None
+        shared = below is not None and below.x_limits == panel.x_limits is not None
         ax.tick_params(labelbottom=not shared)
-    drawn = [ax for ax, panel in zip(given, places, strict=True) if panel is not None]
     if figure.key:
         named = {label: mark for panel in figure.shown for label, mark in panel.labelled.items()}
-        _legend(drawn[0], named, outside=axes is None)
+        legend(drawn[0], [_handle(mark) for mark in named.values()], list(named), outside=axes is None)
     return drawn
 
 
@@ -109,14 +106,15 @@ def draw_panel(ax: Axes, panel: Panel) -> None:
         ax.set_xticks(*panel.x_ticks)
     if panel.y_ticks is not None:
         ax.set_yticks(*panel.y_ticks)
-    ax.set_xlabel(panel.x_name, fontsize=SIZE, color=INK)
-    ax.set_ylabel(panel.y_name, fontsize=SIZE, color=INK)
-    ax.set_title(panel.title, fontsize=SIZE, color=panel.title_colour)
-    dress(ax, panel.grid)
+    dress(ax, panel.x_name, panel.y_name, panel.title, panel.grid)
+    ax.title.set_color(panel.title_colour)
 
 
-def dress(ax: Axes, grid: Literal["both", "x"] = "both") -> None:
-    """One ink for all that is not data."""
+def dress(ax: Axes, x_name: str = "", y_name: str = "", title: str = "", grid: Literal["both", "x"] = "both") -> None:
+    """Names, and one ink for all that is not data."""
+    ax.set_xlabel(x_name, fontsize=SIZE, color=INK)
+    ax.set_ylabel(y_name, fontsize=SIZE, color=INK)
+    ax.set_title(title, fontsize=SIZE, color=INK)
     ax.set_facecolor("none")
     ax.spines[["top", "right"]].set_visible(False)
     ax.spines[["left", "bottom"]].set_color(INK)
@@ -140,39 +138,20 @@ def svg_of(ax: Axes, alt: str) -> str:
     return element.replace("<svg ", f'<svg role="img" aria-label="{escape(alt)}" ', 1)
 
 
-def save_figure(fill: Callable[[MatplotlibFigure], None], path: Path) -> None:
-    """Has `fill` draw into a figure and writes it, aside first and without a date."""
-    from matplotlib import rc_context
-    from matplotlib.figure import Figure as MatplotlibFigure
-
-    made = MatplotlibFigure(figsize=(7.5, 3.6), layout="constrained")
-    fill(made)
-    with ALONE, rc_context({"svg.hashsalt": "bayesid"}):
-        replace_file(path, lambda aside: made.savefig(aside, format=path.suffix[1:], metadata={"Date": None}))
-
-
 # ---------------------------------------------------------------------------------------------------------------
 # Marks
 # ---------------------------------------------------------------------------------------------------------------
 def _draw_mark(ax: Axes, mark: Mark) -> None:
+    look: dict[str, Any]
     if isinstance(mark, Line):
-        look: dict[str, Any] = {"linewidth": mark.width, "alpha": mark.alpha, "linestyle": mark.style}
-        ax.plot(mark.x, mark.y, color=mark.colour, label=mark.label or None, gid=mark.label, **look)
+        look = {"linewidth": mark.width, "alpha": mark.alpha, "linestyle": mark.style, "gid": mark.label}
+        ax.plot(mark.x, mark.y, color=mark.colour, label=mark.label or None, **look)
     elif isinstance(mark, Band):
         ax.fill_between(mark.x, mark.low, mark.high, color=mark.colour, alpha=mark.alpha, linewidth=0.0, gid=mark.label)
     elif isinstance(mark, Dots):
         many = np.size(mark.x) > 300  # drawn as a picture, below lines: a thousand shapes make a file large
-        ax.scatter(
-            mark.x,
-            mark.y,
-            s=mark.size**2,
-            color=mark.colour,
-            alpha=mark.alpha,
-            linewidths=0.0,
-            rasterized=many,
-            gid=mark.label,
-            zorder=1.0 if many else 3.0,
-        )
+        look = {"alpha": mark.alpha, "rasterized": many, "zorder": 1.0 if many else 3.0, "gid": mark.label}
+        ax.scatter(mark.x, mark.y, s=mark.size**2, color=mark.colour, linewidths=0.0, **look)
     elif isinstance(mark, Words):
         for x, y, text in zip(np.ravel(mark.x), np.ravel(mark.y), mark.texts, strict=True):
             beside: dict[str, Any] = {"fontsize": SIZE - 1.5, "color": INK, "va": "center_baseline"}
@@ -194,18 +173,14 @@ def _draw_boxes(ax: Axes, mark: Boxes) -> None:
     outlines = np.stack([x[:, [0, 1, 1, 0]], y[:, [0, 0, 1, 1]]], axis=2)
     place = {"transform": _transform(ax, mark), "zorder": 0.0 if across else 1.0}
     ax.add_collection(PolyCollection(list(outlines), linewidths=0.0, gid=mark.label, **look, **place), autolim=False)
-    for (start, end), letter in zip(x, mark.letters, strict=False):
-        _draw_letter(ax, start, end, letter)
-
-
-def _draw_letter(ax: Axes, start: float, end: float, letter: str) -> None:
     left, right = ax.get_xlim()
     figure: Any = ax.figure
     width = ax.get_position().width * float(figure.figure.get_figwidth())
-    if (end - start) / (right - left) * width > 0.13:  # in: room for a letter
-        look: dict[str, Any] = {"ha": "center", "va": "bottom", "color": INK, "fontsize": SIZE - 1.0}
-        place = (0.5 * (start + end), 0.999)
-        ax.annotate(letter, place, (0.0, 3.0), ax.get_xaxis_transform(), "offset points", annotation_clip=True, **look)
+    above: dict[str, Any] = {"ha": "center", "va": "bottom", "color": INK, "fontsize": SIZE - 1.0}
+    for (start, end), letter in zip(x, mark.letters, strict=False):
+        if (end - start) / (right - left) * width > 0.13:  # in: room for a letter
+            middle, frame = (0.5 * (start + end), 0.999), ax.get_xaxis_transform()
+            ax.annotate(letter, middle, (0.0, 3.0), frame, "offset points", annotation_clip=True, **above)
 
 
 def _draw_strokes(ax: Axes, mark: Strokes) -> None:
@@ -233,25 +208,18 @@ def _colours(mark: Boxes) -> Array:
     return colours
 
 
-def _legend(ax: Axes, named: Mapping[str, Mark], outside: bool) -> None:
+def legend(ax: Axes, handles: Sequence[Any], names: Sequence[str], outside: bool) -> None:
     """Above all Axes of a figure made here, in one row; inside the Axes of another's figure, which may have no room."""
-    handles, names = [handle(mark) for mark in named.values()], list(named)
     look: dict[str, Any] = {"fontsize": SIZE - 1.0, "labelcolor": INK}
     if outside:
+        look |= {"ncols": len(names) if len(names) <= 6 else 4, "frameon": False}
         figure: Any = ax.figure
-        figure.legend(
-            handles,
-            names,
-            loc="outside upper center",
-            ncols=len(names) if len(names) <= 6 else 4,
-            frameon=False,
-            **look,
-        )
+        figure.legend(handles, names, loc="outside upper center", **look)
     else:
         ax.legend(handles, names, framealpha=0.6, **look)
 
 
-def handle(mark: Mark) -> Any:
+def _handle(mark: Mark) -> Any:
     """What stands for a mark in a legend."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -35,12 +36,22 @@ def findings_of(result: Source) -> Findings:
     return find_findings(result) if isinstance(result, Identification) else read_findings(result)
 
 
+def _joint_by_joint(
+    findings: Findings,
+    panel: Callable[[Findings, int], fig.Panel],
+    joints: Sequence[int] | None,
+    axes: Any,
+    **look: Any,
+) -> list[Axes]:
+    """A panel for each of the joints, one below the other."""
+    panels = [panel(findings, joint) for joint in chosen_joints(findings.n_joints, joints)]
+    return draw(fig.Figure(fig.rows_of(panels, 1), look.pop("height", 2.1) * len(panels), **look), axes)
+
+
 # ---------------------------------------------------------------------------------------------------------------
 # Efforts over time
 # ---------------------------------------------------------------------------------------------------------------
-def torques(
-    result: Source, joints: Sequence[int] | None = None, axes: Sequence[Axes] | Axes | None = None, key: bool = True
-) -> list[Axes]:
+def torques(result: Source, joints: Sequence[int] | None = None, axes: Any = None, key: bool = True) -> list[Axes]:
     """Efforts over time: recorded, with signs, and by the model; bands tell the sign of each segment.
 
     Blue bands are plus and orange ones minus, the paler the less sure; hatched ones are ambiguous and bear a question
@@ -50,9 +61,7 @@ def torques(
         >>> first, second = bayesid.plot.torques(result, joints=[1, 3])
         >>> first.figure.savefig("torques.png")
     """
-    findings = findings_of(result)
-    panels = [torque_panel(findings, joint) for joint in chosen_joints(findings.n_joints, joints)]
-    return draw(fig.Figure(fig.rows_of(panels, 1), 2.6 * len(panels), fig.WIDE, key=key), axes)
+    return _joint_by_joint(findings_of(result), torque_panel, joints, axes, height=2.6, width=fig.WIDE, key=key)
 
 
 def torque_panel(findings: Findings, joint: int, most: int = TUNING.curve) -> fig.Panel:
@@ -68,20 +77,12 @@ def torque_panel(findings: Findings, joint: int, most: int = TUNING.curve) -> fi
     return _over_time(findings, joint, samples.t, [*_signs(findings, j), *lines])
 
 
-def validation(
-    result: Source, joints: Sequence[int] | None = None, axes: Sequence[Axes] | Axes | None = None, key: bool = True
-) -> list[Axes]:
-    """Efforts of a log that the model has not seen: measured, predicted, and the band that holds 95 % of them.
-
-    Example:
-        >>> (ax,) = bayesid.plot.validation(findings.with_validation(check), joints=[2])
-        >>> ax.figure.savefig("validation.svg")
-    """
+def validation(result: Source, joints: Sequence[int] | None = None, axes: Any = None, key: bool = True) -> list[Axes]:
+    """Efforts of a log that the model has not seen: measured, predicted, and the band that holds 95 % of them."""
     findings = findings_of(result)
     if findings.prediction is None:
         raise ValueError("nothing was validated: use Findings.with_validation(result.validate(log))")
-    panels = [validation_panel(findings, joint) for joint in chosen_joints(findings.n_joints, joints)]
-    return draw(fig.Figure(fig.rows_of(panels, 1), 2.6 * len(panels), fig.WIDE, key=key), axes)
+    return _joint_by_joint(findings, validation_panel, joints, axes, height=2.6, width=fig.WIDE, key=key)
 
 
 def validation_panel(findings: Findings, joint: int, most: int = TUNING.curve) -> fig.Panel:
@@ -124,9 +125,7 @@ def _signs(findings: Findings, j: int) -> list[fig.Boxes]:
 # ---------------------------------------------------------------------------------------------------------------
 # Residuals
 # ---------------------------------------------------------------------------------------------------------------
-def residuals(
-    result: Source, variable: str = "t", joints: Sequence[int] | None = None, axes: Sequence[Axes] | Axes | None = None
-) -> list[Axes]:
+def residuals(result: Source, variable: str = "t", joints: Sequence[int] | None = None, axes: Any = None) -> list[Axes]:
     """Residuals in motion over a variable, with their means over equally many samples and twice the standard errors.
 
     Samples are taken as independent for the standard errors. Where the means leave zero, an effect is missing.
@@ -138,9 +137,7 @@ def residuals(
     """
     if variable not in VARIABLES:
         raise ValueError(f"{variable!r} is none of {', '.join(VARIABLES)}")
-    findings = findings_of(result)
-    panels = [residual_panel(findings, joint, variable) for joint in chosen_joints(findings.n_joints, joints)]
-    return draw(fig.Figure(fig.rows_of(panels, 1), 2.1 * len(panels)), axes)
+    return _joint_by_joint(findings_of(result), partial(residual_panel, variable=variable), joints, axes)
 
 
 def residual_panel(findings: Findings, joint: int, variable: str, most: int = TUNING.scatter) -> fig.Panel:
@@ -156,20 +153,9 @@ def residual_panel(findings: Findings, joint: int, variable: str, most: int = TU
     return fig.Panel(marks, x_name, f"residual {joint}, {findings.effort_unit[joint - 1]}")
 
 
-def autocorrelation(
-    result: Source, joints: Sequence[int] | None = None, axes: Sequence[Axes] | Axes | None = None
-) -> list[Axes]:
-    """Autocorrelation of the residuals in motion; 95 % of white noise's values lie in the grey band.
-
-    Example:
-        >>> from matplotlib.figure import Figure
-        >>> left, right = Figure().subplots(1, 2)
-        >>> bayesid.plot.autocorrelation(result, joints=[1, 2], axes=[left, right]) == [left, right]
-        True
-    """
-    findings = findings_of(result)
-    panels = [autocorrelation_panel(findings, joint) for joint in chosen_joints(findings.n_joints, joints)]
-    return draw(fig.Figure(fig.rows_of(panels, 1), 2.1 * len(panels)), axes)
+def autocorrelation(result: Source, joints: Sequence[int] | None = None, axes: Any = None) -> list[Axes]:
+    """Autocorrelation of the residuals in motion; 95 % of white noise's values lie in the grey band."""
+    return _joint_by_joint(findings_of(result), autocorrelation_panel, joints, axes)
 
 
 def autocorrelation_panel(findings: Findings, joint: int) -> fig.Panel:
@@ -192,30 +178,22 @@ def coefficients(result: Source, ax: Axes | None = None) -> Axes:
 
     Orange ones are decided by the prior, not by the data. The size of a coefficient is that of its mean, or of half its
     interval where that is larger.
-
-    Example:
-        >>> ax = bayesid.plot.coefficients(result)
-        >>> ax.figure.savefig("coefficients.svg")
     """
-    findings = findings_of(result)
-    table = findings.coefficients
-    place, (centres, lows, highs, nominals) = np.arange(len(table.mean)), table.bar
-    beyond = 2.5  # sizes: what is known so badly needs no more room
+    table = findings_of(result).coefficients
+    place, beyond = np.arange(len(table.mean)), 2.5  # sizes: what is known so badly needs no more room
+    mean, low, high, nominal = (values.clip(-beyond, beyond) for values in table.bar)
     marks: list[fig.Mark] = []
-    for chosen, colour, name in (
-        (table.by_data, fig.BLUE, "decided by data"),
-        (~table.by_data, fig.ORANGE, "by the prior"),
+    for colour, name, chosen in (
+        (fig.BLUE, "decided by data", table.by_data),
+        (fig.ORANGE, "by the prior", ~table.by_data),
     ):
         if chosen.any():
-            row, mean = place[chosen], centres[chosen]
-            low, high = lows[chosen].clip(-beyond, beyond), highs[chosen].clip(-beyond, beyond)
-            ends = np.minimum(mean, 0.0), np.maximum(mean, 0.0)
-            marks += [fig.Boxes(ends, (row - 0.3, row + 0.3), colour, name, 0.35)]
-            marks += [fig.Strokes((low, high), (row, row), colour, width=2.0)]
-    known = np.isfinite(nominals)
-    if known.any():
-        nominal, row = nominals[known].clip(-beyond, beyond), place[known]
-        marks.append(fig.Strokes((nominal, nominal), (row - 0.4, row + 0.4), fig.INK, "nominal", 1.6))
+            row, ends = place[chosen], (np.minimum(mean, 0.0)[chosen], np.maximum(mean, 0.0)[chosen])
+            marks.append(fig.Boxes(ends, (row - 0.3, row + 0.3), colour, name, 0.35))
+            marks.append(fig.Strokes((low[chosen], high[chosen]), (row, row), colour, width=2.0))
+    if (known := np.isfinite(nominal)).any():
+        row, value = place[known], nominal[known]
+        marks.append(fig.Strokes((value, value), (row - 0.4, row + 0.4), fig.INK, "nominal", 1.6))
     panel = fig.Panel(
         [*marks, fig.upright(0.0)],
         "value over its size",
@@ -231,11 +209,6 @@ def alternatives(result: Source, ax: Axes | None = None) -> Axes:
     """How much more than the best assignment the others cost: those that remain, and all that the proof rules out.
 
     A cost that is larger by x makes an assignment exp(-x / 2) times as probable, but for the volume of its cone.
-
-    Example:
-        >>> ax = bayesid.plot.alternatives(result)
-        >>> ax.get_xlabel()
-        'cost above that of the best assignment'
     """
     return draw(alternatives_figure(findings_of(result)), ax)[0]
 

@@ -13,8 +13,8 @@ from bayesid.arrays import Array
 from bayesid.excitation.design import ExcitationDesign
 from bayesid.motion import Motion
 from bayesid.report.findings import evenly
-from bayesid.report.plot import figure as fig
-from bayesid.report.plot.drawing import SIZE, draw, draw_panel, handle, new_figure
+from bayesid.report.plot.drawing import SIZE, dress, given_axes, legend, new_figure
+from bayesid.report.plot.figure import BLUE, INK, MAGENTA, ORANGE
 from bayesid.report.tuning import TUNING
 from bayesid.robot import Robot
 from bayesid.robot.kinematics import pose
@@ -22,12 +22,10 @@ from bayesid.simulation.trajectories import MotionLimits
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure as MatplotlibFigure
+    from matplotlib.figure import Figure
 
-_LOOKS: tuple[tuple[str, fig.Style], ...] = (
-    *((colour, "solid") for colour in (fig.BLUE, fig.ORANGE, fig.MAGENTA, fig.INK)),
-    *((colour, "dashed") for colour in (fig.BLUE, fig.ORANGE, fig.MAGENTA)),
-)
+_LOOKS = [(colour, "solid") for colour in (BLUE, ORANGE, MAGENTA, INK)]
+_LOOKS += [(colour, "dashed") for colour in (BLUE, ORANGE, MAGENTA)]
 """Colour and line of the poses."""
 
 
@@ -51,49 +49,41 @@ def excitation(design: ExcitationDesign, axes: Any = None) -> list[Axes]:
         >>> len(axes), axes[0].get_ylabel()
         (12, 'position / limit')
     """
-    return draw(_excitation(design), axes)
+    n, t, shares = design.model.robot.n_joints, design.motion.t, design.of_limits
+    quantities = {"position": shares.q, "velocity": shares.dq, "acceleration": shares.ddq}
+    made = new_figure(6.4, max(3.0, 1.7 * n)).subplots(4, n, squeeze=False, sharex=True) if axes is None else axes
+    given, shown = given_axes(made, 4 * n).reshape(4, n), evenly(len(design.motion), TUNING.curve)
+    for row, (name, values) in zip(given, quantities.items(), strict=False):
+        for j, ax in enumerate(row):
+            ax.axhspan(-1.0, 1.0, color=INK, alpha=0.1, linewidth=0.0, zorder=0.0)
+            ax.plot(t[shown], values[shown, j], color=BLUE, linewidth=1.0)
+            ax.set(xlim=(t[0], t[-1]), ylim=(-1.1, 1.1))
+            dress(ax, "", f"{name} / limit" * (j == 0), f"joint {j + 1}" * (name == "position"))
+    for j, ax in enumerate(given[3]):
+        _draw_expected(ax, design, j)
+        dress(ax, "time, s", "|effort|, N m (N)" * (j == 0))
+    handles, names = given[3, 0].get_legend_handles_labels()
+    legend(given[3, 0], handles, names, outside=axes is None)
+    return cast("list[Axes]", given.ravel().tolist())
 
 
-def excitation_figure(design: ExcitationDesign) -> MatplotlibFigure:
+def excitation_figure(design: ExcitationDesign) -> Figure:
     """`excitation` in a figure of its own."""
-    return cast("MatplotlibFigure", excitation(design)[0].figure)
+    return cast("Figure", excitation(design)[0].figure)
 
 
-def _excitation(design: ExcitationDesign) -> fig.Figure:
-    n, t = design.model.robot.n_joints, design.motion.t
-    shares, shown = design.of_limits, evenly(len(design.motion), TUNING.curve)
-    within = fig.Boxes(None, ([-1.0], [1.0]), fig.INK, "", 0.1)
-    ends = float(t[0]), float(t[-1])
-    rows: list[list[fig.Panel | None]] = []
-    for name, values in (("position", shares.q), ("velocity", shares.dq), ("acceleration", shares.ddq)):
-        rows.append([])
-        for j in range(n):
-            title = f"joint {j + 1}" if name == "position" else ""
-            marks = within, fig.Line(t[shown], values[shown, j], fig.BLUE, "", 1.0)
-            y_name = f"{name} / limit" if j == 0 else ""
-            rows[-1].append(fig.Panel(marks, "", y_name, title, x_limits=ends, y_limits=(-1.1, 1.1)))
-    rows.append([_expected(design, j) for j in range(n)])
-    return fig.Figure(rows, 6.4, max(3.0, 1.7 * n), key=True)
-
-
-def _expected(design: ExcitationDesign, joint: int) -> fig.Panel:
+def _draw_expected(ax: Axes, design: ExcitationDesign, joint: int) -> None:
     """|effort|, those of weak segments in orange."""
     quality, t = design.reached, design.motion.t
     segments, magnitude = quality.segments, quality.magnitude[:, joint]
     here = np.flatnonzero(segments.joint == joint)
-    lines = []
-    for weak, colour, label in (
-        (False, fig.BLUE, "expected |effort|"),
-        (True, fig.ORANGE, "its sign is easily mistaken"),
-    ):
+    for weak, colour, label in ((False, BLUE, "expected |effort|"), (True, ORANGE, "its sign is easily mistaken")):
         curve = np.full(len(t), np.nan)
         for k in here[quality.weak[here] == weak]:
             rows = slice(segments.start[k], segments.end[k] + 1)  # to the next one's first sample
             curve[rows] = magnitude[rows]
-        lines.append(fig.Line(t, curve, colour, label, 1.2))
-    most = 1.05 * float(magnitude.max()) or 1.0
-    y_name = "|effort|, N m (N)" if joint == 0 else ""
-    return fig.Panel(lines, "time, s", y_name, x_limits=(float(t[0]), float(t[-1])), y_limits=(0.0, most))
+        ax.plot(t, curve, color=colour, linewidth=1.2, label=label)
+    ax.set(xlim=(t[0], t[-1]), ylim=(0.0, 1.05 * float(magnitude.max()) or 1.0))
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -126,7 +116,7 @@ class MotionPicture:
     not_checked: str = "Distances to itself and to the floor were not checked."
 
 
-def planned_motion(picture: MotionPicture) -> MatplotlibFigure:
+def planned_motion(picture: MotionPicture) -> Figure:
     """Positions, velocities, accelerations and efforts against limits; extreme poses from two sides; distances.
 
     A row a joint, a column a quantity: curves are blue, limits orange. Above a panel is how much of a limit is used, of
@@ -136,34 +126,37 @@ def planned_motion(picture: MotionPicture) -> MatplotlibFigure:
     effort = np.inf if limits.effort is None else limits.effort
     columns = [
         ("position, rad (m)", motion.q, (motion.q, motion.q), limits.lower, limits.upper),
-        ("velocity, rad/s (m/s)", motion.dq, (motion.dq, motion.dq), np.negative(limits.velocity), limits.velocity),
-        (
-            "acceleration, rad/s² (m/s²)",
-            motion.ddq,
-            (motion.ddq, motion.ddq),
-            np.negative(limits.acceleration),
-            limits.acceleration,
-        ),
-        ("effort, N m (N)", picture.effort, picture.effort_band, np.negative(effort), effort),
+        ("velocity, rad/s (m/s)", motion.dq, (motion.dq, motion.dq), None, limits.velocity),
+        ("acceleration, rad/s² (m/s²)", motion.ddq, (motion.ddq, motion.ddq), None, limits.acceleration),
+        ("effort, N m (N)", picture.effort, picture.effort_band, None, effort),
     ]
     figure = new_figure(1.15 * n + 4.6, 11.0)
     parts: Any = figure.subfigures(2, 1, height_ratios=[1.15 * n, 4.6])
     for part in parts:
         part.set_facecolor("none")
     axes = parts[0].subplots(n, len(columns), squeeze=False, sharex=True)
-    for column, (title, values, (low, high), *ends) in zip(axes.T, columns, strict=True):
-        lower, upper = (np.broadcast_to(np.asarray(end, dtype=float), (n,)) for end in ends)
+    for column, (title, values, (low, high), least, most) in zip(axes.T, columns, strict=True):
+        ends = np.broadcast_arrays(np.negative(most) if least is None else least, most, np.zeros(n))
         for j, ax in enumerate(column):
-            x_name = "time, s" if j == n - 1 else ""
-            draw_panel(ax, _curve(motion.t, values[:, j], low[:, j], high[:, j], (lower[j], upper[j]), x_name))
+            limit = float(ends[0][j]), float(ends[1][j])
+            _draw_curve(ax, motion.t, values[:, j], (low[:, j], high[:, j]), limit)
+            dress(ax, "time, s" * (j == n - 1))
             ax.tick_params(labelsize=SIZE - 2.5)
-            _say_use(ax, float(low[:, j].min()), float(high[:, j].max()), lower[j], upper[j], values is motion.q)
-        column[0].set_title(title, fontsize=SIZE, color=fig.INK, pad=16.0)  # a line of words fits between
+            _say_use(ax, float(low[:, j].min()), float(high[:, j].max()), *limit, left=values is motion.q)
+        column[0].set_title(title, fontsize=SIZE, color=INK, pad=16.0)  # a line of words fits between
     for j, ax in enumerate(axes[:, 0]):
-        _say(ax, f"{j + 1}  {picture.joint_names[j]}", 0.0, color=fig.INK, weight="bold")
-    _foot(parts[1], picture)
+        _say(ax, f"{j + 1}  {picture.joint_names[j]}", 0.0, color=INK, weight="bold")
+    side, above, last = parts[1].subplots(1, 3, width_ratios=[1.0, 1.0, 1.2])
+    _draw_poses(picture.poses, side, above)
+    look: dict[str, Any] = {"ncols": 4, "frameon": False, "fontsize": SIZE - 1.0, "labelcolor": INK}
+    parts[1].legend(*side.get_legend_handles_labels(), loc="outside lower left", **look)
+    if picture.distance is None:
+        last.set_axis_off()
+        last.text(0.5, 0.5, picture.not_checked, ha="center", va="center", wrap=True, fontsize=SIZE, color=INK)
+    else:
+        _draw_distance(last, motion.t, picture.distance, picture.margin)
     duration = float(motion.t[-1] - motion.t[0])
-    figure.suptitle(f"{picture.robot}, planned motion of {duration:.4g} s", fontsize=SIZE + 1.0, color=fig.INK)
+    figure.suptitle(f"{picture.robot}, planned motion of {duration:.4g} s", fontsize=SIZE + 1.0, color=INK)
     return figure
 
 
@@ -192,18 +185,18 @@ def extreme_poses(robot: Robot, motion: Motion, distance: Array | None = None) -
     return Poses(np.stack([skeleton_line(robot, motion.q[row]) for row in named]), labels, tip)
 
 
-def _curve(t: Array, curve: Array, low: Array, high: Array, ends: tuple[float, float], x_name: str) -> fig.Panel:
+def _draw_curve(ax: Axes, t: Array, curve: Array, band: tuple[Array, Array], ends: tuple[float, float]) -> None:
     shown = np.union1d(evenly(len(t), TUNING.curve), [np.argmin(curve), np.argmax(curve)])
-    lines = [end for end in ends if np.isfinite(end)]
-    marks: list[fig.Mark] = [fig.Line(t[shown], curve[shown], fig.BLUE, "curve", 1.0)]
+    low, high = band
+    ax.plot(t[shown], curve[shown], color=BLUE, linewidth=1.0, gid="curve")
     if (low < high).any():
-        marks.append(fig.Band(t[shown], low[shown], high[shown], fig.BLUE, "band", 0.3))
-    if lines:
-        marks.append(fig.Strokes(None, (lines, lines), fig.ORANGE, "limit"))
-    values = np.array([low.min(), high.max(), *lines])
+        ax.fill_between(t[shown], low[shown], high[shown], color=BLUE, alpha=0.3, linewidth=0.0, gid="band")
+    for end in ends:
+        if np.isfinite(end):
+            ax.axhline(end, color=ORANGE, linewidth=1.2, gid="limit")
+    values = np.array([low.min(), high.max(), *(end for end in ends if np.isfinite(end))])
     room = 0.12 * (np.ptp(values) or 1.0)
-    y_limits = float(values.min() - room), float(values.max() + room)
-    return fig.Panel(marks, x_name, x_limits=(float(t[0]), float(t[-1])), y_limits=y_limits)
+    ax.set(xlim=(t[0], t[-1]), ylim=(values.min() - room, values.max() + room))
 
 
 def _say(ax: Axes, text: str, right: float, **look: Any) -> None:
@@ -212,70 +205,48 @@ def _say(ax: Axes, text: str, right: float, **look: Any) -> None:
     ax.text(right, 1.03, text, transform=ax.transAxes, ha=across, va="bottom", fontsize=SIZE - 2.0, **look)
 
 
-def _say_use(ax: Axes, low: float, high: float, lower: float, upper: float, position: bool) -> None:
-    """How much of the limits values from low to high use or, of positions, leave; in magenta beyond them."""
+def _say_use(ax: Axes, low: float, high: float, lower: float, upper: float, *, left: bool) -> None:
+    """How much of the limits values from low to high use or leave; in magenta beyond them."""
     if not np.isfinite([lower, upper]).any():
         return
-    if position:
-        left = min(low - lower, upper - high)
-        beyond, text = left < 0.0, f"{-left:.2g} beyond a limit" if left < 0.0 else f"{left:.2g} to a limit"
+    if left:
+        room = min(low - lower, upper - high)
+        beyond, text = room < 0.0, f"{-room:.2g} beyond a limit" if room < 0.0 else f"{room:.2g} to a limit"
     else:
         share = max(-low, high) / upper
         beyond, text = share > 1.0, f"{100.0 * share:.0f} % of the limit"
-    _say(ax, text, 1.0, color=fig.MAGENTA if beyond else fig.INK, weight="bold" if beyond else "normal")
+    _say(ax, text, 1.0, color=MAGENTA if beyond else INK, weight="bold" if beyond else "normal")
 
 
-def _foot(figure: Any, picture: MotionPicture) -> None:
-    """Poses from two sides, and the distance over time."""
-    axes = figure.subplots(1, 3, width_ratios=[1.0, 1.0, 1.2])
-    views = _views(picture.poses)
-    for ax, view in zip(axes, views, strict=False):
-        draw_panel(ax, view)
-        ax.set_aspect("equal")
-    look: dict[str, Any] = {"ncols": 4, "frameon": False, "fontsize": SIZE - 1.0, "labelcolor": fig.INK}
-    handles = [handle(mark) for mark in views[0].labelled.values()]
-    figure.legend(handles, list(views[0].labelled), loc="outside lower left", **look)
-    if picture.distance is None:
-        axes[2].set_axis_off()
-        axes[2].text(0.5, 0.5, picture.not_checked, ha="center", va="center", wrap=True, fontsize=SIZE, color=fig.INK)
-    else:
-        draw_panel(axes[2], _distance(picture, picture.distance))
-
-
-def _views(poses: Poses) -> list[fig.Panel]:
+def _draw_poses(poses: Poses, *views: Axes) -> None:
     """All poses from the side and from above, at one scale."""
     known = np.concatenate([poses.points.reshape(-1, 3), poses.tip, np.zeros((1, 3))])
     lowest, highest = np.nanmin(known, axis=0), np.nanmax(known, axis=0)
     middle, half = (lowest + highest) / 2.0, (0.5 + 0.06) * float((highest - lowest).max() or 1.0)
-    panels = []
-    for title, right, up in (("from the side", 0, 2), ("from above", 0, 1)):
-        marks: list[fig.Mark] = [fig.Line(poses.tip[:, right], poses.tip[:, up], fig.INK, "way of the tip", 0.8, 0.6)]
+    for ax, title, right, up in zip(views, ("from the side", "from above"), (0, 0), (2, 1), strict=True):
+        ax.plot(poses.tip[:, right], poses.tip[:, up], color=INK, linewidth=0.8, alpha=0.6, label="way of the tip")
         for line, label, (colour, style) in zip(poses.points, poses.labels, cycle(_LOOKS), strict=False):
-            marks.append(fig.Line(line[:, right], line[:, up], colour, label, 2.4, 0.85, style))
-            marks.append(fig.Dots(line[:, right], line[:, up], colour))
-        ends = [(float(middle[k] - half), float(middle[k] + half)) for k in (right, up)]
-        names = f"{'xyz'[right]}, m", f"{'xyz'[up]}, m"
-        panels.append(fig.Panel(marks, *names, title, x_limits=ends[0], y_limits=ends[1]))
-    return panels
+            look: dict[str, Any] = {"linestyle": style, "marker": "o", "markersize": 3.0, "alpha": 0.85, "gid": label}
+            ax.plot(line[:, right], line[:, up], color=colour, linewidth=2.4, label=label, **look)
+        x, y = middle[[right, up]]
+        ax.set(xlim=(x - half, x + half), ylim=(y - half, y + half), aspect="equal")
+        dress(ax, f"{'xyz'[right]}, m", f"{'xyz'[up]}, m", title)
 
 
-def _distance(picture: MotionPicture, distance: Array) -> fig.Panel:
+def _draw_distance(ax: Axes, t: Array, distance: Array, margin: float | None) -> None:
     """The least distance over time with its margin."""
-    t, margin, least = picture.motion.t, picture.margin, int(np.argmin(distance))
+    least = int(np.argmin(distance))
     shown = np.union1d(evenly(len(t), TUNING.curve), [least])
     title = f"least distance {1e3 * distance[least]:.0f} mm, at {t[least]:.3g} s"
     lowest, highest = min(0.0, float(distance.min())), max(float(distance.max()), margin or 0.0)
-    marks: list[fig.Mark] = [fig.Line(t[shown], distance[shown], fig.BLUE, "distance", 1.2)]
-    marks.append(fig.Dots([t[least]], [distance[least]], fig.BLUE, "least", 5.0))
+    ax.plot(t[shown], distance[shown], color=BLUE, linewidth=1.2, gid="distance")
+    ax.plot(t[least], distance[least], "o", color=BLUE, markersize=5.0, gid="least")
     if margin is not None:
-        marks += [
-            fig.level(margin, fig.ORANGE, 1.2, label="margin"),
-            fig.Boxes(None, ([lowest], [margin]), fig.ORANGE, "", 0.12),
-        ]
+        ax.axhline(margin, color=ORANGE, linewidth=1.2, gid="margin")
+        ax.axhspan(lowest, margin, color=ORANGE, alpha=0.12, linewidth=0.0, zorder=0.0)
         title += f"; margin {1e3 * margin:.0f} mm"
-    beyond = margin is not None and distance[least] < margin
-    room = 0.12 * (highest - lowest or 1.0)
-    y_name = "distance to itself and the floor, m"
-    return fig.Panel(
-        marks, "time, s", y_name, title, fig.MAGENTA if beyond else fig.INK, y_limits=(lowest, highest + room)
-    )
+    ax.set(ylim=(lowest, highest + 0.12 * (highest - lowest or 1.0)))
+    ax.margins(x=0.05)
+    dress(ax, "time, s", "distance to itself and the floor, m", title)
+    if margin is not None and distance[least] < margin:
+        ax.title.set_color(MAGENTA)

@@ -27,13 +27,7 @@ _SCALE = "over the prior's sd"
 
 
 def forest(result: Source, count: int = 12, ax: Axes | None = None) -> Axes:
-    """95 % intervals of the worst-decided coefficients, one an ensemble; ensembles that disagree have not converged.
-
-    Example:
-        >>> ax = bayesid.plot.forest(result, count=5)
-        >>> len(ax.get_yticks())
-        5
-    """
+    """95 % intervals of the worst-decided coefficients, one an ensemble; ensembles that disagree have not converged."""
     return draw(forest_figure(findings_of(result), count), ax)[0]
 
 
@@ -45,10 +39,8 @@ def forest_figure(findings: Findings, count: int) -> fig.Figure:
     marks: list[fig.Mark] = [fig.upright(0.0)]
     for e, (low, first, middle, third, high) in enumerate(quantiles.transpose(1, 0, 2)):
         rows = np.arange(len(chosen)) + 0.6 * ((e + 0.5) / ensembles - 0.5)
-        marks += [
-            fig.Strokes((low, high), (rows, rows), fig.INK, width=1.4),
-            fig.Strokes((first, third), (rows, rows), fig.INK, width=2.8),
-        ]
+        for ends, width in (((low, high), 1.4), ((first, third), 2.8)):
+            marks.append(fig.Strokes(ends, (rows, rows), fig.INK, width=width))
         marks.append(fig.Dots(middle, rows, fig.INK))
     panel = fig.Panel(
         marks,
@@ -62,13 +54,7 @@ def forest_figure(findings: Findings, count: int) -> fig.Figure:
 
 
 def pair(result: Source, count: int = 3, axes: Any = None) -> list[Axes]:
-    """Draws of the worst-decided coefficients against each other: what the log tells only in combination.
-
-    Example:
-        >>> axes = bayesid.plot.pair(result, count=3)
-        >>> len(axes)
-        3
-    """
+    """Draws of the worst-decided coefficients against each other: what the log tells only in combination."""
     return draw(pair_figure(findings_of(result), count), axes)
 
 
@@ -77,33 +63,20 @@ def pair_figure(findings: Findings, count: int) -> fig.Figure:
     chosen = findings.worst(count)
     if len(chosen) < 2:
         raise ValueError("a pair needs two coefficients")
-    size = len(chosen) - 1
-    names = _names(findings, chosen)
+    size, names = len(chosen) - 1, _names(findings, chosen)
     draws = _values(findings, chosen).reshape(-1, len(chosen))
-    panels = [
-        [
-            fig.Panel(
-                [fig.Dots(draws[:, column], draws[:, row + 1], fig.BLUE, size=1.4, alpha=0.4)],
-                names[column] if row == size - 1 else "",
-                names[row + 1] if column == 0 else "",
-            )
-            if column <= row
-            else None
-            for column in range(size)
-        ]
-        for row in range(size)
-    ]
+
+    def panel(row: int, column: int) -> fig.Panel | None:
+        dots = fig.Dots(draws[:, column], draws[:, row + 1], fig.BLUE, size=1.4, alpha=0.4)
+        x_name, y_name = names[column] * (row == size - 1), names[row + 1] * (column == 0)
+        return fig.Panel([dots], x_name, y_name) if column <= row else None
+
+    panels = [[panel(row, column) for column in range(size)] for row in range(size)]
     return fig.Figure(panels, 1.2 + 1.9 * size)
 
 
 def trace(result: Source, count: int = 4, axes: Any = None) -> list[Axes]:
-    """Densities of the worst-decided coefficients, and their draws in the order of sweeps, one colour an ensemble.
-
-    Example:
-        >>> axes = bayesid.plot.trace(result, count=3)
-        >>> len(axes)
-        6
-    """
+    """Densities of the worst-decided coefficients, and their draws in the order of sweeps, one colour an ensemble."""
     return draw(trace_figure(findings_of(result), count), axes)
 
 
@@ -116,32 +89,19 @@ def trace_figure(findings: Findings, count: int) -> fig.Figure:
     for k, name in enumerate(names):
         edges = np.histogram_bin_edges(values[..., k], TUNING.histogram)
         densities = [np.histogram(ensemble, edges, density=True)[0] for ensemble in values[..., k]]
-        outlines = [
-            fig.Line(np.repeat(edges, 2), np.array([0.0, *np.repeat(density, 2), 0.0]), colour, width=1.0)
-            for density, colour in zip(densities, cycle(_COLOURS), strict=False)
-        ]
-        traces = [
-            fig.Line(place, ensemble, colour, width=0.4, alpha=0.5)
-            for ensemble, colour in zip(values[..., k], cycle(_COLOURS), strict=False)
-        ]
+        outlines, traces = [], []
+        for density, ensemble, colour in zip(densities, values[..., k], cycle(_COLOURS), strict=False):
+            steps = np.array([0.0, *np.repeat(density, 2), 0.0])
+            outlines.append(fig.Line(np.repeat(edges, 2), steps, colour, width=1.0))
+            traces.append(fig.Line(place, ensemble, colour, width=0.4, alpha=0.5))
         last = k == len(names) - 1
-        rows.append(
-            [
-                fig.Panel(outlines, _SCALE if last else "", name, y_ticks=fig.NO_TICKS),
-                fig.Panel(traces, "draw, in the order of sweeps" if last else ""),
-            ]
-        )
+        density_panel = fig.Panel(outlines, _SCALE * last, name, y_ticks=fig.NO_TICKS)
+        rows.append([density_panel, fig.Panel(traces, "draw, in the order of sweeps" * last)])
     return fig.Figure(rows, 0.6 + 1.15 * len(chosen))
 
 
 def rank(result: Source, count: int = 4, axes: Any = None) -> list[Axes]:
-    """Ranks of each ensemble's draws among all: flat where the ensembles agree.
-
-    Example:
-        >>> axes = bayesid.plot.rank(result, count=4)
-        >>> len(axes)
-        4
-    """
+    """Ranks of each ensemble's draws among all: flat where the ensembles agree."""
     return draw(rank_figure(findings_of(result), count), axes)
 
 

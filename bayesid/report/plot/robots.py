@@ -72,10 +72,7 @@ def skeleton(robot: Robot | str | Path, q: ArrayLike | None = None, axes: Sequen
         _draw_joints(ax, here, seen, size, labels)
         _draw_flange(ax, here, seen, size, labels)
         labels.draw()
-        ax.set_title(f"{here.robot.name}, {name}", fontsize=SIZE, color=INK)
-        ax.set_xlabel(f"{'xyz'[right]}, m", fontsize=SIZE - 1.0, color=INK)
-        ax.set_ylabel(f"{'xyz'[up]}, m", fontsize=SIZE - 1.0, color=INK)
-        dress(ax)
+        dress(ax, f"{'xyz'[right]}, m", f"{'xyz'[up]}, m", f"{here.robot.name}, {name}")
     if axes is None:  # another's figure has captions of its own
         drawn[0].figure.supxlabel(f"q = {positions_text(here)}\n{_CAPTION}", fontsize=SIZE - 1.5, color=INK)
     return drawn
