@@ -8,26 +8,145 @@ from __future__ import annotations
 
 import json
 import re
+import textwrap
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import scipy
 
 from bayesid.arrays import Array
-from bayesid.errors import InputError
+from bayesid.errors import InputError, printable
 from bayesid.excitation.next_motion import SPEEDS
-from bayesid.export.planned_motion import PlannedMotion, cubic, decimals, quintic
 from bayesid.export.tuning import TUNING
 from bayesid.files.writing import write_motion
+from bayesid.motion import Motion
+
+Between = Callable[[Motion, Array], Array]
+"""Gives the positions (N, n) at instants (N,) that a controller makes between points."""
+
+
+@dataclass(frozen=True)
+class PlannedMotion:
+    """What a robot is to run: a motion from rest to rest, known at every instant, and slower on demand.
+
+    Attributes:
+        robot: its name.
+        joint_names: n of them, in the order of the motion's columns.
+        prismatic: n of them, whether the joint slides: its positions are m, else rad.
+        at: the motion, with exact derivatives, at instants t (N,) from 0 to `duration`, s.
+        duration: s.
+        rate: of the controller, Hz.
+        checked: what was checked, a few words each, as "collisions of links"; for the heads of files.
+        not_checked: what was not; the files say too what no plan can check.
+        share: of the planned speed at which `at` goes; 1 unless `slowed`.
+    """
+
+    robot: str
+    joint_names: tuple[str, ...]
+    prismatic: tuple[bool, ...]
+    at: Callable[[Array], Motion]
+    duration: float
+    rate: float
+    checked: tuple[str, ...] = ()
+    not_checked: tuple[str, ...] = ()
+    share: float = 1.0
+
+    @property
+    def n_joints(self) -> int:
+        """Number of joints n."""
+        return len(self.joint_names)
+
+    def slowed(self, share: float) -> PlannedMotion:
+        """The same path at a share of the speed, above 0 and at most 1: q(t) = q(share t)."""
+        full = self.at
+
+        def at(t: Array) -> Motion:
+            motion = full(share * t)
+            return Motion(t, motion.q, share * motion.dq, share**2 * motion.ddq)
+
+        return replace(self, at=at, duration=self.duration / share, share=share * self.share)
+
+    def sampled(self, cycle: float | None = None) -> Motion:
+        """The motion once a cycle, s, 1 / rate by default; the last row, at or after the end, is the end's pose."""
+        step = 1.0 / self.rate if cycle is None else cycle
+        cycles = int(np.ceil(self.duration / step - 1e-6))  # a duration of whole cycles, but for rounding
+        t = step * np.arange(cycles + 1, dtype=np.float64)
+        motion = self.at(np.minimum(t, self.duration))
+        return Motion(t, motion.q, motion.dq, motion.ddq)
+
+    def points(self, most: int, between: Between) -> tuple[Motion, float]:
+        """As few instants, equally far apart, as tell the motion, as many at any speed; for controllers that fill in.
+
+        Args:
+            most: intervals, at most.
+            between: how a controller is thought to fill them in.
+
+        Returns:
+            The motion at the points, and how far what `between` makes of them is from it at most, rad (m).
+
+        Raises:
+            InputError: even so many points do not tell it.
+        """
+        intervals = min(TUNING.fewest_intervals, most)
+        while True:
+            t = np.linspace(0.0, self.duration, intervals + 1)
+            looks = np.linspace(0.0, self.duration, TUNING.looks * intervals + 1)
+            motion = self.at(t)
+            deviation = float(np.abs(between(motion, looks) - self.at(looks).q).max())
+            if deviation <= TUNING.fine or intervals == most:
+                break
+            intervals = min(2 * intervals, most)
+        if not deviation <= TUNING.coarse:
+            said = f"{intervals} points do not tell the motion: between them it is {deviation:.2g} rad (m) away"
+            raise InputError(said, self.robot, "plan a shorter or a slower one")
+        return Motion(t, motion.q, motion.dq, motion.ddq), deviation
+
+    def head(self, mark: str, *said: str) -> list[str]:
+        """Lines of comment: robot, duration, what was checked and what was not, and what else is said of a file."""
+        never = "the way to the start pose", "the controller's own limits"
+        lines = [
+            f"robot: {self.robot}, joints: {', '.join(self.joint_names)}",
+            f"duration: {self.duration:.9g} s, at {100.0 * self.share:.3g} % of the planned speed",
+            f"checked: {'; '.join(self.checked) or 'nothing'}",
+            f"NOT checked: {'; '.join(dict.fromkeys((*self.not_checked, *never)))}",
+            "positions count as in the log and the model that the motion was planned with: compare one pose first",
+            "made by bayesid; not run on a controller",
+            *said,
+        ]
+        return [f"{mark} {part}" for line in lines for part in textwrap.wrap(_ascii(line), 100)]
+
+
+def cubic(points: Motion, t: Array) -> Array:
+    """Positions of the cubic spline through points, at rest at both ends.
+
+    It stands in for a controller's own spline, which is not published.
+    """
+    values: Array = scipy.interpolate.CubicSpline(points.t, points.q, bc_type="clamped")(t)
+    return values
+
+
+def quintic(points: Motion, t: Array) -> Array:
+    """Positions of the quintics that meet positions, velocities and accelerations at both ends of each interval."""
+    table = np.stack([points.q, points.dq, points.ddq], axis=1)
+    values: Array = scipy.interpolate.BPoly.from_derivatives(points.t, table)(t)
+    return values
+
+
+def _decimals(values: Array) -> list[list[str]]:
+    """Rows of numbers (N, n) with six decimals, none of them -0."""
+    return [[f"{value:.6f}" for value in row] for row in (np.round(values, 6) + 0.0).tolist()]
+
+
+def _ascii(text: str) -> str:
+    """A text on one line, in ASCII, as all controllers read."""
+    return printable(text).encode("ascii", "backslashreplace").decode("ascii")
+
 
 # ---------------------------------------------------------------------------------------------------------------
 # ROS 2
 # ---------------------------------------------------------------------------------------------------------------
-_NUMBER, _AROUND = 11, 100
-"""Bytes of a number and of what stands around those of a point, at most."""
-
-
 def joint_trajectory(planned: PlannedMotion) -> str:
     """joint_trajectory.yaml: points with positions, velocities and accelerations, the first after a lead.
 
@@ -36,7 +155,8 @@ def joint_trajectory(planned: PlannedMotion) -> str:
     Raises:
         InputError: as many points as one argument of a command holds do not tell the motion.
     """
-    points, deviation = planned.points(TUNING.ros_bytes // (_AROUND + 3 * planned.n_joints * _NUMBER), quintic)
+    bytes_of_point = 100 + 3 * 11 * planned.n_joints  # 11 of a number, at most
+    points, deviation = planned.points(TUNING.ros_bytes // bytes_of_point, quintic)
     head = planned.head(
         "#",
         f"between its points, which quintics join, it is {deviation:.2g} rad (m) from the motion at most",
@@ -51,7 +171,7 @@ def joint_trajectory(planned: PlannedMotion) -> str:
         f"joint_names: {json.dumps(planned.joint_names)}",
         "points:",
     ]
-    for t, *rows in zip(points.t, decimals(points.q), decimals(points.dq), decimals(points.ddq), strict=True):
+    for t, *rows in zip(points.t, _decimals(points.q), _decimals(points.dq), _decimals(points.ddq), strict=True):
         seconds, nanoseconds = divmod(round((TUNING.ros_lead + t) * 1_000_000_000), 1_000_000_000)
         q, dq, ddq = (", ".join(row) for row in rows)
         lines.append(
@@ -64,12 +184,6 @@ def joint_trajectory(planned: PlannedMotion) -> str:
 # ---------------------------------------------------------------------------------------------------------------
 # Universal Robots: The URScript Programming Language, Universal Robots A/S, versions 3.2 and 5
 # ---------------------------------------------------------------------------------------------------------------
-_CYCLE = 0.002
-"""s, of the controller since version 5; four of them are one of version 3."""
-_LOOKAHEAD, _GAIN, _STOP = 0.1, 300, 2.0
-"""Of servoj, s and 1, and of stopj, rad/s^2: the manual's defaults."""
-
-
 def urscript(planned: PlannedMotion) -> str:
     """motion.script: movej to the start pose, a servoj for each cycle of the motion, stopj.
 
@@ -81,25 +195,27 @@ def urscript(planned: PlannedMotion) -> str:
     if planned.n_joints != 6 or any(planned.prismatic):
         said = f"{planned.n_joints} joints{', some prismatic,' if any(planned.prismatic) else ''} are none of a UR"
         raise InputError(said, planned.robot, "use joint_trajectory.yaml or motion.csv")
-    cycle = _CYCLE * max(1, round(1.0 / (planned.rate * _CYCLE)))
-    poses = [f"[{','.join(row)}]" for row in decimals(planned.sampled(cycle).q)]
+    own = 0.002  # s, the controller's cycle since version 5; four of them are one of version 3
+    cycle = own * max(1, round(1.0 / (planned.rate * own)))
+    lookahead, gain, stop = 0.1, 300, 2.0  # of servoj, s and 1, and of stopj, rad/s^2: the manual's defaults
+    poses = [f"[{','.join(row)}]" for row in _decimals(planned.sampled(cycle).q)]
     head = planned.head(
         "#",
         "URScript program of the motion, rad",
         f"a servoj each {1e3 * cycle:g} ms, which takes that long (t); the path lags by its lookahead time, "
-        f"{_LOOKAHEAD:g} s",
+        f"{lookahead:g} s",
         "set the payload before; keep the speed slider at 100 %",
     )
     lines = [
         *head,
         "def motion():",
         "  def to(q):",
-        f"    servoj(q, 0, 0, {cycle:.3f}, {_LOOKAHEAD:g}, {_GAIN})",
+        f"    servoj(q, 0, 0, {cycle:.3f}, {lookahead:g}, {gain})",
         "  end",
         f"  movej({poses[0]}, {TUNING.urscript_approach})",
         "  sleep(1.0)",
         *(f"  to({pose})" for pose in poses),
-        f"  stopj({_STOP:g})",
+        f"  stopj({stop:g})",
         "end",
     ]
     return "\n".join(lines) + "\n"
@@ -111,10 +227,6 @@ def urscript(planned: PlannedMotion) -> str:
 # ---------------------------------------------------------------------------------------------------------------
 _AXIS = re.compile(r"(?:.*_)?([AE][1-6])", re.IGNORECASE)
 """A joint's name that says which axis it is: A1, e1, joint_a1."""
-_ROBOT_AXES = 6
-"""A1 to A6 of a robot in KRL; E1 to E6 are external axes."""
-_CYCLES = 0.004, 0.012
-"""s, interpolation cycles of RSI: IPO_FAST and IPO."""
 
 
 def krl_program(planned: PlannedMotion) -> str:
@@ -125,8 +237,8 @@ def krl_program(planned: PlannedMotion) -> str:
     """
     axes = krl_axes(planned)
     points, deviation = planned.points(TUNING.krl_intervals, cubic)
-    units = krl_units(planned)
-    poses = [f"{{{_named(axes, row)}}}" for row in decimals(points.q * units)]
+    units = _krl_units(planned)
+    poses = [f"{{{_named(axes, row)}}}" for row in _decimals(points.q * units)]
     head = planned.head(
         ";",
         "KRL program of the motion, axes in degrees (mm of prismatic ones)",
@@ -165,16 +277,16 @@ def rsi_table(planned: PlannedMotion) -> str:
         InputError: KRL has no names for the joints (`krl_axes`).
     """
     axes = krl_axes(planned)
-    cycle = min(_CYCLES, key=lambda one: abs(one - 1.0 / planned.rate))
+    cycle = min((0.004, 0.012), key=lambda one: abs(one - 1.0 / planned.rate))  # s, IPO_FAST and IPO
     q = planned.sampled(cycle).q
-    start = decimals(q[:1] * krl_units(planned))[0]
+    start = _decimals(q[:1] * _krl_units(planned))[0]
     head = planned.head(
         "#",
         f"table of axis corrections for RSI: a row each {1e3 * cycle:g} ms, degrees (mm of prismatic axes)",
         "corrections count from the start pose (absolute mode), not from the row before; move there first:",
         _named(axes, start),
     )
-    rows = [",".join(row) for row in decimals((q - q[0]) * krl_units(planned))]
+    rows = [",".join(row) for row in _decimals((q - q[0]) * _krl_units(planned))]
     return "\n".join([*head, ",".join(axes), *rows]) + "\n"
 
 
@@ -188,13 +300,13 @@ def krl_axes(planned: PlannedMotion) -> list[str]:
     named = [axis for axis in found if axis]
     if len(set(named)) == planned.n_joints:
         return named
-    if planned.n_joints > _ROBOT_AXES:
+    if planned.n_joints > 6:
         said = f"{planned.n_joints} joints have no names in KRL, which has A1 to A6 and E1 to E6"
         raise InputError(said, planned.robot, "name the joints so in the robot's file, as joint_a1 and joint_e1")
     return [f"A{j}" for j in range(1, planned.n_joints + 1)]
 
 
-def krl_units(planned: PlannedMotion) -> Array:
+def _krl_units(planned: PlannedMotion) -> Array:
     """(n,) degrees a rad, or mm a m of prismatic joints."""
     return np.where(planned.prismatic, 1e3, np.degrees(1.0))
 
@@ -217,12 +329,12 @@ PROGRAM_FILES = frozenset({_TABLE, *_WRITERS})
 """What a folder of a speed may hold."""
 
 
-def speed_folder(share: float) -> str:
+def _speed_folder(share: float) -> str:
     """The name of a speed's folder, as speed_30."""
     return f"speed_{100.0 * share:.0f}"
 
 
-PROGRAM_FOLDERS = frozenset(map(speed_folder, SPEEDS))
+PROGRAM_FOLDERS = frozenset(map(_speed_folder, SPEEDS))
 """What `save_programs` makes in a folder, for `bayesid.files.writing.save_folder`."""
 
 
@@ -250,7 +362,7 @@ def save_programs(planned: PlannedMotion, place: Path, shares: Sequence[float] =
         shares: of the planned speed, each of which gets a folder.
     """
     left_out, files = {}, [_TABLE]
-    folders = tuple(place / speed_folder(share) for share in shares)
+    folders = tuple(place / _speed_folder(share) for share in shares)
     motions = [planned.slowed(share) for share in shares]
     for folder, motion in zip(folders, motions, strict=True):
         folder.mkdir()

@@ -45,25 +45,23 @@ def urdf(model: Model, theta: Array) -> str:
         '<robot name="arm">'
     """
     theta = frozen(theta, (len(model.parameters),), "theta")
-    parts = model.parts(theta)
-    links, friction = bodies(model, theta), per_actuator(model, parts, "urdf")
-    held = moves_one_joint(model.robot)
-    motors = motor_speeds(model.robot)
+    parts, links, held = model.parts(theta), _bodies(model, theta), _moves_one_joint(model.robot)
+    friction, motors = _per_actuator(model, parts, "urdf"), _motor_speeds(model.robot)
     root = ET.Element("robot", name=model.robot.name)
     remarks = [
-        head(model, "urdf"),
+        _head(model, "urdf"),
         f"gravity = {numbers(model.robot.gravity)} m/s^2 in the base frame (MuJoCo alone reads it, below)",
         "joint limits (not identified, set wide)",
         *([f"{motors}; the parameters below are the motors'"] if motors else []),
-        *left_out(model, parts, "urdf", held),
+        *_left_out(model, parts, "urdf", held),
     ]
-    add_comment(root, remarks)
+    _add_comment(root, remarks)
     ET.SubElement(ET.SubElement(root, "mujoco"), "option", gravity=numbers(model.robot.gravity))
     ET.SubElement(root, "link", name="base")
-    for i, link in enumerate(links):
-        root.append(_urdf_link(numbered(model, "link", i), link))
+    for i, body in enumerate(links):
+        root.append(_urdf_link(_numbered(model, "link", i), body))
         root.append(_urdf_joint(model, i, friction[i] if held[i] else {}))
-    return document(root)
+    return _document(root)
 
 
 def _urdf_link(name: str, body: Body) -> ET.Element:
@@ -78,13 +76,13 @@ def _urdf_link(name: str, body: Body) -> ET.Element:
 
 def _urdf_joint(model: Model, i: int, dynamics: Mapping[str, float]) -> ET.Element:
     joint = model.robot.joints[i]
-    parent = "base" if joint.parent < 0 else numbered(model, "link", joint.parent)
+    parent = "base" if joint.parent < 0 else _numbered(model, "link", joint.parent)
     kind = "prismatic" if joint.prismatic else "revolute"
-    element = ET.Element("joint", name=numbered(model, "joint", i), type=kind)
+    element = ET.Element("joint", name=_numbered(model, "joint", i), type=kind)
     xyz, rpy = joint.placement[:3, 3], roll_pitch_yaw(joint.placement[:3, :3])
     ET.SubElement(element, "origin", xyz=numbers(xyz), rpy=numbers(rpy))
     ET.SubElement(element, "parent", link=parent)
-    ET.SubElement(element, "child", link=numbered(model, "link", i))
+    ET.SubElement(element, "child", link=_numbered(model, "link", i))
     ET.SubElement(element, "axis", xyz=numbers(joint.axis))
     ET.SubElement(element, "limit", _LIMITS)
     if dynamics:
@@ -117,8 +115,6 @@ _ABOUT_DRY_FRICTION = (
     "would stop in one step, and a larger b would overshoot. With solimpfriction near 1 a joint that sticks hardly",
     "creeps. With a larger timestep MuJoCo lowers b by itself.",
 )
-_SOFTEST = 1e-9
-"""N m/rad; a spring that is softer becomes this one, with the same torque at q = 0: without, it would have no place."""
 
 
 def mjcf(model: Model, theta: Array) -> str:
@@ -142,16 +138,22 @@ def mjcf(model: Model, theta: Array) -> str:
         '<mujoco model="arm">'
     """
     theta = frozen(theta, (len(model.parameters),), "theta")
-    parts = model.parts(theta)
-    links, effects = bodies(model, theta), per_actuator(model, parts, "mjcf")
-    on_joint = moves_one_joint(model.robot)
+    parts, links, on_joint = model.parts(theta), _bodies(model, theta), _moves_one_joint(model.robot)
+    effects, motors = _per_actuator(model, parts, "mjcf"), _motor_speeds(model.robot)
     root = ET.Element("mujoco", model=model.robot.name)
-    add_comment(root, _about(model, parts))
+    remarks = [
+        _head(model, "mjcf"),
+        "joint limits (not identified)",
+        *_left_out(model, parts, "mjcf", np.ones(model.robot.n_joints, dtype=bool)),
+        "Controls are efforts as in the log: N m (N of a joint that slides), motor torque times gear ratio.",
+        *([f"{motors}; a tendon's length is that of its motor divided by its gear ratio"] if motors else []),
+    ]
+    _add_comment(root, remarks)
     ET.SubElement(root, "compiler", angle="radian")
     option = {"timestep": numbers(_TIMESTEP), "integrator": "implicitfast"}  # damping of tendons is implicit too
     ET.SubElement(root, "option", {"gravity": numbers(model.robot.gravity), **option})
     default = ET.SubElement(root, "default")
-    add_comment(default, _ABOUT_DRY_FRICTION, depth=2)
+    _add_comment(default, _ABOUT_DRY_FRICTION, depth=2)
     ET.SubElement(default, "joint", _DRY_FRICTION)
     ET.SubElement(default, "tendon", _DRY_FRICTION)
     elements = [ET.SubElement(root, "worldbody")]
@@ -164,58 +166,42 @@ def mjcf(model: Model, theta: Array) -> str:
         tendons.extend([_tendon(model, i, effects[i]) for i in np.flatnonzero(~on_joint).tolist()])
     actuators = ET.SubElement(root, "actuator")
     for i in range(model.robot.n_joints):
-        name, gear = numbered(model, "motor", i), numbers(model.robot.coupling[i, i])
-        acts_on = {"joint": numbered(model, "joint", i), "gear": gear} if on_joint[i] else {"tendon": name}
+        name, gear = _numbered(model, "motor", i), numbers(model.robot.coupling[i, i])
+        acts_on = {"joint": _numbered(model, "joint", i), "gear": gear} if on_joint[i] else {"tendon": name}
         ET.SubElement(actuators, "motor", {"name": name, **acts_on})
-    return document(root)
-
-
-def _about(model: Model, parts: Sequence[Part]) -> list[str]:
-    motors = motor_speeds(model.robot)
-    every = np.ones(model.robot.n_joints, dtype=bool)
-    return [
-        head(model, "mjcf"),
-        "joint limits (not identified)",
-        *left_out(model, parts, "mjcf", every),
-        "Controls are efforts as in the log: N m (N of a joint that slides), motor torque times gear ratio.",
-        *([f"{motors}; a tendon's length is that of its motor divided by its gear ratio"] if motors else []),
-    ]
+    return _document(root)
 
 
 def _mjcf_body(model: Model, i: int, body: Body, effects: Mapping[str, float]) -> ET.Element:
-    """Body element of link i, with its joint; the bodies that it carries go inside."""
     joint = model.robot.joints[i]
     place = {"pos": numbers(joint.placement[:3, 3]), "quat": _quaternion(joint.placement[:3, :3])}
-    element = ET.Element("body", {"name": numbered(model, "link", i), **place})
+    element = ET.Element("body", {"name": _numbered(model, "link", i), **place})
     # principal axes, not a full matrix: MuJoCo before version 4 takes it apart to seven digits only
     frame = {"pos": numbers(body.centre), "quat": _quaternion(body.axes)}
     ET.SubElement(element, "inertial", {**frame, "mass": numbers(body.mass), "diaginertia": numbers(body.moments)})
     moves = {"type": "slide" if joint.prismatic else "hinge", "axis": numbers(joint.axis)}
     held = _attributes(effects, "springref", direction=float(model.robot.coupling[i, i]))
-    ET.SubElement(element, "joint", {"name": numbered(model, "joint", i), **moves, **held})
+    ET.SubElement(element, "joint", {"name": _numbered(model, "joint", i), **moves, **held})
     return element
 
 
 def _tendon(model: Model, i: int, effects: Mapping[str, float]) -> ET.Element:
     """Tendon element as long as actuator i's position: the sum of joint positions that turns the motor."""
     held = _attributes(effects, "springlength", direction=1.0)
-    element = ET.Element("fixed", {"name": numbered(model, "motor", i), **held})
+    element = ET.Element("fixed", {"name": _numbered(model, "motor", i), **held})
     for j in np.flatnonzero(model.robot.coupling[i]).tolist():
-        ET.SubElement(element, "joint", joint=numbered(model, "joint", j), coef=numbers(model.robot.coupling[i, j]))
+        ET.SubElement(element, "joint", joint=_numbered(model, "joint", j), coef=numbers(model.robot.coupling[i, j]))
     return element
 
 
 def _attributes(effects: Mapping[str, float], rest_key: str, direction: float) -> dict[str, str]:
-    """XML attributes of a joint's or a tendon's effects.
+    """XML attributes of a motor's effects, numbers under the keys of `Term.places`, in a joint or a tendon.
 
-    Args:
-        effects: numbers under the keys of `Term.places`, of the motor.
-        rest_key: attribute of a spring's rest position.
-        direction: 1 or -1, which way the motor turns with the joint; of a spring alone does it change the sign.
+    `rest_key` is that of a spring's rest position; `direction`, which way the motor turns with the joint, its sign.
     """
     values = {key: max(value, 0.0) for key, value in effects.items() if key != "preload"}  # a solver may leave -1e-12
     if "preload" in effects:
-        values["stiffness"] = max(values["stiffness"], _SOFTEST)
+        values["stiffness"] = max(values["stiffness"], 1e-9)  # N m/rad; softer, its torque would have no place
         rest = -direction * effects["preload"] / values["stiffness"]
         values[rest_key] = float(np.nextafter(rest, 0.0)) if rest == -1.0 else rest  # a springlength of -1 means none
     return {key: numbers(value) for key, value in values.items()}
@@ -230,14 +216,6 @@ def _quaternion(rotation: Array) -> str:
 # ---------------------------------------------------------------------------------------------------------------
 Part = tuple[Term, Array]
 """A term and its own part of theta."""
-
-_LEAST_MASS = 1e-15
-"""kg; MuJoCo takes less for none."""
-_THINNEST = 1e-9
-"""Least second moment about a centre of mass, as a share of the body's own about its joint: above rounding, below what
-any log shows."""
-_LEAST_SECOND_MOMENT = 1e-14
-"""kg m^2; ten times what MuJoCo takes for none."""
 
 
 @dataclass(frozen=True)
@@ -255,12 +233,11 @@ class Body:
         return self.axes * self.moments @ self.axes.T
 
 
-def bodies(model: Model, theta: Array) -> list[Body]:
-    """The links with what they carry."""
+def _bodies(model: Model, theta: Array) -> list[Body]:
     if all(term.name != RigidBody.name for term in model.terms):
         raise ValueError("an export needs link parameters: the model has no rigid_body term")
     joints = model.robot.joints
-    return [_body(numbered(model, "link", i), joints[i], link) for i, link in enumerate(model.links(theta))]
+    return [_body(_numbered(model, "link", i), joints[i], link) for i, link in enumerate(model.links(theta))]
 
 
 def _body(name: str, joint: Joint, parameters: Array) -> Body:
@@ -271,21 +248,22 @@ def _body(name: str, joint: Joint, parameters: Array) -> Body:
     """
     moved = inertia.change_of_frame(joint.link_frame[:3, :3], joint.link_frame[:3, 3]) @ parameters
     mass = float(moved[9])
-    if not mass > _LEAST_MASS:
+    if not mass > 1e-15:  # kg; MuJoCo takes less for none
         raise ValueError(f"{name} has mass {mass:g} kg; an export needs positive masses")
     centre = moved[6:9] / mass
     about_joint = inertia.pseudo_inertia(moved)[:3, :3]
     spread, axes = np.linalg.eigh(about_joint - mass * np.outer(centre, centre))
-    spread = np.maximum(spread, _THINNEST * np.trace(about_joint) + _LEAST_SECOND_MOMENT)
+    # a share above rounding and below what any log shows, and ten times the kg m^2 that MuJoCo takes for none
+    spread = np.maximum(spread, 1e-9 * np.trace(about_joint) + 1e-14)
     return Body(mass, centre, axes * np.sign(np.linalg.det(axes)), spread.sum() - spread)
 
 
-def moves_one_joint(robot: Robot) -> Mask:
+def _moves_one_joint(robot: Robot) -> Mask:
     """(n,) whether a motor moves its own joint alone: its friction is then the joint's."""
     return np.count_nonzero(robot.coupling, axis=1) == 1
 
 
-def per_actuator(model: Model, parts: Sequence[Part], form: str) -> list[dict[str, float]]:
+def _per_actuator(model: Model, parts: Sequence[Part], form: str) -> list[dict[str, float]]:
     """For each actuator its numbers under the keys of a format, summed over the terms that act in it."""
     sums: list[dict[str, float]] = [{} for _ in model.robot.joints]
     for term, values in parts:
@@ -296,14 +274,13 @@ def per_actuator(model: Model, parts: Sequence[Part], form: str) -> list[dict[st
     return sums
 
 
-def head(model: Model, form: str) -> str:
-    """First line of the comment at a file's head."""
-    last = numbered(model, "link", model.robot.n_joints - 1)
+def _head(model: Model, form: str) -> str:
+    last = _numbered(model, "link", model.robot.n_joints - 1)
     remarks = dict.fromkeys(f" {remark}" for term in model.terms if (remark := term.export_remark(last)))
     return f"Identified by bayesid.{''.join(remarks)} Not in this {form.upper()}:"
 
 
-def left_out(model: Model, parts: Sequence[Part], form: str, placed: Mask) -> list[str]:
+def _left_out(model: Model, parts: Sequence[Part], form: str, placed: Mask) -> list[str]:
     """A line for each number that is not in the file: all but links, and what has a place in the actuators `placed`.
 
     No format knows a friction that is smoothed about standstill, so the speeds of smoothing are left out of all.
@@ -314,15 +291,13 @@ def left_out(model: Model, parts: Sequence[Part], form: str, placed: Mask) -> li
             for parameter, value in zip(term.parameters(model.robot), values, strict=True):
                 if form not in term.places or not placed[parameter.joint - 1]:
                     lines.append(_remark(term, parameter.name, value, parameter.unit))
-            lines += _remarks(term, model.robot)
-            words = term.description(model.robot, values)
-            lines += (
-                [] if words is None else [f"{term.name} of joint {term.joints[0]}: {words.formula}", words.sentence]
-            )
-    return lines + [line for distortion in model.distortions for line in _remarks(distortion, model.robot)]
+            lines += _numbers_of(term, model.robot)
+            if (words := term.description(model.robot, values)) is not None:
+                lines += [f"{term.name} of joint {term.joints[0]}: {words.formula}", words.sentence]
+    return lines + [line for distortion in model.distortions for line in _numbers_of(distortion, model.robot)]
 
 
-def _remarks(effect: Effect, robot: Robot) -> list[str]:
+def _numbers_of(effect: Effect, robot: Robot) -> list[str]:
     """The nonlinear numbers that people want to know: the parameters mean nothing without them."""
     return [_remark(effect, name, value, unit) for name, (value, unit) in effect.numbers(robot).items()]
 
@@ -331,14 +306,14 @@ def _remark(effect: Effect, name: str, value: float, unit: str) -> str:
     return f"{effect.name}: {name} = {numbers(value)} {unit}"
 
 
-def motor_speeds(robot: Robot) -> str:
+def _motor_speeds(robot: Robot) -> str:
     """How the motors turn with the joints; empty for motors on their joints."""
     if robot.transmission is None:
         return ""
     return f"motor speeds = [{'; '.join(numbers(row) for row in robot.transmission)}] * joint speeds"
 
 
-def numbered(model: Model, stem: str, i: int) -> str:
+def _numbered(model: Model, stem: str, i: int) -> str:
     """joint1, or joint01 of ten and more: readers that sort siblings by name then keep their order."""
     return f"{stem}{i + 1:0{len(str(model.robot.n_joints))}d}"
 
@@ -348,13 +323,12 @@ def numbers(values: ArrayLike) -> str:
     return " ".join(repr(value) for value in (np.atleast_1d(values) + 0.0).tolist())
 
 
-def add_comment(parent: ET.Element, lines: Sequence[str], depth: int = 1) -> None:
+def _add_comment(parent: ET.Element, lines: Sequence[str], depth: int = 1) -> None:
     """Adds a comment of several lines to an element; its children are indented by `depth`."""
     margin = "  " * depth
     parent.append(ET.Comment("\n".join(["", *(f"{margin}  {line}" for line in lines), margin])))
 
 
-def document(root: ET.Element) -> str:
-    """The text of a file."""
+def _document(root: ET.Element) -> str:
     ET.indent(root)
     return f'<?xml version="1.0"?>\n{ET.tostring(root, encoding="unicode")}\n'

@@ -15,8 +15,7 @@ from bayesid.excitation.next_motion import NextMotion, PredictedKnowledge
 from bayesid.excitation.resolvability import JointFlips
 from bayesid.excitation.splines import DEGREE
 from bayesid.excitation.tuning import TUNING as EXCITATION
-from bayesid.export.controllers import PROGRAM_FOLDERS, Programs, check_programs, save_programs
-from bayesid.export.planned_motion import PlannedMotion
+from bayesid.export.controllers import PROGRAM_FOLDERS, PlannedMotion, Programs, check_programs, save_programs
 from bayesid.files.writing import check_folder, save_folder, write_json, write_motion, write_table
 from bayesid.identification.identification import KNOWN
 from bayesid.motion import Motion

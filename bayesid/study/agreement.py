@@ -5,9 +5,8 @@ if these are right and nothing has changed between the logs. Their weighted mean
 Q) test that, coefficient by coefficient. What scatters more holds errors that no single log shows: effects that the
 model lacks, gains, temperature, another payload.
 
-Two things to know. A prior that the runs share pulls all of them to the same value, so a coefficient that the prior
-decides scatters less than its standard deviation. And coefficients of one run are correlated: several of them may
-differ, or agree, together.
+A prior that the runs share pulls all of them to the same value, so a coefficient that it decides scatters less than its
+standard deviation. Coefficients of one run are correlated: several of them may differ, or agree, together.
 """
 
 from __future__ import annotations
@@ -88,11 +87,8 @@ class Agreement:
         with the correlations of a UR10e's posterior it is 3 to 5 times in a thousand.
         """
         number, count = int(self.compared.sum()), int(self.differing.sum())
-        if not number:
-            return False
-        return bool(
-            bdtrc(count - 1, number, TUNING.level) < TUNING.chance or np.nanmin(self.p) < TUNING.chance / number
-        )
+        many = number > 0 and bdtrc(count - 1, number, TUNING.level) < TUNING.chance
+        return bool(many or np.any(self.p < TUNING.chance / max(number, 1)))
 
     @property
     def sentence(self) -> str:
@@ -117,8 +113,7 @@ class Agreement:
 def agreement(runs: Sequence[Sequence[Row]]) -> Agreement:
     """Compares the coefficients of separate runs.
 
-    A run that lacks a coefficient, or does not decide it (its standard deviation is infinite), is left out for that
-    coefficient. Coefficients come in the order of the first run that has them.
+    A run that lacks a coefficient, or does not decide it (infinite standard deviation), is left out for that one.
 
     Args:
         runs: two or more, the rows of each run's coefficients.csv (numbers, or text that is a number).
@@ -203,13 +198,11 @@ def text(agreement: Agreement) -> str:
     worst = worst[np.argsort(-agreement.ratio[worst], kind="stable")][: TUNING.worst_coefficients]
     if not len(worst):
         return agreement.sentence
-    rows = [
-        [
-            *(f"{agreement.names[c]}, {agreement.units[c]}", str(agreement.runs[c]), f"{agreement.mean[c]:.4g}"),
-            *(f"{agreement.spread[c]:.3g}", f"{agreement.typical_sd[c]:.3g}"),
-            *(f"{agreement.ratio[c]:.1f}", f"{agreement.p[c]:.1g}"),
-        ]
-        for c in worst
-    ]
+    rows = []
+    for c in worst:
+        name, mean = f"{agreement.names[c]}, {agreement.units[c]}", f"{agreement.mean[c]:.4g}"
+        spread, typical = f"{agreement.spread[c]:.3g}", f"{agreement.typical_sd[c]:.3g}"
+        how = f"{agreement.ratio[c]:.1f}", f"{agreement.p[c]:.1g}"
+        rows.append([name, str(agreement.runs[c]), mean, spread, typical, *how])
     headings = ["coefficient", "runs", "mean", "spread", "typical sd", "ratio", "p"]
     return f"{agreement.sentence}\n{table(headings, rows)}"

@@ -27,15 +27,12 @@ from bayesid.parallel import WorkerPool, one_blas_thread
 
 Tally = Callable[[int, int, int], None]
 """Called as tally(done, total, failed) after every batch."""
-_TICK = 0.5
-"""s, after which a batch is handed over even if nothing has come: twice a second a bar moves and Ctrl-C is seen."""
 _START = "start one with `dask scheduler` and workers with `dask worker tcp://HOST:8786 --nworkers -1 --nthreads 1`"
 _LOST = "the scheduler does not answer any more"
-_ADDRESS = r"(tcp|tls)://[^/\s]+:\d{1,5}"
 _one_at_a_time = threading.Lock()
 
 
-def no_tally(done: int, total: int, failed: int) -> None:
+def no_tally(_done: int, _total: int, _failed: int) -> None:
     """Says nothing."""
 
 
@@ -45,23 +42,14 @@ class LostSchedulerError(BayesidError, RuntimeError):
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a task.
+    """What became of a task."""
 
-    Attributes:
-        index: which one.
-        value: what the function returned; None if it did not.
-        error: type and text of what it raised; empty if it returned.
-        died: whether that is because workers died of it.
-        seconds: of wall time.
-        worker: host and process that ran it.
-    """
-
-    index: int
-    value: Any
-    error: str
-    died: bool = False
-    seconds: float = 0.0
-    worker: str = ""
+    index: int  #: which one
+    value: Any  #: what the function returned; None if it did not
+    error: str  #: type and text of what it raised; empty if it returned
+    died: bool = False  #: whether that is because workers died of it
+    seconds: float = 0.0  #: of wall time
+    worker: str = ""  #: host and process that ran it
 
 
 def run(
@@ -105,8 +93,8 @@ def _flow(
             if not flying:  # each alone: any of those at hand may have been the one that a worker died of
                 index = suspects.popleft()
                 flying[pool.submit(function, index, tasks[index])] = index
-            batch = []
-            for future in wait(flying, timeout=_TICK, return_when=FIRST_COMPLETED).done:
+            batch = []  # handed over even if nothing has come: twice a second a bar moves and Ctrl-C is seen
+            for future in wait(flying, timeout=0.5, return_when=FIRST_COMPLETED).done:
                 index = flying.pop(future)
                 try:
                     batch.append(_received(future.result()))
@@ -155,18 +143,12 @@ def _error_text(error: BaseException) -> str:
 # Where the workers are
 # ---------------------------------------------------------------------------------------------------------------
 class Processes:
-    """Worker processes of this machine; when one dies, all are started anew.
+    """So many worker processes of this machine; when one dies, all are started anew."""
 
-    Args:
-        workers: how many.
-    """
-
-    attempts = 3
-    """How often a task is handed out whose worker dies."""
+    attempts = 3  # how often a task is handed out whose worker dies
 
     def __init__(self, workers: int) -> None:
-        self._workers = workers
-        self._pool = WorkerPool(workers, "spawn")
+        self._workers, self._pool = workers, WorkerPool(workers, "spawn")
 
     def __enter__(self) -> Self:
         return self
@@ -208,7 +190,7 @@ def connect(address: str, patience: float = 10.0) -> Cluster:
     except ModuleNotFoundError:
         remedy = "pip install 'bayesid[distributed]'"
         raise InputError("Dask is not installed", field="scheduler", remedy=remedy) from None
-    if not re.fullmatch(_ADDRESS, address):
+    if not re.fullmatch(r"(tcp|tls)://[^/\s]+:\d{1,5}", address):
         raise InputError(f"{address!r} is no address of a scheduler", field="scheduler", remedy="give tcp://HOST:PORT")
     try:
         client = Client(address, timeout=patience, set_as_default=False)
@@ -216,30 +198,28 @@ def connect(address: str, patience: float = 10.0) -> Cluster:
         said = f"no scheduler answers at {address} ({error or type(error).__name__})".replace("\n", " ")
         raise InputError(said, field="scheduler", remedy=_START) from None
     try:
-        _check_version(client, version("bayesid"))
+        _check_version(client)
     except InputError:
         client.close()
         raise
     return Cluster(client)
 
 
-def _check_version(client: Any, here: str) -> None:
+def _check_version(client: Any) -> None:
+    here = version("bayesid")
     try:
         versions = client.run(version, "bayesid")
     except ModuleNotFoundError as error:
         said = f"a worker has no bayesid ({error})"
         raise InputError(said, field="scheduler", remedy="install it there") from None
-    different = next((f"{address} has {its}" for address, its in versions.items() if its != here), None)
-    if different is not None:
-        raise InputError(f"worker {different}, here is {here}", field="scheduler", remedy="install the same there")
+    for address, its in versions.items():
+        if its != here:
+            said = f"worker {address} has {its}, here is {here}"
+            raise InputError(said, field="scheduler", remedy="install the same there")
 
 
 class Cluster:
-    """The workers of a Dask scheduler; it gives a task to others itself when a worker dies.
-
-    Args:
-        client: of the scheduler.
-    """
+    """The workers of a client's Dask scheduler, which gives a task to others itself when a worker dies."""
 
     attempts = 2  # of Dask's own three: another task on the same worker may have been to blame
 

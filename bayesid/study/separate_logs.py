@@ -46,23 +46,15 @@ class Run:
 
 @dataclass(frozen=True)
 class Separate:
-    """Runs, in the order of the logs, and how well they agree; None with fewer than two results.
-
-    Example:
-        >>> days = ["week/monday.csv", "week/tuesday.csv"]
-        >>> both = bayesid.identify_separately("robot.toml", days, "both", workers=1, report=False, posterior=False)
-        >>> [run.log.name for run in both.runs]
-        ['monday.csv', 'tuesday.csv']
-    """
+    """Runs, in the order of the logs, and how well they agree; None with fewer than two results."""
 
     runs: tuple[Run, ...]
     agreement: Agreement | None
 
     def __repr__(self) -> str:
-        heads = [
-            f"{run.log}: {run.error or f'{len(run.coefficients)} coefficients in {run.folder}'}" for run in self.runs
-        ]
+        found = [run.error or f"{len(run.coefficients)} coefficients in {run.folder}" for run in self.runs]
         said = "nothing to compare" if self.agreement is None else f"{len(self.agreement.names)} coefficients compared"
+        heads = [f"{run.log}: {one}" for run, one in zip(self.runs, found, strict=True)]
         return "\n  ".join([f"Separate: {len(self.runs)} logs, {said}", *heads])
 
 

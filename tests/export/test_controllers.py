@@ -10,15 +10,17 @@ import pytest
 from bayesid.errors import InputError
 from bayesid.export.controllers import (
     PROGRAM_FILES,
+    PlannedMotion,
     check_programs,
+    cubic,
     joint_trajectory,
     krl_axes,
     krl_program,
+    quintic,
     rsi_table,
     save_programs,
     urscript,
 )
-from bayesid.export.planned_motion import PlannedMotion, cubic, quintic
 from bayesid.motion import Motion
 
 DURATION = 2.05
