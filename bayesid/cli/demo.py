@@ -19,9 +19,7 @@ from bayesid.effects.coefficients import base_coefficients
 from bayesid.errors import InputError
 from bayesid.identification.identification import Identification
 from bayesid.identification.pipeline import identify
-from bayesid.identification.prediction import Validation
 from bayesid.log.log import Log, write_log
-from bayesid.motion import Motion
 from bayesid.posterior.sampler import Sampling
 from bayesid.progress import SILENT, Progress
 from bayesid.regression.knowledge import Beliefs
@@ -45,27 +43,16 @@ STRONG = 0.05
 
 @dataclass(frozen=True)
 class Experiment:
-    """One run of the paper's experiment.
+    """One run of the paper's experiment."""
 
-    Attributes:
-        log: the simulated log of |effort|.
-        result: what was identified from it.
-        true_signs: (S,) sign of each segment's largest noise-free effort.
-        strong: (S,) whether the segment holds a sample of at least 5 % of its joint's maximum.
-        estimates: (27,) of Table II.
-        sd: (27,) their standard deviations.
-        torque_error: (n,) relative RMS error of Newton-Euler on a new trajectory, with the feasible parameters.
-        new_log: of that trajectory, with the same noise, and signs.
-    """
-
-    log: Log
-    result: Identification
-    true_signs: Array
-    strong: Array
-    estimates: Array
-    sd: Array
-    torque_error: Array
-    new_log: Log
+    log: Log  #: the simulated log of |effort|
+    result: Identification  #: what was identified from it
+    true_signs: Array  #: (S,) sign of each segment's largest noise-free effort
+    strong: Array  #: (S,) whether the segment holds a sample of at least 5 % of its joint's maximum
+    estimates: Array  #: (27,) of Table II
+    sd: Array  #: (27,) their standard deviations
+    torque_error: Array  #: (n,) relative RMS error of Newton-Euler on a new trajectory, with the feasible parameters
+    new_log: Log  #: of that trajectory, with the same noise, and signs
 
     @property
     def wrong(self) -> int:
@@ -83,12 +70,7 @@ def run_experiment(
 ) -> Experiment:
     """A new exciting trajectory, new noise, and the identification without signs.
 
-    Args:
-        seed: of trajectory and noise.
-        noise: relative to each joint's RMS effort.
-        search: how signs are searched.
-        posterior: how it is sampled, see `identify`.
-        progress: see `identify`.
+    `noise` is relative to each joint's RMS effort; for the options see `bayesid.identify`.
     """
     model, theta = paper_model(), nominal_parameters()
     coefficients = base_coefficients(model)
@@ -102,6 +84,9 @@ def run_experiment(
     new = random_trajectory(model.robot.n_joints, _DURATION, seed=seed + 1).motion(t)
     expected = model.robot.inverse_dynamics(new, theta)
     error = model.robot.inverse_dynamics(new, result.theta) - expected
+    sd = noise * np.sqrt(np.mean(model.effort(motion, theta) ** 2, axis=0))  # of the sensors, whatever the motion
+    measured = expected + sd * np.random.default_rng(seed + 1).standard_normal(expected.shape)
+    signed = np.ones(len(sd), dtype=bool)
     return Experiment(
         log=log,
         result=result,
@@ -110,14 +95,8 @@ def run_experiment(
         estimates=rows @ result.beta,
         sd=np.sqrt(np.einsum("ir,rs,is->i", rows, result.covariance, rows)),
         torque_error=relative_rms(error, expected, np.ones_like(expected, dtype=bool)),
-        new_log=_recorded(new, expected, noise * np.sqrt(np.mean(model.effort(motion, theta) ** 2, axis=0)), seed + 1),
+        new_log=Log(new.t, new.q, measured, signed, source="simulated, another trajectory"),
     )
-
-
-def _recorded(motion: Motion, effort: Array, sd: Array, seed: int) -> Log:
-    """Signed efforts with noise of a standard deviation (n,), N m: that of the sensors, whatever the motion."""
-    noisy = effort + sd * np.random.default_rng(seed).standard_normal(effort.shape)
-    return Log(motion.t, motion.q, noisy, np.ones(len(sd), dtype=bool), source="simulated, another trajectory")
 
 
 def _truth(result: Identification, effort: Array) -> tuple[Array, Array]:
@@ -132,26 +111,20 @@ def _truth(result: Identification, effort: Array) -> tuple[Array, Array]:
 def demo_command(options: argparse.Namespace) -> None:
     """The experiment, its result folder with the log, and what there is to say of it."""
     folder = check_result_folder(options.out)
+    truth = nominal_parameters()  # for the report to show beside the estimates; identification knew nothing of it
     with StageBars(options.quiet) as bars, collect_incomplete() as incomplete:
         progress = Progress(bars.show)
         sampling = Sampling(budget=options.posterior_budget, seed=options.seed)
         experiment = run_experiment(options.seed, posterior=sampling, progress=progress)
-        validation = _save(experiment, folder, progress)
+        parameters = zip(experiment.result.model.parameters, truth.tolist(), strict=True)
+        stated = Beliefs(nominal={parameter.name: (value, np.nan) for parameter, value in parameters})
+        run_by = replace(experiment.result.provenance, command=command_line())
+        result = replace(experiment.result, beliefs=stated, provenance=run_by)
+        validation = result.validate(experiment.new_log)
+        save_identification(result, folder, with_log=True, validation=validation, progress=progress)
     errors = _error_lines(experiment, validation.relative_residual)
     parts = *_signs_lines(experiment), _coefficient_table(experiment), *errors, f"written to {folder}/"
     finish(options, *parts, incomplete=incomplete)
-
-
-def _save(experiment: Experiment, folder: Path, progress: Progress) -> Validation:
-    """Writes the folder; the validation is that on the new trajectory."""
-    truth = nominal_parameters()  # for the report to show beside the estimates; identification knew nothing of it
-    names = [parameter.name for parameter in experiment.result.model.parameters]
-    stated = {name: (value, np.nan) for name, value in zip(names, truth.tolist(), strict=True)}
-    run_by = replace(experiment.result.provenance, command=command_line())
-    result = replace(experiment.result, beliefs=Beliefs(nominal=stated), provenance=run_by)
-    validation = result.validate(experiment.new_log)
-    save_identification(result, folder, with_log=True, validation=validation, progress=progress)
-    return validation
 
 
 def _signs_lines(experiment: Experiment) -> list[str]:
@@ -172,15 +145,10 @@ def _signs_lines(experiment: Experiment) -> list[str]:
 
 
 def _coefficient_table(experiment: Experiment) -> RenderableType:
-    rows = [
-        [
-            str(row.number),
-            row.expression,
-            *(f"{value:.4f}" for value in (row.nominal, row.published, estimate, sd)),
-            f"{sd / abs(row.nominal):.1%}" if row.nominal else "-",
-        ]
-        for row, estimate, sd in zip(TABLE_II, experiment.estimates, experiment.sd, strict=True)
-    ]
+    rows = []
+    for row, estimate, sd in zip(TABLE_II, experiment.estimates, experiment.sd, strict=True):
+        values = (f"{value:.4f}" for value in (row.nominal, row.published, estimate, sd))
+        rows.append([str(row.number), row.expression, *values, f"{sd / abs(row.nominal):.1%}" if row.nominal else "-"])
     return table(["#", "coefficient", "nominal", "paper", "ours", "sd", "rsd"], rows, left=["coefficient"])
 
 

@@ -202,17 +202,11 @@ def _separate_parts(separate: Separate) -> list[RenderableType]:
 # ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Recording:
-    """One log of an identification.
+    """One log of an identification."""
 
-    Attributes:
-        path: of the log.
-        payload: label of what the flange carried; empty where it carried nothing.
-        mass: of that, kg, and its standard deviation; None where it is not known.
-    """
-
-    path: Path
-    payload: str = ""
-    mass: tuple[float, float] | None = None
+    path: Path  #: of the log
+    payload: str = ""  #: label of what the flange carried; empty where it carried nothing
+    mass: tuple[float, float] | None = None  #: of that, kg, and its standard deviation; None where it is not known
 
 
 def recordings(options: argparse.Namespace) -> list[Recording]:

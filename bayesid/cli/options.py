@@ -8,10 +8,11 @@ import re
 import shlex
 import sys
 import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, TypeVar
+from typing import Any
 
 from rich.console import RenderableType
 
@@ -21,17 +22,13 @@ from bayesid.errors import BayesidError, InputError, printable
 from bayesid.files.writing import check_place
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.log.formats.stated import parse_columns
-from bayesid.log.gains import Gains
-from bayesid.log.log import Log, RecordedMotion
-from bayesid.log.reading import read_log, read_motion
+from bayesid.log.log import Log
+from bayesid.log.reading import read_log
 from bayesid.posterior.sampler import Sampling
 from bayesid.regression.knowledge import Beliefs, KinematicTolerance, Links, read_nominal
 from bayesid.robot import Robot, load_robot
 
-Recording = TypeVar("Recording", Log, RecordedMotion)
-
-
-_LENGTHS, _ANGLES = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}, {"deg": math.pi / 180.0, "mrad": 1e-3, "rad": 1.0}
+_UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "deg": math.pi / 180.0, "mrad": 1e-3, "rad": 1.0}
 
 
 def command_line() -> str:
@@ -87,7 +84,9 @@ def reading_options(options: argparse.Namespace, identified: IdentifiedModel | N
     Raises:
         InputError: uncertain gains are given beside a result.
     """
-    gains = _gains(options.gains)
+    gains: Any = options.gains
+    with suppress(ValueError):  # uncertain ones stay as they were typed
+        gains = None if gains is None else [float(word) for word in gains.split(",")]
     if identified is not None and isinstance(gains, str):
         remedy = "leave --gains out: the result has its own, or give exact ones"
         said = f"{gains!r:.60} are no exact numbers: uncertain gains are unknowns of `bayesid identify` alone"
@@ -107,23 +106,20 @@ def motion_options(options: argparse.Namespace) -> dict[str, Any]:
     return {"joints": joints, "columns": columns, "degrees": options.degrees, "topic": options.topic}
 
 
-def read(path: Path, reading: Mapping[str, Any]) -> Log:
-    """A log; each warning of its reader is one line."""
-    return _read_with_notes(read_log, path, reading)
-
-
-def read_positions(path: Path, reading: Mapping[str, Any]) -> RecordedMotion:
-    """A motion; each warning of its reader is one line."""
-    return _read_with_notes(read_motion, path, reading)
-
-
-def _read_with_notes(reader: Callable[..., Recording], path: Path, reading: Mapping[str, Any]) -> Recording:
+@contextmanager
+def warned() -> Iterator[None]:
+    """Each warning of a reader is one line."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", UserWarning)
-        recording = reader(path, **reading)
+        yield
     for warning in caught:
         warn(str(warning.message))
-    return recording
+
+
+def read(path: Path, reading: Mapping[str, Any]) -> Log:
+    """A log, as `reading_options` say."""
+    with warned():
+        return read_log(path, **reading)
 
 
 def finish(
@@ -176,22 +172,15 @@ def _links(text: str) -> Links:
 
 
 def _tolerance(text: str) -> KinematicTolerance:
-    parts = [part.strip() for part in text.split(",")]
-    if len(parts) == 2:
-        length, angle = (_measure(part, units) for part, units in zip(parts, (_LENGTHS, _ANGLES), strict=True))
-        if length is not None and angle is not None:
-            return KinematicTolerance(length=length, angle=angle)
-    remedy = "give a length and an angle with their units, as in 1mm,0.1deg; 0mm,0deg for a table that is exact"
-    raise InputError(f"{text!r} is no tolerance", "--kinematic-tolerance", remedy)
-
-
-def _measure(text: str, units: Mapping[str, float]) -> float | None:
-    found = re.fullmatch(r"([0-9.eE+-]+)\s*([a-z]+)", text)
+    found = re.fullmatch(r"\s*([0-9.eE+-]+)\s*(mm|cm|m)\s*,\s*([0-9.eE+-]+)\s*(deg|mrad|rad)\s*", text)
     try:
-        value = float(found[1]) * units[found[2]] if found else math.nan
-    except (KeyError, ValueError):
-        return None
-    return value if 0.0 <= value < math.inf else None
+        length, angle = (float(found[k]) * _UNITS[found[k + 1]] if found else math.nan for k in (1, 3))
+    except ValueError:
+        length = angle = math.nan
+    if not (0.0 <= length < math.inf and 0.0 <= angle < math.inf):
+        remedy = "give a length and an angle with their units, as in 1mm,0.1deg; 0mm,0deg for a table that is exact"
+        raise InputError(f"{text!r} is no tolerance", "--kinematic-tolerance", remedy)
+    return KinematicTolerance(length=length, angle=angle)
 
 
 def sampling(options: argparse.Namespace) -> Sampling | bool:
@@ -199,11 +188,3 @@ def sampling(options: argparse.Namespace) -> Sampling | bool:
     mode = getattr(options, "mode", 1)  # of `identify` alone
     chosen = Sampling(budget=options.posterior_budget, time_limit=options.time_limit, seed=options.seed, mode=mode)
     return False if options.no_posterior else chosen
-
-
-def _gains(text: str | None) -> list[float] | Gains | str | None:
-    """Exact gains as numbers, all others as they were typed."""
-    try:
-        return None if text is None else [float(word) for word in text.split(",")]
-    except ValueError:
-        return text

@@ -9,7 +9,7 @@ import numpy as np
 from rich.console import RenderableType
 from rich.text import Text
 
-from bayesid.cli.options import check_file, finish, motion_options, read, read_positions, reading_options
+from bayesid.cli.options import check_file, finish, motion_options, read, reading_options, warned
 from bayesid.cli.terminal import COLOURS, StageBars, line_of, table
 from bayesid.errors import InputError
 from bayesid.files.writing import check_folder
@@ -18,6 +18,7 @@ from bayesid.identification.options import Preparation
 from bayesid.identification.payload import identify_payload
 from bayesid.identification.pipeline import QUICK
 from bayesid.identification.prediction import Validation
+from bayesid.log.reading import read_motion
 from bayesid.posterior.sampler import Sampling
 from bayesid.progress import Progress
 from bayesid.report.folders import VALIDATION_FILES, check_result_folder, make_report, save_validation
@@ -70,7 +71,8 @@ def predict_command(options: argparse.Namespace) -> None:
     with StageBars(options.quiet) as bars:
         bars.show("read", 0, 1)
         identified = load_model(options.result)
-        motion = read_positions(options.motion, motion_options(options))
+        with warned():
+            motion = read_motion(options.motion, **motion_options(options))
         bars.show("predict", 0, 1)
         result = identified.predict(motion, noise=not options.without_noise, cutoff=options.cutoff)
     result.save(options.out)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +12,7 @@ from typing import BinaryIO, TextIO
 
 import numpy as np
 
-from bayesid.cli.options import finish, read, reading_options
+from bayesid.cli.options import finish, read, reading_options, warned
 from bayesid.cli.terminal import StageBars, in_options, line_of, note, table, warn
 from bayesid.cli.tuning import TUNING
 from bayesid.errors import BayesidError, InputError
@@ -193,16 +192,14 @@ def _reader(options: argparse.Namespace, identified: IdentifiedModel) -> RowRead
     said = reading_options(options, identified)
     gains, unsigned, degrees = (said.pop(name) for name in ("gains", "unsigned", "degrees"))
     columns = Options(**said, currents=gains is not None)
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", UserWarning)
-        stream = _Announced(sys.stdin.buffer, identified.model.robot.n_joints)
-        reader = RowReader(stream, _SOURCE, gains, unsigned, degrees, columns)
-    for said_of_it in [*(str(one.message) for one in caught), *reader.notes]:
-        warn(said_of_it)
     robot = identified.model.robot
+    with warned():
+        reader = RowReader(_Announced(sys.stdin.buffer, robot.n_joints), _SOURCE, gains, unsigned, degrees, columns)
+    for told in reader.notes:
+        warn(told)
     if reader.n_joints != robot.n_joints:
-        said_joints = f"has {reader.n_joints} joints, the model's robot {robot.name} has {robot.n_joints}"
-        raise InputError(said_joints, _SOURCE, "give a stream of the same robot")
+        other = f"has {reader.n_joints} joints, the model's robot {robot.name} has {robot.n_joints}"
+        raise InputError(other, _SOURCE, "give a stream of the same robot")
     return reader
 
 

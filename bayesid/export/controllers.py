@@ -29,29 +29,18 @@ Between = Callable[[Motion, Array], Array]
 
 @dataclass(frozen=True)
 class PlannedMotion:
-    """What a robot is to run: a motion from rest to rest, known at every instant, and slower on demand.
+    """What a robot is to run: a motion from rest to rest, known at every instant, and slower on demand."""
 
-    Attributes:
-        robot: its name.
-        joint_names: n of them, in the order of the motion's columns.
-        prismatic: n of them, whether the joint slides: its positions are m, else rad.
-        at: the motion, with exact derivatives, at instants t (N,) from 0 to `duration`, s.
-        duration: s.
-        rate: of the controller, Hz.
-        checked: what was checked, a few words each, as "collisions of links"; for the heads of files.
-        not_checked: what was not; the files say too what no plan can check.
-        share: of the planned speed at which `at` goes; 1 unless `slowed`.
-    """
-
-    robot: str
-    joint_names: tuple[str, ...]
-    prismatic: tuple[bool, ...]
-    at: Callable[[Array], Motion]
-    duration: float
-    rate: float
+    robot: str  #: its name
+    joint_names: tuple[str, ...]  #: n of them, in the order of the motion's columns
+    prismatic: tuple[bool, ...]  #: n of them, whether the joint slides: its positions are m, else rad
+    at: Callable[[Array], Motion]  #: the motion, with exact derivatives, at instants t (N,) from 0 to `duration`, s
+    duration: float  #: s
+    rate: float  #: of the controller, Hz
+    #: what was checked, a few words each, as "collisions of links"; for the heads of files
     checked: tuple[str, ...] = ()
-    not_checked: tuple[str, ...] = ()
-    share: float = 1.0
+    not_checked: tuple[str, ...] = ()  #: what was not; the files say too what no plan can check
+    share: float = 1.0  #: of the planned speed at which `at` goes; 1 unless `slowed`
 
     @property
     def n_joints(self) -> int:
@@ -340,17 +329,11 @@ PROGRAM_FOLDERS = frozenset(map(_speed_folder, SPEEDS))
 
 @dataclass(frozen=True)
 class Programs:
-    """What `save_programs` has written.
+    """What `save_programs` has written."""
 
-    Attributes:
-        folders: one a speed, the slowest first.
-        files: names of the files in each of them.
-        left_out: names of the files that this robot cannot have, and why.
-    """
-
-    folders: tuple[Path, ...]
-    files: tuple[str, ...]
-    left_out: Mapping[str, str]
+    folders: tuple[Path, ...]  #: one a speed, the slowest first
+    files: tuple[str, ...]  #: names of the files in each of them
+    left_out: Mapping[str, str]  #: names of the files that this robot cannot have, and why
 
 
 def save_programs(planned: PlannedMotion, place: Path, shares: Sequence[float] = SPEEDS) -> Programs:

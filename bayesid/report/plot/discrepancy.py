@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Sequence
 
 import numpy as np
 
@@ -49,9 +48,8 @@ def residual_figure(discrepancy: Discrepancy, joint: int) -> fig.Figure:
             fig.Dots(value[shown], residual[shown], colour, size=2.0, alpha=0.4),
             *fig.means(centre, mean, 2.0 * error, fig.INK),
         ]
-        panels.append(
-            fig.Panel(marks, title=title, title_colour=colour, y_name=f"residual, {unit_of(discrepancy, joint)}")
-        )
+        y_name = f"residual, {unit_of(discrepancy, joint)}"
+        panels.append(fig.Panel(marks, title=title, title_colour=colour, y_name=y_name))
     x_name = f"{variable}, {unit_of(discrepancy, joint, variable)}"
     return fig.Figure([fig.with_common_limits(panels)], 2.6, x_name=x_name)
 
@@ -65,12 +63,8 @@ def effort_figure(discrepancy: Discrepancy, joint: int) -> fig.Figure:
         fig.Line(time, discrepancy.predicted_before[:, j], _BEFORE, _AS_IT_WAS, 1.0),
         fig.Line(time, discrepancy.predicted_after[:, j], _AFTER, _EXTENDED, 1.0),
     )
-    panel = fig.Panel(
-        fig.thinned(curves, TUNING.page_curve),
-        "time, s",
-        f"effort, {unit_of(discrepancy, joint)}",
-        margins=(0.01, 0.05),
-    )
+    marks = fig.thinned(curves, TUNING.page_curve)
+    panel = fig.Panel(marks, "time, s", f"effort, {unit_of(discrepancy, joint)}", margins=(0.01, 0.05))
     return fig.Figure([[panel]], 2.4, key=True)
 
 
@@ -87,7 +81,7 @@ def gap_figure(discrepancy: Discrepancy) -> fig.Figure:
         marks.append(fig.Words(np.maximum(ratio, 1.0), row, texts))  # clear of the floor's line
     marks.append(fig.upright(1.0, fig.INK, 1.2, "dashed", "noise floor"))
     names = [f"joint {j + 1}" for j in place]
-    return _bars(marks, names, "gap, in units of the noise floor", 0.9 + 0.36 * n, 0.22)
+    return fig.listing(marks, names, "gap, in units of the noise floor", 0.9 + 0.36 * n, margin=0.22)
 
 
 def candidate_figure(discrepancy: Discrepancy) -> fig.Figure:
@@ -96,10 +90,8 @@ def candidate_figure(discrepancy: Discrepancy) -> fig.Figure:
     added = {(effect.effect, effect.joints) for effect in discrepancy.added}
     gains, row = np.array([score.gain / LN10 for score in best]), np.arange(len(best))
     needed = discrepancy.thresholds.log10_bayes_factor
-    ends, colours = (
-        (np.minimum(gains, 0.0), np.maximum(gains, 0.0)),
-        [_AFTER if s.key in added else fig.INK for s in best],
-    )
+    ends = np.minimum(gains, 0.0), np.maximum(gains, 0.0)
+    colours = [_AFTER if score.key in added else fig.INK for score in best]
     marks: list[fig.Mark] = [
         *([fig.Boxes(ends, (row - 0.35, row + 0.35), colours)] if best else []),
         fig.Words(np.maximum(gains, 0.0), row, [rounded(float(gain)) for gain in gains]),
@@ -107,7 +99,7 @@ def candidate_figure(discrepancy: Discrepancy) -> fig.Figure:
         fig.upright(0.0),
     ]
     names = [score_label(score) for score in best]
-    return _bars(marks, names, "log10 of the Bayes factor", 0.9 + 0.24 * max(len(best), 1), 0.16)
+    return fig.listing(marks, names, "log10 of the Bayes factor", 0.9 + 0.24 * max(len(best), 1), margin=0.16)
 
 
 def learned_figure(added: AddedEffect, unit: str) -> fig.Figure:
@@ -128,16 +120,6 @@ def learned_figure(added: AddedEffect, unit: str) -> fig.Figure:
         title = f"over {curve.variable}{turning}"
         panels.append(fig.Panel(marks, curve.variable, f"effort, {unit}", title))
     return fig.Figure([panels], 2.6, key=True)
-
-
-def _bars(marks: Sequence[fig.Mark], names: Sequence[str], x_name: str, height: float, room: float) -> fig.Figure:
-    """Bars below each other, with room for words beside them, as a share."""
-    count = max(len(names), 1)
-    ticks = np.arange(len(names)), names
-    panel = fig.Panel(
-        marks, x_name, y_limits=(-0.6, count - 0.4), y_ticks=ticks, grid="x", margins=(room, 0.0), downwards=True
-    )
-    return fig.Figure([[panel]], height, key=True)
 
 
 # ---------------------------------------------------------------------------------------------------------------

@@ -167,6 +167,16 @@ def rows_of(panels: Sequence[Panel], columns: int) -> list[list[Panel | None]]:
     return [filled[first : first + columns] for first in range(0, len(filled), columns)]
 
 
+def listing(
+    marks: Sequence[Mark], names: Sequence[str], x_name: str, height: float, *, rows: int = 0, margin: float = 0.05
+) -> Figure:
+    """Bars or dots below each other, row 0 on top, with names beside them, or so many rows without."""
+    ends = -0.6, max(len(names), rows, 1) - 0.4
+    ticks = np.arange(len(names)), names
+    panel = Panel(marks, x_name, y_limits=ends, y_ticks=ticks, grid="x", margins=(margin, 0.0), downwards=True)
+    return Figure([[panel]], height, key=True)
+
+
 def with_common_limits(panels: Sequence[Panel]) -> list[Panel]:
     """The same panels, with the same ends of their axes."""
     x, y = (np.array(ends) for ends in zip(*(panel.limits for panel in panels), strict=True))

@@ -194,15 +194,8 @@ def coefficients(result: Source, ax: Axes | None = None) -> Axes:
     if (known := np.isfinite(nominal)).any():
         row, value = place[known], nominal[known]
         marks.append(fig.Strokes((value, value), (row - 0.4, row + 0.4), fig.INK, "nominal", 1.6))
-    panel = fig.Panel(
-        [*marks, fig.upright(0.0)],
-        "value over its size",
-        y_limits=(-0.6, len(place) - 0.4),
-        y_ticks=(place, table.name),
-        grid="x",
-        downwards=True,
-    )
-    return draw(fig.Figure([[panel]], 1.0 + 0.19 * len(place), key=True), ax)[0]
+    marks.append(fig.upright(0.0))
+    return draw(fig.listing(marks, table.name, "value over its size", 1.0 + 0.19 * len(place)), ax)[0]
 
 
 def alternatives(result: Source, ax: Axes | None = None) -> Axes:
@@ -231,12 +224,4 @@ def alternatives_figure(findings: Findings) -> fig.Figure:
     if len(above) > 1:
         marks.append(fig.Dots(above[1:], np.arange(1, count), fig.ORANGE, "alternative", 7.0))
     marks.append(fig.Dots([0.0], [0.0], fig.BLUE, "best found", 8.0))
-    panel = fig.Panel(
-        marks,
-        "cost above that of the best assignment",
-        y_limits=(-0.6, count - 0.4),
-        y_ticks=fig.NO_TICKS,
-        grid="x",
-        downwards=True,
-    )
-    return fig.Figure([[panel]], 1.1 + 0.22 * count, key=True)
+    return fig.listing(marks, (), "cost above that of the best assignment", 1.1 + 0.22 * count, rows=count)

@@ -44,10 +44,7 @@ def skeleton(robot: Robot | str | Path, q: ArrayLike | None = None, axes: Sequen
     Args:
         robot: a robot, a built-in name or a file.
         q: (n,) joint positions, rad (m); zero by default.
-        axes: two, of the side and the top view; new ones by default, whose `figure` can be saved.
-
-    Returns:
-        The side view, x and z of the base frame, and the top view, x and y.
+        axes: of the side view, x and z of the base frame, and of the top view, x and y; new ones by default.
 
     Raises:
         InputError: no such robot, or no such positions.
@@ -215,14 +212,8 @@ class Labels:
             boxes = np.hstack([centres - half, centres + half]) + np.tile(self._scale * place, 2)
             best = int(np.argmin([_covered(box, lines, taken) for box in boxes]))
             taken = np.vstack([taken, boxes[best]])
-            look: dict[str, Any] = {
-                "textcoords": "offset points",
-                "ha": "center",
-                "va": "center",
-                "color": colour,
-                "fontsize": size,
-            }
-            self._ax.annotate(text, tuple(place), xytext=tuple(centres[best]), **look)
+            look: dict[str, Any] = {"ha": "center", "va": "center", "color": colour, "fontsize": size}
+            self._ax.annotate(text, tuple(place), tuple(centres[best]), textcoords="offset points", **look)
 
 
 def _covered(box: Array, lines: Array, taken: Array) -> float:
