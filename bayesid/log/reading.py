@@ -29,8 +29,6 @@ from bayesid.log.tuning import TUNING
 
 Parts: TypeAlias = Sequence["str | Path | Variables"]
 """The files of one run, or what is in memory of it: they are joined by time."""
-
-
 LogSource: TypeAlias = Log | str | Path | Variables | Parts
 """What stands for a log wherever one is asked for."""
 
@@ -152,10 +150,7 @@ def as_log(source: LogSource) -> Log:
 
 
 def find_logs(patterns: Sequence[str | Path]) -> list[Path]:
-    """The logs that paths and patterns name, one after the other; those of a pattern in alphabetical order.
-
-    Args:
-        patterns: paths, or patterns as in "runs/*.csv" with `*`, `?` or `[`; what exists is a path.
+    """The logs that paths and patterns such as "runs/*.csv" name; those of a pattern in alphabetical order.
 
     Raises:
         InputError: no file matches a pattern, or a log is named twice.
@@ -192,11 +187,11 @@ def _check_readings(table: Table, q: Array, effort: Array) -> None:
         remedy = "say the unit of currents or torques in the header, as in i1[mA], or correct `gains`"
         raise InputError(said, table.source, remedy)
     step = np.median(np.diff(table.t)[np.diff(table.t) > 0.0])
-    speeds = ((np.abs(np.gradient(joint)) / step, force) for joint, force in zip(q.T, effort.T, strict=True))
-    if all(
-        np.linalg.norm(np.abs(force) - speed) < TUNING.efforts_as_velocities * np.linalg.norm(speed)
-        for speed, force in speeds
-    ):
+    for joint, force in zip(q.T, effort.T, strict=True):
+        speed = np.abs(np.gradient(joint)) / step
+        if np.linalg.norm(np.abs(force) - speed) >= TUNING.efforts_as_velocities * np.linalg.norm(speed):
+            break
+    else:
         remedy = "name the columns of torques or currents by `columns`"
         raise InputError("the efforts are the joints' velocities", table.source, remedy)
 
@@ -269,12 +264,7 @@ def read_motion(
 ) -> RecordedMotion:
     """Reads and checks a motion in one of the formats of logs; efforts may be there, and are left out.
 
-    Args:
-        path: the file, or a folder that is a recording.
-        degrees: these and the following as for `read_log`.
-        columns: see there.
-        topic: see there.
-        joints: see there.
+    Options are as for `read_log`.
 
     Raises:
         InputError: the file, a row, a column or an option cannot be used.
@@ -294,17 +284,13 @@ def motion_of_variables(source: Variables) -> RecordedMotion:
 def motion_of_arrays(t: object, q: object, dq: object | None = None) -> RecordedMotion:
     """The motion in arrays: (N,) s, (N, n) rad and, if they are given, (N, n) rad/s."""
     given = {"t": _numbers(t, "t"), "q": _numbers(q, "q"), **({} if dq is None else {"dq": _numbers(dq, "dq")})}
-    shape = given["q"].shape
-    for name, values in given.items():
-        expected = shape[:1] if name == "t" else shape
-        if len(shape) != 2 or values.shape != expected:
-            said = f"{name} has shape {values.shape} beside q of {shape}"
+    shape, columns = given["q"].shape, {}
+    for kind, values in given.items():
+        if len(shape) != 2 or values.shape != (shape[:1] if kind == "t" else shape):
+            said = f"{kind} has shape {values.shape} beside q of {shape}"
             raise InputError(said, GIVEN, "give t (N,), and q and dq (N, n)")
-    columns = {"t": Column("t", given["t"])}
-    for kind in ("q", "dq"):
-        if kind in given:
-            names = numbered(kind, shape[1])
-            columns |= {name: Column(name, column) for name, column in zip(names, given[kind].T, strict=True)}
+        named = zip(["t"] if kind == "t" else numbered(kind, shape[1]), np.atleast_2d(values.T), strict=True)
+        columns |= {name: Column(name, column) for name, column in named}
     return _recorded(check(Table(columns, GIVEN, rows_of(GIVEN))), 1.0)
 
 

@@ -17,9 +17,6 @@ from bayesid.log.gains import Gains
 from bayesid.log.reading import angle_unit, gains_of_table, signed_joints
 from bayesid.log.tuning import TUNING
 
-_FOLLOWED = "utf-8", "utf-8-sig", "cp1252"
-"""Encodings in which a line ends with the byte of a line's end."""
-
 
 class Stream(Protocol):
     """What gives lines of text."""
@@ -38,15 +35,9 @@ class Row(NamedTuple):
 
 
 class RowReader:
-    """Samples of a stream, one after the other.
+    """Samples of a stream of text, one after the other: a header, then one row a line.
 
-    Args:
-        stream: of text: a header, then one row a line.
-        source: what messages call it.
-        gains: as `bayesid.read_log` takes them.
-        unsigned: "all", "none" or joints as in "1,3"; all by default, as nobody knows what is to come.
-        degrees: whether positions and velocities are in degrees where the header does not say their unit.
-        options: what else a user has said about the columns.
+    Arguments are as `bayesid.read_log` takes them; all joints are unsigned by default, as nobody knows what is to come.
 
     Attributes:
         signed: (n,) which joints are.
@@ -69,23 +60,21 @@ class RowReader:
     ) -> None:
         CsvFile().check_options(options or Options(), source)
         self._layout, self._lines = _look_at(_lines_of(stream, source), source)
-        selected, self._clock = select_columns(self._layout, source, options or Options())
-        self._columns, self._source, self._degrees = selected.columns, source, degrees
-        self.notes, self.bad = selected.notes, 0
+        self._columns, self.notes = select_columns(self._layout, source, options or Options())
+        self._source, self._degrees, self.bad = source, degrees, 0
         names = [column.name for column in self._columns]
         one = self._table(np.ones(len(names)))
         self.n_joints = n = one.n_joints
         self.signed, self.assumed = signed_joints(np.zeros((1, n)), unsigned, n), unsigned is None
         effort = "tau" if "tau1" in names else "i"
         angle, made_with = (DEGREE if degrees else 1.0), gains_of_table(one, gains)
-        units = {"q": one.block("q", angle), "effort": one.block(effort) * made_with.value}
+        units = {"q": one.block("q", angle), effort: one.block(effort) * made_with.value}
         if "dq1" in names:
             units["dq"] = one.block("dq", angle)
-        kinds = {"q": "q", "effort": effort, "dq": "dq"}
-        self._blocks = {  # places and units
-            name: ([names.index(f"{kinds[name]}{j}") for j in range(1, n + 1)], unit[0]) for name, unit in units.items()
-        }
-        self._time, self._second = names.index("t"), float(one.t[0])
+        self._blocks = {}
+        for kind, unit in units.items():
+            self._blocks[kind] = [names.index(f"{kind}{j}") for j in range(1, n + 1)], unit[0]
+        self._time, self._second, self._effort = names.index("t"), float(one.t[0]), effort
         self._farthest = np.zeros(len(names))
 
     def __iter__(self) -> Iterator[Row | None]:
@@ -97,22 +86,19 @@ class RowReader:
         for line in self._lines:
             try:
                 cells = self._layout.cells(line.decode(self._layout.encoding))
-                values = self._values(cells)
+                if not cells:
+                    continue
+                if len(cells) != len(self._layout.header):
+                    raise ValueError("another number of cells")
+                values = np.array([self._number(cells[one.place], one) for one in self._columns])
             except ValueError:  # and letters that are none
                 self.bad += 1
                 yield None
                 continue
-            if cells:
-                yield self._row(values)
-
-    def _values(self, cells: Sequence[str]) -> Array:
-        """What a line holds in the columns, an empty cell as nan; ValueError where it is no row of the table."""
-        if cells and len(cells) != len(self._layout.header):
-            raise ValueError("another number of cells")
-        return np.array([self._number(cells[one.place], one) for one in self._columns] if cells else [])
+            yield self._row(values)
 
     def _number(self, cell: str, column: SourceColumn) -> float:
-        if column.place == self._clock:
+        if column.clock:
             return clock_seconds(cell)
         value = float(cell) if cell else np.nan
         if "_" in cell or (column.name != "t" and abs(value) >= TUNING.absurd):
@@ -120,16 +106,16 @@ class RowReader:
         return value
 
     def _row(self, values: Array) -> Row:
-        blocks = {name: values[places] * units for name, (places, units) in self._blocks.items()}
+        blocks = {kind: values[places] * unit for kind, (places, unit) in self._blocks.items()}
         if self._degrees is None and np.nanmax(np.abs(blocks["q"]), initial=0.0) > TUNING.few_turns:
             self._farthest = np.fmax(self._farthest, np.abs(values))
             angle_unit(self._table(self._farthest), None)
-        return Row(float(values[self._time]) * self._second, blocks["q"], blocks["effort"], blocks.get("dq"))
+        t = float(values[self._time]) * self._second
+        return Row(t, blocks["q"], blocks[self._effort], blocks.get("dq"))
 
     def _table(self, values: Array) -> Table:
-        columns = {}
-        for one, value in zip(self._columns, values, strict=True):
-            columns[one.name] = Column(one.label, value[None], 1.0 if one.place == self._clock else one.unit)
+        pairs = zip(self._columns, values, strict=True)
+        columns = {one.name: Column(one.label, value[None], one.unit) for one, value in pairs}
         return Table(columns, self._source, rows_of(self._source), self.notes)
 
 
@@ -151,7 +137,7 @@ def _look_at(lines: Iterator[bytes], source: str) -> tuple[Layout, Iterator[byte
             layout = look(b"".join(head), whole=False)
         except (UnicodeDecodeError, csv.Error):
             raise InputError("is not text", source, "give CSV, one row a line") from None
-        if layout.encoding not in _FOLLOWED:
+        if layout.encoding not in ("utf-8", "utf-8-sig", "cp1252"):  # where a line ends with one byte
             raise InputError(f"is {layout.encoding.upper()}, which cannot be followed", source, "give it as UTF-8")
         if layout.first or len(head) == 3:
             break

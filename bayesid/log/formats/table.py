@@ -66,6 +66,7 @@ class SourceColumn:
     place: int
     label: str
     unit: float | None = None
+    clock: bool = False  # whether it is a time written as one of day, or a date
 
 
 class Chosen(NamedTuple):

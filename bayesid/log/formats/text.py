@@ -10,7 +10,7 @@ import csv
 import io
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from itertools import islice
 from pathlib import Path
@@ -22,7 +22,7 @@ from bayesid.errors import InputError
 from bayesid.log.formats import Format
 from bayesid.log.formats.labels import is_unit, split_brackets
 from bayesid.log.formats.names import choose
-from bayesid.log.formats.table import Chosen, Column, Options, Table
+from bayesid.log.formats.table import Chosen, Column, Options, SourceColumn, Table
 from bayesid.log.tuning import TUNING
 from bayesid.parallel import quiet
 
@@ -94,13 +94,15 @@ class CsvFile(Format):
         """The columns of a log."""
         try:
             layout = look(path)
-            selected, clock = select_columns(layout, str(path), options)
-            values = _read_values(path, layout, [source.place for source in selected.columns], clock)
+            selected = select_columns(layout, str(path), options)
+            values = _read_values(path, layout, selected.columns)
         except (UnicodeDecodeError, csv.Error) as error:
-            raise _not_text(path, isinstance(error, UnicodeDecodeError)) from None
-        columns = {}
-        for one in selected.columns:
-            columns[one.name] = Column(one.label, values[:, one.place], 1.0 if one.place == clock else one.unit)
+            controls = rb"[\0-\x08\x0e-\x1f]"  # bytes that stand in no text
+            if isinstance(error, UnicodeDecodeError) and not re.search(controls, path.read_bytes()):
+                remedy = "save it as UTF-8, as in: iconv -f SHIFT_JIS -t UTF-8 FILE > NEW"
+                raise InputError("is text in an encoding that is not known", str(path), remedy) from None
+            raise InputError("is not text", str(path), "give a CSV log (save a spreadsheet as CSV)") from None
+        columns = {one.name: Column(one.label, values[:, one.place], one.unit) for one in selected.columns}
 
         def place(row: int) -> str:
             number, _ = next(islice(_rows(path, layout), row, None))
@@ -196,25 +198,19 @@ def _is_clock(cell: str) -> bool:
     return ":" in cell
 
 
-def select_columns(layout: Layout, source: str, options: Options) -> tuple[Chosen, int | None]:
-    """The columns that make a log, in the table's order, and the place of a time that is written as one of day."""
+def select_columns(layout: Layout, source: str, options: Options) -> Chosen:
+    """The columns that make a log, in the table's order, so that the first bad one is named."""
     where, remedy = f"{source}, row {layout.header_row}", "begin it with t,q1..qn,tau1..taun"
     if not any(layout.header):
         raise InputError("does not begin with a header", source, remedy)
     if all(map(_is_number, layout.header)):
         raise InputError("holds numbers, not the names of the columns", where, remedy)
     selected = choose(layout.header, where, options)
-    chosen = tuple(sorted(selected.columns, key=lambda source: source.place))  # the first bad one is named
-    times = [one.place for one in chosen if one.name == "t" and one.place < len(layout.first)]
-    clock = next((place for place in times if _is_clock(layout.first[place])), None)
-    return Chosen(chosen, selected.notes), clock
-
-
-def _not_text(path: Path, undecoded: bool) -> InputError:
-    if undecoded and not re.search(rb"[\0-\x08\x0e-\x1f]", path.read_bytes()):  # bytes that stand in no text
-        remedy = "save it as UTF-8, as in: iconv -f SHIFT_JIS -t UTF-8 FILE > NEW"
-        return InputError("is text in an encoding that is not known", str(path), remedy)
-    return InputError("is not text", str(path), "give a CSV log (save a spreadsheet as CSV)")
+    columns = sorted(selected.columns, key=lambda one: one.place)
+    for k, one in enumerate(columns):
+        if one.name == "t" and one.place < len(layout.first) and _is_clock(layout.first[one.place]):
+            columns[k] = replace(one, unit=1.0, clock=True)
+    return Chosen(tuple(columns), selected.notes)
 
 
 # ---- How a file is written ----
@@ -240,14 +236,9 @@ def _encoding(pieces: Callable[[], Iterable[bytes]], whole: bool) -> str:
 
 
 def _are_quoted(lines: Sequence[str]) -> bool:
+    whole = re.compile('"(?:[^"]|"")*"')
     first = [line.strip() for line in lines[:2]]
-    return len(first) == 2 and all(
-        len(line) > 1
-        and line[0] == line[-1] == '"'
-        and '"' not in line[1:-1].replace('""', "")
-        and max(map(line.count, _SEPARATORS)) > 1
-        for line in first
-    )
+    return len(first) == 2 and all(whole.fullmatch(one) and max(map(one.count, _SEPARATORS)) > 1 for one in first)
 
 
 def _unquoted(line: str) -> str:
@@ -300,11 +291,11 @@ def _bare_unit(cell: str) -> str:
 
 
 # ---- What it holds ----
-def _read_values(path: Path, layout: Layout, used: list[int], clock: int | None) -> Array:
+def _read_values(path: Path, layout: Layout, used: Sequence[SourceColumn]) -> Array:
     """(N, columns) numbers of the used columns, s in that of the clock; the other columns come as 0."""
-    n = len(layout.header)
-    converters: dict[int | str, Callable[[str], float]] = {i: lambda _: 0.0 for i in range(n) if i not in used}
-    converters |= {} if clock is None else {clock: clock_seconds}
+    n, places = len(layout.header), {one.place for one in used}
+    converters: dict[int | str, Callable[[str], float]] = {i: lambda _: 0.0 for i in range(n) if i not in places}
+    converters |= {one.place: clock_seconds for one in used if one.clock}
     with path.open(newline="", encoding=layout.encoding) as file, quiet(UserWarning):  # of no rows: refused later
         try:
             values: Array = np.loadtxt(
@@ -319,7 +310,7 @@ def _read_values(path: Path, layout: Layout, used: list[int], clock: int | None)
         except UnicodeDecodeError:
             raise
         except ValueError:
-            raise _first_bad_row(path, layout, used, clock) from None
+            raise _first_bad_row(path, layout, used) from None
     if len(values) == 0:
         return np.empty((0, n))
     if values.shape[1] != n:
@@ -337,7 +328,7 @@ def _rows(path: Path, layout: Layout) -> Iterator[tuple[int, str]]:
                 yield number, line
 
 
-def _first_bad_row(path: Path, layout: Layout, used: list[int], clock: int | None) -> InputError:
+def _first_bad_row(path: Path, layout: Layout, used: Sequence[SourceColumn]) -> InputError:
     for number, line in _rows(path, layout):
         cells, where = _split(line, layout.separator), f"{path}, row {number}"
         if tuple(cells) == layout.header:
@@ -347,15 +338,17 @@ def _first_bad_row(path: Path, layout: Layout, used: list[int], clock: int | Non
             said = f"holds {len(cells)} values, the header names {len(layout.header)}"
             remedy = _semicolons(layout, len(cells)) if number == layout.rows + 1 else ""
             return InputError(said, where, remedy or "remove the row (a truncated last row is common) or complete it")
-        for i in used:
-            if not (_is_clock(cells[i]) if i == clock else _is_number(cells[i], comma=False)):
-                said = f"column {layout.header[i]} holds {cells[i]!r}, not a {'time' if i == clock else 'number'}"
-                remedy = "correct the value"
-                if _THOUSANDS.fullmatch(cells[i]):
-                    remedy = "write numbers without separators of thousands"
-                elif not cells[i] or cells[i].startswith(_NO_VALUE):
-                    remedy = "remove the row (the log may have gaps), or give the value"
-                return InputError(said, where, remedy)
+        for one in used:
+            cell = cells[one.place]
+            if _is_clock(cell) if one.clock else _is_number(cell, comma=False):
+                continue
+            remedy = "correct the value"
+            if _THOUSANDS.fullmatch(cell):
+                remedy = "write numbers without separators of thousands"
+            elif not cell or cell.startswith(_NO_VALUE):
+                remedy = "remove the row (the log may have gaps), or give the value"
+            said = f"column {one.label} holds {cell!r}, not a {'time' if one.clock else 'number'}"
+            return InputError(said, where, remedy)
     return InputError("cannot be read as a table of numbers", str(path), "give a comma-separated file")
 
 
