@@ -34,13 +34,13 @@ class Signals:
         effort: (N, n) lightly filtered efforts; of |effort| for unsigned joints, N m.
         raw_effort: (N, n) efforts, resampled but not filtered, N m.
         signed: (n,) whether the effort's sign is known.
-        rate: sampling rate of the grid, Hz.
-        cutoff: cut-off of the motion's low-pass, Hz.
+        rate: Hz, of the grid.
+        cutoff: of the motion's low-pass, Hz.
         processing: what was done to the log, for summary.json.
-        measured: (N, n) False where the log pauses, for half a period of the cut-off around, or where a sensor
-            is blind or in fault: nothing is known there.
-        after_rectifier: what |effort| has passed between rectifier and log, of which the efforts here are freed as far
-            as a model tells; None where nothing was found.
+        measured: (N, n) False where the log pauses, for half a period of the cut-off around, or where a sensor is
+            blind or in fault: nothing is known there.
+        after_rectifier: what |effort| has passed before it was logged, of which the efforts here are freed as far as a
+            model tells; None where nothing was found.
         faults: readings that no robot gives; what is interpolated in their place is left out like a pause.
     """
 
@@ -87,11 +87,8 @@ class Signals:
 def prepare(log: Log, cutoff: float | None = None) -> Signals:
     """Drops repeated rows, leaves out faults, resamples, filters and differentiates a log.
 
-    A joint that never moves is taken to stand where it is on average.
-
-    Args:
-        log: the raw log.
-        cutoff: cut-off of the zero-phase low-pass, Hz; chosen by `choose_cutoff` when None.
+    A joint that never moves is taken to stand where it is on average. The cut-off of the zero-phase low-pass, Hz, is
+    chosen by `choose_cutoff` when None.
 
     Raises:
         InputError: too few distinct rows, or a cut-off beyond the log's Nyquist frequency.
@@ -157,6 +154,10 @@ def filtered_motion(recorded: RecordedMotion, cutoff: float | None = None) -> Mo
     return Motion(t, q(t), velocity(t), velocity(t, 1), payload=recorded.payload)
 
 
+def _effort_cutoff(cutoff: float, rate: float) -> float:
+    return min(2.0 * cutoff, 0.45 * rate)
+
+
 class _Mended(NamedTuple):
     """The K rows of a log that bring something new, what is in fault interpolated."""
 
@@ -181,8 +182,9 @@ def _rows(values: Array, kept: Integers) -> Array:
 def _mended(log: Log) -> _Mended:
     lost, lost_faults = lost_rows(log.t, log.q, log.effort, log.dq)
     left = np.delete(np.arange(len(log)), lost)
-    recorded, keep = _distinct(motion_of_log(log).rows(left), _rows(log.effort, left))
-    t, effort = recorded.t, _rows(_rows(log.effort, left), keep)
+    effort = _rows(log.effort, left)
+    recorded, keep = _distinct(motion_of_log(log).rows(left), effort)
+    t, effort = recorded.t, _rows(effort, keep)
     starts = np.unique([0, *np.searchsorted(t, log.t[[piece.start_row for piece in log.pieces]])]).tolist()
     faults = (*lost_faults, *find_faults(t, recorded.q, effort, recorded.dq, [k for k in starts if k < len(t)]))
     known: dict[tuple[str, int], Mask] = {}
@@ -194,8 +196,7 @@ def _mended(log: Log) -> _Mended:
     parts |= {name: np.array(parts[name]) for name, _ in known}
     for (name, j), valid in known.items():
         parts[name][:, j] = without(t, parts[name][:, j], valid, smooth=name == "position")
-    still = still_joints(parts["position"])
-    if still.any():
+    if (still := still_joints(parts["position"])).any():
         parts["position"] = np.where(still, parts["position"].mean(axis=0), parts["position"])
         if recorded.dq is not None:
             parts["velocity"] = np.where(still, 0.0, parts["velocity"])
@@ -243,11 +244,7 @@ class _EvenMotion:
             yield scipy.interpolate.CubicSpline(self.t, q)(self.grid), even
 
     def cutoff(self, asked: float | None) -> float:
-        """The one asked for, or one by the data.
-
-        Raises:
-            InputError: it lies beyond the Nyquist frequency.
-        """
+        """The one asked for, or one by the data; InputError if it lies beyond the Nyquist frequency."""
         cutoff = choose_cutoff(self.joints(), self.rate) if asked is None else asked
         if not 0.0 < cutoff < self.rate / 2:
             remedy = f"give a value between 0 and {self.rate / 2:g} Hz, half the log's rate"
@@ -295,10 +292,6 @@ def signed_effort(signals: Signals, signs: Array, filtered: bool = True) -> Arra
     return lowpass(signed, signals.effort_cutoff, signals.rate) if filtered else signed
 
 
-def _effort_cutoff(cutoff: float, rate: float) -> float:
-    return min(2.0 * cutoff, 0.45 * rate)
-
-
 def lowpass(values: Array, cutoff: float, rate: float) -> Array:
     """Zero-phase low-pass of (N, ...) even values along the first axis; both ends are extended by point reflection."""
     if cutoff >= 0.45 * rate:
@@ -331,11 +324,8 @@ def choose_cutoff(joints: Iterable[tuple[Array, Array | None]], rate: float) -> 
     """A cut-off that keeps the motion's dynamics: ten times the frequency below which 95 % of the speed's energy lies.
 
     That is :eq:`motion-cutoff`. Torques hold harmonics of the motion (products of velocities), hence a filter well
-    above the motion's own bandwidth (Gautier, Khalil, "Exciting trajectories", 1992, take five to ten times).
-
-    Args:
-        joints: (N,) positions of each, rad, and (N,) velocities, rad/s, or None.
-        rate: Hz.
+    above the motion's own bandwidth (Gautier, Khalil, "Exciting trajectories", 1992, take five to ten times). Joints
+    have positions (N,), rad, and velocities (N,), rad/s, or None, at a rate, Hz.
     """
     bandwidth = 0.0
     for q, dq in (joint for joint in joints if not still_joints(joint[0])):

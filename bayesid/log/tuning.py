@@ -8,10 +8,9 @@ from math import pi
 
 @dataclass(frozen=True)
 class Tuning:
-    """Their values; the sentence under each says where it is from.
+    """Many of them were halved and doubled (`python -m bayesid.studies.ablation log`).
 
-    Many of them were halved and doubled (`python -m bayesid.studies.ablation log`). Where that was seen to change a
-    decision on UR10e's log, the number's sentence says so.
+    Where that was seen to change a decision on UR10e's log, the number's sentence says so.
     """
 
     # What a table may hold
@@ -22,8 +21,7 @@ class Tuning:
     longest_gap: float = 3600.0
     """s; a log that pauses longer is two recordings, or its clock was set in between."""
     slowest_step: float = 0.5
-    """s; a typical step this long counts something else than seconds. Controllers log every 1 to 12 ms (UR RTDE 2 or 8,
-    KUKA RSI 4 or 12, ABB EGM 4, Franka FCI 1), a slow bus every 0.1 s; a count of ms grows by 0.5 and more a row."""
+    """s; a typical step this long counts something else: controllers log every 1 to 12 ms, a slow bus every 0.1 s."""
     unsorted: float = 0.01
     """Share of steps backwards above which a time is out of order, whatever its unit."""
     stands: float = 0.75
@@ -39,8 +37,7 @@ class Tuning:
     most_uncertain_gain: float = 1.0
     """Relative standard deviation of a gain beyond which it is unknown."""
     held_periods: int = 10
-    """A repeated row is kept after so many typical periods without a new one: the robot stood still. A log pauses after
-    twice as many: what would be interpolated is left out."""
+    """A repeated row is kept after so many typical periods without a new one; a log pauses after twice as many."""
 
     # Velocities beside positions
     speed_window: int = 20
@@ -80,11 +77,9 @@ class Tuning:
 
     # Faults; all are ratios within one channel
     outlier: float = 5.0
-    """An effort or velocity this many times all but one of its neighbours is an outlier. The brake at the end of a log
-    of a UR10e gives a sample 3.9 times its neighbours, no other of nine real logs as much."""
+    """An effort or velocity this many times all but one of its neighbours is an outlier; nine real logs have 3.9."""
     outlier_steps: float = 10.0
-    """A reading that departs from both sides by so many steps of its neighbours is one, a position by that alone;
-    positions of nine real logs depart by 2."""
+    """A reading that departs from both sides by so many steps of its neighbours is one; nine real logs have 2."""
     neighbours: int = 8
     """Runs on either side that an outlier is compared with: a median past a second outlier. Halved, UR10e's log gets
     other segments."""
@@ -99,8 +94,7 @@ class Tuning:
     unusual: float = 4.0
     """A dropout lasts this many times what all but a twentieth of a channel's runs last."""
     abrupt: float = 4.0
-    """Steps by which a channel catches up after a dropout, or changes of speed by which it stops; nine real logs have
-    no run of 50 ms in motion at all."""
+    """Steps by which a channel catches up after a dropout, or changes of speed by which it stops."""
     clearly_moving: float = 0.2
     """Share of a joint's usual top speed from which on it does not stop between two rows."""
     steady: float = 1e-3

@@ -18,12 +18,9 @@ _Vector = NDArray[Any]
 
 
 def table_of(variables: Mapping[str, Any], source: str, options: Options) -> Table:
-    """The columns of a log.
+    """The columns of a log: of `t` (N,), `q` (N, n) or (n, N) or `q1..qn` (N,) each, and so on; others are left out.
 
-    Args:
-        variables: `t` (N,), `q` (N, n) or (n, N) or `q1..qn` (N,) each, and so on; others are left out.
-        source: where they are from, for messages.
-        options: what a user says of them; columns named `q="q{}"` are those of a matrix q.
+    Columns that a user names as `q="q{}"` are those of a matrix q. Messages name the source.
 
     Raises:
         InputError: one is missing, holds no numbers, or has another length than the time.

@@ -24,6 +24,10 @@ from bayesid.log.formats import Format
 from bayesid.log.formats.table import Column, Options, Table, seconds
 
 _TYPE = "sensor_msgs/msg/JointState"
+_MCAP, _ZSTD, _SQLITE = b"\x89MCAP0\r\n", b"\x28\xb5\x2f\xfd", b"SQLite format 3\0"
+"""First bytes of such files and frames."""
+_RECORD, _CHUNK, _CHUNK_HEAD = struct.Struct("<BQ"), 6, struct.Struct("<QQQII")
+"""Of an MCAP file: kind and size of a record, the kind of chunks, and what these begin with, to the codec's letters."""
 
 
 class _Message(NamedTuple):
@@ -45,14 +49,13 @@ class RosBag(Format):
     """
 
     name = "a ROS bag"
-    magic = (b"\x89MCAP0\r\n", b"SQLite format 3\0")
+    magic = (_MCAP, _SQLITE)
     options = frozenset({"topic", "joints"})
 
     def recognises(self, path: Path, head: bytes) -> bool:
         """Whether it is a bag's folder, or a file of one."""
-        return (
-            self.is_folder(path) or head.startswith(self.magic) or any(path.glob("*.mcap")) or any(path.glob("*.db3"))
-        )
+        files = (file for ending in ("mcap", "db3") for file in path.glob(f"*.{ending}"))
+        return self.is_folder(path) or head.startswith(self.magic) or any(files)
 
     def is_folder(self, path: Path) -> bool:
         """Whether a folder is a bag: its metadata say so."""
@@ -93,11 +96,10 @@ class RosBag(Format):
         notes = []
         if options.joints is None and not _numbered(names):
             order = f"joints are taken in the order {', '.join(names)}"
-            notes.append(f"{where}: {order}; if that is not from base to tip, give `joints`")
+            notes.append(f"{order}; if that is not from base to tip, give `joints`")
         if not stamped:
-            notes.append(
-                f"{where}: the stamps are zero; time is when the bag received the messages, which jitters more"
-            )
+            notes.append("the stamps are zero; time is when the bag received the messages, which jitters more")
+        notes = [f"{where}: {note}" for note in notes]
         return Table(columns, str(path), lambda row: f"{where}, message {row + 1}", tuple(notes))
 
 
@@ -135,9 +137,9 @@ def _choose_topic(topics: dict[str, list[_Message]], topic: str | None, where: s
             remedy = f"give {', '.join(topics)}"
             raise InputError(f"{topic!r} is no topic of joint states", field="topic", remedy=remedy)
         return topic
-    chosen = [name for name, messages in topics.items() if any(len(message.effort) for message in messages)]
     if len(topics) == 1:
         return next(iter(topics))
+    chosen = [name for name, messages in topics.items() if any(len(message.effort) for message in messages)]
     if len(chosen) != 1:
         said = f"{len(chosen) or 'none'} of the topics {', '.join(topics)} {'have' if chosen else 'has'} efforts"
         raise InputError(said, where, "say which with `topic`" if chosen else "record one with efforts")
@@ -174,12 +176,6 @@ def _block(messages: Sequence[_Message], field: str, names: Sequence[str]) -> li
 
 
 # ---- What bags say of their own sizes, checked before a library takes memory by it ----
-_MCAP, _ZSTD, _SQLITE = b"\x89MCAP0\r\n", b"\x28\xb5\x2f\xfd", b"SQLite format 3\0"
-"""First bytes of such files and frames."""
-_RECORD, _CHUNK, _CHUNK_HEAD = struct.Struct("<BQ"), 6, struct.Struct("<QQQII")
-"""Of an MCAP file: kind and size of a record, the kind of chunks, and what these begin with, to the codec's letters."""
-
-
 def _check_bag(path: Path) -> None:
     """Refuses, by ValueError, a bag (folder or file) of which a packed file, chunk or message unpacks to too much."""
     for file in sorted(path.iterdir()) if path.is_dir() else [path]:
