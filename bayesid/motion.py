@@ -16,8 +16,7 @@ STANDSTILL = 0.01
 """Share of its highest speed below which an actuator stands still: friction's direction is then unknown. Halved or
 doubled, fewer signs of KR300's log are right."""
 _LABEL = re.compile(r"[A-Za-z0-9_]{1,40}")
-SLOWEST = 1e-6
-"""rad/s; an actuator that is never faster stands still all the time: far below what an encoder resolves."""
+SLOWEST = 1e-6  # rad/s; an actuator that is never faster stands still all the time: far below what an encoder resolves
 
 
 def unlabelled() -> Labels:
@@ -40,22 +39,14 @@ def labels(values: object, rows: int) -> Labels:
 
 @dataclass(frozen=True)
 class Motion:
-    """Positions, velocities and accelerations of n joints at N instants.
+    """Positions, velocities and accelerations of n joints at N instants."""
 
-    Attributes:
-        t: (N,) time, s.
-        q: (N, n) joint positions, rad (m for a prismatic joint).
-        dq: (N, n) joint velocities, rad/s.
-        ddq: (N, n) joint accelerations, rad/s^2.
-        origin: when the recording began, s; the first instant, unless this is a part of a longer motion.
-        payload: (N,) label of what the flange carries, or one for all; empty where it carries nothing, as by default.
-    """
-
-    t: Array
-    q: Array
-    dq: Array
-    ddq: Array
-    origin: float = np.nan
+    t: Array  #: (N,) time, s
+    q: Array  #: (N, n) joint positions, rad (m for a prismatic joint)
+    dq: Array  #: (N, n) joint velocities, rad/s
+    ddq: Array  #: (N, n) joint accelerations, rad/s^2
+    origin: float = np.nan  #: when the recording began, s; the first instant, unless this is a part of a longer motion
+    #: (N,) label of what the flange carries, or one for all; empty where it carries nothing, as by default
     payload: Labels = field(default_factory=unlabelled)
 
     def __post_init__(self) -> None:

@@ -34,8 +34,7 @@ from bayesid.progress import Steps, no_steps
 Given = ParamSpec("Given")
 Result = TypeVar("Result")
 
-ALONE = threading.RLock()
-"""Held while settings of the process are changed, by whoever changes them."""
+ALONE = threading.RLock()  # held while settings of the process are changed, by whoever changes them
 
 
 def one_at_a_time(function: Callable[Given, Result]) -> Callable[Given, Result]:
@@ -131,8 +130,7 @@ def _end_with_leash(held: Connection) -> None:
 
 
 # ---- Tasks of this process ----
-_tasks: Sequence[Callable[[], Any]] = ()
-"""Those that this process is sharing at the moment; workers inherit them."""
+_tasks: Sequence[Callable[[], Any]] = ()  # those that this process is sharing at the moment; workers inherit them
 _onlookers: set[threading.Thread] = set()
 _FORKING = 0.25
 """s: tasks that take less together are done in this process. Two workers of a process of 1 GB cost as much: every page

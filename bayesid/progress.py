@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-Steps = Callable[[int, int], None]
-"""Called as steps(done, total) by one stage."""
+Steps = Callable[[int, int], None]  # called as steps(done, total) by one stage
 
 
 def no_steps(done: int, total: int) -> None:
@@ -44,5 +43,4 @@ class Progress:
         return lambda done, total: self.show(stage, done, total)
 
 
-SILENT = Progress()
-"""The default: nobody looks."""
+SILENT = Progress()  # the default: nobody looks

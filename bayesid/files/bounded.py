@@ -19,10 +19,8 @@ MOST_BYTES = 1 << 23
 """Of a text that is read as a whole: 8 MiB, for which the parser of TOML takes 20 s. The longest of ours has 2."""
 MOST_UNPACKED = 1 << 30
 """Bytes that a compressed or binary file may unpack to, 1 GiB: a million rows of 20 joints with velocities have 0.5."""
-DEEPEST = 32
-"""Tables in tables, lists in lists or elements in elements; ours and those of URDFs have 6 at most."""
-MOST_DIGITS = 18
-"""Of a whole number in a name or an option: 64 bits hold it."""
+DEEPEST = 32  # tables in tables, lists in lists or elements in elements; ours and those of URDFs have 6 at most
+MOST_DIGITS = 18  # of a whole number in a name or an option: 64 bits hold it
 LARGEST = 1e6
 """Size of a number that a robot's file may hold, in SI units: no robot is so large, fast, strong or geared."""
 

@@ -23,8 +23,7 @@ _EARLIEST, _LATEST = (datetime(year, 1, 1, tzinfo=UTC).timestamp() for year in (
 _NAMED = re.compile(
     r"(?<!\d)(20\d\d)([-_.]?)(0[1-9]|1[0-2])\2(0[1-9]|[12]\d|3[01])"
     r"(?:[T_ -]?([01]\d|2[0-3])[-:h.]?([0-5]\d)(?:[-:m.]?([0-5]\d))?)?(?!\d)"
-)
-"""An ISO date, with or without what stands between its parts, and a time of day right behind it."""
+)  # an ISO date, with or without what stands between its parts, and a time of day right behind it
 
 
 @dataclass(frozen=True)

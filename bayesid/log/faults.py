@@ -27,23 +27,14 @@ _BEFORE = np.arange(2 * TUNING.neighbours + 1) < TUNING.neighbours
 
 @dataclass(frozen=True)
 class Fault:
-    """What is wrong with one reading of one joint.
+    """What is wrong with one reading of one joint."""
 
-    Attributes:
-        joint: 0-based; -1 for all of them.
-        reading: "position", "velocity" or "effort"; "row" for all of them.
-        kind: "outlier", "zero" or "held".
-        rows: (K,) the rows in fault, ascending; none where they have been dropped.
-        start: (M,) when each stretch of them begins, s.
-        seconds: how long they last in all.
-    """
-
-    joint: int
-    reading: str
-    kind: str
-    rows: Integers
-    start: Array
-    seconds: float
+    joint: int  #: 0-based; -1 for all of them
+    reading: str  #: "position", "velocity" or "effort"; "row" for all of them
+    kind: str  #: "outlier", "zero" or "held"
+    rows: Integers  #: (K,) the rows in fault, ascending; none where they have been dropped
+    start: Array  #: (M,) when each stretch of them begins, s
+    seconds: float  #: how long they last in all
 
     def joined(self, later: Fault) -> Fault:
         """The same with that of a later recording."""

@@ -25,18 +25,13 @@ GIVEN = "the motion"
 
 @dataclass(frozen=True)
 class Piece:
-    """One of the recordings that a log was joined from: its rows from `start_row` up to `stop_row`.
-
-    Attributes:
-        t: (stop_row - start_row,) its rows' time on its own clock, s, as recorded: shifted times are rounded ones.
-        payload: label of what the flange carried all along; empty where it carried nothing.
-    """
+    """One of the recordings that a log was joined from: its rows from `start_row` up to `stop_row`."""
 
     source: str
     start_row: int
     stop_row: int
-    t: Array
-    payload: str = ""
+    t: Array  #: (stop_row - start_row,) its rows' time on its own clock, s, as recorded: shifted times are rounded ones
+    payload: str = ""  #: label of what the flange carried all along; empty where it carried nothing
 
     def __post_init__(self) -> None:
         if not self.start_row < self.stop_row:
@@ -249,20 +244,13 @@ def write_log(path: str | Path, log: Log) -> None:
 
 @dataclass(frozen=True)
 class RecordedMotion:
-    """Positions over time as recorded or planned: no filter, no resampling.
+    """Positions over time as recorded or planned: no filter, no resampling."""
 
-    Attributes:
-        t: (N,) time, s, non-decreasing.
-        q: (N, n) joint positions, rad (m for a prismatic joint).
-        dq: (N, n) joint velocities, rad/s, or None.
-        source: where it came from, for messages.
-        payload: (N,) label of what the flange carries, or one for all; empty where it carries nothing.
-    """
-
-    t: Array
-    q: Array
-    dq: Array | None = None
-    source: str = GIVEN
+    t: Array  #: (N,) time, s, non-decreasing
+    q: Array  #: (N, n) joint positions, rad (m for a prismatic joint)
+    dq: Array | None = None  #: (N, n) joint velocities, rad/s, or None
+    source: str = GIVEN  #: where it came from, for messages
+    #: (N,) label of what the flange carries, or one for all; empty where it carries nothing
     payload: Labels = field(default_factory=unlabelled)
 
     def __post_init__(self) -> None:

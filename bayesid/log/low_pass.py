@@ -51,16 +51,11 @@ class LowPass:
 
 @dataclass(frozen=True)
 class AfterRectifier:
-    """That the |effort| of the unsigned joints has passed a low-pass.
-
-    Attributes:
-        read: (N, n) |effort| as it was read, resampled, N m.
-        noise: (n,) sd of the noise before the low-pass that did not pass it, N m.
-    """
+    """That the |effort| of the unsigned joints has passed a low-pass."""
 
     low_pass: LowPass
-    read: Array
-    noise: Array
+    read: Array  #: (N, n) |effort| as it was read, resampled, N m
+    noise: Array  #: (n,) sd of the noise before the low-pass that did not pass it, N m
 
     def readings(self, effort: Array, rate: float) -> Array:
         """(N, n, ...) mean readings of efforts, N m, at a rate, Hz."""

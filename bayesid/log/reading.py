@@ -29,8 +29,7 @@ from bayesid.log.tuning import TUNING
 
 Parts: TypeAlias = Sequence["str | Path | Variables"]
 """The files of one run, or what is in memory of it: they are joined by time."""
-LogSource: TypeAlias = Log | str | Path | Variables | Parts
-"""What stands for a log wherever one is asked for."""
+LogSource: TypeAlias = Log | str | Path | Variables | Parts  # what stands for a log wherever one is asked for
 
 
 def read_log(

@@ -50,23 +50,15 @@ USUAL = Cutting()
 
 @dataclass(frozen=True)
 class Segments:
-    """S half-open ranges of samples, sorted by joint and start; together they cover every sample of every joint.
+    """S half-open ranges of samples, sorted by joint and start; together they cover every sample of every joint."""
 
-    Attributes:
-        joint: (S,) 0-based actuator.
-        start: (S,) first sample.
-        end: (S,) sample after the last.
-        known: (S,) +1 where the effort is signed already, 0 where the sign is to be found.
-        moving: (S,) whether the actuator moves.
-        fitted: (S,) whether the segment takes part in search and fit; if empty, those in motion do. A segment in motion
-            may be left out because its effort is small.
-    """
-
-    joint: Integers
-    start: Integers
-    end: Integers
-    known: Integers
-    moving: Mask
+    joint: Integers  #: (S,) 0-based actuator
+    start: Integers  #: (S,) first sample
+    end: Integers  #: (S,) sample after the last
+    known: Integers  #: (S,) +1 where the effort is signed already, 0 where the sign is to be found
+    moving: Mask  #: (S,) whether the actuator moves
+    #: (S,) whether the segment takes part in search and fit; if empty, those in motion do. A segment in motion may be
+    #: left out because its effort is small
     fitted: Mask = field(default_factory=lambda: np.empty(0, dtype=bool))
 
     def __post_init__(self) -> None:

@@ -27,32 +27,22 @@ from bayesid.motion import Motion
 
 @dataclass(frozen=True)
 class Signals:
-    """A log on an even time grid.
+    """A log on an even time grid."""
 
-    Attributes:
-        motion: filtered joint positions with their velocities and accelerations.
-        effort: (N, n) lightly filtered efforts; of |effort| for unsigned joints, N m.
-        raw_effort: (N, n) efforts, resampled but not filtered, N m.
-        signed: (n,) whether the effort's sign is known.
-        rate: Hz, of the grid.
-        cutoff: of the motion's low-pass, Hz.
-        processing: what was done to the log, for summary.json.
-        measured: (N, n) False where the log pauses, for half a period of the cut-off around, or where a sensor is
-            blind or in fault: nothing is known there.
-        after_rectifier: what |effort| has passed before it was logged, of which the efforts here are freed as far as a
-            model tells; None where nothing was found.
-        faults: readings that no robot gives; what is interpolated in their place is left out like a pause.
-    """
-
-    motion: Motion
-    effort: Array
-    raw_effort: Array
-    signed: Mask
-    rate: float
-    cutoff: float
-    processing: dict[str, object]
+    motion: Motion  #: filtered joint positions with their velocities and accelerations
+    effort: Array  #: (N, n) lightly filtered efforts; of |effort| for unsigned joints, N m
+    raw_effort: Array  #: (N, n) efforts, resampled but not filtered, N m
+    signed: Mask  #: (n,) whether the effort's sign is known
+    rate: float  #: Hz, of the grid
+    cutoff: float  #: of the motion's low-pass, Hz
+    processing: dict[str, object]  #: what was done to the log, for summary.json
+    #: (N, n) False where the log pauses, for half a period of the cut-off around, or where a sensor is blind or in
+    #: fault: nothing is known there
     measured: Mask
+    #: what |effort| has passed before it was logged, of which the efforts here are freed as far as a model tells; None
+    #: where nothing was found
     after_rectifier: AfterRectifier | None = None
+    #: readings that no robot gives; what is interpolated in their place is left out like a pause
     faults: tuple[Fault, ...] = ()
 
     def __repr__(self) -> str:

@@ -263,24 +263,16 @@ class Origin:
 
 @dataclass(frozen=True)
 class Joint:
-    """One joint and the link it moves.
+    """One joint and the link it moves."""
 
-    Attributes:
-        placement: (4, 4) the joint's frame at q = 0 in the parent joint's frame.
-        axis: (3,) unit axis of motion in the joint's frame.
-        prismatic: whether it slides rather than turns.
-        parent: index of the parent joint, -1 for the base.
-        link_frame: (4, 4) the link's frame in the joint's frame; the link's parameters are given in it.
-        name: in the URDF; empty for a DH table.
-        rated_effort: the largest that the joint may be driven with, N m (N if it slides); None where no file tells it.
-    """
-
-    placement: Array
-    axis: Array
-    prismatic: bool = False
-    parent: int = -1
+    placement: Array  #: (4, 4) the joint's frame at q = 0 in the parent joint's frame
+    axis: Array  #: (3,) unit axis of motion in the joint's frame
+    prismatic: bool = False  #: whether it slides rather than turns
+    parent: int = -1  #: index of the parent joint, -1 for the base
+    #: (4, 4) the link's frame in the joint's frame; the link's parameters are given in it
     link_frame: Array = field(default_factory=lambda: np.eye(4))
-    name: str = ""
+    name: str = ""  #: in the URDF; empty for a DH table
+    #: the largest that the joint may be driven with, N m (N if it slides); None where no file tells it
     rated_effort: float | None = None
 
     def __post_init__(self) -> None:

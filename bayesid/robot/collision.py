@@ -23,13 +23,11 @@ from bayesid.errors import InputError
 from bayesid.robot import Robot
 from bayesid.robot.shapes import BASE, Shape, capsule_shapes, upright, urdf_shapes
 
-Pair = tuple[Shape, Shape | None]
-"""Two shapes, or a shape and the floor."""
+Pair = tuple[Shape, Shape | None]  # two shapes, or a shape and the floor
 FINEST = 1e-3
 """m; how far distances may change in the shortest part of a path that is looked at. A path that keeps so little more
 than what is asked for counts as not clear; a tenth of the margin of a centimetre that robots are given."""
-ACCURACY = 1e-5
-"""m that a computed distance may be too long: ten times the tolerance of coal's iterations."""
+ACCURACY = 1e-5  # m that a computed distance may be too long: ten times the tolerance of coal's iterations
 
 
 @dataclass(frozen=True, eq=False)

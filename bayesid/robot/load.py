@@ -59,8 +59,7 @@ _LOADERS_NAMES = {
     "ur3_limited": "ur3_joint_limited_robot",
     "ur5": "ur5_robot",
     "ur5_limited": "ur5_joint_limited_robot",
-}
-"""Names of example-robot-data's loaders (`ROBOTS`, in a package of their own since 4.4) that are not those of files."""
+}  # names of example-robot-data's loaders (`ROBOTS`, in a package of their own since 4.4) that are not those of files
 
 
 def load_robot(source: str | Path, tip: str | None = None, hold: Mapping[str, float] | None = None) -> Robot:

@@ -24,31 +24,21 @@ from bayesid.robot.tuning import TUNING
 from bayesid.robot.urdf import hold_joints, place_links
 from bayesid.robot.urdf_tree import origin_of, read_tree
 
-BASE = -1
-"""Index of the body that does not move, as a joint's parent."""
-_SHORTEST = 1e-9
-"""m; a line that is shorter is rounding."""
-MOST_MESH_BYTES = 8 * MOST_BYTES
-"""Of a mesh file, 64 MiB; the largest of example-robot-data has 28."""
+BASE = -1  # index of the body that does not move, as a joint's parent
+_SHORTEST = 1e-9  # m; a line that is shorter is rounding
+MOST_MESH_BYTES = 8 * MOST_BYTES  # of a mesh file, 64 MiB; the largest of example-robot-data has 28
 _PACKAGE, _FILE = "package://", "file://"
 
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """One shape of a link, in the frame of the joint that moves it.
+    """One shape of a link, in the frame of the joint that moves it."""
 
-    Attributes:
-        name: of the link.
-        body: index of the joint that moves it; `BASE` for none.
-        solid: what coal measures distances of.
-        place: (4, 4) frame of the solid.
-        rod: whether it is a capsule from the joint's frame before the joint has moved: what slides out of a link.
-    """
-
-    name: str
-    body: int
-    solid: Any
-    place: Array
+    name: str  #: of the link
+    body: int  #: index of the joint that moves it; `BASE` for none
+    solid: Any  #: what coal measures distances of
+    place: Array  #: (4, 4) frame of the solid
+    #: whether it is a capsule from the joint's frame before the joint has moved: what slides out of a link
     rod: bool = False
 
     @property

@@ -20,8 +20,7 @@ from bayesid.robot.arm import Joint, Robot, check_count, given_numbers
 from bayesid.robot.tuning import TUNING
 from bayesid.robot.urdf_tree import FREE, UrdfJoint, UrdfTree, read_tree
 
-_WORLD = "world"
-"""Base link of a URDF that is bolted to the ground, by the convention of Gazebo and MoveIt."""
+_WORLD = "world"  # base link of a URDF that is bolted to the ground, by the convention of Gazebo and MoveIt
 
 
 def robot_from_urdf(text: str, where: str, tip: str | None = None, hold: Mapping[str, float] | None = None) -> Robot:

@@ -19,33 +19,26 @@ from bayesid.robot.arm import given_numbers
 from bayesid.robot.tuning import TUNING
 
 MOVING = ("revolute", "continuous", "prismatic")
-FREE = ("floating", "planar")
-"""Joints of several degrees of freedom, without a motor."""
+FREE = ("floating", "planar")  # joints of several degrees of freedom, without a motor
 _KINDS = (*MOVING, *FREE, "fixed")
 
 
 @dataclass(frozen=True, eq=False)
 class UrdfJoint:
-    """A joint of a URDF between two links; its kind is the file's type.
-
-    Attributes:
-        origin: (4, 4) its frame at rest in the parent link's.
-        axis: (3,) unit axis in its frame; zero for a joint that is fixed and names none.
-        leader: name of the joint that it follows by <mimic>, fixed or not: multiplier * position + offset.
-        rated_effort: N m, or N; None where the file names none that a joint may have.
-        range: lowest and highest position, and highest speed, rad and rad/s (m); zero where the file names none.
-    """
+    """A joint of a URDF between two links; its kind is the file's type."""
 
     name: str
     kind: str
     parent: str
     child: str
-    origin: Array
-    axis: Array
+    origin: Array  #: (4, 4) its frame at rest in the parent link's
+    axis: Array  #: (3,) unit axis in its frame; zero for a joint that is fixed and names none
+    #: name of the joint that it follows by <mimic>, fixed or not: multiplier * position + offset
     leader: str | None = None
     multiplier: float = 1.0
     offset: float = 0.0
-    rated_effort: float | None = None
+    rated_effort: float | None = None  #: N m, or N; None where the file names none that a joint may have
+    #: lowest and highest position, and highest speed, rad and rad/s (m); zero where the file names none
     range: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     @property
@@ -56,15 +49,11 @@ class UrdfJoint:
 
 @dataclass(frozen=True)
 class UrdfTree:
-    """Links and joints of a robot.
-
-    Attributes:
-        base: the link without a parent.
-        joints: branch by branch from the base, each before those beyond it; branches in alphabetical order of joints.
-    """
+    """Links and joints of a robot."""
 
     name: str
-    base: str
+    base: str  #: the link without a parent
+    #: branch by branch from the base, each before those beyond it; branches in alphabetical order of joints
     joints: tuple[UrdfJoint, ...]
 
     @cached_property

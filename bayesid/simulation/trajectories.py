@@ -23,8 +23,7 @@ from bayesid.simulation.tuning import TUNING
 
 HARMONICS = 5
 """As in Swevers et al. 1997."""
-_FLOOR = 1e-14
-"""Smallest ratio of eigenvalues above rounding: keeps the objective finite where columns are dependent."""
+_FLOOR = 1e-14  # smallest ratio of eigenvalues above rounding: keeps the objective finite where columns are dependent
 UNEXCITED = -0.5 * float(np.log(1e2 * _FLOOR))
 """Logarithm of a condition number that a Gram matrix does not distinguish from infinity."""
 
@@ -61,19 +60,12 @@ INDUSTRIAL_ARM = MotionLimits()
 
 @dataclass(frozen=True)
 class FourierTrajectory:
-    """q_j(t) = centre_j + sum over h of sine_jh sin(2 pi h f t) + cosine_jh cos(2 pi h f t), h = 1 ... H.
+    """q_j(t) = centre_j + sum over h of sine_jh sin(2 pi h f t) + cosine_jh cos(2 pi h f t), h = 1 ... H."""
 
-    Attributes:
-        frequency: the fundamental f, Hz; the motion repeats after 1 / f.
-        sine: (n, H) amplitudes, rad.
-        cosine: (n, H) amplitudes, rad.
-        centre: (n,) mean positions, rad.
-    """
-
-    frequency: float
-    sine: Array
-    cosine: Array
-    centre: Array
+    frequency: float  #: the fundamental f, Hz; the motion repeats after 1 / f
+    sine: Array  #: (n, H) amplitudes, rad
+    cosine: Array  #: (n, H) amplitudes, rad
+    centre: Array  #: (n,) mean positions, rad
 
     def __post_init__(self) -> None:
         sine = frozen(self.sine, (None, None), "sine")

@@ -55,8 +55,7 @@ _FOREIGN = (
     ),
     (rb"TDSm|MDF {5}|UnFinMF", "a measurement file (TDMS or MDF)", "export its channels as CSV"),
     (rb"%PDF|\x89PNG|\xff\xd8\xff", "a document or a picture", "give the log that it shows"),
-)
-"""How files begin that hold no log for us, what they are, and how to come to a log."""
+)  # how files begin that hold no log for us, what they are, and how to come to a log
 
 
 class Format(ABC):

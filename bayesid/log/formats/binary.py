@@ -172,10 +172,8 @@ def _is_log(variables: Mapping[str, Any]) -> bool:
 
 _HEADER, _TAG = 128, 8
 """Bytes of a MAT-file's header, and of the tag before each of its elements (MAT-File Format, MathWorks)."""
-_MATRIX, _COMPRESSED = 14, 15
-"""Types of elements."""
-_WHOLE = 1, 2, 3
-"""Classes of matrices whose entries are elements: cells, structs and objects."""
+_MATRIX, _COMPRESSED = 14, 15  # types of elements
+_WHOLE = 1, 2, 3  # classes of matrices whose entries are elements: cells, structs and objects
 
 
 def _check_matlab(content: bytes) -> None:

@@ -29,8 +29,7 @@ UNITS: dict[str, dict[str, float]] = {
     | {f"m{unit}": 1e-3 for unit in _NEWTON_METRES}
     | {"kNm": 1e3, "Ncm": 1e-2, "Nmm": 1e-3, "N mm": 1e-3, "N": 1.0},
     "i": {"A": 1.0, "mA": 1e-3},
-}
-"""SI units in one of the units that a column of a kind may be in; capitals do not matter."""
+}  # SI units in one of the units that a column of a kind may be in; capitals do not matter
 _FACTORS = {kind: {unit.casefold(): factor for unit, factor in units.items()} for kind, units in UNITS.items()}
 _BRACKETED = re.compile(r"(?P<name>.*?)\s*(?:\[(?P<square>[^][]+)\]|\((?P<round>[^()]+)\))")
 _NUMBER = re.compile(r"[0-9]+|\{[^}]*\}")
@@ -67,12 +66,10 @@ _OWN_UNITS = {"ipoc": 1e-3, "aipos": DEGREE, "aspos": DEGREE, "a": DEGREE, "axis
 """SI units in one of the unit in which RSI writes what is called so, where the label states none."""
 _OWN = re.compile(r"t|(?:q|dq|tau|i)[1-9][0-9]*")
 _JOINT_ZERO = re.compile(r"(?:q|dq|tau|i)0")
-OTHER = 3
-"""Least rank of what is not called as in a CSV log."""
+OTHER = 3  # least rank of what is not called as in a CSV log
 _USUAL, _RANKS = 4, {"ipoc": OTHER, "aipos": OTHER, "a": 5, "aspos": 6}
 """Ranks of other words: RSI's count before the usual ones, plain axes and commanded positions where nothing else is."""
-_AXIS = re.compile("A[1-9]", re.IGNORECASE)
-"""A position of RSI."""
+_AXIS = re.compile("A[1-9]", re.IGNORECASE)  # a position of RSI
 _AXIS_LETTER = re.compile(r"(?<=[\W_])[AJaj](?=[0-9]+\W*$)|(?i:((?<=pos)|(?<=vel)|(?<=torque)|(?<=macur))A(?=[0-9]+$))")
 """A letter before a joint's number that says no more, as in `Torque_A1`, `pos.j1` or `AIPosA1`."""
 _PREFIX = re.compile("[/.]|[_ ](?=(?:AIPos|ASPos|AxisVel|GearTorque|AxisTorque|MACur|IPOC))", re.IGNORECASE)
@@ -109,28 +106,18 @@ def split_brackets(label: str) -> Label:
 
 
 class Reading(NamedTuple):
-    """What a column's label says.
+    """What a column's label says."""
 
-    Attributes:
-        place: of the column, from 0.
-        label: of the column.
-        kind: "t", "q", "dq", "tau" or "i".
-        word: by which the kind is known, in small letters and without separators.
-        prefix: what stands before the word, such as a topic.
-        number: of the joint, as the label has it; -1 of a time.
-        rank: 0 for a name of a CSV log, 1 for one with a unit, 2 for a joint 0, `OTHER` and more for all others; where
-            several could be meant, the least counts.
-        factor: SI units in one of the unit, if one is stated.
-    """
-
-    place: int
-    label: str
-    kind: str
-    word: str
-    prefix: str
-    number: int
+    place: int  #: of the column, from 0
+    label: str  #: of the column
+    kind: str  #: "t", "q", "dq", "tau" or "i"
+    word: str  #: by which the kind is known, in small letters and without separators
+    prefix: str  #: what stands before the word, such as a topic
+    number: int  #: of the joint, as the label has it; -1 of a time
+    #: 0 for a name of a CSV log, 1 for one with a unit, 2 for a joint 0, `OTHER` and more for all others; where
+    #: several could be meant, the least counts
     rank: int
-    factor: float | None
+    factor: float | None  #: SI units in one of the unit, if one is stated
 
 
 def read_labels(header: Sequence[str]) -> list[Reading]:

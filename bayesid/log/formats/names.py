@@ -42,8 +42,7 @@ _QUANTITY = re.compile(
     r"(?<![a-z])(q|qd|dq|pos|position|angle|vel|velocity|speed|tau|torque|moment|effort|current|state|action)s?(?![a-z])",
     re.IGNORECASE,
 )
-_Family = Mapping[int, Reading]
-"""Columns of one kind that are called alike, by the numbers in their labels."""
+_Family = Mapping[int, Reading]  # columns of one kind that are called alike, by the numbers in their labels
 
 
 def choose(header: Sequence[str], where: str, options: Options) -> Chosen:

@@ -20,8 +20,7 @@ from bayesid.log.formats.stated import OPTION
 from bayesid.log.formats.table import Column, Table, distinct_rows
 from bayesid.log.tuning import TUNING
 
-JOINT = "+"
-"""Between the files of one run."""
+JOINT = "+"  # between the files of one run
 _EFFORTS = "tau", "i"
 _TOGETHER = "give the parts of one run, all with times on the same clock"
 

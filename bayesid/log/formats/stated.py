@@ -21,8 +21,7 @@ from bayesid.log.formats.table import SourceColumn
 
 OPTION = "`columns`"
 EXAMPLE = 't="Zeit [ms]",q="Achse{} [Grad]",i="Strom{} [A]"'
-UNNAMED = "NAME{}"
-"""What stands for columns of which there are none."""
+UNNAMED = "NAME{}"  # what stands for columns of which there are none
 EFFORTS = "tau", "i"
 _KEY = re.compile(r"t|(q|dq|tau|i)([1-9][0-9]{0,2})?")
 _PLACEHOLDER = re.compile(r"\{(?:(?P<first>[0-9]{1,3})-(?P<last>[0-9]{1,3}))?\}")
@@ -215,23 +214,15 @@ def _likely(kinds: Sequence[str], patterns: Sequence[str]) -> list[tuple[str, st
 # ---- Recorders ----
 @dataclass(frozen=True)
 class Convention:
-    """How one recorder writes a log.
+    """How one recorder writes a log."""
 
-    Attributes:
-        name: of the recorder, for messages.
-        marks: labels by which its headers are known: they hold all of them.
-        columns: patterns as a user gives them, without s, rad and rad/s: somebody may have put degrees there.
-        part: the label of the number of the recording that a row is of, where files hold several.
-        lacking: what to do where there are no efforts.
-        says: what the recorder leaves open, for the note.
-    """
-
-    name: str
-    marks: tuple[str, ...]
+    name: str  #: of the recorder, for messages
+    marks: tuple[str, ...]  #: labels by which its headers are known: they hold all of them
+    #: patterns as a user gives them, without s, rad and rad/s: somebody may have put degrees there
     columns: Mapping[str, str] = field(default_factory=dict)
-    part: str | None = None
-    lacking: str = ""
-    says: str = ""
+    part: str | None = None  #: the label of the number of the recording that a row is of, where files hold several
+    lacking: str = ""  #: what to do where there are no efforts
+    says: str = ""  #: what the recorder leaves open, for the note
 
     def stated(
         self, header: Sequence[str], given: Mapping[str, str], *, currents: bool, motion: bool

@@ -14,44 +14,28 @@ from bayesid.arrays import Array, Integers
 from bayesid.errors import InputError
 from bayesid.log.tuning import TUNING
 
-DEGREE = pi / 180.0
-"""rad."""
+DEGREE = pi / 180.0  # rad
 
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """What a user may say about a file beside its path; None where nothing is said.
+    """What a user may say about a file beside its path; None where nothing is said."""
 
-    Attributes:
-        topic: the one to read, of several.
-        joints: names from base to tip.
-        currents: whether efforts without a unit are currents, A.
-        columns: what the log's columns are called, see `bayesid.log.formats.stated`.
-        motion: whether the motion is all that is wanted: efforts are left out.
-        part: whether the source is one of several of a run, so that it need not hold a whole log.
-    """
-
-    topic: str | None = None
-    joints: Sequence[str] | None = None
-    currents: bool = False
-    columns: Mapping[str, str] | None = None
-    motion: bool = False
-    part: bool = False
+    topic: str | None = None  #: the one to read, of several
+    joints: Sequence[str] | None = None  #: names from base to tip
+    currents: bool = False  #: whether efforts without a unit are currents, A
+    columns: Mapping[str, str] | None = None  #: what the log's columns are called, see `bayesid.log.formats.stated`
+    motion: bool = False  #: whether the motion is all that is wanted: efforts are left out
+    part: bool = False  #: whether the source is one of several of a run, so that it need not hold a whole log
 
 
 @dataclass(frozen=True)
 class Column:
-    """One column.
+    """One column."""
 
-    Attributes:
-        label: what the file calls it, for messages.
-        values: (N,) as the file has them.
-        unit: how many SI units one of the file's is; None where the file does not say.
-    """
-
-    label: str
-    values: Array
-    unit: float | None = None
+    label: str  #: what the file calls it, for messages
+    values: Array  #: (N,) as the file has them
+    unit: float | None = None  #: how many SI units one of the file's is; None where the file does not say
 
     def si(self, unit: float) -> Array:
         """(N,) values in SI units, by a unit where the file does not say one."""
@@ -78,20 +62,14 @@ class Chosen(NamedTuple):
 
 @dataclass(frozen=True)
 class Table:
-    """What a file holds of a log: a time, and columns for joints 1 to n without a gap; a part of a run any of these.
+    """What a file holds of a log: a time, and columns for joints 1 to n without a gap; a part of a run any of these."""
 
-    Attributes:
-        columns: of t; q1..qn; tau1..taun (N m) or i1..in (A); dq1..dqn if velocities were measured; and part where the
-            file holds several recordings, one after the other: the number of the one that a row is of.
-        source: the file, for messages.
-        place: what a message calls a row, counted from 0.
-        notes: what had to be assumed, a sentence each.
-    """
-
+    #: of t; q1..qn; tau1..taun (N m) or i1..in (A); dq1..dqn if velocities were measured; and part where the file
+    #: holds several recordings, one after the other: the number of the one that a row is of
     columns: Mapping[str, Column]
-    source: str
-    place: Callable[[int], str]
-    notes: tuple[str, ...] = ()
+    source: str  #: the file, for messages
+    place: Callable[[int], str]  #: what a message calls a row, counted from 0
+    notes: tuple[str, ...] = ()  #: what had to be assumed, a sentence each
 
     @property
     def t(self) -> Array:

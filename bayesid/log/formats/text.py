@@ -30,12 +30,10 @@ _DAY = re.compile(r"(\d{1,4})([./-])(\d{1,2})\2(\d{1,4})[T ,]+(.+)")
 _TIME = re.compile(
     r"(?:(?P<hours>\d{1,2}):)?(?P<minutes>\d{1,4}):(?P<seconds>\d{1,2}(?:[.,:]\d+)?)\s*(?P<half>[AP]M)?", re.IGNORECASE
 )
-_SEPARATORS = ",", ";", "\t", "|", " "
-"""What may be between two columns; spaces count in any number."""
+_SEPARATORS = ",", ";", "\t", "|", " "  # what may be between two columns; spaces count in any number
 _WESTERN = re.compile(rb"[\t-\r\x20-\x7e\x80\x82-\x8c\x8e\x91-\x9c\x9e-\xfe]*")
 """Bytes of a text in cp1252, the encoding of Western Windows: no control characters, none that it does not have."""
-_COMMENTS = "#", "%"
-"""What a line of remarks among the values begins with."""
+_COMMENTS = "#", "%"  # what a line of remarks among the values begins with
 _THOUSANDS = re.compile(r"[-+]?\d{1,3}(?:[.,'\u00a0\u202f ]\d{3})+(?:[.,]\d*)?")
 """What is no number, but would be one without the separators of its thousands."""
 _NO_VALUE = "#", "nan", "NaN", "NULL", "null", "None", "N/A", "n/a", "-", "?"
@@ -113,25 +111,17 @@ class CsvFile(Format):
 
 @dataclass(frozen=True)
 class Layout:
-    """How a file writes a table.
-
-    Attributes:
-        separator: what is between two columns; a space stands for any number of them.
-        decimal_comma: whether commas may stand between a number's units and tenths; decimal points may all the same.
-        header: the names of the columns, with the units of a second row of the header in brackets.
-        header_row: the header's line, from 1.
-        rows: lines above the values: the header and those around it.
-        first: the cells of the first row of values.
-        quoted_lines: whether every line stands in quotes, as a spreadsheet writes a table that it took for one column.
-    """
+    """How a file writes a table."""
 
     encoding: str
-    separator: str = ","
+    separator: str = ","  #: what is between two columns; a space stands for any number of them
+    #: whether commas may stand between a number's units and tenths; decimal points may all the same
     decimal_comma: bool = False
-    header: tuple[str, ...] = ()
-    header_row: int = 1
-    rows: int = 1
-    first: tuple[str, ...] = ()
+    header: tuple[str, ...] = ()  #: the names of the columns, with the units of a second row of the header in brackets
+    header_row: int = 1  #: the header's line, from 1
+    rows: int = 1  #: lines above the values: the header and those around it
+    first: tuple[str, ...] = ()  #: the cells of the first row of values
+    #: whether every line stands in quotes, as a spreadsheet writes a table that it took for one column
     quoted_lines: bool = False
 
     def lines(self, file: Iterable[str]) -> Iterator[str]:
