@@ -16,7 +16,7 @@ from bayesid.errors import InputError
 from bayesid.files.writing import numbered, replace_file, write_columns
 from bayesid.log.formats.memory import Frame, Variables
 from bayesid.log.log import GIVEN, Log, RecordedMotion, motion_of_log
-from bayesid.log.reading import motion_of_arrays, motion_of_variables, read_motion
+from bayesid.log.reading import motion_of_arrays, read_motion
 from bayesid.log.segments import Segments, find_segments
 from bayesid.log.signals import Signals, filtered_motion, signed_effort
 from bayesid.motion import Motion
@@ -180,12 +180,10 @@ def _read(given: MotionLike) -> Motion | RecordedMotion:
         return given
     if isinstance(given, Log):
         return motion_of_log(given)
-    if isinstance(given, str | Path):
-        return read_motion(given)
     if isinstance(given, tuple | list):
         return _of_arrays(given)
-    if isinstance(given, Mapping | Frame) or (isinstance(given, np.ndarray) and given.dtype.names):
-        return motion_of_variables(given)
+    if isinstance(given, str | Path | Mapping | Frame) or (isinstance(given, np.ndarray) and given.dtype.names):
+        return read_motion(given)
     raise InputError(f"{type(given).__name__} is no motion", GIVEN, _REMEDY)
 
 

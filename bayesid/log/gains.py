@@ -112,13 +112,6 @@ def gains_of(stated: Gains | Sequence[float] | str | Path, n: int) -> Gains:
     return gains
 
 
-def is_exact(stated: Gains | Sequence[float] | str | Path) -> bool:
-    """Whether all gains are stated as exact numbers."""
-    if isinstance(stated, Gains):
-        return bool(stated.exact.all())
-    return not isinstance(stated, str | Path)
-
-
 def _pair(word: str, text: str) -> tuple[float, float]:
     if word == UNKNOWN:
         return 1.0, math.inf

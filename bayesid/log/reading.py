@@ -23,7 +23,7 @@ from bayesid.log.formats.memory import Variables, read_variables
 from bayesid.log.formats.parts import JOINT, join_parts
 from bayesid.log.formats.stated import parse_columns
 from bayesid.log.formats.table import DEGREE, check, far_positions, rows_of
-from bayesid.log.gains import Gains, gains_of, is_exact
+from bayesid.log.gains import Gains, gains_of
 from bayesid.log.log import GIVEN, Log, RecordedMotion, join_logs
 from bayesid.log.tuning import TUNING
 
@@ -108,15 +108,24 @@ def read_log(
 
 
 def _table_of(source: str | Path | Variables | Parts, options: Options) -> Table:
+    parts = source if isinstance(source, list | tuple) and all(map(_is_part, source)) else _named_parts(source)
+    if parts:
+        tables = [_table_of(one, replace(options, part=True)) for one in parts]
+        return check(join_parts(tables, options.columns, motion=options.motion), options.columns)
     if isinstance(source, str | Path):
         return read_table(Path(source), options)
-    if isinstance(source, list | tuple) and source and all(map(_is_part, source)):
-        part = replace(options, part=True)
-        return check(join_parts([_table_of(one, part) for one in source], options.columns), options.columns)
     for name in ("topic", "joints"):
         if getattr(options, name) is not None:
             raise InputError(f"is in memory, which has no {name}", type(source).__name__, f"leave {name} out")
     return read_variables(source, options)
+
+
+def _named_parts(source: object) -> list[str]:
+    """The files of one run that a name with a `+` between them stands for, each perhaps a pattern."""
+    if not isinstance(source, str | Path) or JOINT not in str(source) or os.path.exists(source):
+        return []
+    names = [name.strip() for name in str(source).split(JOINT) if name.strip()]
+    return [one for name in names for one in (sorted(glob(name)) or [name])]
 
 
 def _is_part(source: object) -> bool:
@@ -221,7 +230,7 @@ def gains_of_table(table: Table, stated: Sequence[float] | Gains | str | None) -
         if not torques and stated.of_torques:
             said = "the log holds currents, the gains are factors on torques"
             raise InputError(said, where, "give the gains of currents with `gains`")
-    elif torques and is_exact(stated):
+    elif torques and not isinstance(stated, Gains | str):
         pattern = pattern_of(table.columns["tau1"].label)
         remedy = f'drop `gains`, or give `columns` i="{pattern}" if they are currents'
         raise InputError("gains are given but the log holds torques tau1..taun", where, remedy)
@@ -254,30 +263,24 @@ def signed_joints(measured: Array, unsigned: str | None, n: int) -> Mask:
 
 
 def read_motion(
-    path: str | Path,
+    source: str | Path | Variables,
     *,
     degrees: bool | None = None,
     columns: Mapping[str, str] | None = None,
     topic: str | None = None,
     joints: Sequence[str] | None = None,
 ) -> RecordedMotion:
-    """Reads and checks a motion in one of the formats of logs; efforts may be there, and are left out.
+    """Reads and checks a motion in one of the formats of logs, or in memory; efforts may be there, and are left out.
 
     Options are as for `read_log`.
 
     Raises:
         InputError: the file, a row, a column or an option cannot be used.
     """
-    table = read_table(Path(path), Options(topic=topic, joints=joints, columns=columns, motion=True))
+    table = _table_of(source, Options(topic=topic, joints=joints, columns=columns, motion=True))
     for note in table.notes:
         warnings.warn(note, stacklevel=2)
     return _recorded(table, angle_unit(table, degrees))
-
-
-def motion_of_variables(source: Variables) -> RecordedMotion:
-    """The motion in a data frame, a structured array or a dict of arrays; names and units as in a log's header."""
-    table = read_variables(source, Options(motion=True))
-    return _recorded(table, angle_unit(table, None))
 
 
 def motion_of_arrays(t: object, q: object, dq: object | None = None) -> RecordedMotion:

@@ -15,7 +15,6 @@ import tempfile
 from abc import ABC, abstractmethod
 from contextlib import nullcontext
 from dataclasses import replace
-from glob import glob
 from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
@@ -23,7 +22,6 @@ from typing import ClassVar
 
 from bayesid.errors import InputError
 from bayesid.files.bounded import check_name
-from bayesid.log.formats.parts import JOINT, join_parts
 from bayesid.log.formats.table import Column, Options, Table, check, rows_of
 from bayesid.log.tuning import TUNING
 
@@ -103,15 +101,7 @@ def known_formats() -> list[Format]:
 
 
 def read_table(path: Path, options: Options) -> Table:
-    """What a file, or a folder that is a recording, holds of a log, its numbers checked; InputError where it cannot be.
-
-    Files of one run are joined: `path` is then their names with a `+` between them, each perhaps a pattern.
-    """
-    if JOINT in str(path) and not os.path.exists(path):
-        names = [name.strip() for name in str(path).split(JOINT) if name.strip()]
-        parts = [one for name in names for one in (sorted(glob(name)) or [name])]
-        tables = [read_table(Path(one), replace(options, part=True)) for one in parts]
-        return check(join_parts(tables, options.columns, motion=options.motion), options.columns)
+    """What a file, or a folder that is a recording, holds of a log, its numbers checked, or an InputError."""
     try:
         return (_read_stream if is_stream(check_name(path)) else _read_file)(path, options)
     except IsADirectoryError:

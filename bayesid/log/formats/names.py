@@ -56,14 +56,16 @@ def choose(header: Sequence[str], where: str, options: Options) -> Chosen:
     columns = options.columns or {}
     if options.part:
         columns = {key: pattern for key, pattern in columns.items() if fits(kind_part(key), pattern, header)}
-    convention = None if _is_whole(header) else convention_of(header)
+    own = {reading.kind for reading in read_labels(header) if reading.rank < OTHER}
+    convention = None if {"t", "q"} <= own and own & set(EFFORTS) else convention_of(header)
     if convention is not None:
         columns = convention.stated(header, columns, currents=options.currents, motion=options.motion)
     found = {one.name: one for one in stated_columns(header, columns, where, described(header))} if columns else {}
     families = _families(header, columns, found, where, options)
     _check_start(families, where)
-    for source in (_source(one, family) for family in families for one in family.values()):
-        found.setdefault(source.name, source)
+    for one, zero in ((one, 0 in family) for family in families for one in family.values()):
+        name = one.kind if one.kind == "t" else f"{one.kind}{one.number + zero}"
+        found.setdefault(name, SourceColumn(name, one.place, one.label, one.factor))
     if options.part:
         return _part(found, header, where)
     chosen = _complete(found, header, where, options, columns, "" if convention is None else convention.lacking)
@@ -74,11 +76,6 @@ def choose(header: Sequence[str], where: str, options: Options) -> Chosen:
     if "aspos" in words:  # of RSI
         note += f"{'; ' if note else ''}positions are commanded ones (ASPos); the axes lag behind them"
     return Chosen(chosen, (f"{where}: {note}",) if note else ())
-
-
-def _is_whole(header: Sequence[str]) -> bool:
-    kinds = {reading.kind for reading in read_labels(header) if reading.rank < OTHER}
-    return {"t", "q"} <= kinds and bool(kinds & set(EFFORTS))
 
 
 def _part(found: Mapping[str, SourceColumn], header: Sequence[str], where: str) -> Chosen:
@@ -165,7 +162,10 @@ def _other_family(readings: Sequence[Reading], kind: str, where: str, prefix: st
     for one in others:
         beside = family.get(one.number) or next((other for other in others if other.word != one.word), None)
         if beside is not None:
-            raise _either(min(one, beside), max(one, beside), where)
+            first, second = sorted((one, beside))
+            meant = "the time" if kind == "t" else kind
+            said = f"columns {first.label} and {second.label} may both be {meant}"
+            raise InputError(said, where, f'say which with {OPTION} {kind}="{pattern_of(first.label)}"')
         family[one.number] = one
     return family
 
@@ -185,11 +185,6 @@ def _others_beside(readings: Sequence[Reading], kind: str, joints: Set[int]) -> 
     return family
 
 
-def _either(first: Reading, second: Reading, where: str) -> InputError:
-    said = f"columns {first.label} and {second.label} may both be {'the time' if first.kind == 't' else first.kind}"
-    return InputError(said, where, f'say which with {OPTION} {first.kind}="{pattern_of(first.label)}"')
-
-
 def _check_start(families: Sequence[_Family], where: str) -> None:
     numbered = [family for family in families if -1 not in family]
     from_zero, from_one = ([family for family in numbered if (0 in family) == zero] for zero in (True, False))
@@ -201,11 +196,6 @@ def _check_start(families: Sequence[_Family], where: str) -> None:
     spans = [f"{one[min(one)].label}..{one[max(one)].label}" for one in (from_zero[0], from_one[0])]
     said = f"{spans[0]} count from 0, {spans[1]} from 1"
     raise InputError(said, where, f"say which belong together with {OPTION}, as in {ranges}")
-
-
-def _source(one: Reading, family: _Family) -> SourceColumn:
-    joint = "" if one.kind == "t" else str(one.number + (0 in family))
-    return SourceColumn(f"{one.kind}{joint}", one.place, one.label, one.factor)
 
 
 def _complete(

@@ -16,12 +16,11 @@ import scipy
 from bayesid.arrays import Array, Integers, Mask
 from bayesid.errors import InputError
 from bayesid.log.formats.labels import kind_part
-from bayesid.log.formats.stated import OPTION
+from bayesid.log.formats.stated import EFFORTS, OPTION
 from bayesid.log.formats.table import Column, Table, distinct_rows
 from bayesid.log.tuning import TUNING
 
 JOINT = "+"  # between the files of one run
-_EFFORTS = "tau", "i"
 _TOGETHER = "give the parts of one run, all with times on the same clock"
 
 
@@ -30,7 +29,7 @@ def join_parts(tables: Sequence[Table], columns: Mapping[str, str] | None, *, mo
     parts = _numbered(tables)
     source = JOINT.join(table.source for table in tables)
     _check_names(parts, columns or {}, source, motion=motion)
-    base = next((part for part in parts if _block(part, _EFFORTS)), None)
+    base = next((part for part in parts if _block(part, EFFORTS)), None)
     base = base or next(part for part in parts if _block(part, "q"))
     kept = _common(parts, base)
     instants = base.t[kept]
@@ -63,7 +62,7 @@ def _numbered(tables: Sequence[Table]) -> list[Table]:
     counts = Counter[str]()
     numbered = []
     for table in tables:
-        counts.update(bare := {"q", "dq", *_EFFORTS} & table.columns.keys())
+        counts.update(bare := {"q", "dq", *EFFORTS} & table.columns.keys())
         columns = {f"{name}{counts[name]}" if name in bare else name: one for name, one in table.columns.items()}
         numbered.append(replace(table, columns=columns))
     return numbered
@@ -84,7 +83,7 @@ def _check_names(parts: Sequence[Table], stated: Mapping[str, str], source: str,
             raise InputError(
                 f"no column is called {pattern} in any part", source, f"give {OPTION} a name that is there"
             )
-    for kinds, what in ((("q",), "positions q1.."), (() if motion else _EFFORTS, "efforts tau1.. or i1..")):
+    for kinds, what in ((("q",), "positions q1.."), (() if motion else EFFORTS, "efforts tau1.. or i1..")):
         if kinds and not there & set(kinds):
             raise InputError(f"no part holds {what}", source, f"add the file that does, or name them with {OPTION}")
 
@@ -93,7 +92,7 @@ def _in_order(joined: Mapping[str, Column], source: str, *, motion: bool) -> dic
     """The columns of a whole log: positions of joints 1 to n, and efforts, and velocities if there are any, of each."""
     n = sum(kind_part(name) == "q" for name in joined)
     kinds = {kind_part(name) for name in joined} - {"t", "q"}
-    effort = [] if motion else [next(kind for kind in _EFFORTS if kind in kinds)]
+    effort = [] if motion else [next(kind for kind in EFFORTS if kind in kinds)]
     wanted = ["q", *effort, *(["dq"] if "dq" in kinds else [])]
     for kind in wanted:
         for j in range(1, n + 1):
@@ -125,11 +124,11 @@ def _covered(part: Table, t: Array) -> Mask:
 
 def _brought(part: Table, base: Table, instants: Array, kept: Integers) -> tuple[dict[str, Array], str]:
     """A part's columns at the instants, and how they came there; nothing is said where the stamps are the same."""
-    everything = _block(part, ("q", "dq", *_EFFORTS))
+    everything = _block(part, ("q", "dq", *EFFORTS))
     if len(part.t) == len(base.t) and np.abs(part.t - base.t).max() <= TUNING.same_stamp * _period(base.t):
         return {name: values[kept] for name, values in everything.items()}, ""
     values, said = {}, []
-    motion, efforts = _block(part, ("q", "dq")), _block(part, _EFFORTS)
+    motion, efforts = _block(part, ("q", "dq")), _block(part, EFFORTS)
     if motion:
         rows = distinct_rows(part.t, [np.column_stack(list(motion.values()))])
         for name, column in motion.items():

@@ -25,7 +25,6 @@ UNNAMED = "NAME{}"  # what stands for columns of which there are none
 EFFORTS = "tau", "i"
 _KEY = re.compile(r"t|(q|dq|tau|i)([1-9][0-9]{0,2})?")
 _PLACEHOLDER = re.compile(r"\{(?:(?P<first>[0-9]{1,3})-(?P<last>[0-9]{1,3}))?\}")
-_SEPARATOR = re.compile(r"[\s_.-]+")
 _NEXT = re.compile(r",\s*(?=(?:t|(?:q|dq|tau|i)[0-9]*)\s*=)")
 _EFFORT = re.compile(r"tau|torque|moment|eff|force|curr|amp|strom|kraft|last|load|\bN ?m\b", re.IGNORECASE)
 """What names of efforts hold in many languages; velocities, which are no efforts, times and currents beneath."""
@@ -106,7 +105,10 @@ def _match(kind: str, pattern: str, label: str, place: int) -> _Match | None:
     """The column of a label, if a pattern fits it, and its unit too where both have one."""
     wanted, seen = split_brackets(pattern.strip()), split_brackets(label)
     whole = _expression(pattern.strip()).fullmatch(label)
-    match = whole or (_expression(wanted.name).fullmatch(seen.name) if _agree(kind, wanted.unit, seen.unit) else None)
+    unit, agree = seen.unit or wanted.unit, True
+    if wanted.unit is not None and seen.unit is not None:  # the same, such as deg and Grad
+        agree = factor_of(kind, wanted.unit) == factor_of(kind, seen.unit) is not None
+    match = whole or (_expression(wanted.name).fullmatch(seen.name) if agree else None)
     if match is None:
         return None
     number = int(match["number"]) if "number" in match.re.groupindex else None
@@ -115,20 +117,14 @@ def _match(kind: str, pattern: str, label: str, place: int) -> _Match | None:
         if not int(span["first"]) <= number <= int(span["last"]):
             return None
         number -= int(span["first"]) - 1  # the range begins with joint 1
-    return _Match(place, number, seen.unit or wanted.unit or _unit_at_end(kind, label))
+    return _Match(place, number, unit or _unit_at_end(kind, label))
 
 
 def _unit_at_end(kind: str, label: str) -> str | None:
     """The unit behind the last separator of a label, deg of `lage1_deg`; a single letter may mean anything."""
-    words = _SEPARATOR.split(label.strip())
+    words = re.split(r"[\s_.-]+", label.strip())
     ends = ["_".join(words[-count:]) for count in (2, 1) if len(words) > count]
     return next((end for end in ends if len(end) > 1 and factor_of(kind, end) is not None), None)
-
-
-def _agree(kind: str, wanted: str | None, seen: str | None) -> bool:
-    if wanted is None or seen is None:
-        return True
-    return factor_of(kind, wanted) is not None and factor_of(kind, wanted) == factor_of(kind, seen)
 
 
 def _expression(pattern: str) -> re.Pattern[str]:
