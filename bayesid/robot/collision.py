@@ -14,19 +14,17 @@ from dataclasses import dataclass, field
 from itertools import combinations
 from pathlib import Path
 
-import coal
 import numpy as np
 import pinocchio as pin
 
 from bayesid.arrays import Array, Mask
 from bayesid.errors import InputError
 from bayesid.robot import Robot
-from bayesid.robot.shapes import BASE, Shape, capsule_shapes, upright, urdf_shapes
+from bayesid.robot.shapes import BASE, Shape, capsule_shapes, floor_shape, upright, urdf_shapes
 
-Pair = tuple[Shape, Shape | None]  # two shapes, or a shape and the floor
+Pair = tuple[Shape, Shape]
 FINEST = 1e-3
-"""m; how far distances may change in the shortest part of a path that is looked at. A path that keeps so little more
-than what is asked for counts as not clear; a tenth of the margin of a centimetre that robots are given."""
+"""m; how far distances may change in the shortest part of a path that is looked at: a tenth of the usual margin."""
 ACCURACY = 1e-5  # m that a computed distance may be too long: ten times the tolerance of coal's iterations
 
 
@@ -77,7 +75,8 @@ class CollisionModel:
         """The least distance of a pose (n,), m, and its pair."""
         (distances,) = self._distances(np.asarray(q)[None])
         least = int(distances.argmin())
-        return float(distances[least]), names_of(self._distances.pairs[least])
+        one, other = self._distances.pairs[least]
+        return float(distances[least]), (one.name, other.name)
 
     def stays_clear(self, path: Callable[[Array], Array], t: Array, speed: Array) -> bool:
         """Whether all distances are certainly no less than the margin, between the samples too.
@@ -115,12 +114,6 @@ class CollisionModel:
         if key not in self._rates:
             self._rates[key] = self._reach.rates(self._distances.pairs, travel)
         return self._rates[key]
-
-
-def names_of(pair: Pair) -> tuple[str, str]:
-    """The links of a pair of shapes."""
-    one, other = pair
-    return one.name, "floor" if other is None else other.name
 
 
 @dataclass(frozen=True)
@@ -186,8 +179,15 @@ def collision_model(
         source = f"collision shapes of {robot.origin.urdf.name} (of meshes the convex hulls){_bare(robot, shapes)}"
     if not shapes:
         return NoShapes(f"the URDF of robot {robot.name} has no collision shapes")
-    ground = None if floor is None else Floor(_up(robot), floor)
-    found = _of_pairs(robot, shapes, np.atleast_2d(rest), ground, margin, source + _of_floor(ground))
+    size = float(np.linalg.norm(robot.gravity))
+    up = -robot.gravity / size if size > 0.0 else np.array([0.0, 0.0, 1.0])
+    if floor is None:
+        source += ", no floor"
+    elif np.allclose(up, [0.0, 0.0, 1.0]):
+        source += f", floor at z = {floor:g} m"
+    else:
+        source += f", floor {floor:g} m above the base's origin, against gravity"
+    found = _of_pairs(robot, shapes, np.atleast_2d(rest), up, floor, margin, source)
     if isinstance(found, NoShapes) and found.too_near and capsules is not None:
         remedy = "give narrower ones or a smaller `margin`, or leave it out"
         raise InputError(found.reason, field="capsules", remedy=remedy)
@@ -195,18 +195,20 @@ def collision_model(
 
 
 def _of_pairs(
-    robot: Robot, shapes: Sequence[Shape], rest: Array, floor: Floor | None, margin: float, source: str
+    robot: Robot, shapes: Sequence[Shape], rest: Array, up: Array, floor: float | None, margin: float, source: str
 ) -> CollisionModel | NoShapes:
     """With the pairs that count where a robot has been in poses `rest` (M, n)."""
-    pairs: list[Pair] = [pair for pair in combinations(shapes, 2) if not _adjacent(robot, *pair)]
-    pairs += [] if floor is None else [(shape, None) for shape in shapes if shape.body != BASE]
-    together = _never_apart(robot, pairs, floor, margin)
+    pairs = [pair for pair in combinations(shapes, 2) if not _adjacent(robot, *pair)]
+    if floor is not None:
+        ground = floor_shape(up, floor)
+        pairs += [(shape, ground) for shape in shapes if shape.body != BASE]
+    together = _never_apart(robot, pairs, margin)
     apart = [pair for pair in pairs if pair not in together]
-    nearest = PairDistances(robot, apart, floor)(rest).min(axis=0, initial=np.inf)
+    nearest = PairDistances(robot, apart)(rest).min(axis=0, initial=np.inf)
     wide = [pair for pair, distance in zip(apart, nearest, strict=True) if distance < margin]
     if floor is not None:
         _check_floor(robot, floor, apart, nearest, margin)
-    reach = Reach(robot, _up(robot))
+    reach = Reach(robot, up)
     moves: Mask = np.any(reach.rates(apart, np.ones(robot.n_joints)), axis=1)
     kept = [pair for pair, one_moves in zip(apart, moves, strict=True) if one_moves and pair not in wide]
     if not kept and (wide or together):
@@ -214,30 +216,30 @@ def _of_pairs(
         return NoShapes(near, too_near=True)
     if not kept:
         return NoShapes("the robot has no two links, nor one and the floor, whose distance could tell anything")
-    distances = PairDistances(robot, kept, floor)
+    distances = PairDistances(robot, kept)
     return CollisionModel(source, margin, _named(kept), _named(wide), _named(together), distances, reach)
 
 
-def _never_apart(robot: Robot, pairs: Sequence[Pair], floor: Floor | None, margin: float) -> list[Pair]:
+def _never_apart(robot: Robot, pairs: Sequence[Pair], margin: float) -> list[Pair]:
     """Pairs of capsules that no pose takes as far apart as the margin, by many poses drawn at random."""
-    round_ones = [pair for pair in pairs if all(shape is None or shape.round for shape in pair)]
+    round_ones = [pair for pair in pairs if all(shape.round or shape.floor for shape in pair)]
     drawn = np.random.default_rng(0).uniform(-np.pi, np.pi, (1000, robot.n_joints))
-    farthest = PairDistances(robot, round_ones, floor)(drawn).max(axis=0, initial=-np.inf)
+    farthest = PairDistances(robot, round_ones)(drawn).max(axis=0, initial=-np.inf)
     return [pair for pair, distance in zip(round_ones, farthest, strict=True) if distance <= margin + 1e-9]
 
 
-def _check_floor(robot: Robot, floor: Floor, pairs: Sequence[Pair], nearest: Array, margin: float) -> None:
+def _check_floor(robot: Robot, height: float, pairs: Sequence[Pair], nearest: Array, margin: float) -> None:
     """InputError if a link that the base does not carry was below the floor, or nearer to it than the margin."""
-    carried: Mask = np.array([other is None and robot.joints[one.body].parent != BASE for one, other in pairs], bool)
+    carried: Mask = np.array([other.floor and robot.joints[one.body].parent != BASE for one, other in pairs], bool)
     distance = float(nearest.min(where=carried, initial=np.inf))
     if distance >= margin:
         return
     lowest = int(np.argmin(np.where(carried, nearest, np.inf)))
-    lower = np.floor(100.0 * (floor.height + distance - margin)) / 100.0
+    lower = np.floor(100.0 * (height + distance - margin)) / 100.0
     side = "below" if distance < 0.0 else "above"
     said = f"{pairs[lowest][0].name} is {abs(distance):.3f} m {side} the floor where the robot has been"
     remedy = f"give the floor's height over the base's origin, {lower:g} or less, or none, or narrower capsules"
-    raise InputError(said, f"{floor.height:g}", remedy, field="floor")
+    raise InputError(said, f"{height:g}", remedy, field="floor")
 
 
 def _adjacent(robot: Robot, one: Shape, other: Shape) -> bool:
@@ -246,7 +248,7 @@ def _adjacent(robot: Robot, one: Shape, other: Shape) -> bool:
 
 
 def _named(pairs: Iterable[Pair]) -> tuple[tuple[str, str], ...]:
-    return tuple(dict.fromkeys(names_of(pair) for pair in pairs))
+    return tuple(dict.fromkeys((one.name, other.name) for one, other in pairs))
 
 
 def _bare(robot: Robot, shapes: Sequence[Shape]) -> str:
@@ -256,46 +258,19 @@ def _bare(robot: Robot, shapes: Sequence[Shape]) -> str:
     return f"; none on joint{'s' * (len(bare) > 1)} {', '.join(bare[:4])}{more}" if bare else ""
 
 
-# ---- The floor ----
-@dataclass(frozen=True, eq=False)
-class Floor:
-    """What lies below a level plane: its unit normal (3,) in the base's frame, and its height along it, m."""
-
-    up: Array
-    height: float
-
-
-def _up(robot: Robot) -> Array:
-    """(3,) unit vector against gravity in the base's frame; its z where there is no gravity."""
-    size = float(np.linalg.norm(robot.gravity))
-    return -robot.gravity / size if size > 0.0 else np.array([0.0, 0.0, 1.0])
-
-
-def _of_floor(floor: Floor | None) -> str:
-    if floor is None:
-        return ", no floor"
-    if np.allclose(floor.up, [0.0, 0.0, 1.0]):
-        return f", floor at z = {floor.height:g} m"
-    return f", floor {floor.height:g} m above the base's origin, against gravity"
-
-
 # ---- Distances and how fast they change ----
 class PairDistances:
     """Distances of P pairs of shapes, m; below zero where they overlap."""
 
-    def __init__(self, robot: Robot, pairs: Sequence[Pair], floor: Floor | None) -> None:
+    def __init__(self, robot: Robot, pairs: Sequence[Pair]) -> None:
         self.pairs, self._robot = tuple(pairs), robot
-        self._geometry, place = pin.GeometryModel(), dict[Shape | None, int]()
+        self._geometry, place = pin.GeometryModel(), dict[Shape, int]()
         for shape in dict.fromkeys(shape for pair in pairs for shape in pair):
-            body, solid, frame = -1, None, pin.SE3.Identity()
-            if shape is not None:
-                body, solid, frame = shape.body, shape.solid, pin.SE3(shape.place)
-            elif floor is not None:
-                solid = coal.Halfspace(floor.up, floor.height)
-            place[shape] = self._geometry.addGeometryObject(pin.GeometryObject(str(len(place)), body + 1, frame, solid))
+            made = pin.GeometryObject(str(len(place)), shape.body + 1, pin.SE3(shape.place), shape.solid)
+            place[shape] = self._geometry.addGeometryObject(made)
         for one, other in pairs:
             self._geometry.addCollisionPair(pin.CollisionPair(place[one], place[other]))
-        rods = [shape for shape in place if shape is not None and shape.rod]
+        rods = [shape for shape in place if shape.rod]
         self._rods = [(shape.body, self._geometry.geometryObjects[place[shape]]) for shape in rods]
         self._data, self._measured = robot.pinocchio.createData(), pin.GeometryData(self._geometry)
 
@@ -342,17 +317,17 @@ class Reach:
         travel = np.where(self.slides, np.abs(travel), 0.0)
         return np.array([self._rate(*pair, travel) for pair in pairs]).reshape(-1, len(travel))
 
-    def _rate(self, one: Shape, other: Shape | None, travel: Array) -> Array:
+    def _rate(self, one: Shape, other: Shape, travel: Array) -> Array:
         rate = np.zeros(len(travel))
-        up, down = (self._robot.to_base(BASE if shape is None else shape.body) for shape in (one, other))
+        up, down = (self._robot.to_base(shape.body) for shape in (one, other))
         path = [k for k in up if k not in down] + [k for k in down[::-1] if k not in up]
         rate[path] = self._reaches(one, path, travel)
-        if other is None:
+        if other.floor:
             rate *= self._raised
         else:
             rate[path] = np.minimum(rate[path], self._reaches(other, path[::-1], travel)[::-1])
         for shape in (one, other):
-            if shape is not None and shape.rod:
+            if shape.rod:
                 rate[shape.body] = 1.0
         return rate
 

@@ -46,6 +46,11 @@ class Shape:
         """Whether it is a capsule or a ball that keeps its length."""
         return isinstance(self.solid, coal.Capsule | coal.Sphere) and not self.rod
 
+    @property
+    def floor(self) -> bool:
+        """Whether it is all that lies below a plane."""
+        return isinstance(self.solid, coal.Halfspace)
+
     @cached_property
     def corners(self) -> Array:
         """(8, 3) of a box that holds it, m."""
@@ -53,6 +58,11 @@ class Shape:
         box = self.solid.aabb_local
         corners = np.array(list(product(*zip(box.min_, box.max_, strict=True))))
         return corners @ self.place[:3, :3].T + self.place[:3, 3]
+
+
+def floor_shape(up: Array, height: float) -> Shape:
+    """What lies below a level plane, by its unit normal (3,) in the base's frame, and its height along it, m."""
+    return Shape("floor", BASE, coal.Halfspace(up, height), np.eye(4))
 
 
 def capsule_shapes(robot: Robot, radii: float | Sequence[float], tool: Sequence[float]) -> list[Shape]:
@@ -151,63 +161,47 @@ def urdf_shapes(origin: Origin, n_joints: int, folders: Sequence[str | Path] = (
         for element in link.findall("collision"):
             here = f"{where}, link {printable(name)}"
             place = frame @ origin_of(element, here)
-            shapes += list(_shapes(element, printable(name), body, place, _Meshes(origin.urdf, folders, here)))
+            for found in element.findall("geometry/*"):
+                solid, inside = _solid(found, origin.urdf, folders, here)
+                shapes.append(Shape(printable(name), body, solid, place @ inside))
     return shapes
 
 
-class _Meshes:
-    """Finds the mesh files of a URDF: packages in `folders` first; errors name `where`."""
-
-    def __init__(self, urdf: Path, folders: Sequence[str | Path], where: str) -> None:
-        self._urdf, self.where = urdf.resolve(), where
-        listed = [folder for folder in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if folder]
-        self._folders = [Path(folder) for folder in (*folders, *listed)]
-
-    def find(self, name: str) -> Path:
-        """The file of a mesh's name: of a package in the folders or in one above the URDF, or relative to the URDF."""
-        for path in self._candidates(name):
-            try:
-                if path.is_file():
-                    return path
-            except (OSError, ValueError):  # no name of a file
-                continue
-        remedy = "set ROS_PACKAGE_PATH to the folder that holds its package, or give radii by `capsules`"
-        raise InputError(f"mesh {printable(name)} is not found", self.where, remedy)
-
-    def _candidates(self, name: str) -> Iterator[Path]:
-        above = self._urdf.parents
-        if not name.startswith(_PACKAGE):
-            yield self._urdf.parent / name.removeprefix(_FILE)
-            return
-        inside = name.removeprefix(_PACKAGE)
-        package, _, rest = inside.partition("/")
-        for folder in (*self._folders, *above):
-            yield folder / inside
-            if folder.name == package:
-                yield folder / rest
-        for folder in above:  # a package that was renamed, or a part of it: its files next to the URDF
-            yield folder / rest
-
-    def hull(self, element: ET.Element) -> tuple[Any, Array]:
-        """Coal's convex hull of a <mesh>, a box around one that is flat; and its (4, 4) frame in the mesh's."""
-        path = self.find(element.get("filename", ""))
-        scale = given_numbers(element.get("scale", "1 1 1").split(), (3,), "mesh scale", self.where)
-        shown = printable(str(path))
-        if path.stat().st_size > MOST_MESH_BYTES:
-            remedy = "give a coarser mesh, or radii by `capsules`"
-            raise InputError(f"mesh {shown} is longer than {MOST_MESH_BYTES >> 20} MiB", self.where, remedy)
+def _mesh_file(name: str, urdf: Path, folders: Sequence[str | Path], where: str) -> Path:
+    """The file of a mesh's name: of a package in the folders or in one above the URDF, or relative to the URDF."""
+    above, listed = urdf.resolve().parents, os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)
+    inside = name.removeprefix(_PACKAGE)
+    package, _, rest = inside.partition("/")
+    candidates = [above[0] / name.removeprefix(_FILE)]
+    if name.startswith(_PACKAGE):
+        places, candidates = [*map(Path, [*folders, *filter(None, listed)]), *above], []
+        for folder in places:
+            candidates += [folder / inside, *([folder / rest] if folder.name == package else [])]
+        candidates += [folder / rest for folder in above]  # a package that was renamed, or a part of it
+    for path in candidates:
         try:
-            mesh = coal.MeshLoader().load(str(path), np.array(scale))
-            points = np.array(mesh.vertices()).reshape(-1, 3)
-        except (ValueError, RuntimeError):
-            points = np.zeros((0, 3))
-        if not len(points) or not (np.abs(points) < TUNING.longest).all():
-            remedy = "give an STL, OBJ or DAE file in m, or radii by `capsules`"
-            raise InputError(f"mesh {shown} cannot be read", self.where, remedy)
-        return _hull(points)
+            if path.is_file():
+                return path
+        except (OSError, ValueError):  # no name of a file
+            continue
+    remedy = "set ROS_PACKAGE_PATH to the folder that holds its package, or give radii by `capsules`"
+    raise InputError(f"mesh {printable(name)} is not found", where, remedy)
 
 
-def _hull(points: Array) -> tuple[Any, Array]:
+def _mesh_hull(path: Path, scale: Array, where: str) -> tuple[Any, Array]:
+    """Coal's convex hull of a mesh, a box around one that is flat; and its (4, 4) frame in the mesh's."""
+    shown = printable(str(path))
+    if path.stat().st_size > MOST_MESH_BYTES:
+        remedy = "give a coarser mesh, or radii by `capsules`"
+        raise InputError(f"mesh {shown} is longer than {MOST_MESH_BYTES >> 20} MiB", where, remedy)
+    try:
+        mesh = coal.MeshLoader().load(str(path), np.array(scale))
+        points = np.array(mesh.vertices()).reshape(-1, 3)
+    except (ValueError, RuntimeError):
+        points = np.zeros((0, 3))
+    if not len(points) or not (np.abs(points) < TUNING.longest).all():
+        remedy = "give an STL, OBJ or DAE file in m, or radii by `capsules`"
+        raise InputError(f"mesh {shown} cannot be read", where, remedy)
     frame = np.eye(4)
     try:
         corners = points[scipy.spatial.ConvexHull(points).vertices]
@@ -221,28 +215,25 @@ def _hull(points: Array) -> tuple[Any, Array]:
         return coal.Box(*(high - low + 2.0 * _SHORTEST)), frame
 
 
-def _shapes(element: ET.Element, name: str, body: int, place: Array, meshes: _Meshes) -> Iterator[Shape]:
-    """The shape of a <collision>; none of an element that is empty."""
+def _solid(found: ET.Element, urdf: Path, folders: Sequence[str | Path], where: str) -> tuple[Any, Array]:
+    """What a shape of a <collision> is, and its (4, 4) frame in the element's."""
 
-    def length(found: ET.Element, key: str) -> float:
-        value = float(given_numbers(found.get(key), (), f"{found.tag} {key}", meshes.where, TUNING.longest))
+    def length(key: str) -> float:
+        value = float(given_numbers(found.get(key), (), f"{found.tag} {key}", where, TUNING.longest))
         if value <= 0.0:
-            raise InputError(f"key '{found.tag} {key}' is not positive", meshes.where, "give a length in m")
+            raise InputError(f"key '{found.tag} {key}' is not positive", where, "give a length in m")
         return value
 
-    for found in element.findall("geometry/*"):
-        solid, frame = None, place
-        if found.tag == "sphere":
-            solid = coal.Sphere(length(found, "radius"))
-        elif found.tag in ("cylinder", "capsule"):
-            kind = coal.Cylinder if found.tag == "cylinder" else coal.Capsule
-            solid = kind(length(found, "radius"), length(found, "length"))
-        elif found.tag == "box":
-            sides = given_numbers(found.get("size", "").split(), (3,), "box size", meshes.where, TUNING.longest)
-            solid = coal.Box(*np.abs(sides))
-        elif found.tag == "mesh":
-            solid, inside = meshes.hull(found)
-            frame = place @ inside
-        else:
-            raise InputError(f"a shape <{printable(found.tag)}> is not known", meshes.where, "give radii by `capsules`")
-        yield Shape(name, body, solid, frame)
+    if found.tag == "mesh":
+        path = _mesh_file(found.get("filename", ""), urdf, folders, where)
+        scale = given_numbers(found.get("scale", "1 1 1").split(), (3,), "mesh scale", where)
+        return _mesh_hull(path, scale, where)
+    if found.tag == "sphere":
+        return coal.Sphere(length("radius")), np.eye(4)
+    if found.tag in ("cylinder", "capsule"):
+        kind = coal.Cylinder if found.tag == "cylinder" else coal.Capsule
+        return kind(length("radius"), length("length")), np.eye(4)
+    if found.tag == "box":
+        sides = given_numbers(found.get("size", "").split(), (3,), "box size", where, TUNING.longest)
+        return coal.Box(*np.abs(sides)), np.eye(4)
+    raise InputError(f"a shape <{printable(found.tag)}> is not known", where, "give radii by `capsules`")
