@@ -112,10 +112,8 @@ def _unknown(name: str) -> InputError:
         return InputError("no such file", name, f"give {files}, or a built-in name (`bayesid robot list`)")
     known = list(dict.fromkeys([*BUILT_IN, *installed_names()]))
     plain = re.sub(r"[\s-]+", "", name.lower())
-    nearest = (
-        get_close_matches(plain, known, n=3, cutoff=TUNING.near_name)
-        or [other for other in known if plain in other][:3]
-    )
+    nearest = get_close_matches(plain, known, n=3, cutoff=TUNING.near_name)
+    nearest = nearest or [other for other in known if plain in other][:3]
     suggestion = f", did you mean {' or '.join(nearest)}?" if nearest else ""
     remedy = f"give a built-in name (`bayesid robot list`), {files}, or {how_to_name()}"
     return InputError(f"no such robot{suggestion}", name, remedy)

@@ -118,7 +118,7 @@ def _position(tree: UrdfTree, name: str, value: object, where: str) -> float:
 
 
 def _ends(tree: UrdfTree) -> list[str]:
-    return [joint.child for joint in tree.joints if joint.moves and not _moving_beyond(tree, joint)]
+    return [joint.child for joint in tree.joints if joint.moves and not tree.beyond(joint)]
 
 
 def _chain(tree: UrdfTree, tip: str, where: str) -> list[UrdfJoint]:
@@ -152,8 +152,8 @@ def _mimic_groups(tree: UrdfTree) -> Iterator[list[UrdfJoint]]:
     """Leaders with their followers, where nothing else moves beyond them; one end alone may be the arm's."""
     for leader in tree.joints:
         group = [leader, *(joint for joint in tree.joints if joint.leader == leader.name)]
-        ends = [joint for joint in group if not _moving_beyond(tree, joint)]
-        alone = all(other in group for joint in group for other in _moving_beyond(tree, joint))
+        ends = [joint for joint in group if not tree.beyond(joint)]
+        alone = all(other in group for joint in group for other in tree.beyond(joint))
         if leader.moves and alone and len(ends) > 1:
             yield group
 
@@ -162,7 +162,7 @@ def _opposed_ends(tree: UrdfTree) -> Iterator[tuple[UrdfJoint, UrdfJoint]]:
     """Pairs of last joints of a kind on one body that moves, along opposite axes."""
     ends: dict[tuple[str, bool], list[tuple[UrdfJoint, Array]]] = {}
     for joint in tree.joints:
-        if joint.moves and joint.leader is None and not _moving_beyond(tree, joint):
+        if joint.moves and joint.leader is None and not tree.beyond(joint):
             body, frame = tree.body(joint.parent)
             axis = (frame @ joint.origin)[:3, :3] @ joint.axis
             ends.setdefault((body, joint.kind == "prismatic"), []).append((joint, axis))
@@ -170,10 +170,6 @@ def _opposed_ends(tree: UrdfTree) -> Iterator[tuple[UrdfJoint, UrdfJoint]]:
         for (one, along), (other, against) in combinations(joints, 2):
             if body != tree.base and np.allclose(along, -against, atol=TUNING.opposed):
                 yield one, other
-
-
-def _moving_beyond(tree: UrdfTree, joint: UrdfJoint) -> list[UrdfJoint]:
-    return [other for other in tree.beyond(joint) if other.moves]
 
 
 # ---- What is to be told ----
@@ -189,27 +185,20 @@ def _mimic_notes(
             remedy = "bayesid identifies joints that move by themselves; choose a chain that ends before it by `tip`"
             raise InputError(said, f"{where}, joint {joint.name}", remedy)
     still = _sentence([joint.name for joint in mimics if joint not in dragged], "mimic joints are not identified")
-    return [
-        still,
-        *(f"joint {one.name} is held: in the model it does not follow joint {one.leader}" for one in dragged),
-    ]
+    left = (f"joint {one.name} is held: in the model it does not follow joint {one.leader}" for one in dragged)
+    return [still, *left]
 
 
 def _base_notes(tree: UrdfTree, fingers: Collection[UrdfJoint]) -> list[str]:
-    bodies = {link: tree.body(link)[0] for link in (tree.base, *(joint.parent for joint in tree.joints))}
-    free = [joint for joint in tree.joints if joint.kind in FREE]
-    notes = [
-        f"joint {joint.name} is {joint.kind}: {joint.child} is taken as fixed to "
-        + ("the ground" if bodies[joint.parent] == tree.base else joint.parent)
-        for joint in free
-    ]
-    chains = [
-        joint
-        for joint in tree.joints
-        if joint.moves and joint not in fingers and joint.leader is None and bodies[joint.parent] == tree.base
-    ]
-    if len(chains) > 1 and tree.base != _WORLD:
-        notes.append(f"{len(chains)} chains of joints begin at {tree.base}: it is taken as fixed to the ground")
+    notes, chains = [], 0
+    for joint in tree.joints:
+        grounded = tree.body(joint.parent)[0] == tree.base
+        chains += grounded and joint.moves and joint not in fingers and joint.leader is None
+        if joint.kind in FREE:
+            to = "the ground" if grounded else joint.parent
+            notes.append(f"joint {joint.name} is {joint.kind}: {joint.child} is taken as fixed to {to}")
+    if chains > 1 and tree.base != _WORLD:
+        notes.append(f"{chains} chains of joints begin at {tree.base}: it is taken as fixed to the ground")
     return notes
 
 

@@ -74,9 +74,10 @@ class UrdfTree:
             link = joints[-1].parent
         return joints
 
-    def beyond(self, joint: UrdfJoint) -> Iterator[UrdfJoint]:
-        """Joints that hang from one."""
-        return (other for other in self.joints if other is not joint and joint.name in self._carriers[other.child])
+    def beyond(self, joint: UrdfJoint) -> list[UrdfJoint]:
+        """Joints that move and hang from one."""
+        others = (other for other in self.joints if other.moves and other is not joint)
+        return [other for other in others if joint.name in self._carriers[other.child]]
 
     @cached_property
     def _carriers(self) -> dict[str, set[str]]:

@@ -41,8 +41,8 @@ def simulate(
     A controller rectifies what it measures, so the noise is added first; a sensor's distortions act on it as well.
 
     Args:
-        model: of parameters theta (P,).
-        theta: see there.
+        model: the model.
+        theta: (P,) its parameters.
         motion: N samples of motion.
         rng: draws the noise.
         noise: standard deviation of the noise relative to the RMS of each joint's effort.

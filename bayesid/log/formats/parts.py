@@ -80,9 +80,8 @@ def _check_names(parts: Sequence[Table], stated: Mapping[str, str], source: str,
     there = {*owners, *map(kind_part, owners), "t"}
     for key, pattern in stated.items():
         if key not in there:
-            raise InputError(
-                f"no column is called {pattern} in any part", source, f"give {OPTION} a name that is there"
-            )
+            said = f"no column is called {pattern} in any part"
+            raise InputError(said, source, f"give {OPTION} a name that is there")
     for kinds, what in ((("q",), "positions q1.."), (() if motion else EFFORTS, "efforts tau1.. or i1..")):
         if kinds and not there & set(kinds):
             raise InputError(f"no part holds {what}", source, f"add the file that does, or name them with {OPTION}")
