@@ -38,28 +38,14 @@ _FOLDER = resources.files("bayesid.robot") / "robots"
 BUILT_IN = tuple(sorted(file.name.removesuffix(".toml") for file in _FOLDER.iterdir() if file.name.endswith(".toml")))
 """Names of all robots that come with bayesid."""
 _DATA, _DESCRIPTIONS = "example-robot-data", "robot_descriptions"
-_LOADERS_NAMES = {
-    "anymal_c": "anymal_c_simple_description/urdf/anymal",
-    "anymal_kinova": "anymal-kinova",
-    "asr_twodof": "TwoDofs",
-    "b1_z1": "b1-z1",
-    "borinot": "borinot_flying_arm_2",
-    "hector": "quadrotor_base",
-    "hextilt": "hextilt_flying_arm_5",
-    "hyq": "hyq_no_sensors",
-    "solo8": "solo",
-    "talos": "talos_reduced",
-    "talos_arm": "talos_left_arm",
-    "talos_box": "talos_reduced_box",
-    "talos_full": "talos_full_v2",
-    "talos_full_box": "talos_full_v2_box",
-    "ur10": "ur10_robot",
-    "ur10_limited": "ur10_joint_limited_robot",
-    "ur3": "ur3_robot",
-    "ur3_limited": "ur3_joint_limited_robot",
-    "ur5": "ur5_robot",
-    "ur5_limited": "ur5_joint_limited_robot",
-}  # names of example-robot-data's loaders (`ROBOTS`, in a package of their own since 4.4) that are not those of files
+# Names of example-robot-data's loaders (`ROBOTS`, in a package of their own since 4.4) that are not those of files.
+_LOADERS_NAMES = """
+    anymal_c=anymal_c_simple_description/urdf/anymal anymal_kinova=anymal-kinova asr_twodof=TwoDofs b1_z1=b1-z1
+    borinot=borinot_flying_arm_2 hector=quadrotor_base hextilt=hextilt_flying_arm_5 hyq=hyq_no_sensors solo8=solo
+    talos=talos_reduced talos_arm=talos_left_arm talos_box=talos_reduced_box talos_full=talos_full_v2
+    talos_full_box=talos_full_v2_box ur10=ur10_robot ur10_limited=ur10_joint_limited_robot ur3=ur3_robot
+    ur3_limited=ur3_joint_limited_robot ur5=ur5_robot ur5_limited=ur5_joint_limited_robot
+"""
 
 
 def load_robot(source: str | Path, tip: str | None = None, hold: Mapping[str, float] | None = None) -> Robot:
@@ -162,8 +148,8 @@ def _files(package: str, ending: str) -> tuple[Path, ...]:
 @cache
 def _robot_data() -> Mapping[str, Path]:
     """Name to file, for loaders' names, files without their ending, and a robot's folder."""
-    files = _files(_DATA, ".urdf")
-    loaded = {name: [file for file in files if file.match(f"{end}.urdf")] for name, end in _LOADERS_NAMES.items()}
+    files, loaders = _files(_DATA, ".urdf"), (pair.split("=") for pair in _LOADERS_NAMES.split())
+    loaded = {name: [file for file in files if file.match(f"{end}.urdf")] for name, end in loaders}
     names = {name: found[0] for name, found in loaded.items() if found}
     for file in files:
         names.setdefault(file.stem, file)

@@ -35,33 +35,22 @@ _BRACKETED = re.compile(r"(?P<name>.*?)\s*(?:\[(?P<square>[^][]+)\]|\((?P<round>
 _NUMBER = re.compile(r"[0-9]+|\{[^}]*\}")
 _COUNT = re.compile(rf"(?P<count>[0-9]{{1,{MOST_DIGITS}}}(?:\.[0-9]+)?)\s*(?P<unit>[^0-9]+)")
 WORDS = {
-    "t": ("t", "time", "timestamp", "stamp", "sim time", "zeit", "zeitstempel", "ipoc"),
-    "q": (
-        *("q", "actual q", "joint", "axis", "position", "pos", "angle", "joint position", "joint pos", "joint angle"),
-        *("actual position", "joint positions", "dof pos", "dof position", "qpos", "achse", "achswinkel", "gelenk"),
-        *("gelenkwinkel", "winkel", "istposition", "ist position", "aipos", "aspos"),
-    ),
-    "dq": (
-        *("dq", "qd", "actual qd", "velocity", "vel", "speed", "joint velocity", "joint vel", "joint speed", "axisvel"),
-        *("actual velocity", "joint velocities", "dof vel", "dof velocity", "qvel", "geschwindigkeit"),
-        "istgeschwindigkeit",
-    ),
-    "tau": (
-        *("tau", "tau j", "torque", "effort", "moment", "joint torque", "joint effort", "actual torque", "drehmoment"),
-        *("actual current as torque", "applied torque", "joint torques", "joint efforts", "measured joint efforts"),
-        *("dof torque", "dof force", "istmoment", "gear torque", "axis torque"),
-    ),
-    "i": (
-        *("i", "current", "actual current", "joint current", "motor current", "strom", "motorstrom", "iststrom"),
-        *("torque ref", "macur"),
-    ),
+    "t": "t time timestamp stamp sim_time zeit zeitstempel ipoc",
+    "q": "q actual_q joint axis position pos angle joint_position joint_pos joint_angle actual_position "
+    "joint_positions dof_pos dof_position qpos achse achswinkel gelenk gelenkwinkel winkel istposition ist_position aipos aspos",
+    "dq": "dq qd actual_qd velocity vel speed joint_velocity joint_vel joint_speed axisvel actual_velocity "
+    "joint_velocities dof_vel dof_velocity qvel geschwindigkeit istgeschwindigkeit",
+    "tau": "tau tau_j torque effort moment joint_torque joint_effort actual_torque drehmoment actual_current_as_torque "
+    "applied_torque joint_torques joint_efforts measured_joint_efforts dof_torque dof_force istmoment gear_torque "
+    "axis_torque",
+    "i": "i current actual_current joint_current motor_current strom motorstrom iststrom torque_ref macur",
 }
 """What columns of a kind are called, beside a joint's number, in logs of UR (RTDE's `actual_q_0`), Franka (libfranka's
 `tau_J`), ROS, MATLAB, simulators (Isaac Lab's `applied_torque` is behind its actuator model's limits), ABB's TestSignal
 (`torque_ref`, the motor's, which a gear ratio for gain turns into the joint's), KUKA's trace (`Istposition`) and RSI
-(`AIPos.A1`, `IPOC`), and in German; of currents and torques only what is measured. Spaces stand for any separator. What
+(`AIPos.A1`, `IPOC`), and in German; of currents and torques only what is measured. A _ stands for any separator. What
 whole recorders write, units and all, is in `bayesid.log.formats.stated`."""
-_KIND_OF = {word.replace(" ", ""): kind for kind, words in WORDS.items() for word in words}
+_KIND_OF = {word.replace("_", ""): kind for kind, words in WORDS.items() for word in words.split()}
 _OWN_UNITS = {"ipoc": 1e-3, "aipos": DEGREE, "aspos": DEGREE, "a": DEGREE, "axisvel": DEGREE}
 """SI units in one of the unit in which RSI writes what is called so, where the label states none."""
 _OWN = re.compile(r"t|(?:q|dq|tau|i)[1-9][0-9]*")

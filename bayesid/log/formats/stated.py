@@ -11,7 +11,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from bayesid.errors import InputError
@@ -47,13 +47,17 @@ def parse_columns(text: str) -> dict[str, str]:
         where, remedy = f"{OPTION} {text}", f"give {EXAMPLE}, or a TOML file with such lines"
         return check_columns(toml_of(read_source(text, remedy, where), where, remedy))
     columns: dict[str, str] = {}
-    for part in _NEXT.split(text):
-        key, _, pattern = (word.strip() for word in part.partition("="))
+    for key, pattern in _pairs(text):
         quoted = len(pattern) > 1 and pattern[0] == pattern[-1] and pattern[0] in "\"'"
         if key in columns:
             raise InputError(f"{key} is given twice", field="columns", remedy="give it once")
         columns[key] = pattern[1:-1] if quoted else pattern
     return check_columns(columns)
+
+
+def _pairs(text: str) -> list[tuple[str, str]]:
+    pairs = (part.partition("=") for part in _NEXT.split(text))
+    return [(key.strip(), pattern.strip()) for key, _, pattern in pairs]
 
 
 def check_columns(columns: Mapping[str, str]) -> dict[str, str]:
@@ -215,7 +219,7 @@ class Convention:
     name: str  #: of the recorder, for messages
     marks: tuple[str, ...]  #: labels by which its headers are known: they hold all of them
     #: patterns as a user gives them, without s, rad and rad/s: somebody may have put degrees there
-    columns: Mapping[str, str] = field(default_factory=dict)
+    columns: str
     part: str | None = None  #: the label of the number of the recording that a row is of, where files hold several
     lacking: str = ""  #: what to do where there are no efforts
     says: str = ""  #: what the recorder leaves open, for the note
@@ -224,7 +228,7 @@ class Convention:
         self, header: Sequence[str], given: Mapping[str, str], *, currents: bool, motion: bool
     ) -> dict[str, str]:
         """Its patterns that are in a header, and what a user has given, which counts; no efforts beside a motion."""
-        there = {kind: pattern for kind, pattern in self.columns.items() if fits(kind, pattern, header)}
+        there = {kind: pattern for kind, pattern in _pairs(self.columns) if fits(kind, pattern, header)}
         leave = {kind_part(key) for key in given}
         if leave & set(EFFORTS):
             leave |= set(EFFORTS)
@@ -238,30 +242,20 @@ CONVENTIONS = (
     Convention(  # src/log.cpp of libfranka writes Duration::toMSec
         "libfranka's log",
         marks=("success_rate", "state.q[0]"),
-        columns={"t": "time [ms]", "q": "state.q[{}]", "dq": "state.dq[{}]", "tau": "state.tau_J[{}] [Nm]"},
+        columns="t=time [ms],q=state.q[{}],dq=state.dq[{}],tau=state.tau_J[{}] [Nm]",
         lacking="log state.tau_J, the measured torques, too",
     ),
     Convention(  # Real-Time Data Exchange guide of Universal Robots; joints from 0, s, rad, A, N m
         "UR's RTDE",
         marks=("timestamp", "actual_q_0"),
-        columns={
-            "t": "timestamp",
-            "q": "actual_q_{}",
-            "dq": "actual_qd_{}",
-            "tau": "actual_current_as_torque_{} [Nm]",
-            "i": "actual_current_{} [A]",
-        },
+        columns="t=timestamp,q=actual_q_{},dq=actual_qd_{},tau=actual_current_as_torque_{} [Nm],"
+        "i=actual_current_{} [A]",
         lacking="record actual_current too; target_moment and target_current are the controller's model, not measured",
     ),
     Convention(  # rostopic echo -p of ROS 1: stamps in ns, units of sensor_msgs/JointState
         "rostopic's table of joint states",
         marks=("field.header.stamp", "field.position0"),
-        columns={
-            "t": "field.header.stamp [ns]",
-            "q": "field.position{}",
-            "dq": "field.velocity{}",
-            "tau": "field.effort{} [Nm]",
-        },
+        columns="t=field.header.stamp [ns],q=field.position{},dq=field.velocity{},tau=field.effort{} [Nm]",
         lacking="record a topic with efforts",
         says="joints in the order of field.name0.., often alphabetical: if it is not from base to tip, say q1.. and "
         "tau1.. with `columns`",
@@ -269,27 +263,19 @@ CONVENTIONS = (
     Convention(  # the same of franka_msgs/FrankaState
         "rostopic's table of Franka's states",
         marks=("field.header.stamp", "field.tau_J0"),
-        columns={"t": "field.header.stamp [ns]", "q": "field.q{}", "dq": "field.dq{}", "tau": "field.tau_J{} [Nm]"},
+        columns="t=field.header.stamp [ns],q=field.q{},dq=field.dq{},tau=field.tau_J{} [Nm]",
     ),
     Convention(  # system variables of KRL: degrees, N m, percent of the amplifiers' maximum
         "KUKA's system variables",
         marks=("$AXIS_ACT_MEAS.A1",),
-        columns={
-            "q": "$AXIS_ACT_MEAS.A{} [deg]",
-            "tau": "$TORQUE_AXIS_ACT[{}] [Nm]",
-            "i": "$CURR_ACT[{}] [% of the amplifier's maximum]",
-        },
+        columns="q=$AXIS_ACT_MEAS.A{} [deg],tau=$TORQUE_AXIS_ACT[{}] [Nm],"
+        "i=$CURR_ACT[{}] [% of the amplifier's maximum]",
         lacking="record $CURR_ACT[1].. or $TORQUE_AXIS_ACT[1].. too",
     ),
     Convention(
         "LeRobot",
         marks=("episode_index", "frame_index", "observation.state1"),
-        columns={
-            "t": "timestamp",
-            "q": "observation.state{}",
-            "dq": "observation.velocity{}",
-            "tau": "observation.effort{}",
-        },
+        columns="t=timestamp,q=observation.state{},dq=observation.velocity{},tau=observation.effort{}",
         part="episode_index",
         lacking="record observation.effort too; action holds commands, no efforts",
         says="it states no units, so rad, rad/s and N m are taken; `columns` says others, or leaves a gripper out",
