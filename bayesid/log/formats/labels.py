@@ -37,7 +37,8 @@ _COUNT = re.compile(rf"(?P<count>[0-9]{{1,{MOST_DIGITS}}}(?:\.[0-9]+)?)\s*(?P<un
 WORDS = {
     "t": "t time timestamp stamp sim_time zeit zeitstempel ipoc",
     "q": "q actual_q joint axis position pos angle joint_position joint_pos joint_angle actual_position "
-    "joint_positions dof_pos dof_position qpos achse achswinkel gelenk gelenkwinkel winkel istposition ist_position aipos aspos",
+    "joint_positions dof_pos dof_position qpos achse achswinkel gelenk gelenkwinkel winkel istposition "
+    "ist_position aipos aspos",
     "dq": "dq qd actual_qd velocity vel speed joint_velocity joint_vel joint_speed axisvel actual_velocity "
     "joint_velocities dof_vel dof_velocity qvel geschwindigkeit istgeschwindigkeit",
     "tau": "tau tau_j torque effort moment joint_torque joint_effort actual_torque drehmoment actual_current_as_torque "
