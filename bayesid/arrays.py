@@ -27,16 +27,10 @@ def every(mask: Mask) -> bool:
 
 
 def frozen(values: object, shape: tuple[int | None, ...], name: str) -> Array:
-    """A read-only float64 copy of `values`, or `values` if they are one; shape and finiteness checked.
+    """A read-only float64 copy of `values`, or `values` if they are one.
 
-    Args:
-        values: anything numpy can turn into an array.
-        shape: the required shape; None stands for any length.
-        name: what to call the array in the error.
-
-    Raises:
-        ValueError: the shape differs or a value is not finite.
-        TypeError: a value is no number.
+    ValueError, by the array's name, unless they are finite and of the shape, in which None stands for any length;
+    TypeError if one is no number.
     """
     try:
         array = values if _is_frozen(values) else np.array(values, dtype=np.float64)
@@ -52,6 +46,5 @@ def frozen(values: object, shape: tuple[int | None, ...], name: str) -> Array:
 
 
 def _is_frozen(values: object) -> TypeGuard[Array]:
-    if not isinstance(values, np.ndarray) or values.dtype != np.float64:
-        return False
-    return values.flags.owndata and not values.flags.writeable
+    doubles = isinstance(values, np.ndarray) and values.dtype == np.float64
+    return doubles and values.flags.owndata and not values.flags.writeable

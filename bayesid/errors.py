@@ -63,12 +63,7 @@ def missing(library: str, extra: str, where: str) -> InputError:
 
 
 class SolverError(BayesidError, RuntimeError):
-    """An optimisation ended without a solution.
-
-    Args:
-        stage: which problem was being solved.
-        status: the solver's own status, verbatim.
-    """
+    """An optimisation ended without a solution: the stage that was being solved, and the solver's own status."""
 
     def __init__(self, stage: str, status: str) -> None:
         self.stage, self.status = stage, status

@@ -106,15 +106,11 @@ class Motion:
 
 
 class Instant(Motion):
-    """One instant of a motion that goes on: its numbers are taken as they are, unchecked, and effects remember.
+    """One instant of a motion that goes on: its numbers are taken as they are, unchecked, and effects remember."""
 
-    Attributes:
-        past: gives positions, velocities and accelerations, each (n,), so many seconds ago.
-        memory: states of effects by key; None where nothing is to be kept.
-    """
-
+    #: gives positions, velocities and accelerations, each (n,), so many seconds ago
     past: Callable[[float], tuple[Array, Array, Array]] | None
-    memory: dict[object, tuple[Array, Array]] | None
+    memory: dict[object, tuple[Array, Array]] | None  #: states of effects by key; None where nothing is to be kept
 
     def __init__(
         self,

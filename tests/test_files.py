@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from bayesid.errors import InputError
+from bayesid.files import bounded
 from bayesid.files.bounded import read_source
 from bayesid.files.writing import check_folder, plain, read_json, replace_file, save_folder, write_columns, write_json
 
@@ -85,12 +86,14 @@ def test_long_tables_are_written_in_order(tmp_path):
     assert [row[3] for row in rows] == [f"log,{k}" for k in range(n)]
 
 
-def test_texts_that_are_too_long_and_folders_that_are_files(tmp_path):
+def test_texts_that_are_too_long_and_folders_that_are_files(tmp_path, monkeypatch):
     path = tmp_path / "arm.toml"
     path.write_text("name")
-    assert read_source(path, "give another", most=4) == "name"
+    monkeypatch.setattr(bounded, "MOST_BYTES", 4)
+    assert read_source(path, "give another") == "name"
+    monkeypatch.setattr(bounded, "MOST_BYTES", 3)
     with pytest.raises(InputError, match="is longer than"):
-        read_source(path, "give another", most=3)
+        read_source(path, "give another")
     with pytest.raises(InputError, match="is not a folder"):
         check_folder(path, NAMES, "summary.json")
 

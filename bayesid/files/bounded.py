@@ -25,18 +25,14 @@ LARGEST = 1e6
 """Size of a number that a robot's file may hold, in SI units: no robot is so large, fast, strong or geared."""
 
 
-def read_source(path: str | Path, remedy: str, where: str = "", most: int = MOST_BYTES) -> str:
-    """The text of a file or a pipe in UTF-8, with or without a mark of it.
-
-    Raises:
-        InputError: it cannot be read, has more than `most` bytes, or is no text; with `remedy`, about `where`.
-    """
+def read_source(path: str | Path, remedy: str, where: str = "") -> str:
+    """The text of a file or a pipe in UTF-8, with or without a mark of it; InputError where it is none, or too long."""
     where = where or printable(str(path))
     try:
         with Path(path).open("rb") as file:
-            content = file.read(most + 1)
-        if len(content) > most:
-            raise InputError(f"is longer than {most >> 20} MiB", where, remedy)
+            content = file.read(MOST_BYTES + 1)
+        if len(content) > MOST_BYTES:
+            raise InputError(f"is longer than {MOST_BYTES >> 20} MiB", where, remedy)
         return content.decode("utf-8-sig")
     except InputError:
         raise
@@ -62,12 +58,7 @@ def toml_of(text: str, where: str, remedy: str) -> dict[str, Any]:
 
 
 def xml_of(text: str, where: str) -> ET.Element:
-    """The root of a text in XML.
-
-    Raises:
-        InputError: it is too deep.
-        xml.etree.ElementTree.ParseError: it is none.
-    """
+    """The root of a text in XML; InputError if it is too deep, ParseError if it is none."""
     try:
         return ET.fromstring(text, ET.XMLParser(target=_Shallow(where)))
     except (ValueError, LookupError) as error:  # of the encoding that it names

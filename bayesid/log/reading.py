@@ -160,8 +160,7 @@ def as_log(source: LogSource) -> Log:
 def find_logs(patterns: Sequence[str | Path]) -> list[Path]:
     """The logs that paths and patterns such as "runs/*.csv" name; those of a pattern in alphabetical order.
 
-    Raises:
-        InputError: no file matches a pattern, or a log is named twice.
+    InputError if no file matches a pattern, or a log is named twice.
     """
     named: dict[str, Path] = {}
     for path in chain.from_iterable(map(_matches, patterns)):
@@ -286,7 +285,7 @@ def read_motion(
 def motion_of_arrays(t: object, q: object, dq: object | None = None) -> RecordedMotion:
     """The motion in arrays: (N,) s, (N, n) rad and, if they are given, (N, n) rad/s."""
     given = {"t": _numbers(t, "t"), "q": _numbers(q, "q"), **({} if dq is None else {"dq": _numbers(dq, "dq")})}
-    shape, columns = given["q"].shape, {}
+    shape, columns = given["q"].shape, dict[str, Column]()
     for kind, values in given.items():
         if len(shape) != 2 or values.shape != (shape[:1] if kind == "t" else shape):
             said = f"{kind} has shape {values.shape} beside q of {shape}"

@@ -114,10 +114,8 @@ def built_in_table(name: str) -> dict[str, Any]:
 def installed_urdf(name: str) -> Path | None:
     """The file of a robot of an installed package; None if no package knows the name.
 
-    Names are those of example-robot-data's loaders or files, and of robot_descriptions, with or without `_description`.
-
-    Raises:
-        InputError: robot_descriptions knows the name, but its file is not here.
+    Names are those of example-robot-data's loaders or files, and of robot_descriptions, with or without `_description`;
+    InputError where these know the name, but its file is not here.
     """
     if name in _robot_data():
         return _robot_data()[name]

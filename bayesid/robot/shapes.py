@@ -69,10 +69,8 @@ def capsule_shapes(robot: Robot, radii: float | Sequence[float], tool: Sequence[
     """One capsule a link, about the line from its joint to the next, as `Capsules` (`bayesid.robot.collision`) says.
 
     The line of a link with an offset along an axis and a length across it has a corner, as a Denavit-Hartenberg step
-    has, and two capsules. The last link ends at its own frame, or at a point that is given in it.
-
-    Raises:
-        InputError: a radius is not positive, or there is not one for each; or the tool's end is no point.
+    has, and two capsules. The last link ends at its own frame, or at a point that is given in it. InputError where a
+    radius is not positive, or there is not one for each, or the tool's end is no point.
     """
     widths, end = _widths(robot, radii), np.asarray(tool, dtype=float)
     if end.shape != (3,) or not np.isfinite(end).all():
@@ -141,10 +139,8 @@ def _pieces(corners: Array) -> Iterator[Array]:
 def urdf_shapes(origin: Origin, n_joints: int, folders: Sequence[str | Path] = ()) -> list[Shape]:
     """Shapes of <collision> elements of a robot that was loaded from a URDF, in the frames of the joints that move.
 
-    Packages of meshes are looked for in the folders first.
-
-    Raises:
-        InputError: a mesh is not found or cannot be read, a number cannot be used, or the file is not what it was.
+    Packages of meshes are looked for in the folders first. InputError where a mesh is not found or cannot be read, a
+    number cannot be used, or the file is not what it was.
     """
     assert origin.urdf is not None
     where = printable(str(origin.urdf))

@@ -26,10 +26,8 @@ _WORLD = "world"  # base link of a URDF that is bolted to the ground, by the con
 def robot_from_urdf(text: str, where: str, tip: str | None = None, hold: Mapping[str, float] | None = None) -> Robot:
     """A robot from URDF text; `continuous` joints count as revolute, and fixed links belong to their parents.
 
-    Inertias and meshes do not matter, nor limits but those of efforts. What is held, `hold_joints` says.
-
-    Raises:
-        InputError: the text is not a URDF, a name is not in it, or no joint is left to identify; it names `where`.
+    Inertias and meshes do not matter, nor limits but those of efforts. What is held, `hold_joints` says. InputError if
+    the text is not a URDF, a name is not in it, or no joint is left to identify.
     """
     tree = read_tree(text, where)
     held, notes = hold_joints(tree, tip, hold or {}, where)

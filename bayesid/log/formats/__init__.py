@@ -57,21 +57,14 @@ _FOREIGN = (
 
 
 class Format(ABC):
-    """A format of recordings.
+    """A format of recordings."""
 
-    Attributes:
-        name: for messages, as in "is a MATLAB file".
-        magic: bytes with which its files begin.
-        extensions: of its files, as in ".mat", where the first bytes do not decide.
-        options: which of `topic`, `joints` and `columns` mean something to it.
-        order: formats are asked in ascending order whether they recognise a file; 0 for those that look into it, 1 for
-            those that go by its name, 2 for the one that takes any.
-    """
-
-    name: ClassVar[str]
-    magic: ClassVar[tuple[bytes, ...]] = ()
-    extensions: ClassVar[tuple[str, ...]] = ()
-    options: ClassVar[frozenset[str]] = frozenset()
+    name: ClassVar[str]  #: for messages, as in "is a MATLAB file"
+    magic: ClassVar[tuple[bytes, ...]] = ()  #: bytes with which its files begin
+    extensions: ClassVar[tuple[str, ...]] = ()  #: of its files, as in ".mat", where the first bytes do not decide
+    options: ClassVar[frozenset[str]] = frozenset()  #: which of `topic`, `joints` and `columns` mean something to it
+    #: formats are asked in ascending order whether they recognise a file; 0 for those that look into it, 1 for those
+    #: that go by its name, 2 for the one that takes any
     order: ClassVar[int] = 0
 
     def recognises(self, path: Path, head: bytes) -> bool:

@@ -20,10 +20,8 @@ _Vector = NDArray[Any]
 def table_of(variables: Mapping[str, Any], source: str, options: Options) -> Table:
     """The columns of a log: of `t` (N,), `q` (N, n) or (n, N) or `q1..qn` (N,) each, and so on; others are left out.
 
-    Columns that a user names as `q="q{}"` are those of a matrix q. Messages name the source.
-
-    Raises:
-        InputError: one is missing, holds no numbers, or has another length than the time.
+    Columns that a user names as `q="q{}"` are those of a matrix q. An InputError, which names the source, says what is
+    missing, holds no numbers, or has another length than the time.
     """
     return table_of_vectors(_vectors(variables, source, options.columns or {}), source, options)
 

@@ -48,10 +48,8 @@ _Family = Mapping[int, Reading]  # columns of one kind that are called alike, by
 def choose(header: Sequence[str], where: str, options: Options) -> Chosen:
     """The columns of a header that make a log: time, positions, efforts and, if measured, velocities of all joints.
 
-    Columns that the options do not name go by their own names. `where` is the header's place, for messages.
-
-    Raises:
-        InputError: a column is missing or appears twice, or which is meant stays open.
+    Columns that the options do not name go by their own names. An InputError says, of `where`, which is missing or
+    appears twice, or that it stays open which is meant.
     """
     columns = options.columns or {}
     if options.part:

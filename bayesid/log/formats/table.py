@@ -176,10 +176,10 @@ def _check_numbers(table: Table) -> None:
         raise InputError(said, table.place(row), "remove the row or correct the value")
 
 
-def seconds(counts: ArrayLike, per_second: int = 1_000_000_000) -> Array:
-    """Whole numbers of ticks (N,) in s, as exact as a float allows: it cannot hold the nanoseconds since 1970."""
-    whole, rest = np.divmod(np.asarray(counts, dtype=np.int64), per_second)
-    return whole + rest / per_second
+def seconds(nanoseconds: ArrayLike) -> Array:
+    """Whole numbers (N,) in s, as exact as a float allows: it cannot hold the nanoseconds since 1970."""
+    whole, rest = np.divmod(np.asarray(nanoseconds, dtype=np.int64), 1_000_000_000)
+    return whole + rest / 1_000_000_000
 
 
 def rows_of(source: str) -> Callable[[int], str]:
