@@ -46,5 +46,6 @@ def frozen(values: object, shape: tuple[int | None, ...], name: str) -> Array:
 
 
 def _is_frozen(values: object) -> TypeGuard[Array]:
-    doubles = isinstance(values, np.ndarray) and values.dtype == np.float64
-    return doubles and values.flags.owndata and not values.flags.writeable
+    if not isinstance(values, np.ndarray):
+        return False
+    return values.dtype == np.float64 and values.flags.owndata and not values.flags.writeable

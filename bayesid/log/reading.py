@@ -262,7 +262,7 @@ def signed_joints(measured: Array, unsigned: str | None, n: int) -> Mask:
 
 
 def read_motion(
-    source: str | Path | Variables,
+    path: str | Path | Variables,
     *,
     degrees: bool | None = None,
     columns: Mapping[str, str] | None = None,
@@ -276,7 +276,7 @@ def read_motion(
     Raises:
         InputError: the file, a row, a column or an option cannot be used.
     """
-    table = _table_of(source, Options(topic=topic, joints=joints, columns=columns, motion=True))
+    table = _table_of(path, Options(topic=topic, joints=joints, columns=columns, motion=True))
     for note in table.notes:
         warnings.warn(note, stacklevel=2)
     return _recorded(table, angle_unit(table, degrees))

@@ -70,11 +70,11 @@ def _since_midnight(time: str) -> float:
     found = _TIME.fullmatch(time.strip())
     if found is None:
         raise ValueError(f"{time!r} is no time")
-    whole, _, fraction = re.sub("[,:]", ".", found["seconds"]).partition(".")
+    seconds = float(re.sub("[,:]", ".", found["seconds"]))
     hours = int(found["hours"] or 0)
     if found["half"]:
         hours = hours % 12 + (12 if found["half"].upper() == "PM" else 0)
-    return hours * 3600.0 + int(found["minutes"]) * 60.0 + float(f"{whole}.{fraction or 0}")
+    return hours * 3600.0 + int(found["minutes"]) * 60.0 + seconds
 
 
 class CsvFile(Format):
