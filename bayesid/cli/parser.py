@@ -6,6 +6,7 @@ import argparse
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import takewhile
 from pathlib import Path
 from typing import Any, NoReturn
@@ -159,21 +160,14 @@ def _suggestion(word: str, known: Sequence[str]) -> str:
     return f", {near}" if near else ""
 
 
-def seed(text: str) -> int:
-    """A whole number from 0 up."""
-    return _whole(text, 0)
-
-
-def whole(text: str) -> int:
-    """A whole number from 1 up."""
-    return _whole(text, 1)
-
-
 def _whole(text: str, least: int) -> int:
     number = whole_number(text)
     if number is None or number < least:
         raise argparse.ArgumentTypeError(f"{text!r:.60} is not a whole number from {least} up")
     return number
+
+
+seed, whole = partial(_whole, least=0), partial(_whole, least=1)
 
 
 def _joined(arguments: Sequence[str]) -> list[str]:

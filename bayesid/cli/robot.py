@@ -35,9 +35,6 @@ def robot_command(options: argparse.Namespace) -> None:
     {"new": _new, "show": _show, "list": _list}[options.action](options)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# new
-# ---------------------------------------------------------------------------------------------------------------
 def _new(options: argparse.Namespace) -> None:
     out: Path = options.out
     check_file(out)
@@ -71,9 +68,6 @@ def _table_of(source: str) -> tuple[str, str]:
         raise InputError(f"cannot be read ({reason})", source, "give a table as a text file, - or the text") from None
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# show
-# ---------------------------------------------------------------------------------------------------------------
 def _show(options: argparse.Namespace) -> None:
     out: Path | None = options.out
     if out is not None:
@@ -124,9 +118,6 @@ def _positions(text: str, degrees: bool | None, robot: Robot) -> Array:
     return np.where(turning & bool(degrees), np.radians(values), values)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# list
-# ---------------------------------------------------------------------------------------------------------------
 def _list(_options: argparse.Namespace) -> None:
     tables = {name: built_in_table(name) for name in BUILT_IN}
     rows = [(name, str(len(one["joints"])), one["description"], one["source"]) for name, one in tables.items()]

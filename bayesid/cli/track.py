@@ -19,12 +19,12 @@ from bayesid.errors import BayesidError, InputError
 from bayesid.files.writing import check_folder, plain, save_folder
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.model_file import load_model
-from bayesid.identification.prediction import Validation, check_joints
+from bayesid.identification.prediction import check_joints
 from bayesid.log.formats import STANDARD_INPUT, Options
 from bayesid.log.log import Log, check_exact_gains
 from bayesid.log.rows import RowReader
 from bayesid.monitor.changes import CONTACT, Alarm
-from bayesid.monitor.replay import Replay, StreamFigures, agreement, contradicts, known_signs, replay, timed
+from bayesid.monitor.replay import StreamFigures, agreement, contradicts, known_signs, replay, timed
 from bayesid.monitor.tracker import SignTracker
 from bayesid.monitor.tuning import TUNING as MONITOR
 from bayesid.parallel import one_blas_thread
@@ -79,11 +79,31 @@ def _replay(options: argparse.Namespace) -> None:
         tracker = _tracker(options, identified, rate, log.signed.tolist())
         streamed = replay(tracker, log, Progress(bars.show))
         bars.show("smooth", 0, 1)
-        result, offline = _compared(options, identified, log, streamed)
+        offline, known, status = None, None, "done"
+        try:
+            offline = identified.validate(log)
+        except InputError as error:
+            status = in_options(str(error))
+        if offline is not None and log.signed.any():  # of which another stream is not told
+            known = known_signs(replay(_tracker(options, identified, rate), log.rectified()), offline)
+        named = None
         if options.explain:
             bars.show("explain", 0, 1)
-            changes = [k for k, alarm in enumerate(streamed.alarms) if alarm.kind != CONTACT]
-            result = replace(result, named={k: _name(identified, log, streamed.alarms[k]) for k in changes})
+            changes = [(k, alarm) for k, alarm in enumerate(streamed.alarms) if alarm.kind != CONTACT]
+            named = {k: _name(identified, log, alarm) for k, alarm in changes}
+        result = StreamResult(
+            log=log.source,
+            rate=streamed.rate,
+            lag=streamed.lag,
+            counts=streamed.counts,
+            bad=0,
+            figures=streamed.figures,
+            alarms=streamed.alarms,
+            smoothing=None if offline is None else agreement(streamed, offline),
+            smoothing_status=status,
+            known=known,
+            named=named,
+        )
         bars.show("write", 0, 1)
         save_replay(folder, result, streamed, options.plot)
     seen = offline is not None and offline.seen
@@ -104,38 +124,8 @@ def _replay(options: argparse.Namespace) -> None:
 def _tracker(
     options: argparse.Namespace, identified: IdentifiedModel, rate: float, signed: list[bool] | None = None
 ) -> SignTracker:
-    return SignTracker(
-        identified, rate, options.lag, signed, payload=options.payload, false_alarms=options.false_alarms
-    )
-
-
-def _compared(
-    options: argparse.Namespace, identified: IdentifiedModel, log: Log, streamed: Replay
-) -> tuple[StreamResult, Validation | None]:
-    """With the smoothing of the log and, where it is signed, with its signs, of which another stream is not told."""
-    offline, smoothing, known, status = None, None, None, "done"
-    try:
-        offline = identified.validate(log)
-    except InputError as error:
-        status = in_options(str(error))
-    if offline is not None:
-        smoothing = agreement(streamed, offline)
-        if log.signed.any():
-            tracker = _tracker(options, identified, streamed.rate)
-            known = known_signs(replay(tracker, log.rectified()), offline)
-    result = StreamResult(
-        log=log.source,
-        rate=streamed.rate,
-        lag=streamed.lag,
-        counts=streamed.counts,
-        bad=0,
-        figures=streamed.figures,
-        alarms=streamed.alarms,
-        smoothing=smoothing,
-        smoothing_status=status,
-        known=known,
-    )
-    return result, offline
+    limits = {"payload": options.payload, "false_alarms": options.false_alarms}
+    return SignTracker(identified, rate, options.lag, signed, **limits)
 
 
 def _name(identified: IdentifiedModel, log: Log, alarm: Alarm) -> Named:

@@ -106,7 +106,6 @@ def robot_file(table: str, name: str, convention: str, where: str) -> str:
     ]
     if not rows:
         raise InputError("holds no joint", where, "give a row a joint beneath the header")
-    _check_sizes(rows, columns, where)
     text = _ROBOT.format(name=_name_line(name), convention=convention, rows="\n".join(map(_row, rows)))
     robot_from_table(tomllib.loads(text), where)
     return text
@@ -132,23 +131,17 @@ def _columns(header: Sequence[str], where: str) -> dict[str, _Column]:
         if name in found:
             said = f"has two columns for {name}: {found[name].label} and {label}"
             raise InputError(said, where, "leave one of them out")
-        found[name] = _Column(place, label, None if unit is None else _factor(unit, name, label, where))
-    missing = [name for name in ("a", "alpha", "d", "theta") if name not in found]
-    if missing:
-        said = f"column {missing[0]} is missing ({', '.join(header) or 'no header'})"
-        raise InputError(
-            said, where, "give the columns a, alpha, d, theta with their units: a[mm],alpha[deg],d[mm],theta[deg]"
-        )
+        factor, length = None if unit is None else factor_of("q", unit), name in _LENGTHS
+        if unit is not None and (factor is None or (unit.strip().casefold() in ("m", "cm", "mm")) != length):
+            units = "mm, cm or m" if length else "deg or rad"
+            raise InputError(f"column {label} is in {unit!r}", where, f"give it in {units}")
+        found[name] = _Column(place, label, factor)
+    for name in ("a", "alpha", "d", "theta"):
+        if name not in found:
+            said = f"column {name} is missing ({', '.join(header) or 'no header'})"
+            remedy = "give the columns a, alpha, d, theta with their units: a[mm],alpha[deg],d[mm],theta[deg]"
+            raise InputError(said, where, remedy)
     return found
-
-
-def _factor(unit: str, name: str, label: str, where: str) -> float:
-    factor = factor_of("q", unit)
-    metres = unit.strip().casefold() in ("m", "cm", "mm")
-    if factor is None or metres != (name in _LENGTHS):
-        units = "mm, cm or m" if name in _LENGTHS else "deg or rad"
-        raise InputError(f"column {label} is in {unit!r}", where, f"give it in {units}")
-    return factor
 
 
 def _cells(text: str, layout: Layout, where: str) -> Iterator[list[str]]:
@@ -168,12 +161,9 @@ def _joint(cells: Sequence[str], columns: Mapping[str, _Column], where: str) -> 
     row: dict[str, Any] = {}
     for name, column in columns.items():
         cell = cells[column.place]
-        if name == "type":
-            if cell.casefold() not in _TYPES:
-                raise InputError(f"unknown joint type {cell!r}", where, 'give "revolute" or "prismatic"')
-            row[name] = _TYPES[cell.casefold()]
-        else:
-            row[name] = _value(cell, column, name, where)
+        row[name] = _TYPES.get(cell.casefold()) if name == "type" else _value(cell, column, name, where)
+        if row[name] is None:
+            raise InputError(f"unknown joint type {cell!r}", where, 'give "revolute" or "prismatic"')
     return row
 
 
@@ -194,22 +184,12 @@ def _value(cell: str, column: _Column, name: str, where: str) -> float:
         value = math.nan
     if not math.isfinite(value):
         raise InputError(f"column {column.label} holds {cell!r}, not a number", where, "correct the value")
+    # no link is 20 m long, but many are 20 mm; a twist or an offset is no more than a turn
+    largest, unit, wrong = (20.0, "m", "mm") if name in _LENGTHS else (2.0 * math.pi + 1e-6, "rad", "deg")
+    if column.factor is None and abs(value) >= largest:
+        said = f"column {column.label} holds {value:g}, too much for {unit}"
+        raise InputError(said, where, f"name the column with its unit: {name}[{wrong}]")
     return value
-
-
-def _check_sizes(rows: Sequence[Mapping[str, Any]], columns: Mapping[str, _Column], where: str) -> None:
-    """Refuses numbers without a unit that are too large to be in m or rad.
-
-    No robot has a link of 20 m, but many have one of 20 mm; a twist or an offset is no more than a turn.
-    """
-    for name, column in columns.items():
-        if name == "type" or column.factor is not None:
-            continue
-        largest, unit = (20.0, "mm") if name in _LENGTHS else (2.0 * math.pi + 1e-6, "deg")
-        for i, row in enumerate(rows, start=1):
-            if abs(row[name]) >= largest:
-                said = f"column {column.label} holds {row[name]:g}, too much for {'m' if unit == 'mm' else 'rad'}"
-                raise InputError(said, f"{where}, joint {i}", f"name the column with its unit: {name}[{unit}]")
 
 
 def _row(row: Mapping[str, Any]) -> str:

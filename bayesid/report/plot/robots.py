@@ -28,6 +28,8 @@ _SHORTEST = 1e-4
 """m; a shorter piece of a link is rounding."""
 _EDGE_ON = 0.3
 """Share of an axis that is seen below which it counts as pointing at the viewer or away."""
+_DIRECTIONS = np.array([(-1, 1), (1, 1), (1, -1), (-1, -1), (0, 1), (1, 0), (0, -1), (-1, 0)])
+"""In which a label may stand from its place."""
 _CAPTION = (
     "Joints turn the right-handed way about their arrows; a dot in a ring is an arrow towards you, a cross one away. "
     "Lengths in mm."
@@ -59,16 +61,14 @@ def skeleton(robot: Robot | str | Path, q: ArrayLike | None = None, axes: Sequen
     given = new_figure(5.4, WIDE).subplots(1, len(_VIEWS)) if axes is None else axes
     drawn: list[Axes] = given_axes(given, len(_VIEWS)).tolist()
     points = np.concatenate([np.zeros((1, 3)), *here.lines])
-    size = max(float(np.ptp(points, axis=0).max()), _SHORTEST)
     for ax, (name, right, up) in zip(drawn, _VIEWS, strict=True):
-        seen = [right, up]
-        labels = Labels(ax, _frame(ax, points[:, seen], size))
-        _draw_gravity(ax, here.robot, seen, size, labels)
-        _draw_links(ax, here, seen, labels)
-        _draw_base(ax, seen, size, labels)
-        _draw_joints(ax, here, seen, size, labels)
-        _draw_flange(ax, here, seen, size, labels)
-        labels.draw()
+        view = _View(ax, here, points, [right, up])
+        view.draw_gravity()
+        view.draw_links()
+        view.draw_base()
+        view.draw_joints()
+        view.draw_flange()
+        view.draw_labels()
         dress(ax, f"{'xyz'[right]}, m", f"{'xyz'[up]}, m", f"{here.robot.name}, {name}")
     if axes is None:  # another's figure has captions of its own
         drawn[0].figure.supxlabel(f"q = {positions_text(here)}\n{_CAPTION}", fontsize=SIZE - 1.5, color=INK)
@@ -86,127 +86,99 @@ def positions_text(here: Pose) -> str:
     return ", ".join(f"{value:.4g} m" if joint.prismatic else f"{np.degrees(value):.4g}°" for joint, value in pairs)
 
 
-def _frame(ax: Axes, points: Array, size: float) -> float:
-    """The same scale for all views, and room for arrows and labels; the width of what is seen, m."""
-    middle = (points.min(axis=0) + points.max(axis=0)) / 2.0
-    half = (0.5 + 1.5 * _ARROW) * size  # room for an arrow and its label
-    ax.set_xlim(middle[0] - half, middle[0] + half)
-    ax.set_ylim(middle[1] - half, middle[1] + half)
-    ax.set_aspect("equal")
-    return 2.0 * half
+class _View:
+    """A pose as it is seen along one axis of the base frame.
 
-
-def _draw_gravity(ax: Axes, robot: Robot, seen: Sequence[int], size: float, labels: Labels) -> None:
-    """An arrow in the corner, where the view shows its direction."""
-    down = robot.gravity[list(seen)] / (np.linalg.norm(robot.gravity) or 1.0)
-    if np.linalg.norm(down) >= _EDGE_ON:
-        corner = np.array([ax.get_xlim()[0], ax.get_ylim()[1]]) + _ARROW * size * np.array([1.0, -1.0])
-        start, tip = corner - 0.4 * _ARROW * size * down, corner + 0.4 * _ARROW * size * down
-        _arrow(ax, start, tip, INK, labels)
-        labels.add("g", corner, INK, SIZE - 1.0)
-
-
-def _draw_links(ax: Axes, here: Pose, seen: Sequence[int], labels: Labels) -> None:
-    """All pieces; the length of each, where it is seen whole, or else in the view that shows most of it."""
-    for number, line in enumerate(here.lines, start=1):
-        flat = line[:, seen]
-        ax.plot(*flat.T, color=BLUE, linewidth=4.0, solid_capstyle="round", alpha=0.8, gid=f"link {number}")
-        for start, end in pairwise(line):
-            length = float(np.linalg.norm(end - start))
-            most = max(_seen(end - start, (right, up)) for _, right, up in _VIEWS)
-            labels.keep_clear(start[seen], end[seen])
-            if length > _SHORTEST and _seen(end - start, seen) > min(0.99 * length, most) - _SHORTEST:
-                labels.add(f"{1e3 * length:.2f}".rstrip("0").rstrip("."), (start + end)[seen] / 2.0, BLUE, SIZE - 2.0)
-
-
-def _seen(piece: Array, view: Sequence[int]) -> float:
-    """Length that a view shows."""
-    return float(np.linalg.norm(piece[list(view)]))
-
-
-def _draw_base(ax: Axes, seen: Sequence[int], size: float, labels: Labels) -> None:
-    labels.add("base", np.zeros(2), INK, SIZE - 1.0, first=True)
-    for axis in seen:
-        tip = _ARROW * size * np.eye(3)[axis][seen]
-        _arrow(ax, np.zeros(2), tip, INK, labels)
-        labels.add("xyz"[axis], tip, INK, SIZE - 1.0)
-
-
-def _draw_joints(ax: Axes, here: Pose, seen: Sequence[int], size: float, labels: Labels) -> None:
-    """Each joint's axis where the skeleton meets it; joints that are seen in one place have one label."""
-    places = here.joint_points[:, seen]
-    towards = np.cross(np.eye(3)[seen[0]], np.eye(3)[seen[1]])  # the viewer
-    for place, axis in zip(places, here.axes, strict=True):
-        if np.linalg.norm(axis[seen]) >= _EDGE_ON:
-            _arrow(ax, place, place + _ARROW * size * axis[seen], ORANGE, labels)
-            ax.plot(*place, "o", color=ORANGE, markersize=5.0)
-        else:
-            ax.plot(*place, "o", color=ORANGE, markersize=11.0, fillstyle="none", markeredgewidth=1.5)
-            ax.plot(*place, "." if axis @ towards > 0.0 else "x", color=ORANGE, markersize=6.0)
-    for members in _groups(places, 0.012 * size):
-        labels.add(", ".join(str(i + 1) for i in members), places[members[0]], ORANGE, SIZE + 1.0, first=True)
-
-
-def _draw_flange(ax: Axes, here: Pose, seen: Sequence[int], size: float, labels: Labels) -> None:
-    place, z = here.flange[:3, 3][seen], here.flange[:3, 2][seen]
-    ax.plot(*place, "s", color=MAGENTA, markersize=7.0, gid="flange")
-    _arrow(ax, place, place + 0.8 * _ARROW * size * z, MAGENTA, labels)
-    labels.add("flange", place, MAGENTA, SIZE - 1.0, first=True)
-
-
-def _arrow(ax: Axes, start: Array, end: Array, colour: str, labels: Labels) -> None:
-    if np.linalg.norm(end - start) > 0.0:
-        look = {"arrowstyle": "-|>", "color": colour, "linewidth": 1.4, "shrinkA": 0.0, "shrinkB": 0.0}
-        ax.annotate("", tuple(end), tuple(start), arrowprops=look)
-        labels.keep_clear(start, end)
-
-
-def _groups(places: Array, near: float) -> list[list[int]]:
-    """Indices of points, those together that are near the first of their group."""
-    groups: list[list[int]] = []
-    for i, place in enumerate(places):
-        for group in groups:
-            if np.linalg.norm(place - places[group[0]]) <= near:
-                group.append(i)
-                break
-        else:
-            groups.append([i])
-    return groups
-
-
-# ---------------------------------------------------------------------------------------------------------------
-# Labels that do not lie on each other
-# ---------------------------------------------------------------------------------------------------------------
-_DIRECTIONS = np.array([(-1, 1), (1, 1), (1, -1), (-1, -1), (0, 1), (1, 0), (0, -1), (-1, 0)])
-
-
-class Labels:
-    """Words at places, each in the direction in which it covers least.
-
-    Args:
-        ax: where they are written.
-        width: of what it shows, m.
+    Each label stands in the direction in which it covers least.
     """
 
-    def __init__(self, ax: Axes, width: float) -> None:
-        self._ax, self._scale = ax, 300.0 / width  # points of a view in a figure made here
+    def __init__(self, ax: Axes, here: Pose, points: Array, seen: list[int]) -> None:
+        """The same scale for all views, and room for arrows and labels."""
+        self._ax, self._here, self._seen = ax, here, seen
+        size = max(float(np.ptp(points, axis=0).max()), _SHORTEST)
+        flat = points[:, seen]
+        middle, half = (flat.min(axis=0) + flat.max(axis=0)) / 2.0, (0.5 + 1.5 * _ARROW) * size
+        (x, y), self._arrow_size, self._near = middle, _ARROW * size, 0.012 * size
+        ax.set(xlim=(x - half, x + half), ylim=(y - half, y + half), aspect="equal")
+        self._scale = 150.0 / half  # points of a view in a figure made here
         self._labels: list[tuple[bool, str, Array, str, float]] = []
         self._clear: list[Array] = []
 
-    def keep_clear(self, start: Array, end: Array) -> None:
-        """A line that labels should not lie on, (2,) and (2,) m."""
+    def draw_gravity(self) -> None:
+        """An arrow in the corner, where the view shows its direction."""
+        gravity = self._here.robot.gravity
+        down = gravity[self._seen] / (np.linalg.norm(gravity) or 1.0)
+        if np.linalg.norm(down) >= _EDGE_ON:
+            corner = np.array([self._ax.get_xlim()[0], self._ax.get_ylim()[1]]) + self._arrow_size * np.array([1, -1])
+            self._arrow(corner - 0.4 * self._arrow_size * down, 0.8 * self._arrow_size * down, INK)
+            self._label("g", corner, INK, SIZE - 1.0)
+
+    def draw_links(self) -> None:
+        """All pieces; the length of each, where it is seen whole, or else in the view that shows most of it."""
+        seen = self._seen
+        for number, line in enumerate(self._here.lines, start=1):
+            look: dict[str, Any] = {"linewidth": 4.0, "solid_capstyle": "round", "alpha": 0.8, "gid": f"link {number}"}
+            self._ax.plot(*line[:, seen].T, color=BLUE, **look)
+            for start, end in pairwise(line):
+                length = float(np.linalg.norm(end - start))
+                most = max(float(np.linalg.norm((end - start)[[right, up]])) for _, right, up in _VIEWS)
+                shown = float(np.linalg.norm((end - start)[seen]))
+                self._keep_clear(start[seen], end[seen])
+                if length > _SHORTEST and shown > min(0.99 * length, most) - _SHORTEST:
+                    text = f"{1e3 * length:.2f}".rstrip("0").rstrip(".")
+                    self._label(text, (start + end)[seen] / 2.0, BLUE, SIZE - 2.0)
+
+    def draw_base(self) -> None:
+        """Its frame's axes."""
+        self._label("base", np.zeros(2), INK, SIZE - 1.0, first=True)
+        for axis in self._seen:
+            tip = self._arrow_size * np.eye(3)[axis][self._seen]
+            self._arrow(np.zeros(2), tip, INK)
+            self._label("xyz"[axis], tip, INK, SIZE - 1.0)
+
+    def draw_joints(self) -> None:
+        """Each joint's axis where the skeleton meets it; joints that are seen in one place have one label."""
+        seen, places = self._seen, self._here.joint_points[:, self._seen]
+        towards = np.cross(np.eye(3)[seen[0]], np.eye(3)[seen[1]])  # the viewer
+        for place, axis in zip(places, self._here.axes, strict=True):
+            if np.linalg.norm(axis[seen]) >= _EDGE_ON:
+                self._arrow(place, self._arrow_size * axis[seen], ORANGE)
+                self._ax.plot(*place, "o", color=ORANGE, markersize=5.0)
+            else:
+                self._ax.plot(*place, "o", color=ORANGE, markersize=11.0, fillstyle="none", markeredgewidth=1.5)
+                self._ax.plot(*place, "." if axis @ towards > 0.0 else "x", color=ORANGE, markersize=6.0)
+        left = list(range(len(places)))
+        while left:
+            near = [i for i in left if np.linalg.norm(places[i] - places[left[0]]) <= self._near]
+            self._label(", ".join(str(i + 1) for i in near), places[left[0]], ORANGE, SIZE + 1.0, first=True)
+            left = [i for i in left if i not in near]
+
+    def draw_flange(self) -> None:
+        """With its z axis."""
+        place, z = self._here.flange[:3, 3][self._seen], self._here.flange[:3, 2][self._seen]
+        self._ax.plot(*place, "s", color=MAGENTA, markersize=7.0, gid="flange")
+        self._arrow(place, 0.8 * self._arrow_size * z, MAGENTA)
+        self._label("flange", place, MAGENTA, SIZE - 1.0, first=True)
+
+    def _arrow(self, start: Array, along: Array, colour: str) -> None:
+        if np.linalg.norm(along) > 0.0:
+            look = {"arrowstyle": "-|>", "color": colour, "linewidth": 1.4, "shrinkA": 0.0, "shrinkB": 0.0}
+            self._ax.annotate("", tuple(start + along), tuple(start), arrowprops=look)
+            self._keep_clear(start, start + along)
+
+    def _keep_clear(self, start: Array, end: Array) -> None:
         count = 2 + int(np.linalg.norm(end - start) * self._scale / 3.0)
         self._clear.append(self._scale * np.linspace(start, end, count))
 
-    def add(self, text: str, place: Array, colour: str, size: float, first: bool = False) -> None:
+    def _label(self, text: str, place: Array, colour: str, size: float, first: bool = False) -> None:
         """A word at a place, (2,) m; those that are `first` choose before the others."""
         self._labels.append((not first, text, place, colour, size))
 
-    def draw(self) -> None:
-        """Writes all of them."""
+    def draw_labels(self) -> None:
+        """All words, where they cover neither lines nor each other, as far as there is room."""
         lines, taken = np.concatenate(self._clear), np.empty((0, 4))
+        offsets = np.concatenate([distance * _DIRECTIONS for distance in (5.0, 11.0, 18.0)])
         for _, text, place, colour, size in sorted(self._labels, key=lambda label: label[0]):
-            offsets = np.concatenate([distance * _DIRECTIONS for distance in (5.0, 11.0, 18.0)])
             half = 0.5 * np.array([0.62 * size * len(text), size])
             centres = offsets + np.sign(offsets) * half
             boxes = np.hstack([centres - half, centres + half]) + np.tile(self._scale * place, 2)
