@@ -139,10 +139,8 @@ def _ascii(text: str) -> str:
 def joint_trajectory(planned: PlannedMotion) -> str:
     """joint_trajectory.yaml: points with positions, velocities and accelerations, the first after a lead.
 
-    Between points a joint_trajectory_controller puts quintics when it is given all three.
-
-    Raises:
-        InputError: as many points as one argument of a command holds do not tell the motion.
+    Between points a joint_trajectory_controller puts quintics when it is given all three. InputError if as many points
+    as one argument of a command holds do not tell the motion.
     """
     bytes_of_point = 100 + 3 * 11 * planned.n_joints  # 11 of a number, at most
     points, deviation = planned.points(TUNING.ros_bytes // bytes_of_point, quintic)
@@ -176,10 +174,8 @@ def joint_trajectory(planned: PlannedMotion) -> str:
 def urscript(planned: PlannedMotion) -> str:
     """motion.script: movej to the start pose, a servoj for each cycle of the motion, stopj.
 
-    A cycle is the whole number of the controller's that is nearest to the rate's.
-
-    Raises:
-        InputError: the robot has not six joints that turn.
+    A cycle is the whole number of the controller's that is nearest to the rate's. InputError if the robot has not six
+    joints that turn.
     """
     if planned.n_joints != 6 or any(planned.prismatic):
         said = f"{planned.n_joints} joints{', some prismatic,' if any(planned.prismatic) else ''} are none of a UR"
@@ -221,8 +217,7 @@ _AXIS = re.compile(r"(?:.*_)?([AE][1-6])", re.IGNORECASE)
 def krl_program(planned: PlannedMotion) -> str:
     """motion.src: to the start pose, slowly, and the motion as one spline block of SPTP segments, timed by TIME_BLOCK.
 
-    Raises:
-        InputError: KRL has no names for the joints (`krl_axes`), or too few points for the motion.
+    InputError if KRL has no names for the joints (`krl_axes`), or too few points for the motion.
     """
     axes = krl_axes(planned)
     points, deviation = planned.points(TUNING.krl_intervals, cubic)
@@ -260,11 +255,7 @@ def krl_program(planned: PlannedMotion) -> str:
 
 
 def rsi_table(planned: PlannedMotion) -> str:
-    """rsi.csv: axis corrections from the start pose, a row a cycle of RSI, the one that is nearest to the rate's.
-
-    Raises:
-        InputError: KRL has no names for the joints (`krl_axes`).
-    """
+    """rsi.csv: axis corrections from the start pose, a row a cycle of RSI, the one that is nearest to the rate's."""
     axes = krl_axes(planned)
     cycle = min((0.004, 0.012), key=lambda one: abs(one - 1.0 / planned.rate))  # s, IPO_FAST and IPO
     q = planned.sampled(cycle).q
@@ -282,8 +273,7 @@ def rsi_table(planned: PlannedMotion) -> str:
 def krl_axes(planned: PlannedMotion) -> list[str]:
     """KRL's names of the joints: those that the joints' own names end with (A1, joint_e1), or A1 to A6 in order.
 
-    Raises:
-        InputError: there are more than six joints, and their names do not say which axes they are.
+    InputError if there are more than six joints, and their names do not say which axes they are.
     """
     found = [match and match[1].upper() for match in map(_AXIS.fullmatch, planned.joint_names)]
     named = [axis for axis in found if axis]
@@ -363,11 +353,7 @@ def save_programs(planned: PlannedMotion, place: Path, shares: Sequence[float] =
 
 
 def check_programs(folder: Path) -> None:
-    """Checks that the folders of speeds in an earlier folder hold nothing but programs, so that they may be replaced.
-
-    Raises:
-        InputError: they hold something else.
-    """
+    """InputError if the folders of speeds in an earlier folder hold other files than programs."""
     for name in sorted(PROGRAM_FOLDERS):
         inside = folder / name
         foreign = {path.name for path in inside.iterdir()} - PROGRAM_FILES if inside.is_dir() else set()

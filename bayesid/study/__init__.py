@@ -1,4 +1,4 @@
-"""The machinery of studies: trials on many cores, their record, report and figure; and the list of all studies."""
+"""Many tasks on many cores: separate logs, whether their results agree, and the list of all studies."""
 
 STUDIES = {
     "noise": "how much noise in the efforts can the signs bear?",

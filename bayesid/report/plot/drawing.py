@@ -31,11 +31,7 @@ def new_figure(height: float, width: float = WIDTH) -> MatplotlibFigure:
 
 
 def chosen_joints(n_joints: int, joints: Sequence[int] | None) -> list[int]:
-    """Joints from 1, all by default.
-
-    Raises:
-        InputError: there is no such joint, or what was given is no list.
-    """
+    """Joints from 1, all by default; InputError if there is no such joint, or what was given is no list."""
     if isinstance(joints, int | str):
         raise InputError(f"{joints!r} is no list of joints", "joints", f"give one, as joints=[{joints}]")
     chosen = list(range(1, n_joints + 1)) if joints is None else list(joints)
@@ -45,11 +41,7 @@ def chosen_joints(n_joints: int, joints: Sequence[int] | None) -> list[int]:
 
 
 def given_axes(axes: Any, count: int) -> Any:
-    """(count,) the Axes in an array, a list or by itself.
-
-    Raises:
-        ValueError: there are not as many.
-    """
+    """(count,) the Axes in an array, a list or by itself; ValueError if there are not as many."""
     given = np.asarray(axes, dtype=object).ravel()
     if len(given) != count:
         raise ValueError(f"{len(given)} axes are given, {count} are needed")
@@ -57,17 +49,9 @@ def given_axes(axes: Any, count: int) -> Any:
 
 
 def draw(figure: Figure, axes: Any = None) -> list[Axes]:
-    """Draws a figure, in a new one of matplotlib or into the Axes given.
+    """Draws a figure, in a new one of matplotlib or into the Axes given, and returns an Axes for each panel.
 
-    Args:
-        figure: what to draw.
-        axes: one for each panel, or for each place in its rows, row by row; by itself if there is one.
-
-    Returns:
-        An Axes for each panel.
-
-    Raises:
-        ValueError: there are not as many Axes.
+    `axes` are one for each panel, or for each place in its rows, row by row; ValueError if there are not as many.
     """
     places = [panel for row in figure.panels for panel in row]
     columns = len(figure.panels[0])
