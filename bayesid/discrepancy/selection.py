@@ -21,9 +21,8 @@ from bayesid.regression.selection.explanation import LN10, Explanation, Observat
 from bayesid.regression.selection.forward import select_forward
 from bayesid.regression.selection.held_back import bears_out, log_density, surely_better
 from bayesid.regression.selection.hypotheses import EffectKey, Hypothesis, Library, hypotheses
-from bayesid.regression.selection.refinement import refined
 from bayesid.regression.selection.regression import Regression, explain
-from bayesid.regression.selection.scores import at_blunt_floor, best_forms, joint_sets
+from bayesid.regression.selection.scores import at_blunt_floor, best_forms, joint_sets, refined
 
 ON_LOG, HELD_BACK, GROWN = "log", "held-back data", "gap grew on held-back data"
 """Which data say that a joint stays unexplained: its residual on the log is above the floor, or that on held-back data;

@@ -21,9 +21,8 @@ from bayesid.regression.selection.explanation import Explanation, Observations
 from bayesid.regression.selection.held_back import HeldBackErrors
 from bayesid.regression.selection.hypotheses import EffectKey, Hypothesis, Library, hypotheses
 from bayesid.regression.selection.modelled_log import Extension
-from bayesid.regression.selection.refinement import refined
 from bayesid.regression.selection.regression import Effects, Regression, explain, plain_errors
-from bayesid.regression.selection.scores import best_forms
+from bayesid.regression.selection.scores import best_forms, refined
 
 Forms = frozenset[EffectKey]
 """Names of the forms of a set's effects, and their joints."""

@@ -24,8 +24,8 @@ from bayesid.regression.evidence import Evidence
 from bayesid.regression.knowledge import KinematicTolerance
 from bayesid.regression.least_squares import Fit, fit_signed, widened
 from bayesid.regression.selection.explanation import LN10
-from bayesid.regression.selection.geometry import KINEMATICS
 from bayesid.regression.selection.hypotheses import EffectKey
+from bayesid.regression.selection.modelled_log import KINEMATICS
 from bayesid.regression.selection.unseen import TooNarrow, find_unseen, geometry_far_off, too_narrow
 from bayesid.regression.selection.wanted import (
     EnteredEffect,

@@ -6,9 +6,9 @@ and again.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -16,15 +16,26 @@ from bayesid.arrays import Array, Mask
 from bayesid.effects.coefficients import BaseCoefficients
 from bayesid.effects.distortion import Distortion
 from bayesid.effects.effect import Effect, Scene
+from bayesid.effects.kinematic_errors import is_distal, shift, turn, with_joint, with_link
 from bayesid.effects.model import Model
 from bayesid.motion import Motion
+from bayesid.parallel import in_parallel
 from bayesid.regression.knowledge import Information, KinematicTolerance, Knowledge
 from bayesid.regression.selection.columns import Columns, Whitening
 from bayesid.regression.selection.explanation import Explanation, Observations, Thresholds
-from bayesid.regression.selection.geometry import kinematic_columns
 from bayesid.regression.selection.hypotheses import Hypothesis, maker
 from bayesid.regression.selection.regression import Effects, Regression, explain
 from bayesid.regression.tuning import TUNING
+from bayesid.robot import Robot
+
+KINEMATICS: tuple[str, tuple[int, ...]] = ("kinematics", ())
+"""Where effects are named: the robot's geometry."""
+
+
+class Geometry(Effect):
+    """The robot's geometry, off its table: always there a little, and not of the catalogue."""
+
+    name = KINEMATICS[0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,10 +155,10 @@ def about(effects: Sequence[Hypothesis], scene: Scene) -> list[Hypothesis]:
 def _relinearised(effect: Hypothesis, scene: Scene) -> Hypothesis:
     if effect.source.linear:
         return effect
-    shift, columns = effect.source.change(scene)
+    change, columns = effect.source.change(scene)
     acting = sorted(effect.columns.joints)
     rows = {j: columns[:, j] for j in acting} if columns.shape[2] else {}
-    return replace(effect, columns=replace(effect.columns, rows=rows, shift={j: shift[:, j] for j in acting}))
+    return replace(effect, columns=replace(effect.columns, rows=rows, shift={j: change[:, j] for j in acting}))
 
 
 def moved(explanation: Explanation) -> list[Hypothesis]:
@@ -162,8 +173,8 @@ def effort_of(columns: Array, beta: Array, parts: Iterable[tuple[Hypothesis, Arr
         if distorted or effect.source.linear:
             for j, rows in effect.columns.rows.items():
                 effort[:, j] += rows @ amplitude
-            for j, shift in effect.columns.shift.items():
-                effort[:, j] += shift
+            for j, change in effect.columns.shift.items():
+                effort[:, j] += change
     return effort
 
 
@@ -194,3 +205,45 @@ def extend(knowledge: Knowledge, coefficients: BaseCoefficients, explanation: Ex
             model = model.extend(hypothesis.source.moved(amplitude))
             added.append(amplitude[: len(hypothesis.source.parameters(model.robot))])
     return Extension(model, knowledge, np.concatenate([theta, *added]))
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# The geometry
+# ---------------------------------------------------------------------------------------------------------------
+_STEP = 1e-5
+"""m and rad, of the central differences: their error is its square, and rounding 1e-10 of the effort."""
+_Move = Callable[[Array, float], Array]
+"""A step along or about an axis (3,), as a matrix (4, 4)."""
+
+
+def kinematic_columns(
+    robot: Robot, motion: Motion, links: Array, tolerance: KinematicTolerance, *, known: bool = False
+) -> Array:
+    """(N, n, k) efforts of one standard deviation of each place and direction of the robot's geometry, N m.
+
+    Those are of each joint, along the axes of its frame; in the standard convention, where a link's frame stands at the
+    next joint and its parameters (10 n,) are about that, of the base, and the numbers d, theta, a and alpha of each
+    row. Where base and parameters are known by another log of the robot, they do not go along.
+    """
+
+    def column(move: _Move, axis: Array, moved: Callable[[Array], Robot], sd: float) -> Array:
+        there, back = (moved(move(axis, step)).inverse_dynamics(motion, links) for step in (_STEP, -_STEP))
+        return sd * (there - back) / (2.0 * _STEP)
+
+    sds: dict[_Move, float] = {shift: tolerance.length, turn: tolerance.angle}
+    places = [place for place in _displacements(robot, known=known) if sds[place[0]] > 0.0]
+    columns = in_parallel([partial(column, *place, sds[place[0]]) for place in places])
+    return np.stack(columns, axis=2) if columns else np.zeros((len(motion), robot.n_joints, 0))
+
+
+def _displacements(robot: Robot, *, known: bool) -> Iterator[tuple[_Move, Array, Callable[[Array], Robot]]]:
+    """Shifts and turns, their axes, and the robot of which one part is moved so."""
+    distal = not known and is_distal(robot)
+    for i in range(1 if known else 0, 1 if distal else robot.n_joints):
+        for move in (shift, turn):
+            for axis in np.eye(3):
+                yield move, axis, partial(with_joint, robot, i)
+    for i in range(robot.n_joints if distal else 0):
+        for axis, first in ((robot.joints[i].axis, True), (np.array([1.0, 0.0, 0.0]), False)):
+            for move in (shift, turn):
+                yield move, axis, partial(with_link, robot, i, first=first)

@@ -26,12 +26,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import log_ndtr
 
-from bayesid.arrays import TINY, Array, Integers, Mask
-from bayesid.regression.knowledge import inverse_of, inverse_root
+from bayesid.arrays import TINY, Array, Integers
+from bayesid.regression.knowledge import inverse_root
 from bayesid.regression.selection.columns import NO_COLUMNS, Columns, by_fold, rows_of_blocks, together
 from bayesid.regression.selection.error_model import ErrorModel, alike, fit_error
 from bayesid.regression.selection.explanation import Explanation, JudgedJoint, Observations
@@ -40,6 +41,13 @@ from bayesid.regression.selection.hypotheses import Hypothesis
 from bayesid.regression.tuning import TUNING
 
 Effects = Sequence[Hypothesis]
+
+
+class _Solved(NamedTuple):
+    places: Integers  # (p,) of the columns that take part
+    best: Array  # (m,) coefficients and amplitudes, one for changes, zero for what takes no part
+    root: Array  # (p, p) R with R'R = H^-1
+    volume: float  # log det(H) / 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,35 +181,26 @@ class Regression:
         """Of the columns that are always there, uncertain ones among them or not, and of those of some effects."""
         return np.concatenate([np.arange(self._ends[int(uncertain)]), *(self.place(one) for one in chosen)]).astype(int)
 
-    def _equations(self, products: Array, chosen: Effects, *, uncertain: bool = True) -> tuple[Integers, Array, Array]:
-        """Indices (p,), (p, p) matrix and (p,) right side of the normal equations of a set, changes taken away."""
+    def _solved(self, products: Array, chosen: Effects, *, uncertain: bool = True) -> _Solved:
+        """The normal equations of a set, changes taken away."""
         (precision, pull), index = self._known, self.indices(chosen, uncertain=uncertain)
-        changes = [change for one in chosen for change in self._places[id(one)][1].tolist()]
+        changes = [change for one in chosen for change in self.change(one).tolist()]
         slope = products[:-1, -1] + pull - products[:-1, changes].sum(axis=1)
-        return index, products[np.ix_(index, index)] + precision[np.ix_(index, index)], slope[index]
-
-    def _whole(self, chosen: Effects, index: Integers, values: Array) -> Array:
-        """(m,) coefficients and amplitudes, one for changes, zero for what is not chosen."""
-        best = np.zeros(len(self._known[1]))
-        best[index] = values
-        for one in chosen:
-            best[self._places[id(one)][1]] = 1.0
-        return best
+        root, volume = inverse_root(products[np.ix_(index, index)] + precision[np.ix_(index, index)])
+        best = np.zeros(len(pull))
+        best[index] = root.T @ (root @ slope[index])
+        best[changes] = 1.0
+        return _Solved(index, best, root, volume)
 
     def best(self, chosen: Effects) -> Array:
         """(m,) coefficients and amplitudes of a set, one for changes, zero for what is not chosen."""
-        return self._solved(self._all, chosen)[2]
-
-    def _solved(self, products: Array, chosen: Effects, *, uncertain: bool = True) -> tuple[Integers, Array, Array]:
-        index, matrix, slope = self._equations(products, chosen, uncertain=uncertain)
-        inverse = inverse_of(matrix)
-        return index, inverse, self._whole(chosen, index, inverse @ slope)
+        return self._solved(self._all, chosen).best
 
     def beyond(self, chosen: Effects) -> tuple[Array, Array]:
         """(m, m) products of what a set leaves of all columns, and (m,) with what it leaves of the efforts."""
-        index, inverse, best = self._solved(self._all, chosen)
-        across = self.hessian[:, index]
-        return self.hessian - across @ inverse @ across.T, self.gradient - self.hessian @ best
+        found = self._solved(self._all, chosen)
+        seen = self.hessian[:, found.places] @ found.root.T
+        return self.hessian - seen @ seen.T, self.gradient - self.hessian @ found.best
 
     def gains(self, chosen: Effects, tried: Effects) -> Array:
         """Log Bayes factors of effects on top of a set (:eq:`forward-gain`)."""
@@ -215,7 +214,7 @@ class Regression:
     def misfit(self, chosen: Effects) -> float:
         """What a set leaves of the efforts, squared and weighed, and how far it is from what is known."""
         best, r = self.best(chosen), self._ends[0]
-        left = (self._residual(best) ** 2).sum(axis=0) @ np.array([error.scale**-2.0 for error in self.errors])
+        left = (self._left(best) ** 2).sum(axis=0) @ np.array([error.scale**-2.0 for error in self.errors])
         of_prior = float(np.diag(self._known[0])[r:] @ best[r:] ** 2)
         return float(left) + self.data.information.misfit(best[:r]) + of_prior
 
@@ -225,47 +224,36 @@ class Regression:
 
     def held_back_each(self, sets: Sequence[Effects]) -> list[HeldBackErrors]:
         """The same of k sets."""
-        others = self._all - self._by_fold
-        best = np.stack(
-            [
-                np.stack([self._solved(products, some, uncertain=self.predicting)[2] for some in sets], axis=1)
-                for products in others
-            ]
-        )  # (folds, m, k)
-        blocks, counting = rows_of_blocks(len(self.data.effort), self.data.rate), np.asarray(best.any(axis=(0, 2)))
-        squares = np.empty((len(blocks), len(self.errors), len(sets)))
-        for j in range(len(self.errors)):
-            index, columns = self._bare(j, counting)
-            for b, rows in enumerate(blocks):
-                left = self.data.effort[rows, j, None]
-                for places, some in zip(index, columns, strict=True):
-                    left = left - some[rows] @ best[b % TUNING.folds, places]
-                left = left * self.data.used[rows, j, None]
-                squares[b, j] = np.einsum("ik,ik->k", left, left)
-        counts = np.stack([self.data.used[rows].sum(axis=0) for rows in blocks])
-        return [HeldBackErrors(squares[:, :, k].copy(), counts) for k in range(len(sets))]
-
-    def _bare(self, joint: int, counting: Mask) -> tuple[list[Integers], list[Array]]:
-        """Indices and columns (N, p) that show in a joint, of those that count (m,): the model's, and others."""
-        shows, model = self.data.whitening.bare(joint)
-        index, others = self._shown(joint)
-        if not counting[index].all():
-            index, others = index[counting[index]], others[:, counting[index]]
-        r, always = self._ends
-        if joint in self.uncertain.rows and counting[r:always].any():
-            return [shows, np.arange(r, always), index], [model, self.uncertain.rows[joint], others]
-        return [shows, index], [model, others]
+        fits = [
+            np.stack([self._solved(products, some, uncertain=self.predicting).best for some in sets], axis=1)
+            for products in self._all - self._by_fold
+        ]
+        blocks, used = rows_of_blocks(len(self.data.effort), self.data.rate), self.data.used
+        left = (self._left_each(fits[b % TUNING.folds], rows) for b, rows in enumerate(blocks))
+        squares = np.stack([np.einsum("ijk,ijk->kj", some, some) for some in left], axis=1)
+        counts = np.stack([used[rows].sum(axis=0) for rows in blocks])
+        return [HeldBackErrors(of_set, counts) for of_set in squares]
 
     def residual(self, chosen: Effects) -> Array:
         """(N, n) what a set leaves, N m."""
-        return self._residual(self.best(chosen))
+        return self._left(self.best(chosen))
 
-    def _residual(self, best: Array) -> Array:
-        left = self.data.effort.copy(order="F")
+    def _left(self, best: Array) -> Array:
+        return np.asfortranarray(self._left_each(best[:, None])[:, :, 0])
+
+    def _left_each(self, best: Array, rows: slice = slice(None)) -> Array:
+        """(N', n, k) what coefficients and amplitudes (m, k) leave of some rows, N m, zero where not used."""
+        (r, always), counting = self._ends, np.asarray(best.any(axis=1))
+        left = np.repeat(self.data.effort[rows, :, None], best.shape[1], axis=2)
         for j in range(left.shape[1]):
-            for index, columns in zip(*self._bare(j, best != 0.0), strict=True):
-                left[:, j] -= columns @ best[index]
-        return left * self.data.used
+            parts = [self.data.whitening.bare(j), self._shown(j)]
+            if j in self.uncertain.rows:
+                parts.append((np.arange(r, always), self.uncertain.rows[j]))
+            for index, columns in parts:
+                counts = counting[index]
+                some = columns[rows] if counts.all() else columns[rows][:, counts]
+                left[:, j] -= some @ best[index[counts]]
+        return left * self.data.used[rows, :, None]
 
     def weighed(self, errors: Sequence[ErrorModel]) -> Regression:
         """The same, samples weighed by other errors."""
@@ -286,16 +274,13 @@ class Regression:
     # All effects together
     # -----------------------------------------------------------------------------------------------------------
     @cached_property
-    def _best(self) -> tuple[Array, Array, float]:
-        """(m,) of all effects, R with R'R = H^-1, and log det(H) / 2."""
-        index, matrix, slope = self._equations(self._all, self.effects)
-        root, volume = inverse_root(matrix)
-        return self._whole(self.effects, index, root.T @ (root @ slope)), root, volume
+    def _whole(self) -> _Solved:
+        return self._solved(self._all, self.effects)
 
     @cached_property
     def explanation(self) -> Explanation:
         """By all effects; what is left is judged by error models of its own."""
-        (best, root, volume), index = self._best, self.indices(self.effects)
+        index, best, root, volume = self._whole
         spread, amplitude = np.zeros_like(best), index >= self._ends[0]  # sd of coefficients without data overflows
         spread[index[amplitude]] = np.sqrt(np.sum(root[:, amplitude] ** 2, axis=0))
         places = [self.place(effect) for effect in self.effects]
@@ -306,15 +291,15 @@ class Regression:
             beta=best[: self._ends[0]],
             amplitudes=tuple(best[place] for place in places),
             sd=tuple(spread[place] for place in places),
-            residual=self._left,
-            judged=self._judged(self._left),
+            residual=self._residual,
+            judged=self._judged(self._residual),
             log_prior=self._log_prior(best[index], spread[index]) - volume,
             root=root,
         )
 
     @cached_property
-    def _left(self) -> Array:
-        return self._residual(self._best[0])
+    def _residual(self) -> Array:
+        return self._left(self._whole.best)
 
     def _judged(self, residual: Array) -> tuple[JudgedJoint, ...]:
         """What is left in each joint; error models of the reference are kept where the same effects act."""
@@ -355,7 +340,7 @@ class Regression:
 
         All else that explains is integrated out; a change is one more amplitude, if any of the effects makes one.
         """
-        (_, root, _), index = self._best, self.indices(self.effects)
+        index, _, root, _ = self._whole
         k, size = len(group), len(group[0].sd) + any(columns.shift for columns in group)
         across = np.zeros((k, size, len(self._known[1])))
         gram, slope = np.zeros((k, size, size)), np.zeros((k, size))
@@ -380,7 +365,7 @@ class Regression:
         if joint not in self._pulled:
             error, used = self.errors[joint], self.data.used[:, joint]
             index, columns = self._shown(joint)
-            white = error.whiten(np.column_stack([columns, self._left[:, joint]]), used)
+            white = error.whiten(np.column_stack([columns, self._residual[:, joint]]), used)
             self._pulled[joint] = index, self.data.whitening.pulled_back(white, joint, error)
         return self._pulled[joint]
 

@@ -1,6 +1,7 @@
 """Scores: how much each effect of the catalogue, or set of effects, in its best form would add to an explanation.
 
-`best_forms` prices single effects, errors as they are; `assess` looks closer at the most promising.
+`best_forms` prices single effects, errors as they are; `assess` looks closer at the most promising; `refined` seeks
+nonlinear numbers between those that the library holds.
 
 One effect after the other goes wrong where two are missing in one joint: the first to be taken is what resembles the
 sum, and slow noise stands for what is left. `joint_sets` multiplies all forms that act in a joint alone once, the
@@ -15,19 +16,20 @@ with white noise of the scale s >= 1 that is likeliest. This proposes; `regressi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import groupby
 
 import numpy as np
+import scipy
 from scipy.special import log_ndtr, logsumexp
 
 from bayesid.arrays import TINY, Array, Integers, Mask
 from bayesid.regression.selection.error_model import ErrorModel, alike
 from bayesid.regression.selection.explanation import LN10, Explanation, Observations, Thresholds
 from bayesid.regression.selection.hypotheses import EffectKey, Hypothesis, Library
-from bayesid.regression.selection.regression import Effects, Regression
+from bayesid.regression.selection.regression import Effects, Regression, explain
 from bayesid.regression.tuning import TUNING
 
 
@@ -93,6 +95,54 @@ def _best_form(regression: Regression, group: Sequence[Hypothesis]) -> Score:
     place = int(np.argmax(gains))
     averaged = float(logsumexp(gains)) - float(np.log(len(group)))
     return Score(group[place], averaged, float(expected.max()), averaged - float(gains[place]))
+
+
+def refined(
+    data: Observations, effects: Sequence[Hypothesis], library: Library, joints: Collection[int] | None = None
+) -> list[Hypothesis]:
+    """Effects with their nonlinear numbers where they fit best, each given all others.
+
+    A number stays between its neighbours in the library. Effects that act in none of some (0-based) joints stay as they
+    are; by default all are looked at.
+    """
+    effects = list(effects)
+    for k, effect in enumerate(effects):
+        if joints is not None and effect.columns.joints.isdisjoint(joints):
+            continue
+        grid = _grid(effect, library)
+        if grid is not None:
+            effects[k] = _fitted(data, effect, effects[:k] + effects[k + 1 :], *grid)
+    return effects
+
+
+def _fitted(
+    data: Observations, effect: Hypothesis, others: Sequence[Hypothesis], number: str, values: Sequence[float]
+) -> Hypothesis:
+    """One effect with its number between the neighbours of what it is."""
+    regression = Regression(data, others, explain(data, [*others, effect]).errors)
+
+    def cost(value: float) -> float:
+        return -float(regression.screened([effect.remade(number, value).columns])[0][0])
+
+    now = effect.source.shape[number][0]
+    bounds = max((v for v in values if v < now), default=now), min((v for v in values if v > now), default=now)
+    best = scipy.optimize.minimize_scalar(
+        cost, bounds=bounds, method="bounded", options={"maxiter": TUNING.number_evaluations}
+    )
+    return effect.remade(number, float(best.x)) if best.fun < cost(now) - TUNING.noticed else effect
+
+
+def _grid(effect: Hypothesis, library: Library) -> tuple[str, Sequence[float]] | None:
+    """The nonlinear number that the library varies for this form, the sides of others left out; and its values."""
+    alike = (
+        h.source for group in library for h in group if h.key == effect.key and h.source.name == effect.source.name
+    )
+    forms = list(alike)
+    for key in effect.source.sought:
+        tried = {tuple(form.shape[key]) for form in forms}
+        if len(effect.source.shape[key]) == 1 and len(tried) > 2:
+            return key, sorted(value for (value,) in tried)
+    return None
 
 
 def _closer(explanation: Explanation, score: Score) -> Score:

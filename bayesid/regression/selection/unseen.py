@@ -31,8 +31,8 @@ from bayesid.effects.effect import Effect, Scene
 from bayesid.regression.evidence import Evidence, Nuisance, make_nuisance
 from bayesid.regression.knowledge import KinematicTolerance, inverse_of
 from bayesid.regression.least_squares import Fit
-from bayesid.regression.selection.geometry import KINEMATICS, Geometry
 from bayesid.regression.selection.hypotheses import EffectKey, Hypothesis
+from bayesid.regression.selection.modelled_log import KINEMATICS, Geometry
 from bayesid.regression.selection.regression import Regression, explain
 from bayesid.regression.selection.wanted import SignedLog
 from bayesid.regression.tuning import TUNING

@@ -29,7 +29,7 @@ from bayesid.effects.model import Model
 from bayesid.identification.pipeline import identify
 from bayesid.regression.knowledge import KinematicTolerance, inverse_of
 from bayesid.regression.selection.error_model import ErrorModel
-from bayesid.regression.selection.geometry import kinematic_columns
+from bayesid.regression.selection.modelled_log import kinematic_columns
 from bayesid.regression.selection.regression import Regression
 from bayesid.regression.selection.unseen import TooNarrow, geometry_far_off, learn_scales, too_narrow
 from bayesid.robot import robot_from_table

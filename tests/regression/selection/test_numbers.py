@@ -18,8 +18,8 @@ from bayesid.regression.knowledge import Information
 from bayesid.regression.selection.columns import Whitening
 from bayesid.regression.selection.explanation import Observations
 from bayesid.regression.selection.hypotheses import hypotheses, maker
-from bayesid.regression.selection.refinement import refined
 from bayesid.regression.selection.regression import Regression, plain_errors
+from bayesid.regression.selection.scores import refined
 from bayesid.regression.selection.wanted import SignedLog
 from bayesid.signs.search.certified import Certified
 from bayesid.signs.settling import settle_signs
