@@ -52,13 +52,7 @@ from bayesid.simulation.trajectories import HARMONICS, MotionLimits, log_conditi
 
 @dataclass(frozen=True, kw_only=True)
 class TrajectoryShape:
-    """What is given of a motion before its shape is designed.
-
-    Example:
-        >>> shape = bayesid.TrajectoryShape(duration=10.0, rate=50.0, harmonics=3, periods=2)
-        >>> len(shape.instants)
-        501
-    """
+    """What is given of a motion before its shape is designed."""
 
     duration: float = 20.0  #: of the whole motion, s
     rate: float = 100.0  #: of the samples, Hz; rounded so that a whole number of them fits the duration
@@ -107,13 +101,7 @@ class Quality(Excitation):
 
 @dataclass(frozen=True)
 class ExcitationDesign:
-    """A motion to be played.
-
-    Example:
-        >>> design = bayesid.design_excitation(robot, terms, objective=bayesid.Objective(evaluations=50))
-        >>> design.reached.condition < design.start.condition
-        True
-    """
+    """A motion to be played."""
 
     model: Model  #: robot and terms
     coefficients: BaseCoefficients  #: the r base coefficients that it is to show

@@ -7,7 +7,7 @@ for the size of the noise. What is noise or unmodelled in it counts as effort, s
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -39,13 +39,7 @@ from bayesid.robot import Robot, check_joints, load_robot
 
 @dataclass(frozen=True, kw_only=True)
 class ExcitationJudgement(Excitation):
-    """What a log's motion shows, at a noise relative to the RMS efforts.
-
-    Example:
-        >>> judgement = bayesid.judge_log(robot, log, terms)
-        >>> judgement.light, [judgement.coefficients.names[k] for k in judgement.undecided]
-        ('green', ['J2yz', 'J3yz'])
-    """
+    """What a log's motion shows, at a noise relative to the RMS efforts."""
 
     model: Model  #: robot and terms
     coefficients: BaseCoefficients  #: the r base coefficients
@@ -67,7 +61,7 @@ class ExcitationJudgement(Excitation):
     @property
     def remarks(self) -> tuple[str, ...]:
         """What is to be said, in plain words: what the log leaves undecided, and which motion would decide it."""
-        return (*_still(self), *_turned(self), *_idle(self), *_coefficients(self), *_segments(self), *_merged(self))
+        return tuple(_remarks(self))
 
     @property
     def light(self) -> Literal["green", "amber", "red"]:
@@ -78,7 +72,7 @@ class ExcitationJudgement(Excitation):
         if _still(self) or _turned(self):
             return "red"
         many = len(self.undecided) > TUNING.open * len(self.uncertainty)
-        return "amber" if many or _segments(self) or _idle(self) else "green"
+        return "amber" if many or (self.doubtful > TUNING.doubtful).any() or _idle(self) else "green"
 
 
 @one_blas_thread
@@ -148,84 +142,61 @@ def judge_log(
     )
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# In words
-# ---------------------------------------------------------------------------------------------------------------
-def little_moved(judgement: ExcitationJudgement) -> tuple[int, ...]:
+# ---- In words ----
+def _still(judgement: ExcitationJudgement) -> list[int]:
     """0-based actuators that hardly move."""
-    return tuple(np.flatnonzero((judgement.reach < TUNING.little) | (judgement.speed < TUNING.slow)).tolist())
+    return np.flatnonzero((judgement.reach < TUNING.little) | (judgement.speed < TUNING.slow)).tolist()
 
 
-def hardly_signed(judgement: ExcitationJudgement) -> tuple[tuple[int, ...], ...]:
-    """Groups of 0-based actuators whose signs could all be turned unnoticed; no group that holds another one."""
+def _idle(judgement: ExcitationJudgement) -> list[int]:
+    """Others that often stand still."""
+    return sorted(set(np.flatnonzero(judgement.idle > TUNING.idle).tolist()) - set(_still(judgement)))
+
+
+def _turned(judgement: ExcitationJudgement) -> list[tuple[int, ...]]:
+    """Groups of others whose signs could all be turned unnoticed; no group that holds another one."""
     flips, groups = judgement.joints, list[tuple[int, ...]]()
     if flips is None:
-        return ()
+        return groups
     for group, chance in zip(flips.groups, mistaken(flips.resolvability).tolist(), strict=True):
         if chance > TUNING.mistaken and not any(set(smaller) <= set(group) for smaller in groups):
             groups.append(group)
-    return tuple(groups)
+    return [group for group in groups if not set(group) <= set(_still(judgement))]
 
 
-def _still(judgement: ExcitationJudgement) -> list[str]:
-    return [
-        f"joint {j + 1} covers {judgement.reach[j]:.2g} {unit} and is never faster than {judgement.speed[j]:.2g} "
-        f"{unit}/s: move it over most of its range, fast and slowly"
-        for j in little_moved(judgement)
-        for unit in ("m" if judgement.model.robot.joints[j].prismatic else "rad",)
-    ]
-
-
-def _idle(judgement: ExcitationJudgement) -> list[str]:
-    return [
-        f"joint {j + 1} stands still {judgement.idle[j]:.0%} of the time, which tells nothing: let it move on"
-        for j in np.flatnonzero(judgement.idle > TUNING.idle).tolist()
-        if j not in little_moved(judgement)
-    ]
-
-
-def _turned(judgement: ExcitationJudgement) -> list[str]:
-    moved = little_moved(judgement)
-    return [
-        f"the signs of {_joints(group)} could all be turned with hardly a change of the fit, only what is physically "
-        "feasible tells them: accelerate the joints at the same time, so that they load each other"
-        for group in hardly_signed(judgement)
-        if not set(group) <= set(moved)
-    ]
-
-
-def _coefficients(judgement: ExcitationJudgement) -> list[str]:
-    """What is undecided, a sentence for each term of the model."""
-    model, names = judgement.model, [judgement.coefficients.names[i] for i in judgement.undecided]
-    remarks = []
+def _remarks(judgement: ExcitationJudgement) -> Iterator[str]:
+    model, coefficients = judgement.model, judgement.coefficients
+    for j in _still(judgement):
+        unit = "m" if model.robot.joints[j].prismatic else "rad"
+        yield (
+            f"joint {j + 1} covers {judgement.reach[j]:.2g} {unit} and is never faster than {judgement.speed[j]:.2g} "
+            f"{unit}/s: move it over most of its range, fast and slowly"
+        )
+    for group in _turned(judgement):
+        yield (
+            f"the signs of {_joints(group)} could all be turned with hardly a change of the fit, only what is "
+            "physically feasible tells them: accelerate the joints at the same time, so that they load each other"
+        )
+    for j in _idle(judgement):
+        yield f"joint {j + 1} stands still {judgement.idle[j]:.0%} of the time, which tells nothing: let it move on"
+    undecided = {coefficients.names[i] for i in judgement.undecided}
     for term in model.terms:
-        own = [name for name in names if name in {parameter.name for parameter in term.parameters(model.robot)}]
+        own = [parameter.name for parameter in term.parameters(model.robot) if parameter.name in undecided]
         if own:
             designs = "`bayesid excite` designs a motion that tells"
             remedy = designs if term.name == "rigid_body" else f"{term.shown_by} would tell"
             kind = term.name.replace("_", " ")
-            remarks.append(f"undecided at a noise of {judgement.noise:.0%} ({kind}): {', '.join(own)}; {remedy}")
-    return remarks
-
-
-def _segments(judgement: ExcitationJudgement) -> list[str]:
-    return [
-        f"about {judgement.doubtful[j]:.0%} of the energy of joint {j + 1} would have the wrong sign, in segments that "
-        "are short or weak: let its load change less often, and record longer"
-        for j in np.flatnonzero(judgement.doubtful > TUNING.doubtful).tolist()
-    ]
-
-
-def _merged(judgement: ExcitationJudgement) -> list[str]:
-    """Parameters of actuators that show only in sums with others, whatever the motion."""
-    coefficients, model = judgement.coefficients, judgement.model
-    bodies = set(model.cone.bodies.ravel().tolist())
-    remarks = []
+            yield f"undecided at a noise of {judgement.noise:.0%} ({kind}): {', '.join(own)}; {remedy}"
+    for j in np.flatnonzero(judgement.doubtful > TUNING.doubtful).tolist():
+        yield (
+            f"about {judgement.doubtful[j]:.0%} of the energy of joint {j + 1} would have the wrong sign, in segments "
+            "that are short or weak: let its load change less often, and record longer"
+        )
+    bodies = model.cone.bodies.ravel().tolist()
     for p in np.flatnonzero(np.abs(coefficients.projection).max(axis=0) > 0.0).tolist():
         if p not in bodies and p not in coefficients.kept:
             others = ", ".join(coefficients.names[i] for i in np.flatnonzero(coefficients.projection[:, p]))
-            remarks.append(f"{model.parameters[p].name} shows only in a sum with {others}: no motion tells them apart")
-    return remarks
+            yield f"{model.parameters[p].name} shows only in a sum with {others}: no motion tells them apart"
 
 
 def _joints(group: tuple[int, ...]) -> str:

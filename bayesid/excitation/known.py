@@ -34,8 +34,6 @@ from bayesid.simulation.trajectories import INDUSTRIAL_ARM, MotionLimits, random
 
 _ROUNDING = 1e-12
 """Least eigenvalue of a scaled covariance, relative to the largest."""
-GAIN = "log_gain"
-"""Names of the logarithms of gains begin so."""
 _NONE = 1e-9
 """Share of a coefficient below which a parameter's is rounding."""
 
@@ -107,6 +105,11 @@ class Known:
         """(R, R) of that covariance: it is root root'."""
         return root_of(self.now)
 
+    def open(self, sd: Array) -> Mask:
+        """(R,) whether standard deviations (R,) are more than `KNOWN` of the values; of logarithms, more than that."""
+        relative = np.arange(len(self)) >= len(self.coefficients)
+        return sd > KNOWN * np.where(relative, 1.0, np.abs(self.mean))
+
 
 def known_of(identified: IdentifiedModel, rate: float) -> Known:
     """What an identified model knows; a recording to come, at a rate, Hz, is as noisy as the result's log."""
@@ -126,7 +129,7 @@ def known_of(identified: IdentifiedModel, rate: float) -> Known:
         both = np.cov(np.hstack([drawn, draws.log_gain[:, gains]]), rowvar=False)
         return replace(
             known,
-            names=(*base.names, *(f"{GAIN}{j + 1}" for j in gains)),
+            names=(*base.names, *(f"log_gain{j + 1}" for j in gains)),
             units=(*base.units, *("" for _ in gains)),
             mean=np.concatenate([beta, draws.log_gain[:, gains].mean(axis=0)]),
             precision=inverse_of(_at_least(both, _ROUNDING)),
@@ -201,9 +204,7 @@ def certain_share(known: Known, motion: Motion) -> float:
     return float((sure[moving] / np.maximum(whole[moving], TINY)).mean()) if moving.any() else 0.0
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# What is open, and a next motion is to settle; and what no motion can tell
-# ---------------------------------------------------------------------------------------------------------------
+# ---- What is open, and a next motion is to settle; and what no motion can tell ----
 @dataclass(frozen=True)
 class Goal:
     """m sums of quantities that are to become known."""
@@ -242,9 +243,7 @@ CRITERIA = {"D": Goal.spread, "A": Goal.mean_variance}
 
 def open_coefficients(known: Known) -> list[int]:
     """Coefficients whose standard deviation is more than `KNOWN` of their value."""
-    sd = np.sqrt(np.diag(known.now))
-    count = len(known.coefficients)
-    return np.flatnonzero(sd[:count] > KNOWN * np.abs(known.mean[:count])).tolist()
+    return np.flatnonzero(known.open(np.sqrt(np.diag(known.now)))[: len(known.coefficients)]).tolist()
 
 
 def goal_of(known: Known, about: Sequence[str] = (), payload: str = "") -> Goal:

@@ -105,9 +105,7 @@ def _numbers(value: object, where: str) -> float | tuple[float, ...]:
     return numbers if isinstance(value, list) else numbers[0]
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# URDF
-# ---------------------------------------------------------------------------------------------------------------
+# ---- URDF ----
 def _urdf_limits(text: str, robot: Robot | None, where: str) -> MotionLimits:
     tree = read_tree(text, where)
     names = [] if robot is None else [joint.name for joint in robot.joints if joint.name]

@@ -20,7 +20,7 @@ from bayesid.arrays import Array
 from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.effects.coefficients import base_coefficients
 from bayesid.errors import InputError
-from bayesid.excitation.known import CRITERIA, GAIN, Goal, Known, certain_share, goal_of, known_of, usual_motion
+from bayesid.excitation.known import CRITERIA, Goal, Known, certain_share, goal_of, known_of, usual_motion
 from bayesid.excitation.limits import check_between, check_limits
 from bayesid.excitation.resolvability import information_of
 from bayesid.excitation.rivals import (
@@ -34,7 +34,7 @@ from bayesid.excitation.rivals import (
 from bayesid.excitation.search import MotionSearch, best_motion
 from bayesid.excitation.splines import Feasibility, SplineBasis, SplineTrajectory, at_rest, fine_steps, largest_efforts
 from bayesid.excitation.tuning import TUNING
-from bayesid.identification.identification import KNOWN, Identification, identified_of
+from bayesid.identification.identification import Identification, identified_of
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.motion import Motion
 from bayesid.parallel import one_blas_thread
@@ -94,36 +94,14 @@ class PredictedKnowledge:
     gain: float  # of information about the goal, nats; 0 where hypotheses are to be told apart
     log10_bayes_factors: dict[tuple[str, str], float]  # expected, of each hypothesis where it is true, against each
     certain_signs: float  # share of the |effort| in motion whose sign will be sure to 99 %
-
-    @property
-    def open_now(self) -> int:
-        """Coefficients, and gains, known to less than `KNOWN` of their value."""
-        return self._open(self.sd_now)
-
-    @property
-    def open(self) -> int:
-        """And after the recording, if the model is right."""
-        return self._open(self.sd)
-
-    @property
-    def open_lacking(self) -> int:
-        """And after it, if all that the model may lack is as it was."""
-        return self._open(self.sd_lacking)
-
-    def _open(self, sd: Array) -> int:
-        of_gains = np.array([name.startswith(GAIN) for name in self.names])  # sd of logarithms: relative ones
-        return int((sd > KNOWN * np.where(of_gains, 1.0, np.abs(self.mean))).sum())
+    open_now: int  # coefficients, and gains, known to less than `KNOWN` of their value
+    open: int  # and after the recording, if the model is right
+    open_lacking: int  # and after it, if all that the model may lack is as it was
 
 
 @dataclass(frozen=True)
 class NextMotion:
-    """A motion to be run and recorded.
-
-    Example:
-        >>> design = bayesid.design_next(result, run=bayesid.RunSettings(duration=4.0), changes=40)
-        >>> design.motion.q.shape, design.predicted.open <= design.predicted.open_now
-        ((401, 3), True)
-    """
+    """A motion to be run and recorded."""
 
     known: Known  #: the result that it was designed for
     trajectory: SplineTrajectory  #: the motion, exact at every instant
@@ -388,16 +366,20 @@ def _prediction(
     for one in rivals:
         information = information_of(one.columns(motion), one.known.weights(motion))
         factors |= {pair: value / LN10 for pair, value in one.expected(information).items()}
+    sd_now, sd, sd_lacking = (np.sqrt(np.diag(one)) for one in (known.now, after, after + known.lacking))
     return PredictedKnowledge(
         names=known.names,
         units=known.units,
         mean=known.mean,
-        sd_now=np.sqrt(np.diag(known.now)),
-        sd=np.sqrt(np.diag(after)),
-        sd_lacking=np.sqrt(np.diag(after + known.lacking)),
+        sd_now=sd_now,
+        sd=sd,
+        sd_lacking=sd_lacking,
         gain=0.0 if goal is None else goal.gain(inverse_of(known.precision), after),
         log10_bayes_factors=factors,
         certain_signs=certain_share(known, motion),
+        open_now=int(known.open(sd_now).sum()),
+        open=int(known.open(sd).sum()),
+        open_lacking=int(known.open(sd_lacking).sum()),
     )
 
 

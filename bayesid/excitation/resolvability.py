@@ -99,9 +99,7 @@ class Excitation:
         return tuple(np.flatnonzero(self.uncertainty > TUNING.decided).tolist())
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Turned signs
-# ---------------------------------------------------------------------------------------------------------------
+# ---- Turned signs ----
 def resolvability(inverse: Array, gradient: Array, energy: Array) -> Array:
     """(m,) R of (2) from H^-1 (r, r), gradients g (m, r) and energies c (m,), all in units of the noise."""
     explained = np.einsum("mr,mr->m", gradient @ inverse, gradient)
@@ -204,9 +202,7 @@ def _pseudo_inverse(gram: Array) -> Array:
     return np.asarray(scale[:, None] * np.linalg.pinv(scaled, rcond=1e-12, hermitian=True) * scale)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Plausible robots
-# ---------------------------------------------------------------------------------------------------------------
+# ---- Plausible robots ----
 @dataclass(frozen=True)
 class Expectation:
     """K plausible robots with the same kinematics."""

@@ -51,9 +51,7 @@ Classes = tuple[tuple[EffectKey, ...], ...]
 """Of hypotheses each of which is to be told from the others of its class; the one that was named first comes first."""
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Which hypotheses
-# ---------------------------------------------------------------------------------------------------------------
+# ---- Which hypotheses ----
 @dataclass(frozen=True)
 class Hypotheses:
     """Classes of effects of which each class is to be told apart, and those of them that are changes of a term."""
@@ -121,9 +119,7 @@ def parse_key(text: str) -> EffectKey:
         raise InputError(f"{text!r}: joints are whole numbers", field="between", remedy=_REMEDY) from None
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# What each of them holds for true
-# ---------------------------------------------------------------------------------------------------------------
+# ---- What each of them holds for true ----
 @dataclass(frozen=True)
 class Belief:
     """A normal distribution of quantities that some columns show."""
@@ -295,9 +291,7 @@ class RivalEffects:
         return Belief(before.columns, mean, precision, float(seen @ mean - before.mean @ pull))
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# How they come from a result
-# ---------------------------------------------------------------------------------------------------------------
+# ---- How they come from a result ----
 def make_rivals(
     known: Known, keys: Sequence[EffectKey], earlier: Motion | None, reference: Motion, changed: Changes | None = None
 ) -> RivalEffects:

@@ -134,9 +134,7 @@ class MotionSearch:
         better = tried.cost < best.cost and self.feasibility.possible(moved, start, end)
         return tried if better else best
 
-    # -----------------------------------------------------------------------------------------------------------
-    # Changes
-    # -----------------------------------------------------------------------------------------------------------
+    # ---- Changes ----
     def _step(self, trajectory: SplineTrajectory, rng: np.random.Generator) -> Array:
         """(K, n) a change of the control points."""
         n = len(self.pose)

@@ -108,13 +108,7 @@ class SplineTrajectory:
         return self.basis.duration
 
     def motion(self, t: Array) -> Motion:
-        """Positions and their exact derivatives at the instants t (N,), s; the pose of an end beyond it.
-
-        Example:
-            >>> motion = design.trajectory.motion(np.array([0.0, 0.5]))
-            >>> bool((motion.dq[0] == 0.0).all())  # from rest
-            True
-        """
+        """Positions and their exact derivatives at the instants t (N,), s; the pose of an end beyond it."""
         q, dq, ddq = (self.basis.values(t, order) @ self.control for order in range(3))
         return Motion(t, q, dq, ddq, 0.0, np.array(self.payload))
 

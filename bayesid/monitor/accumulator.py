@@ -141,12 +141,6 @@ class Accumulator:
         Raises:
             InputError: joints do not suit, time does not go on, as after a clock was set back, or the model knows no
                 payload of this label.
-
-        Example:
-            >>> tracker, running = bayesid.SignTracker(result, rate=50.0, lag=0.04), bayesid.Accumulator(result)
-            >>> running.add_tracked([tracker.update(t, q, e) for t, q, e in zip(log.t, log.q, log.effort)])
-            >>> running.coefficient("Fc2").decided_by
-            'data'
         """
         known = [one for one in records if one.known]
         if not known:
@@ -205,12 +199,6 @@ class Accumulator:
         Raises:
             InputError: nothing has come yet.
             SolverError: Clarabel failed.
-
-        Example:
-            >>> running = bayesid.Accumulator(result)
-            >>> running.add(result.signals.motion, result.signals.raw_effort, result.probability)
-            >>> running.model().predict("motion.csv").mean.shape
-            (201, 3)
         """
         self._check_begun()
         before, (normal, lost) = self._identified, self._normal()
@@ -230,14 +218,6 @@ class Accumulator:
         Raises:
             InputError: nothing has come yet.
             SolverError: an optimisation failed.
-
-        Example:
-            >>> running, signals, wrong = bayesid.Accumulator(result), result.signals, result.probability.copy()
-            >>> wrong[100:150, 1] = 1.0 - wrong[100:150, 1]
-            >>> running.add(signals.motion, signals.raw_effort, wrong)
-            >>> check = running.check_signs()
-            >>> check.differ, check.certified, {one.joint for one in check.stretches}
-            (True, True, {2})
         """
         self._check_begun()
         return check_signs(self._running, self._weights, search)

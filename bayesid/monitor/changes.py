@@ -18,11 +18,12 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
+from operator import itemgetter
 
 import numpy as np
 from scipy.special import ndtri
 
-from bayesid.arrays import Array, Mask, some
+from bayesid.arrays import TINY, Array, Mask, some
 from bayesid.monitor.tuning import TUNING
 from bayesid.regression.knowledge import inverse_of
 from bayesid.regression.noise import Noise
@@ -127,9 +128,7 @@ class ChangeTest:
         return state.pushed
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# What a change looks like
-# ---------------------------------------------------------------------------------------------------------------
+# ---- What a change looks like ----
 @dataclass(frozen=True)
 class Look:
     """W samples of a window in which something has changed."""
@@ -164,57 +163,42 @@ class Kind:
 def kind_of(look: Look, changed: Mask) -> Kind:
     """What a change that some joints (n,) show looks like."""
     joints = np.flatnonzero(changed).tolist()
-    every = tuple(range(look.effort.shape[1]))
-    misfit = np.array([_left(look, (j,), look.effort[:, [j]]) for j in every])
-    body = _fitted(look, misfit, PAYLOAD, every, look.body, 3)
-    own = [max(_of_joint(look, misfit, j), key=lambda fit: fit[0]) for j in joints]
-    together = sum(gain for gain, _ in own)
-    if body[0] >= together and body[1].explained >= TUNING.explained:
-        return body[1]
-    strongest = max(own, key=lambda fit: fit[0])[1]
+    gain, payload = _fitted(look, PAYLOAD, list(range(len(changed))), look.body, 3)
+    own = []
+    for j in joints:
+        friction = np.stack([look.direction[:, [j]], look.speed[:, [j]]], axis=2)
+        tried = _fitted(look, FRICTION, [j], friction, 0), _fitted(look, GAIN, [j], look.effort[:, [j], None], 0)
+        own.append(max(tried, key=itemgetter(0)))
+    strongest = max(own, key=itemgetter(0))[1]
+    if gain >= sum(one for one, _ in own) and payload.explained >= TUNING.explained:
+        return payload
     if strongest.explained < TUNING.explained:
         return Kind(UNKNOWN, tuple(j + 1 for j in joints), None, strongest.explained)
-    alike = tuple(sorted(k for _, kind in own if kind.name == strongest.name for k in kind.joints))
-    return Kind(strongest.name, alike, strongest.amount, strongest.explained)
+    return replace(strongest, joints=tuple(k for _, kind in own if kind.name == strongest.name for k in kind.joints))
 
 
-def _of_joint(look: Look, misfit: Array, j: int) -> list[tuple[float, Kind]]:
-    friction = np.stack([look.direction[:, [j]], look.speed[:, [j]]], axis=2)
-    of_gain = look.effort[:, [j], None]
-    return [_fitted(look, misfit, FRICTION, (j,), friction, 0), _fitted(look, misfit, GAIN, (j,), of_gain, 0)]
-
-
-def _fitted(look: Look, misfit: Array, name: str, of: tuple[int, ...], columns: Array, main: int) -> tuple[float, Kind]:
+def _fitted(look: Look, name: str, joints: list[int], columns: Array, main: int) -> tuple[float, Kind]:
     """By how much a candidate makes the window likelier, less what its freedom costs, and what it says.
 
-    The misfit is the model's (n,); the candidate acts in some joints `of` (0-based) by columns (W, n', p), of which
-    the main one has the coefficient that people read.
+    It acts in some 0-based joints by columns (W, n', p), of which the main one has the coefficient that people read.
     """
-    joints, size = list(of), columns.shape[2]
-    effort, weight = look.effort[:, joints], look.weight[joints] / look.width[:, joints] ** 2
-    root = np.sqrt(weight)
+    effort, size = look.effort[:, joints], columns.shape[2]
+    root = np.sqrt(look.weight[joints]) / look.width[:, joints]
     rows = (root[:, :, None] * columns).reshape(-1, size)
     solver = inverse_of(rows.T @ rows) @ rows.T  # what this motion does not show stays at zero
     predicted, change = effort, np.zeros(size)
     for _ in range(TUNING.passes):
         change = solver @ (root * (_nearest(look, joints, predicted) - effort)).ravel()
         predicted = effort + columns @ change
-    before, left = float(misfit[joints].sum()), _left(look, of, predicted)
+    before, left = (float(((root * (_nearest(look, joints, one) - one)) ** 2).sum()) for one in (effort, predicted))
     count = max(float((look.weight[joints] * np.isfinite(look.width[:, joints])).sum()), 1.0)
-    kind = Kind(name, tuple(j + 1 for j in joints), float(change[main]), 1.0 - left / max(before, 1e-300))
+    kind = Kind(name, tuple(j + 1 for j in joints), float(change[main]), 1.0 - left / max(before, TINY))
     return 0.5 * (before - left - size * np.log(count)), kind
 
 
 def _nearest(look: Look, joints: list[int], predicted: Array) -> Array:
     reading = look.reading[:, joints]
     return np.where(look.signed[joints], reading, np.copysign(reading, predicted))
-
-
-def _left(look: Look, joints: tuple[int, ...], predicted: Array) -> float:
-    """Sum of squares over effective samples that efforts (W, n') leave, N m."""
-    those = list(joints)
-    off = (_nearest(look, those, predicted) - predicted) / look.width[:, those]
-    return float((look.weight[those] * off**2).sum())
 
 
 @dataclass
@@ -242,21 +226,14 @@ class Ring:
         return rows[rows[:, 0] >= start]
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Alarms
-# ---------------------------------------------------------------------------------------------------------------
+# ---- Alarms ----
 UNITS = {PAYLOAD: "kg", FRICTION: "N m", GAIN: "1"}
 """Of the amounts."""
 
 
 @dataclass(frozen=True)
 class Alarm:
-    """Something that has happened.
-
-    Example:
-        >>> bayesid.Alarm(time=3.2, joint=2, kind="payload", joints=(2, 3), raised=4.1, amount=2.8).kind
-        'payload'
-    """
+    """Something that has happened."""
 
     time: float  #: when it began, s
     #: (from 1) the outermost that feels a contact, for it lies beyond; of a change the one that shows it most

@@ -116,31 +116,19 @@ def replay(tracker: SignTracker, log: Log, progress: Progress = SILENT) -> Repla
         said = f"the log has rows at {1.0 / log.period:.4g} Hz, not at {tracker.rate:g} Hz"
         remedy = f"leave it out, or give at most {TUNING.farthest:g} times more or less"
         raise InputError(said, field="rate", remedy=remedy)
-    figures, records, rows = StreamFigures.of_joints(log.n_joints), list[Tracked](), len(log)
+    figures, seen, rows = StreamFigures.of_joints(log.n_joints), 0, len(log)
+    names = "probability", "effort", "predicted", "predicted_sd", "external", "threshold"
+    t, told = np.empty(rows), np.empty((len(names), rows, log.n_joints))
     for k in range(rows):
         if k % 1000 == 0:
             progress("track", k, rows)
         now = timed(tracker, figures, float(log.t[k]), log.q[k], log.effort[k], None if log.dq is None else log.dq[k])
         if now.known:
-            records.append(now)
-
-    def told(name: str) -> Array:
-        return np.array([getattr(one, name) for one in records]).reshape(-1, log.n_joints)
-
-    return Replay(
-        t=np.array([one.t for one in records]),
-        probability=told("probability"),
-        effort=told("effort"),
-        predicted=told("predicted"),
-        predicted_sd=told("predicted_sd"),
-        external=told("external"),
-        threshold=told("threshold"),
-        alarms=tracker.alarms,
-        counts=tracker.counts,
-        figures=figures,
-        lag=tracker.lag,
-        rate=tracker.rate,
-    )
+            t[seen], told[:, seen] = now.t, [getattr(now, name) for name in names]
+            seen += 1
+    parts = dict(zip(names, told[:, :seen], strict=True))
+    whole = {name: getattr(tracker, name) for name in ("alarms", "counts", "lag", "rate")}
+    return Replay(t[:seen], **parts, **whole, figures=figures)
 
 
 @dataclass(frozen=True)

@@ -121,7 +121,7 @@ class StreamMoments:
         now = {name: values[-len(columns) :] for name, values in samples.items()}
         t, magnitude, sign, used = (now[name] for name in ("t", "magnitude", "sign", "used"))
         share, weight = self.fade(t[-1] - self.time), np.exp((t - t[-1]) / self.forget)
-        for stretch in self.stretches.values():
+        for stretch in self.stretches.values() if share < 1.0 else ():
             stretch.fade(share)
         columns, square = np.sqrt(weight)[:, None, None] * columns, weight[:, None] * magnitude**2
         effort = np.sqrt(weight)[:, None] * sign * magnitude
@@ -192,9 +192,7 @@ def _runs(number: Integers) -> Iterator[tuple[int, int, int]]:
                 yield j, a, b
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Signs
-# ---------------------------------------------------------------------------------------------------------------
+# ---- Signs ----
 @dataclass(frozen=True)
 class TurnedStretch:
     """A stretch of constant sign that fits surely better with the other sign."""

@@ -30,15 +30,7 @@ the joint has changed."""
 
 @dataclass(frozen=True)
 class Tracked:
-    """What is known of n joints at an instant.
-
-    Example:
-        >>> tracker = bayesid.SignTracker(bayesid.load_model("result"), rate=50.0)
-        >>> for t, q, effort in zip(log.t, log.q, log.effort):
-        ...     now = tracker.update(t, q, effort)
-        >>> now.state
-        ('moving', 'moving', 'moving')
-    """
+    """What is known of n joints at an instant."""
 
     #: the instant, s: that of the oldest sample that is still waited for, which is the tracker's lag before the newest
     #: one. At first, and after a gap, it stays that of the first sample for as long as it must be waited for, and of a
@@ -214,13 +206,6 @@ class SignTracker:
 
         Raises:
             InputError: there are none.
-
-        Example:
-            >>> tracker = bayesid.SignTracker(result, rate=50.0)
-            >>> for k in range(100):
-            ...     now = tracker.update(log.t[k], log.q[k], log.effort[k])
-            >>> len(tracker.window(since=log.t[40]))
-            60
         """
         n, rows = self.n_joints, np.empty((0, 1)) if self._state is None else self._state.log.since(since)
         rows = rows[~np.isnan(rows[:, -n:]).any(axis=1)]  # an effort that was not read is none of zero

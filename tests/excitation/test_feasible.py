@@ -86,6 +86,7 @@ def test_a_shortened_step_touches_one_limit_and_breaks_none(known, basis, limits
         low, high = (0.5 * (low + high), high) if holds(0.5 * (low + high)) else (low, 0.5 * (low + high))
     assert share == pytest.approx(low, rel=1e-9)
     assert feasibility.within_limits(moved(start, step, share))
+    assert feasibility.shortened(moved(start, step, share), step) == 0.0  # not by as much as rounding leaves
     assert not feasibility.within_limits(moved(start, step, 1.0001 * share))
 
 
