@@ -282,11 +282,8 @@ def _correlation(samples: Samples, rate: float) -> Correlation:
 
 
 def _coefficients(identification: Identification) -> CoefficientTable:
-    found, (low, high), (prior_sd, by_data) = (
-        identification.coefficients,
-        identification.interval_95,
-        identification.prior_sd,
-    )
+    found, (low, high) = identification.coefficients, identification.interval_95
+    prior_sd, by_data = identification.prior_sd
     return CoefficientTable(
         name=tuple(found.names),
         expression=tuple(found.expressions),

@@ -377,10 +377,12 @@ def coefficient_rows(identification: Identification) -> list[dict[str, object]]:
     """
     return [
         {
-            **{"name": one.name, "expression": one.expression, "mean": one.mean, "sd": one.sd},
+            **taken(one, "name", "expression", "mean", "sd"),
             "rsd_percent": 100.0 * one.sd / abs(one.mean) if one.mean else np.inf,
-            **{"q2.5": one.lower, "q97.5": one.upper, "unit": one.unit, "prior_sd": _if_known(one.prior_sd)},
-            **{"decided_by": one.decided_by, "nominal": _if_known(one.nominal)},
+            "q2.5": one.lower,
+            "q97.5": one.upper,
+            **taken(one, "unit", prior_sd=_if_known(one.prior_sd)),
+            **taken(one, "decided_by", nominal=_if_known(one.nominal)),
         }
         for one in identification.coefficients_table()
     ]

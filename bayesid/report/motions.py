@@ -70,8 +70,12 @@ def design_summary(design: ExcitationDesign) -> dict[str, Any]:
                 "given": {key: np.atleast_1d(value) for key, value in vars(design.limits).items()},
                 "reached": _reached(design.motion),
             },
-            "spline": {"period": spline.duration, "degree": DEGREE, "knots": spline.basis.knots}
-            | {"control_points": spline.control},
+            "spline": {
+                "period": spline.duration,
+                "degree": DEGREE,
+                "knots": spline.basis.knots,
+                "control_points": spline.control,
+            },
             "not_checked": ["collisions", "limits of the efforts"],
         }
     )
@@ -233,7 +237,9 @@ def predicted_rows(predicted: PredictedKnowledge) -> list[dict[str, object]]:
     columns = {
         "name": predicted.names,
         "unit": predicted.units,
-        **{"mean": predicted.mean, "sd_now": predicted.sd_now, "sd": predicted.sd},
+        "mean": predicted.mean,
+        "sd_now": predicted.sd_now,
+        "sd": predicted.sd,
         "sd_if_model_lacks_as_much": predicted.sd_lacking,
     }
     rows = [dict(zip(columns, row, strict=True)) for row in zip(*map(list, columns.values()), strict=True)]

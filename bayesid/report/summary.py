@@ -84,15 +84,11 @@ class SearchSummary:
     method: Annotated[str, Shown("Method")]
     beam_width: int | None  # w of T-PBPR
     cost: Annotated[Number, Shown("Cost of the best assignment", "{:.6g}")]
-    # of it: what the data ask, the pull to typical links, and a prior (none; the posterior has one); None where
-    # nodes were priced otherwise
-    cost_parts: Mapping[str, Number] | None
-    # (n,) sd by which the rows of each joint were scaled, N m, as if only effective samples counted
-    noise_weights: Numbers
+    cost_parts: Mapping[str, Number] | None  # data, pull to links, prior; None where nodes were priced otherwise
+    noise_weights: Numbers  # (n,) sd by which rows were scaled, N m, as if only effective samples counted
     proofs: int  # how often the last word was said: again where the final noise weights change the signs
     withheld: str  # why nothing counts as proven although the search has ended: "pull" or "noise"; empty otherwise
-    # grown, pruned by the bound or by the cone, survived a step, leaves, and segments undecided when time was up;
-    # None without a beam
+    # grown, pruned by the bound or by the cone, survived a step, leaves, and segments undecided when time was up
     beam_nodes: Annotated[Mapping[str, int] | None, Shown("Nodes of the beam", _counts)]
     certified: Annotated[bool, Shown("No assignment costs less", lambda proven: "proven" if proven else "not proven")]
     lower_bound: Annotated[Number, Shown("Lower bound on the cost of every assignment", "{:.6g}")]
@@ -160,10 +156,8 @@ class ModeSummary:
 
     weight: Number  # its share of the mass
     log_evidence_se: Number  # standard error of its log evidence; None where there is but one
-    # from 1, of whose |effort| more than half has another sign than in the heaviest mode
-    turned_joints: tuple[int, ...]
-    # whose mean differs most from the heaviest mode's, in standard deviations within it, with it
-    coefficients: Mapping[str, Number] = field(default_factory=dict)
+    turned_joints: tuple[int, ...]  # from 1, of whose |effort| over half has another sign than in the heaviest mode
+    coefficients: Mapping[str, Number] = field(default_factory=dict)  # whose mean differs most from that mode's
 
 
 @dataclass(frozen=True)
@@ -185,10 +179,8 @@ class PosteriorSummary:
     assignments: Numbers  # posterior probability of each assignment that the search lists
     assignments_elsewhere: Number  # and of all others
     mode: int = 1  # whose mean the model holds, from 1
-    # share of a joint's squared effort, of the worst one, to which it gives signs that the search excludes
-    excluded: Number = None
-    # of the prior, that hold draws back, to the share of draws near their edges
-    pressed_windows: Mapping[str, Number] = field(default_factory=dict)
+    excluded: Number = None  # share of the worst joint's squared effort with signs that the search excludes
+    pressed_windows: Mapping[str, Number] = field(default_factory=dict)  # to the share of draws near their edges
     timed_out: bool = False  # whether the time limit on the clock ended the sampling before it converged
 
 
@@ -211,8 +203,7 @@ class FitSummary:
     """The least-squares fit."""
 
     relative_residual: Numbers  # (n,) RMS of what it leaves over that of the effort
-    # of the regressor, rows over their noise and columns of equal length; None if it is singular
-    condition_number: Number
+    condition_number: Number  # of the regressor, rows over their noise, columns of equal length; None if singular
     relative_gap: Number  # that the solver reached
     parameters_moved_inside: bool  # whether the solution was moved into the cone
     smallest_eigenvalues: Numbers  # of each link's pseudo-inertia
@@ -278,9 +269,8 @@ class Summary:
     better_reading: BetterReading | None = None  # of the log, than the one given; None where there is none
     low_pass_after_rectifier: LowPassSummary | None = None  # that |effort| has passed; None where none was found
     gains: GainsSummary | None = None  # that were unknowns; None where all were exact
-    # label of each payload that logs carry to its `mass`, kg, `com`, centre of mass in the last link's frame, m,
-    # and `inertia` about it, xx, yy, zz, xy, xz, yz, kg m^2, each with `value`, `sd`, `interval`; None where none
-    # is carried
+    # label of each payload to its `mass`, kg, `com`, centre of mass in the last link's frame, m, and `inertia` about
+    # it, xx, yy, zz, xy, xz, yz, kg m^2, each with `value`, `sd`, `interval`; None where none is carried
     payloads: Mapping[str, Mapping[str, Any]] | None = None
 
     @property
@@ -289,9 +279,6 @@ class Summary:
         return len(self.noise.sd) - len(self.signed_joints)
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# As JSON has it
-# ---------------------------------------------------------------------------------------------------------------
 def as_json(value: Any) -> Any:
     """A structure as JSON has it; a dataclass' field that may be empty is left out where it is."""
     if is_dataclass(value):
@@ -320,15 +307,13 @@ def filled(kind: type[Kind], source: object, /, **given: Any) -> Kind:
     return kind(**(taken(source, *(one.name for one in fields(names) if one.name not in given)) | given))
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# Of an identification
-# ---------------------------------------------------------------------------------------------------------------
 def summarise(identification: Identification) -> Summary:
     """The numbers of an identification, as its summary.json holds them."""
     model, log, segments = identification.model, identification.log, identification.searched
     noise, fit = identification.fit.noise, identification.fit
     count = np.bincount(segments.joint, weights=segments.end - segments.start, minlength=len(noise.autocorrelation))
     posterior, names = identification.posterior, identification.coefficients.names
+    after = identification.signals.after_rectifier
     summary = filled(
         Summary,
         identification,
@@ -370,7 +355,14 @@ def summarise(identification: Identification) -> Summary:
         ),
         complete=_complete(identification),
         modes=() if posterior is None else [_mode(names, posterior, k) for k in range(len(posterior.modes))],
-        low_pass_after_rectifier=_low_pass(identification),
+        low_pass_after_rectifier=after
+        and filled(
+            LowPassSummary,
+            after.low_pass,
+            cutoff_hz=after.low_pass.cutoff,
+            noise_before_sd=after.noise,
+            words=str(after.low_pass),
+        ),
         gains=_gains(identification),
         payloads=_payloads(identification),
     )
@@ -379,8 +371,7 @@ def summarise(identification: Identification) -> Summary:
 
 def log_parts(log: Log) -> tuple[LogPart, ...]:
     """The logs that a log was joined from; none where it is one."""
-    parts = log.pieces if log.pooled else ()
-    return tuple(LogPart(part.source, part.stop_row - part.start_row, part.payload) for part in parts)
+    return tuple(LogPart(one.source, one.stop_row - one.start_row, one.payload) for one in log.pieces if log.pooled)
 
 
 def _payloads(identification: Identification) -> dict[str, dict[str, Any]] | None:
@@ -409,14 +400,6 @@ def _payloads(identification: Identification) -> dict[str, dict[str, Any]] | Non
 def _estimate(one: Estimate) -> dict[str, Any]:
     known = one.sd > 0.0
     return {"value": one.value, "sd": one.sd if known else None, "interval": one.interval if known else None}
-
-
-def _low_pass(identification: Identification) -> LowPassSummary | None:
-    after = identification.signals.after_rectifier
-    if after is None:
-        return None
-    found = after.low_pass
-    return filled(LowPassSummary, found, cutoff_hz=found.cutoff, noise_before_sd=after.noise, words=str(found))
 
 
 def _gains(identification: Identification) -> GainsSummary | None:
@@ -486,10 +469,9 @@ def _mode(names: Sequence[str], posterior: Posterior, number: int) -> ModeSummar
     first, own = (posterior.modes[k].draws.beta.reshape(-1, len(names)) for k in (0, number))
     off = np.abs(own.mean(axis=0) - first.mean(axis=0)) / np.maximum(first.std(axis=0), TINY)
     most = np.argsort(-off)[: TUNING.most_different if number else 0].tolist()
-    mode = posterior.modes[number]
     return ModeSummary(
-        weight=mode.weight,
-        log_evidence_se=getattr(mode.marginal_likelihood, "standard_error", None),
+        weight=posterior.modes[number].weight,
+        log_evidence_se=getattr(posterior.modes[number].marginal_likelihood, "standard_error", None),
         turned_joints=posterior.turned_joints(number),
         coefficients={names[k]: float(own[:, k].mean()) for k in most},
     )
@@ -499,10 +481,9 @@ def _complete(identification: Identification) -> CompletionSummary | None:
     completion = identification.completion
     if completion is None:
         return None
-    spread, _ = identification.parameter_sd
-    effects = tuple(_effect(identification, entered, spread) for entered in completion.effects)
-    errors, uncertain = filled(ErrorsSummary, completion), tuple(completion.uncertain)
-    return filled(CompletionSummary, completion, effects=effects, held_back_error=errors, uncertain=uncertain)
+    effects = [_effect(identification, entered, identification.parameter_sd[0]) for entered in completion.effects]
+    told = {"held_back_error": filled(ErrorsSummary, completion), "uncertain": tuple(completion.uncertain)}
+    return filled(CompletionSummary, completion, effects=effects, **told)
 
 
 def _effect(identification: Identification, entered: EnteredEffect, spread: Array) -> EffectSummary:

@@ -142,10 +142,13 @@ def _found(discrepancy: Discrepancy) -> list[Markup]:
 def _added(effect: AddedEffect) -> tuple[str, ...]:
     alike = ", ".join(equivalents(effect, label))
     return (
-        *(_name(effect.hypothesis), _joints(effect.joints), _parameters(effect)),
+        _name(effect.hypothesis),
+        _joints(effect.joints),
+        _parameters(effect),
         html.number(effect.log10_bayes_factor),
         *map(html.probability, (effect.probability, effect.nothing_missing, effect.something_else)),
-        *(alike, distinguishing_motions(effect) if alike else ""),
+        alike,
+        distinguishing_motions(effect) if alike else "",
     )
 
 
