@@ -19,7 +19,6 @@ from bayesid.errors import BayesidError, InputError
 from bayesid.files.writing import check_folder, plain, save_folder
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.model_file import load_model
-from bayesid.identification.prediction import check_joints
 from bayesid.log.formats import STANDARD_INPUT, Options
 from bayesid.log.log import Log, check_exact_gains
 from bayesid.log.rows import RowReader
@@ -49,6 +48,7 @@ from bayesid.report.stream import (
     write_summaries,
 )
 from bayesid.report.words import label
+from bayesid.robot import check_joints
 
 _SOURCE = "standard input"
 
@@ -73,7 +73,7 @@ def _replay(options: argparse.Namespace) -> None:
         identified = load_model(options.result)
         log = read(options.log, reading_options(options, identified))
         log = log.carrying(options.payload) if options.payload else log
-        check_joints(identified.model.robot, log)
+        check_joints(identified.model.robot, log.n_joints, log.source)
         check_exact_gains(log)
         rate = round(1.0 / log.period, 3) if options.rate is None else options.rate
         tracker = _tracker(options, identified, rate, log.signed.tolist())

@@ -40,7 +40,6 @@ from bayesid.errors import InputError
 from bayesid.identification.identification import Identification
 from bayesid.identification.options import Preparation, hashes
 from bayesid.identification.pipeline import identify, identify_again
-from bayesid.identification.prediction import check_joints
 from bayesid.log.dates import Dates, dates_of
 from bayesid.log.log import Log, check_exact_gains
 from bayesid.log.reading import LogSource, as_log
@@ -48,7 +47,7 @@ from bayesid.parallel import one_blas_thread
 from bayesid.posterior.sampler import Sampling
 from bayesid.progress import SILENT, Progress
 from bayesid.regression.selection.added_effect import AddedEffect
-from bayesid.robot import Robot, load_robot
+from bayesid.robot import Robot, check_joints, load_robot
 from bayesid.signs.search.certified import Certified
 from bayesid.signs.search.protocol import Search
 
@@ -229,7 +228,7 @@ def _check(robot: Robot, logs: Sequence[Log]) -> None:
         where = logs[0].source if logs else "logs"
         raise InputError("is one log; a comparison takes two or more", where, "give a later log of the robot too")
     for log in logs:
-        check_joints(robot, log)
+        check_joints(robot, log.n_joints, log.source)
     for one, other in combinations(logs, 2):
         if hashes(one) & hashes(other):
             raise InputError(f"holds the same recording as {one.source}", other.source, "give every log once")

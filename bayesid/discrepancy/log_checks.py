@@ -14,17 +14,16 @@ from bayesid.discrepancy.case import Trial
 from bayesid.discrepancy.tuning import TUNING
 from bayesid.errors import InputError
 from bayesid.identification.identified_model import IdentifiedModel
-from bayesid.identification.prediction import check_joints
 from bayesid.log.log import Log
 from bayesid.motion import Motion
 from bayesid.regression.selection.explanation import Thresholds
 from bayesid.regression.selection.held_back import SHORTEST_LOG
-from bayesid.robot import Robot
+from bayesid.robot import Robot, check_joints
 
 
 def check_log(robot: Robot, log: Log) -> None:
     """InputError unless a log has the robot's joints, some of them move, and it is long enough to hold parts back."""
-    check_joints(robot, log)
+    check_joints(robot, log.n_joints, log.source)
     duration = float(log.t[-1] - log.t[0])
     if duration < SHORTEST_LOG:
         problem = f"lasts {duration:.3g} s: too short to tell what a model lacks from chance"

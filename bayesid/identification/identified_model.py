@@ -20,7 +20,6 @@ from bayesid.identification.prediction import (
     PredictedEfforts,
     Spread,
     Validation,
-    check_joints,
     check_payloads,
     compare,
     drawn_noise,
@@ -33,6 +32,7 @@ from bayesid.log.signals import prepare
 from bayesid.motion import Motion
 from bayesid.regression.knowledge import Knowledge
 from bayesid.regression.noise import Noise
+from bayesid.robot import check_joints
 
 
 @dataclass(frozen=True)
@@ -218,7 +218,7 @@ class IdentifiedModel:
         """
         log = as_log(log)
         check_exact_gains(log)
-        check_joints(self.model.robot, log)
+        check_joints(self.model.robot, log.n_joints, log.source)
         signals = prepare(log, cutoff)
         predicted = self._as_read.predict(signals.motion)  # the log is read by the same gains
         compared = compare(log, signals, self.model.robot, predicted, self.noise)

@@ -113,14 +113,20 @@ def better_reading(evidence: Evidence, signs: Array, time: Array) -> BetterReadi
         signs: (N, n) of the efforts, as they were found.
         time: (n,) samples that count as one.
     """
-    as_given, excerpt = _as_given(evidence.model.robot), _excerpt(evidence, signs)
+    signals, used, robot = evidence.signals, evidence.used, evidence.model.robot
+    rows = np.flatnonzero(used.any(axis=1))
+    rows = rows[np.linspace(0, len(rows) - 1, min(TUNING.instants, len(rows))).round().astype(int)]
+    effort = np.where(signals.signed, signals.effort, signs * np.abs(signals.effort))
+    excerpt = _Excerpt(signals.motion[rows], effort[rows], used[rows], signals.signed)
+    order, ones = np.arange(robot.n_joints), np.ones(robot.n_joints)
+    as_given = _Reading(robot, order, order, ones, ones, ones)
     readings = [
         replace(as_given, kind=kind, change=change, **other)
         for kind, readings_of in _HYPOTHESES
-        for change, other in readings_of(as_given.robot)
+        for change, other in readings_of(robot)
     ]
     given, *left = _left_by([as_given, *readings], excerpt)
-    count = _of_the_least(given, np.maximum(evidence.used.sum(axis=0) / time, 1.0), left)
+    count = _of_the_least(given, np.maximum(used.sum(axis=0) / time, 1.0), left)
     best, found = 2.0 * (_DECISIVE + np.log(len(readings))), None
     for reading, other in zip(readings, left, strict=True):
         gain = 2.0 * count @ np.log(given.share / other.share) - (other.size - given.size) * np.log(count.sum())
@@ -130,14 +136,6 @@ def better_reading(evidence: Evidence, signs: Array, time: Array) -> BetterReadi
         if gain > best and clearly:
             best, found = float(gain), BetterReading(reading.kind, reading.change, other.rms, given.rms)
     return found
-
-
-def _excerpt(evidence: Evidence, signs: Array) -> _Excerpt:
-    signals, used = evidence.signals, evidence.used
-    candidates = np.flatnonzero(used.any(axis=1))
-    rows = candidates[np.linspace(0, len(candidates) - 1, min(TUNING.instants, len(candidates))).round().astype(int)]
-    effort = np.where(signals.signed, signals.effort, signs * np.abs(signals.effort))
-    return _Excerpt(signals.motion[rows], effort[rows], used[rows], signals.signed)
 
 
 @dataclass(frozen=True)
@@ -231,11 +229,6 @@ def _settled(basis: Array, effort: Array, signed: Mask, believed: Mask) -> tuple
 # Hypotheses
 _Changes: TypeAlias = Iterator[tuple[str, dict[str, Any]]]
 """What is other, to follow on "with", and the fields of the reading that it changes."""
-
-
-def _as_given(robot: Robot) -> _Reading:
-    n = robot.n_joints
-    return _Reading(robot, np.arange(n), np.arange(n), np.ones(n), np.ones(n), np.ones(n))
 
 
 def _orders(robot: Robot) -> _Changes:

@@ -30,7 +30,6 @@ from bayesid.identification.identification import Identification, identified_of
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.options import Preparation, call_of, call_of_log
 from bayesid.identification.pipeline import QUICK, identify_again
-from bayesid.identification.prediction import check_joints
 from bayesid.identification.tuning import TUNING
 from bayesid.log.gains import gains_of
 from bayesid.log.log import Log
@@ -43,6 +42,7 @@ from bayesid.progress import SILENT, Progress
 from bayesid.regression.knowledge import Knowledge, scale_of
 from bayesid.regression.noise import Noise
 from bayesid.regression.selection.explanation import Thresholds
+from bayesid.robot import check_joints
 from bayesid.robot.inertia import about_centre_of_mass
 from bayesid.signs.search.protocol import Search
 
@@ -199,25 +199,25 @@ def evenly_sized(draws: Array) -> Array:
     return resampled
 
 
-def with_common_factor(draws: Array, common_sd: float, seed: int = 0) -> Array:
+def with_common_factor(draws: Array, common_sd: float) -> Array:
     """Draws (K, ...) with the uncertainty of a factor that all efforts have in common: ln of it is N(0, common_sd^2).
 
     Gains that are 10 % too high make a body seem 10 % heavier, its inertia too; its centre of mass stays.
     """
     if common_sd == 0.0:
         return draws
-    factor = np.exp(common_sd * _normal(len(draws), seed))
+    factor = np.exp(common_sd * _normal(len(draws)))
     return draws * factor.reshape(-1, *(1,) * (draws.ndim - 1))
 
 
-def gain_factor(mass: Array, known: float, known_sd: float = 0.0, seed: int = 0) -> Estimate:
+def gain_factor(mass: Array, known: float, known_sd: float) -> Estimate:
     """What efforts are to be multiplied by so that a body weighs what it does: its known mass over draws (K,), kg."""
-    return Estimate.of_draws((known + known_sd * _normal(len(mass), seed)) / mass)
+    return Estimate.of_draws((known + known_sd * _normal(len(mass))) / mass)
 
 
-def _normal(count: int, seed: int) -> Array:
-    """(count,) quantiles of the normal distribution at equal steps of probability, in an order drawn at random."""
-    quantiles: Array = ndtri(np.random.default_rng(seed).permutation((np.arange(count) + 0.5) / count))
+def _normal(count: int) -> Array:
+    """(count,) quantiles of the normal distribution at equal steps of probability, in a random order."""
+    quantiles: Array = ndtri(np.random.default_rng(0).permutation((np.arange(count) + 0.5) / count))
     return quantiles
 
 
@@ -398,7 +398,7 @@ def _check(known: IdentifiedModel, log: Log) -> None:
         raise InputError("the model holds a payload already", where, remedy)
     if not known.precision.any():
         raise InputError("the model knows nothing of its own parameters: a payload cannot be told", where, remedy)
-    check_joints(known.model.robot, log)
+    check_joints(known.model.robot, log.n_joints, log.source)
     if known.seen(log):
         remedy = "give a log with the payload"
         raise InputError("is a log that the model was identified from", log.source, remedy)

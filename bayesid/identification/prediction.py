@@ -310,17 +310,6 @@ class Validation:
         return "\n  ".join(lines)
 
 
-def check_joints(robot: Robot, log: Log) -> None:
-    """A log has as many joints as a model's robot.
-
-    Raises:
-        InputError: it has not.
-    """
-    if log.n_joints != robot.n_joints:
-        counts = f"the log has {log.n_joints} joints, the model's robot {robot.name} has {robot.n_joints}"
-        raise InputError(counts, log.source, "give a log of the same robot")
-
-
 def compare(log: Log, signals: Signals, robot: Robot, prediction: PredictedEfforts, noise: Noise) -> Validation:
     """Settles a log's unknown signs under a prediction of its motion, with a measurement's noise, and compares the two.
 
