@@ -64,7 +64,11 @@ _SHARED = dict(
         option("--posterior-budget S", "most work of sampling, about seconds of an idle machine", default=60.0),
         option("--noise REL", "of each joint's RMS", default=0.05),
         option("--seed", "of everything random (default: 0)", type=seed, default=0),
-        option("--time-limit S", "s on the clock, of search and sampling each; not reproducible", default=600.0),
+        option(
+            "--time-limit S",
+            "s on the clock for search and sampling each; budgets repeat exactly, this may not",
+            default=600.0,
+        ),
         option("--workers K", "processes on this machine (default: one a core)", type=whole),
         option("--scheduler tcp://HOST:PORT", "of a Dask cluster, to run on its workers instead"),
         option("--payload LABEL", "what the flange carried, as the result knows it (default: nothing)", default=""),
@@ -98,8 +102,8 @@ _READING = [
 # ---------------------------------------------------------------------------------------------------------------
 _LOGS = (
     "t,q1..qn[,dq1..dqn],tau1..taun (or i1..in with --gains) as CSV, Parquet or MATLAB file, a ROS bag or KUKA table; "
-    "logs of a robot count as one, also by a quoted pattern: 'runs/*.csv'; files of one run are joined in time: "
-    "positions.csv+currents.csv; or a TOML file that lists logs: tables [[logs]] with "
+    "logs of a robot count as one, also by a quoted pattern: 'runs/*.csv'; files of one run with a + between them are "
+    "joined by time: positions.csv+currents.csv; or a TOML file that lists logs: tables [[logs]] with "
     'file = "loaded.csv" and, where the flange carries something, payload = "tool1" and mass = 2.8 or [2.8, 0.005]'
 )
 _MASS = (
@@ -127,7 +131,9 @@ _IDENTIFY = Command(
     [
         path("logs", _LOGS, nargs="+", metavar="log"),
         several("--payload [LABEL:]KG[~SD]@LOG", _MASS),
-        several("--log LOG:payload=LABEL", "one more log, with a payload of unknown mass"),
+        several(
+            "--log LOG:payload=LABEL", "one more log, with a payload of unknown mass; the same label, the same payload"
+        ),
         *_shared(f"{ROBOT} --terms"),
         option("--search certified|beam", "branch and bound with a proof, or T-PBPR (default: %(default)s)"),
         *_shared("--search-budget", f"{_WORK}; later models add up to 20 %% (default: 30)", default=30.0),
@@ -254,13 +260,15 @@ _REPORT = Command(
     ],
 )
 FOR_RESULT = [
-    option("--about NAME,..", "coefficients, parameters, effects, gains, payload, signs (default: all not well known)"),
+    option(
+        "--about NAME,..", "coefficients, parameters, effects, gains, payload, signs (default: all not known to 10 %%)"
+    ),
     option("--between A,B,..", "hypotheses to tell apart, EFFECT:JOINT each (default: what a discrepancy left open)"),
     option("--criterion D|A", "D: all together; A: mean variance"),
     option("--start Q1,..", "pose at both ends, rad or m (default: where the result's log began)"),
     *_shared("--payload"),
     option("--effort-limits L1,..", "largest |effort| of each joint, N m (default: of --limits or the robot's URDF)"),
-    option("--capsules R,..", "radii of capsules about the links, m, instead of the URDF's collision shapes"),
+    option("--capsules R,..", "radii of capsules about the links, m, one or one each, instead of the URDF's shapes"),
     option("--tool X,Y,Z", "with --capsules: end of the tool in the last link's frame, m"),
     option("--floor Z", "height of the floor over the base's origin, m, or none (default: 0)", default="0"),
     option("--margin M", "least distance, m", default=0.01),
