@@ -37,20 +37,14 @@ SMOOTHED = "fast part of the residual of a log that was low-passed"
 
 @dataclass(frozen=True)
 class Trial:
-    """A log made ready for comparisons with models of its robot.
+    """A log made ready for comparisons with models of its robot."""
 
-    Attributes:
-        signals: N instants.
-        actuators: the motion in actuator coordinates.
-        used: (N, n) samples that count: measured, away from both ends, and clearly in motion: where dry friction is
-            smoothed, the smoothing would look like an effect of its own.
-        whole: the trial that it is shortened from, where it is.
-    """
-
-    signals: Signals
-    actuators: Motion
+    signals: Signals  #: N instants
+    actuators: Motion  #: the motion in actuator coordinates
+    #: (N, n) samples that count: measured, away from both ends, and clearly in motion: where dry friction is smoothed,
+    #: the smoothing would look like an effect of its own
     used: Mask
-    whole: Trial | None = None
+    whole: Trial | None = None  #: the trial that it is shortened from, where it is
 
     @property
     def magnitude(self) -> Array:
@@ -129,23 +123,15 @@ def shortened(trial: Trial) -> Trial:
 # ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class NoiseFloor:
-    """The noise of the efforts: what no model can explain.
+    """The noise of the efforts: what no model can explain."""
 
-    Attributes:
-        rms: (n,) N m.
-        origin: (n,) where it was taken from.
-        limits: (n, 2) largest white and coloured part of an error that is nothing but noise, N m.
-        sharp: (n,) whether it holds what lasts of the noise too: a residual above it is a finding.
-        white: (n,) the part of it that changes from sample to sample, N m.
-        lasting: (n,) whether it is a model's residual most of which lasts: the model's own error, or noise that a
-            filter has smoothed; what is below such a floor may still be wrong.
-    """
-
-    rms: Array
-    origin: tuple[str, ...]
-    limits: Array
-    sharp: Mask
-    white: Array
+    rms: Array  #: (n,) N m
+    origin: tuple[str, ...]  #: (n,) where it was taken from
+    limits: Array  #: (n, 2) largest white and coloured part of an error that is nothing but noise, N m
+    sharp: Mask  #: (n,) whether it holds what lasts of the noise too: a residual above it is a finding
+    white: Array  #: (n,) the part of it that changes from sample to sample, N m
+    #: (n,) whether it is a model's residual most of which lasts: the model's own error, or noise that a filter has
+    #: smoothed; what is below such a floor may still be wrong
     lasting: Mask
 
     def exceeded(self, gap: Array, thresholds: Thresholds) -> Mask:
@@ -221,19 +207,12 @@ def _half_square(residual: Array, used: Mask, lag: int) -> Array:
 # ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Excess:
-    """Where a joint's residual exceeds the floor.
+    """Where a joint's residual exceeds the floor."""
 
-    Attributes:
-        joint: from 1.
-        excess: root of the residual's mean square above the floor's, N m (:eq:`excess`).
-        variable: over which it shows best: velocity, position, acceleration, load or time.
-        range: of the variable, where most of it lies; rad/s, rad, rad/s^2, N m or s.
-    """
-
-    joint: int
-    excess: float
-    variable: str
-    range: tuple[float, float]
+    joint: int  #: from 1
+    excess: float  #: root of the residual's mean square above the floor's, N m (:eq:`excess`)
+    variable: str  #: over which it shows best: velocity, position, acceleration, load or time
+    range: tuple[float, float]  #: of the variable, where most of it lies; rad/s, rad, rad/s^2, N m or s
 
 
 def where_it_shows(
@@ -285,17 +264,11 @@ def _binned(value: Array, residual: Array) -> tuple[float, tuple[float, float]]:
 # ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class HeldBack:
-    """Data that select nothing, but score what was selected.
+    """Data that select nothing, but score what was selected."""
 
-    Attributes:
-        trial: another log, or held-back stretches of the log.
-        name: for people.
-        another_log: whether they are.
-    """
-
-    trial: Trial
-    name: str
-    another_log: bool
+    trial: Trial  #: another log, or held-back stretches of the log
+    name: str  #: for people
+    another_log: bool  #: whether it is that
 
     def effort(self, model: Model, extended: Model, theta: Array) -> Array:
         """(N, n) N m, of an extended model with parameters theta (P,): that of the model's own columns is made once."""
@@ -341,26 +314,16 @@ def divide(
 
 @dataclass(frozen=True)
 class Case:
-    """What stays the same while effects are selected.
+    """What stays the same while effects are selected."""
 
-    Attributes:
-        knowledge: of the model's parameters, from an earlier log.
-        coefficients: the model's base coefficients.
-        noise: of the earlier log's efforts.
-        trial: the data that select.
-        held_back: the data that score.
-        search: how signs are searched.
-        thresholds: that decide.
-        tolerance: what may be left of the geometry's distance from the table.
-    """
-
-    knowledge: Knowledge
-    coefficients: BaseCoefficients
-    noise: Noise
-    trial: Trial
-    held_back: HeldBack
-    search: Search
-    thresholds: Thresholds = Thresholds()
+    knowledge: Knowledge  #: of the model's parameters, from an earlier log
+    coefficients: BaseCoefficients  #: the model's base coefficients
+    noise: Noise  #: of the earlier log's efforts
+    trial: Trial  #: the data that select
+    held_back: HeldBack  #: the data that score
+    search: Search  #: how signs are searched
+    thresholds: Thresholds = Thresholds()  #: that decide
+    #: what may be left of the geometry's distance from the table
     tolerance: KinematicTolerance = KinematicTolerance(
         length=TUNING.left_length, angle=float(np.deg2rad(TUNING.left_angle)), stated=False
     )

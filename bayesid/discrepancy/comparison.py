@@ -58,19 +58,14 @@ the first log shows it and the last one that can tell does not; or the other log
 
 @dataclass(frozen=True)
 class EffectHistory:
-    """An effect beyond the terms asked for, over K logs.
+    """An effect beyond the terms asked for, over K logs."""
 
-    Attributes:
-        effect: term or distortion, with the numbers of the log that showed it first.
-        became: `CHANGED`, `ALL_ALONG`, `GONE` or `UNDECIDED`.
-        by_log: (K,) what each log says of it by itself; empty of what only a comparison can show (a change of what the
-            first model has, a payload, a gain).
-        found: by comparison with the first log, log by log (from 1) of those that showed it so.
-    """
-
-    effect: Effect
-    became: str
+    effect: Effect  #: term or distortion, with the numbers of the log that showed it first
+    became: str  #: `CHANGED`, `ALL_ALONG`, `GONE` or `UNDECIDED`
+    #: (K,) what each log says of it by itself; empty of what only a comparison can show (a change of what the first
+    #: model has, a payload, a gain)
     by_log: tuple[Standing, ...]
+    #: by comparison with the first log, log by log (from 1) of those that showed it so
     found: Mapping[int, AddedEffect]
 
     def __repr__(self) -> str:

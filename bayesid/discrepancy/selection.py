@@ -31,26 +31,18 @@ or identifying the model again has made it larger there."""
 
 @dataclass(frozen=True)
 class Selection:
-    """Effects that explain a log and are borne out by held-back data.
+    """Effects that explain a log and are borne out by held-back data."""
 
-    Attributes:
-        chosen: all of them, in the order in which they were added.
-        before: the log explained without any.
-        library: all hypotheses.
-        sets: that predict held-back data as well as any, and no part of which does, likeliest first; this is the first.
-        stopped: whether the search was stopped before all was tried.
-        rejected: effects that had passed by their evidence, but that held-back data did not bear out or that were no
-            more than stand-ins; each with the set that it was chosen in.
-        costs: of the effects, if each were ignored.
-    """
-
-    chosen: EffectSet
-    before: Explanation
-    library: Library
+    chosen: EffectSet  #: all of them, in the order in which they were added
+    before: Explanation  #: the log explained without any
+    library: Library  #: all hypotheses
+    #: that predict held-back data as well as any, and no part of which does, likeliest first; this is the first
     sets: tuple[WeighedSet, ...]
-    stopped: bool
+    stopped: bool  #: whether the search was stopped before all was tried
+    #: effects that had passed by their evidence, but that held-back data did not bear out or that were no more than
+    #: stand-ins; each with the set that it was chosen in
     rejected: tuple[tuple[EffectSet, Hypothesis], ...]
-    costs: tuple[Cost, ...]
+    costs: tuple[Cost, ...]  #: of the effects, if each were ignored
 
     @property
     def added(self) -> list[AddedEffect]:

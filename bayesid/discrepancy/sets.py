@@ -30,14 +30,10 @@ Forms = frozenset[EffectKey]
 
 @dataclass(frozen=True)
 class WeighedSet:
-    """A set of effects and how probable it is.
+    """A set of effects and how probable it is."""
 
-    Attributes:
-        effects: names and joints.
-        probability: given the log, among sets that predict held-back data as well as any, and no part of which does.
-    """
-
-    effects: tuple[EffectKey, ...]
+    effects: tuple[EffectKey, ...]  #: names and joints
+    #: given the log, among sets that predict held-back data as well as any, and no part of which does
     probability: float
 
     def without(self, key: EffectKey, chosen: WeighedSet) -> tuple[EffectKey, ...]:

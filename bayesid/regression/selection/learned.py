@@ -10,8 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
-from itertools import combinations, groupby, product
+from functools import cached_property, partial
+from itertools import chain, combinations, groupby, product
 
 import numpy as np
 from scipy.special import logsumexp
@@ -21,6 +21,7 @@ from bayesid.effects.axes import Axis, Component, Family, Quantity, products, sc
 from bayesid.effects.effect import Effect, Scene
 from bayesid.effects.formula import symbol
 from bayesid.effects.learned_effect import LearnedEffect, values_of
+from bayesid.parallel import in_parallel
 from bayesid.regression.selection.columns import Columns
 from bayesid.regression.selection.error_model import ErrorModel
 from bayesid.regression.selection.explanation import LN10, Explanation
@@ -286,13 +287,16 @@ class Finder:
     def _gains(self, regression: Regression, forms: Iterable[Form]) -> Iterator[tuple[Form, float]]:
         """Log Bayes factors of forms, over the grid of sizes and lengths."""
         by_size = sorted(forms, key=lambda form: form.counts)
+        parts = list[list[Form]]()
         for count, group in groupby(by_size, key=lambda form: form.counts):
             together, most = list(group), max(1, TUNING.numbers_at_once // (count * len(self.used)))
-            for k in range(0, len(together), most):
-                yield from self._gains_of(regression, together[k : k + most])
+            parts += [together[k : k + most] for k in range(0, len(together), most)]
+        found = in_parallel([partial(self._gains_of, regression, part) for part in reversed(parts)])  # largest first
+        return chain.from_iterable(reversed(found))
 
-    def _gains_of(self, regression: Regression, forms: list[Form]) -> Iterator[tuple[Form, float]]:
+    def _gains_of(self, regression: Regression, forms: list[Form]) -> list[tuple[Form, float]]:
         """Of forms with equally many columns."""
+        found = list[tuple[Form, float]]()
         free = np.zeros(forms[0].counts, dtype=bool)
         columns = [Columns({self.joint - 1: self.rows(form)}, {}, np.ones(len(free)), free) for form in forms]
         gram, slope = regression.curvature(columns)
@@ -303,7 +307,8 @@ class Finder:
             sized = [replace(forms[k], size=size * self._effort, length=length) for k in tried]
             scaled = [replace(columns[k], sd=self.sd(form)) for k, form in zip(tried, sized, strict=True)]
             gains, _ = integrated(gram[tried], slope[tried], scaled)
-            yield from zip(sized, gains.tolist(), strict=True)
+            found += zip(sized, gains.tolist(), strict=True)
+        return found
 
     def merged(self, found: Sequence[Learned], amplitudes: Sequence[tuple[Array, Array]], number: int) -> Hypothesis:
         """One effect of some functions: those of many columns in the shape that was found, their RMS made one.
