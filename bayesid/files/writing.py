@@ -134,15 +134,10 @@ def write_columns(
     digits: str = "",
     sources: Sequence[str] | None = None,
 ) -> None:
-    """Writes columns over time as CSV, in bounded memory.
+    """Writes time (N,) and values (N, k) as CSV, in bounded memory; time to the last digit, as it may count from 1970.
 
-    Args:
-        path: the file.
-        names: of t and of the k columns.
-        t: (N,) time; to the last digit, as it may count from 1970.
-        values: (N, k), or what gives those of some rows.
-        digits: format of the values; to the last digit by default.
-        sources: (N,) the log that each row is of, in a last column; none by default.
+    Values may be what gives those of some rows; their format is `digits`, the last one by default. The log that each
+    row is of (N,) comes in a last column.
     """
 
     def rows() -> Iterable[list[object]]:

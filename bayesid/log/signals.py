@@ -113,7 +113,7 @@ def prepare(log: Log, cutoff: float | None = None) -> Signals:
         rate=rate / every,
         cutoff=cutoff,
         processing=processing,
-        measured=(_measured(grid, t, 0.5 / cutoff)[:, None] & _unfaulted(grid, t, mended, 0.5 / cutoff))[kept],
+        measured=_known(grid, t, mended, margin=0.5 / cutoff)[kept],
         faults=mended.faults,
     )
 
@@ -194,22 +194,26 @@ def _mended(log: Log) -> _Mended:
     return _Mended(motion, parts["effort"], faults, known)
 
 
-def _unfaulted(grid: Array, t: Array, mended: _Mended, margin: float) -> Mask:
-    """(N, n) whether an instant's effort is no fault, and no joint's position is unknown for as long as a pause.
+def _known(grid: Array, t: Array, mended: _Mended, margin: float) -> Mask:
+    """(N, n) whether an instant is farther than `margin`, s, from every pause, and its effort is no fault.
 
-    A position that is missing for less is as good interpolated as that between two rows.
+    A position that is missing for as long as a pause is one, for all joints; for less it is as good interpolated as
+    that between two rows.
     """
-    unfaulted = np.ones((len(grid), mended.effort.shape[1]), dtype=bool)
-    for (reading, j), known in mended.known.items():
+    pauses = np.diff(t) > 2 * TUNING.held_periods * np.median(np.diff(t))
+    unknown = [(t[k], t[k + 1] + margin) for k in np.flatnonzero(pauses)]
+    known = np.ones((len(grid), mended.effort.shape[1]), dtype=bool)
+    for (reading, j), rows in mended.known.items():
         if reading == "effort":
-            unfaulted[:, j] &= known[_nearest(grid, t)]
+            known[:, j] &= rows[_nearest(grid, t)]
         elif reading == "position":
-            ends = np.flatnonzero(np.diff(np.concatenate([[True], known, [True]])))
+            ends = np.flatnonzero(np.diff(np.concatenate([[True], rows, [True]])))
             for first, stop in ends.reshape(-1, 2):
                 if stop - first > 2 * TUNING.held_periods:
-                    last = t[min(stop, len(t) - 1)] + margin * (stop < len(t))
-                    unfaulted &= ((grid < t[first] - margin) | (grid > last))[:, None]
-    return unfaulted
+                    unknown.append((t[first], t[min(stop, len(t) - 1)] + margin * (stop < len(t))))
+    for start, end in unknown:
+        known &= ((grid < start - margin) | (grid > end))[:, None]
+    return known
 
 
 def _nearest(grid: Array, t: Array) -> Integers:
@@ -346,12 +350,3 @@ def _roughness(t: Array, q: Array) -> float:
     share = (t[1:-1] - t[:-2]) / (t[2:] - t[:-2])
     errors = [np.mean((x[1:-1] - (1.0 - share) * x[:-2] - share * x[2:]) ** 2) / max(x.var(), 1e-300) for x in q.T]
     return float(np.mean(errors))
-
-
-def _measured(grid: Array, t: Array, margin: float) -> Mask:
-    """(N,) whether an instant is farther than `margin`, s, from every pause of the log."""
-    periods = np.diff(t)
-    measured = np.ones(len(grid), dtype=bool)
-    for k in np.flatnonzero(periods > 2 * TUNING.held_periods * np.median(periods)):
-        measured &= (grid < t[k] - margin) | (grid > t[k + 1] + margin)
-    return measured

@@ -101,7 +101,8 @@ def _unknown(name: str) -> InputError:
     nearest = get_close_matches(plain, known, n=3, cutoff=TUNING.near_name)
     nearest = nearest or [other for other in known if plain in other][:3]
     suggestion = f", did you mean {' or '.join(nearest)}?" if nearest else ""
-    remedy = f"give a built-in name (`bayesid robot list`), {files}, or {how_to_name()}"
+    missing = "" if _robot_data() and _descriptions() else ", which come with `pip install 'bayesid[robots]'`"
+    remedy = f"give a built-in name (`bayesid robot list`), {files}, or a name of {_DATA} or {_DESCRIPTIONS}{missing}"
     return InputError(f"no such robot{suggestion}", name, remedy)
 
 
@@ -128,13 +129,6 @@ def installed_names() -> list[str]:
     return [*_robot_data(), *_descriptions()]
 
 
-def how_to_name() -> str:
-    """What else may be given as a robot, in words."""
-    missing = "" if _robot_data() and _descriptions() else ", which come with `pip install 'bayesid[robots]'`"
-    return f"a name of {_DATA} or {_DESCRIPTIONS}{missing}"
-
-
-@cache
 def _files(package: str, ending: str) -> tuple[Path, ...]:
     try:
         files = distribution(package).files or []
