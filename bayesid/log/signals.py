@@ -211,9 +211,10 @@ def _known(grid: Array, t: Array, mended: _Mended, margin: float) -> Mask:
             for first, stop in ends.reshape(-1, 2):
                 if stop - first > 2 * TUNING.held_periods:
                     unknown.append((t[first], t[min(stop, len(t) - 1)] + margin * (stop < len(t))))
+    measured = np.ones(len(grid), dtype=bool)
     for start, end in unknown:
-        known &= ((grid < start - margin) | (grid > end))[:, None]
-    return known
+        measured &= (grid < start - margin) | (grid > end)
+    return known & measured[:, None]
 
 
 def _nearest(grid: Array, t: Array) -> Integers:
