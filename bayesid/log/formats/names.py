@@ -27,7 +27,6 @@ from bayesid.log.formats.labels import (
 from bayesid.log.formats.stated import (
     EFFORTS,
     OPTION,
-    UNNAMED,
     Convention,
     convention_of,
     described,
@@ -210,10 +209,7 @@ def _complete(
     for said, (kind, is_there) in needed.items():
         if not is_there:
             _check_units(header, where, kind)
-            suggested = suggestion(header, found, given)
-            elsewhere = "; if another file of the run holds them, give both as FILE+OTHER"
-            remedy = f"say which columns are meant with {suggested}{elsewhere if UNNAMED in suggested else ''}"
-            remedy = lacking if lacking and said == _EFFORT else remedy
+            remedy = lacking if lacking and said == _EFFORT else suggestion(header, found, given)
             raise InputError(f"{said} is missing{described(header, found)}", where, remedy)
     chosen = [found["t"]]
     for kind in ["q", *([] if options.motion else [effort]), *(["dq"] if _highest("dq", found) else [])]:

@@ -149,7 +149,7 @@ def described(header: Sequence[str], found: Mapping[str, SourceColumn] | None = 
 
 
 def suggestion(header: Sequence[str], found: Mapping[str, SourceColumn], given: Mapping[str, str]) -> str:
-    """The option that names the columns of a log: those found or given and, for those missing, what might be meant."""
+    """What to do about missing columns: the option that names those found or given, and what else might be meant."""
     left = [label for label in header if label and label not in {source.label for source in found.values()}]
     effort = next((kind for kind in ("tau", "i") if f"{kind}1" in found), None)
     parts: list[tuple[str, str]] = []
@@ -161,7 +161,9 @@ def suggestion(header: Sequence[str], found: Mapping[str, SourceColumn], given: 
         n_joints = len(part) if kinds == ("q",) and len(part) > 1 else n_joints
         left = [label for label in left if not {label, pattern_of(label)} & {pattern for _, pattern in part}]
         parts += part
-    return f"{OPTION} " + ",".join(f'{key}="{pattern}"' for key, pattern in dict(parts).items())
+    named = ",".join(f'{key}="{pattern}"' for key, pattern in dict(parts).items())
+    elsewhere = "; if another file of the run holds them, give both as FILE+OTHER" if UNNAMED in named else ""
+    return f"say which columns are meant with {OPTION} {named}{elsewhere}"
 
 
 def _as_found(known: Sequence[SourceColumn], header: Sequence[str]) -> list[tuple[str, str]]:
