@@ -173,11 +173,7 @@ class Accumulator:
         return Records(Coefficient, (Coefficient(*row) for row in zip(*columns, strict=True)))
 
     def coefficient(self, name: str) -> Coefficient:
-        """A base coefficient by its name.
-
-        Raises:
-            InputError: there is none of this name; near names are told.
-        """
+        """A base coefficient by its name; InputError with near names where there is none."""
         return named(self.coefficients(), name, "coefficient")
 
     @property
@@ -208,12 +204,7 @@ class Accumulator:
         return replace(before, theta=theta, noise=self._noise, precision=known, draws=None)
 
     def check_signs(self, search: Search = Certified()) -> SignCheck:
-        """Searches the signs of all that came, and says where they differ from those that were taken.
-
-        What the model's own log has shown takes no part.
-
-        Args:
-            search: how to search.
+        """Searches the signs of all that came but for the model's own log, and says which of those taken differ.
 
         Raises:
             InputError: nothing has come yet.

@@ -36,11 +36,14 @@ class MotionWindow:
     left: Array = field(init=False)  # (m n,) average square of what the fit leaves of the newest sample
     free: float = 0.0  # average share of a sample's variance that it leaves
     fits: int = 0  # that the averages are of
+    places: Array = field(init=False)  # (W',) where the instants of the last fit lay in the window, from -1 to 0
+    weights: Array = field(init=False)  # (d + 1, W') that its samples had in the coefficients
 
     def __post_init__(self) -> None:
         size = min(TUNING.most_in_window, int(np.ceil(self.span * self.rate)) + _DEGREE + TUNING.spare)
         width = self.n * (1 + self.velocities + self.accelerations)
         self.t, self.values, self.left = np.zeros(size), np.zeros((size, width)), np.zeros(width)
+        self.places, self.weights = np.zeros(0), np.zeros((_DEGREE + 1, 0))
 
     def empty(self) -> None:
         """Without samples; how noisy they are stays known."""
@@ -62,7 +65,11 @@ class MotionWindow:
             return None
         t, values = self.t[-self.count :], self.values[-self.count :]
         scale = t[-1] - t[0]
-        weights = _weights((t - t[-1]) / scale)
+        places = (t - t[-1]) / scale
+        apart = places - self.places if len(places) == len(self.places) else places
+        if apart @ apart > 1e-18:  # of even samples the weights stay as they are
+            self.places, self.weights = places, _weights(places)
+        weights = self.weights
         coefficients = weights @ values
         left = values[-1] - coefficients[0]  # the newest sample lies at the origin
         self.fits += 1

@@ -199,10 +199,7 @@ class SignTracker:
         self._state = deepcopy(state)
 
     def window(self, since: float = -np.inf) -> Log:
-        """The samples of the last 20 s at most whose efforts were all read, as a log for `bayesid.find_discrepancy`.
-
-        Args:
-            since: instant from which on, s, as an alarm's `time`.
+        """The samples since an instant, s, of the last 20 s, whose efforts were all read: for `find_discrepancy`.
 
         Raises:
             InputError: there are none.
@@ -249,7 +246,7 @@ class SignTracker:
             return replace(latest, fresh=False, alarms=())
         state.motion.add(float(t), values)
         reading = np.where(self.signed, reading, np.abs(reading))
-        if isnan(reading.sum()):
+        if isnan(reading @ reading):
             state.counts.unread += int(np.isnan(reading).sum())
         state.readings.append((float(t), reading))
         del state.readings[: -self._behind - 1]
@@ -288,18 +285,17 @@ class SignTracker:
         near_rest = 2.0 * state.at_rest * running.doubt_near_rest(speeds)
         known = np.where(self.signed, reading, np.copysign(size, now - 0.5))
         known = np.where(np.isnan(reading), here.effort, known)
-        limit = np.full(self.n_joints, np.inf)
-        if local.full:
-            limit = self._observe(state, t, known, here, square, near_rest)
+        unknown = self._nothing(t)
+        limit = self._observe(state, t, known, here, square, near_rest) if local.full else unknown.threshold
         width = np.sqrt(self._test.width_square + square + near_rest * near_rest)
         alarms, contact = self._alarms(state, t, (known - here.effort) / width, limit, moving)
         state.looked, held = t, state.alarms.held
         joints = zip(held.tolist(), moving.tolist(), strict=True)
         without_signs = replace(
-            self._nothing(t),
+            unknown,
             predicted=here.effort,
             predicted_sd=np.sqrt(square),
-            external=np.where(np.isinf(limit), np.nan, state.observed.external),
+            external=state.observed.external if local.full else unknown.external,
             threshold=limit,
             state=tuple([UNKNOWN if changed else MOVING if moves else REST for changed, moves in joints]),
             contact=contact,
@@ -374,7 +370,7 @@ class SignTracker:
     def _taken(self, state: TrackerState, t: float, values: Array) -> bool:
         """Whether a sample can be used; counts what it is."""
         counts = state.counts
-        if not isfinite(t + values.sum()):
+        if not isfinite(t + values @ values):
             counts.missing += 1
             return False
         ahead = t - state.motion.t[-1] if state.motion.count else np.inf
