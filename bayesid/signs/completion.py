@@ -144,7 +144,7 @@ def complete(
             return made(left)
 
         effects, wanted = rounds.effects, rounds.wanted
-        settled, entered = rounds.averaged(averaged, first), {(effect.effect, effect.joints) for effect in effects}
+        settled, entered = rounds.averaged(averaged, first), {effect.key for effect in effects}
         summed_out, narrow = _summed_out(settled, entered, wanted, how.kinematics)
         after, sizes = wanted.after if effects else wanted.before, _sizes(summed_out)
         completion = Completion(effects, wanted.before.rms, after.rms, wanted.effort, may_enter, sizes, narrow)
@@ -159,7 +159,7 @@ def complete(
 def _least_half(effects: Sequence[EnteredEffect]) -> set[EffectKey]:
     """Those with less evidence than the others, at least one: without them the others may be clear."""
     ordered = sorted(effects, key=lambda effect: effect.log10_bayes_factor)
-    return {(effect.effect, effect.joints) for effect in ordered[: -(-len(ordered) // 2)]}
+    return {effect.key for effect in ordered[: -(-len(ordered) // 2)]}
 
 
 @dataclass

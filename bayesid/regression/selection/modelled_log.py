@@ -101,11 +101,29 @@ class ModelledLog:
 
     def effort(self, explanation: Explanation, *, distorted: bool = True) -> Array:
         """(N, n) efforts of an explanation, N m; or of model and terms alone, not distorted."""
-        return effort_of(self.columns, explanation.beta, explanation.parts, distorted=distorted)
+        return self.effort_of(explanation.beta, explanation.parts, distorted=distorted)
+
+    def effort_of(self, beta: Array, parts: Iterable[tuple[Hypothesis, Array]], *, distorted: bool) -> Array:
+        """The same of coefficients (r,), and of effects with their amplitudes."""
+        effort: Array = self.columns @ beta
+        for effect, amplitude in parts:
+            if distorted or effect.source.linear:
+                for j, rows in effect.columns.rows.items():
+                    effort[:, j] += rows @ amplitude
+                for j, change in effect.columns.shift.items():
+                    effort[:, j] += change
+        return effort
 
     def sharpened(self, data: Observations, effects: Sequence[Hypothesis]) -> Explanation:
         """By the effects, distortions linearised about the numbers that were found."""
-        return sharpened(data, effects, self.columns, self.scene)
+        explanation = explain(data, effects)
+        for _ in range(TUNING.relinearisations):
+            if not _moves(explanation):
+                break
+            scene, parts = self.scene(self.effort(explanation, distorted=False)), explanation.parts
+            moved = [h if h.source.linear else replace(h, source=h.source.moved(a)) for h, a in parts]
+            explanation = explain(data, about(moved, scene), explanation)
+        return explanation
 
     def sharper(self, regression: Regression, chosen: Effects) -> Mapping[int, Hypothesis]:
         """Chosen distortions as they are near what has been found, by the ids of their old forms."""
@@ -116,27 +134,19 @@ class ModelledLog:
 
     def extended(self, explanation: Explanation) -> Extension:
         """The model with the effects of an explanation added."""
-        return extend(self.knowledge, self.coefficients, explanation)
-
-
-def sharpened(
-    data: Observations, effects: Sequence[Hypothesis], columns: Array, scene_of: Callable[[Array], Scene]
-) -> Explanation:
-    """By the effects, linearised about the numbers that were found.
-
-    Args:
-        data: what is to be explained.
-        effects: some of them distortions, or none.
-        columns: (N, n, r) of the model, at samples that are not used too.
-        scene_of: what effects may look at, given the efforts (N, n) of model and terms, N m.
-    """
-    explanation = explain(data, effects)
-    for _ in range(TUNING.relinearisations):
-        if not _moves(explanation):
-            break
-        scene = scene_of(effort_of(columns, explanation.beta, explanation.parts, distorted=False))
-        explanation = explain(data, about(moved(explanation), scene), explanation)
-    return explanation
+        knowledge, model, coefficients = self.knowledge, self.model, self.coefficients
+        names = [parameter.name for parameter in model.parameters]
+        without_trace = knowledge.theta - coefficients.lift(coefficients.project(knowledge.theta))
+        theta = coefficients.lift(explanation.beta) + without_trace
+        added: list[Array] = []
+        for hypothesis, amplitude in explanation.parts:
+            if hypothesis.changes:
+                theta[[names.index(name) for name in hypothesis.changes]] += amplitude
+                knowledge = knowledge.widened(hypothesis.changes, hypothesis.columns.sd, coefficients)
+            else:
+                model = model.extend(hypothesis.source.moved(amplitude))
+                added.append(amplitude[: len(hypothesis.source.parameters(model.robot))])
+        return Extension(model, knowledge, np.concatenate([theta, *added]))
 
 
 def _moves(explanation: Explanation) -> bool:
@@ -161,23 +171,6 @@ def _relinearised(effect: Hypothesis, scene: Scene) -> Hypothesis:
     return replace(effect, columns=replace(effect.columns, rows=rows, shift={j: change[:, j] for j in acting}))
 
 
-def moved(explanation: Explanation) -> list[Hypothesis]:
-    """Its effects, their own numbers where the explanation puts them."""
-    return [h if h.source.linear else replace(h, source=h.source.moved(a)) for h, a in explanation.parts]
-
-
-def effort_of(columns: Array, beta: Array, parts: Iterable[tuple[Hypothesis, Array]], *, distorted: bool) -> Array:
-    """(N, n) efforts, N m, of a model's columns (N, n, r), and of effects or the terms among them."""
-    effort: Array = columns @ beta
-    for effect, amplitude in parts:
-        if distorted or effect.source.linear:
-            for j, rows in effect.columns.rows.items():
-                effort[:, j] += rows @ amplitude
-            for j, change in effect.columns.shift.items():
-                effort[:, j] += change
-    return effort
-
-
 @dataclass(frozen=True)
 class Extension:
     """A model with effects added.
@@ -189,22 +182,6 @@ class Extension:
     model: Model
     knowledge: Knowledge
     theta: Array
-
-
-def extend(knowledge: Knowledge, coefficients: BaseCoefficients, explanation: Explanation) -> Extension:
-    """The model of an explanation by some effects, from what is known of it without them and its base coefficients."""
-    model, names = knowledge.model, [parameter.name for parameter in knowledge.model.parameters]
-    without_trace = knowledge.theta - coefficients.lift(coefficients.project(knowledge.theta))
-    theta = coefficients.lift(explanation.beta) + without_trace
-    added: list[Array] = []
-    for hypothesis, amplitude in explanation.parts:
-        if hypothesis.changes:
-            theta[[names.index(name) for name in hypothesis.changes]] += amplitude
-            knowledge = knowledge.widened(hypothesis.changes, hypothesis.columns.sd, coefficients)
-        else:
-            model = model.extend(hypothesis.source.moved(amplitude))
-            added.append(amplitude[: len(hypothesis.source.parameters(model.robot))])
-    return Extension(model, knowledge, np.concatenate([theta, *added]))
 
 
 # ---------------------------------------------------------------------------------------------------------------

@@ -25,7 +25,7 @@ from bayesid.regression.selection.explanation import LN10, Explanation, Observat
 from bayesid.regression.selection.forward import select_forward
 from bayesid.regression.selection.held_back import HeldBackErrors
 from bayesid.regression.selection.hypotheses import EffectKey, Hypothesis, hypotheses, near_standstill
-from bayesid.regression.selection.modelled_log import Extension, ModelledLog, about, effort_of
+from bayesid.regression.selection.modelled_log import Extension, ModelledLog, about
 from bayesid.regression.selection.regression import Effects, Regression, explain
 from bayesid.regression.selection.scores import best_forms
 from bayesid.regression.tuning import TUNING
@@ -39,6 +39,11 @@ class EnteredEffect:
     log10_bayes_factor: float  #: for it, given all others that entered
     equivalent: tuple[str, ...]  #: effects that the log cannot tell from it
     number_sd: tuple[float, ...] = ()  #: sd of its nonlinear numbers; empty where the log was not asked for them
+
+    @property
+    def key(self) -> EffectKey:
+        """Effect and joints."""
+        return self.effect, self.joints
 
     @property
     def effect(self) -> str:
@@ -79,7 +84,7 @@ class Wanted:
     @property
     def keys(self) -> set[EffectKey]:
         """Effects and joints."""
-        return {(effect.effect, effect.joints) for effect in self.effects}
+        return {effect.key for effect in self.effects}
 
 
 def what_is_wanted(
@@ -105,10 +110,10 @@ def still_wanted(
 
     The probability (N, n) is P(sign = +), settled with the effects; some of them are left out.
     """
-    kept = [effect.source for effect in wanted.effects if (effect.effect, effect.joints) not in without]
+    kept = [effect.source for effect in wanted.effects if effect.key not in without]
     left = borne_out(evidence, fit, probability, kept)
-    equivalent = {(effect.effect, effect.joints): effect.equivalent for effect in wanted.effects}
-    effects = (replace(effect, equivalent=equivalent[effect.effect, effect.joints]) for effect in left.effects)
+    equivalent = {effect.key: effect.equivalent for effect in wanted.effects}
+    effects = (replace(effect, equivalent=equivalent[effect.key]) for effect in left.effects)
     return replace(left, effects=tuple(effects), screened=wanted.screened)
 
 
@@ -201,7 +206,7 @@ class SignedLog:
             explanation = self.modelled.sharpened(self.data, chosen)
             forms = {id(old): new for old, new in zip(chosen, explanation.effects, strict=True)}
             beta, parts = explanation.beta, explanation.parts
-        effort = effort_of(self.modelled.columns, beta, parts, distorted=False)
+        effort = self.modelled.effort_of(beta, parts, distorted=False)
         change = np.where(self.data.used, effort - self.fit.predicted[self.rows], 0.0)
         rms = np.sqrt((change**2).sum(axis=0) / np.maximum(self.data.used.sum(axis=0), 1))
         if np.any(rms > TUNING.moved_effort * self.rms_effort):

@@ -12,7 +12,7 @@ from bayesid.regression.knowledge import Knowledge
 from bayesid.regression.selection.columns import NO_COLUMNS
 from bayesid.regression.selection.explanation import Explanation
 from bayesid.regression.selection.hypotheses import hypotheses, maker
-from bayesid.regression.selection.modelled_log import extend
+from bayesid.regression.selection.modelled_log import ModelledLog
 from bayesid.simulation.parameters import random_parameters
 
 JOINTS = 3
@@ -64,7 +64,14 @@ class Case:
         return Explanation(None, tuple(found), NO_COLUMNS, self.beta, sizes, sd, blank, (), 0.0, blank)
 
     def extended(self, found, amplitudes):
-        return extend(self.knowledge, self.coefficients, self.explained(found, amplitudes))
+        return extended(self, self.explained(found, amplitudes))
+
+
+def extended(case, explanation):
+    """Whatever the log was: the explanation has said all of it."""
+    magnitude = np.abs(case.effort)
+    used = np.ones(magnitude.shape, dtype=bool)
+    return ModelledLog(case.knowledge, case.coefficients, MOTION, magnitude, used, 100.0).extended(explanation)
 
 
 def predicted(case, found, amplitudes):
@@ -136,7 +143,7 @@ def test_parameters_stay_where_the_log_says_nothing(full):
     same = full.coefficients.project(full.knowledge.theta)
     explanation = full.explained([], [])
     object.__setattr__(explanation, "beta", same)
-    extension = extend(full.knowledge, full.coefficients, explanation)
+    extension = extended(full, explanation)
     np.testing.assert_allclose(extension.theta, full.knowledge.theta, atol=1e-9)
     assert np.abs(full.coefficients.lift(same) - full.knowledge.theta).max() > 0.1
 
