@@ -161,13 +161,10 @@ class EffectSets:
         joints: Collection[int] | None = None,
         kept: Hypothesis | None = None,
     ) -> EffectSet:
-        """Effects in their best forms and with their best numbers, signs settled under them.
+        """Effects in their best forms, with their best numbers, signs settled under them; the data under nearly these.
 
-        Args:
-            effects: in some forms.
-            data: settled under nearly the same.
-            joints: (0-based) effects that act in none of these keep their forms and numbers; by default none does.
-            kept: one of the effects, whose form stays while its numbers may change.
+        Effects that act in none of some (0-based) joints keep their forms and numbers; by default none does. The form
+        of the one that is kept stays while its numbers may change.
         """
         key = (*sorted(joints or ()), joints is None, id(kept), *(id(effect) for effect in effects))
         if key not in self._settled:
@@ -246,9 +243,8 @@ class EffectSets:
 def weighed(smallest: Sequence[EffectSet], chosen: EffectSet) -> tuple[WeighedSet, ...]:
     """Sets and their probabilities, those of the same effects in other forms as one; likeliest first.
 
-    Args:
-        smallest: as `WeighedSet` has it, likeliest first.
-        chosen: what has become of the first: what was added to it or left out of it later, was so of all.
+    The smallest sets come likeliest first; what was added to the first or left out of it, until it became the chosen
+    one, was so of all.
     """
     logs = np.array([one.log_posterior for one in smallest])
     probability: dict[frozenset[EffectKey], float] = {}

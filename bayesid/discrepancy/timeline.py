@@ -233,7 +233,8 @@ def make_timeline(runs: Sequence[Identification], loaded: Sequence[bool]) -> Tim
     masses = [(0.0, 0.0)]
     for k in range(1, len(runs)):
         known = np.isfinite(sd[0]) & np.isfinite(sd[k])
-        covariance = _of(first, places[0][known]) + _of(runs[k], places[k][known])
+        shown = ((first, places[0][known]), (runs[k], places[k][known]))
+        covariance = np.sum([run.fit.covariance[np.ix_(place, place)] for run, place in shown], axis=0)
         difference = value[k] - value[0]
         columns = _last_link(first)[places[0][known]] if loaded[k] else np.zeros((int(known.sum()), 0))
         rest = without_payload(difference[known], covariance, columns)
@@ -321,11 +322,6 @@ def _places(tracked: Sequence[TrackedParameter], run: Identification) -> Array:
     """(C,) where an identification has each of the parameters; -1 where it has not."""
     keys = list(zip(run.coefficients.names, run.coefficients.expressions, strict=True))
     return np.array([keys.index(key) if (key := (one.name, one.expression)) in keys else -1 for one in tracked])
-
-
-def _of(run: Identification, places: Array) -> Array:
-    covariance: Array = run.fit.covariance[np.ix_(places, places)]
-    return covariance
 
 
 def _last_link(run: Identification) -> Array:

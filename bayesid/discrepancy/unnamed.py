@@ -25,11 +25,8 @@ def learn_effects(
     Where effects of the catalogue act in such a joint they may be stand-ins: a function is learned beside them and, if
     none helps, in their place. Those without which held-back data are predicted better, surely, are refused. Several
     effects of the catalogue that reach the floor in a joint together may be stand-ins too, for one function that is
-    likelier than all of them.
-
-    Args:
-        state: the catalogue's effects.
-        log_prior: of an effect of the catalogue to be missing, over nothing to be missing in its place.
+    likelier than all of them. The prior is of an effect of the catalogue to be missing, over nothing to be missing in
+    its place.
     """
     refused: list[tuple[EffectSet, Hypothesis]] = []
     for joint in _left(state):
@@ -114,8 +111,7 @@ def _in_joint(state: EffectSet, joint: int) -> tuple[EffectSet, list[tuple[Effec
             break
         now, found = _fitted_again(finder, grown[0], [*found, grown[1]], needed)
     if not found:
-        refused = [(_settled((*now.effects, one.hypothesis), now), one.hypothesis) for one in passed[:1]]
-        return state, refused
+        return state, [(_settled((*now.effects, one.hypothesis), now), one.hypothesis) for one in passed[:1]]
     merged = _merged(finder, now, found)
     if not _explains_most(state, merged, joint):
         return state, [(merged, merged.effects[-1])]

@@ -262,8 +262,7 @@ def _unexplained_anywhere(
     the errors of the model as it was and of the extended one.
     """
     above = floor.exceeded(after.rms, thresholds) & after.surely_above(floor.rms)
-    grown = after.surely_grown(before)
-    said = {ON_LOG: set(on_log), HELD_BACK: _joints(above), GROWN: _joints(grown)}
+    said = {ON_LOG: set(on_log), HELD_BACK: _joints(above), GROWN: _joints(after.surely_grown(before))}
     joints = sorted(set().union(*said.values()))
     ratios = tuple((j, on_log.get(j, float(after.rms[j - 1] / floor.rms[j - 1]))) for j in joints)
     return ratios, {j: tuple(name for name, which in said.items() if j in which) for j in joints}
