@@ -46,7 +46,8 @@ def forms() -> Mapping[str, type[Term] | type[Distortion]]:
     These are imported at the first call. Each of their entry points `bayesid.effects` names one class, of one form.
 
     Raises:
-        InputError: an entry point cannot be loaded, is no effect's class, or has the name of another effect.
+        InputError: an entry point cannot be loaded, is no effect's class, or has the name of another effect; or a
+            symbol is taken, or cannot be told from another one's joint.
     """
     known: dict[str, Any] = {**TERMS, **DISTORTIONS}
     for point in sorted(entry_points(group="bayesid.effects"), key=lambda point: point.name):
@@ -63,7 +64,19 @@ def forms() -> Mapping[str, type[Term] | type[Distortion]]:
         if known.setdefault(kind.name, kind) is not kind:
             other = known[kind.name].__module__
             raise unusable(f"its effect {kind.name!r} has the name of one of {other}", remedy=remedy)
+    _check_symbols(known)
     return known
+
+
+def _check_symbols(known: Mapping[str, type[Effect]]) -> None:
+    owners: dict[str, str] = {}
+    for name, kind in known.items():
+        for one in kind.coefficients if issubclass(kind, ActuatorTerm) else ():
+            field = f"effect {name} of {kind.__module__}"
+            if one.symbol[-1].isdigit():
+                raise InputError(f"its symbol {one.symbol} ends in a digit", field, f"name it {one.symbol}_")
+            if owners.setdefault(one.symbol, name) != name:
+                raise InputError(f"its symbol {one.symbol} is that of {owners[one.symbol]}", field, "name it otherwise")
 
 
 def main_forms() -> dict[str, type[Term] | type[Distortion]]:

@@ -110,6 +110,12 @@ def test_a_registered_term_is_named_on_the_command_line_and_read_back(registered
 
 
 CLASS = "from bayesid.effects import Term\nclass Any(Term):\n    "
+SYMBOL = """
+from bayesid.effects import ActuatorTerm, Coefficient
+class Any(ActuatorTerm):
+    name = 'any'
+    coefficients = (Coefficient('{}', 'N m'),)
+"""
 
 
 def test_a_package_that_registers_nonsense_is_named(tmp_path, monkeypatch, capsys, forgotten):
@@ -119,6 +125,8 @@ def test_a_package_that_registers_nonsense_is_named(tmp_path, monkeypatch, capsy
             ("Any = 3", "wrong1:Any is no effect's class with a name"),
             (CLASS + "pass", "is no effect's class with a name"),
             (CLASS + "name = 'payload'", "its effect 'payload' has the name of one of bayesid.effects.bodies"),
+            (SYMBOL.format("Fe"), "its symbol Fe is that of viscous_friction.saturating"),
+            (SYMBOL.format("Fany2"), "its symbol Fany2 ends in a digit; name it Fany2_"),
         )
     ):
         place = tmp_path / str(k)
