@@ -120,10 +120,13 @@ class ActuatorTerm(Term):
         return columns.reshape(len(motion), robot.n_joints, -1)
 
     def effort(self, robot: Robot, motion: Motion, theta: Array) -> Array:
-        own, acting = self.own_columns(robot, motion), self.acting(robot.n_joints)
-        efforts = np.zeros((len(motion), robot.n_joints))
-        efforts[:, acting] = (own * theta.reshape(-1, own.shape[2])).sum(axis=2)
-        return efforts
+        own = self.own_columns(robot, motion)
+        efforts = (own * theta.reshape(-1, own.shape[2])).sum(axis=2)
+        if not self.joints:
+            return efforts
+        every = np.zeros((len(motion), robot.n_joints))
+        every[:, self.acting(robot.n_joints)] = efforts
+        return every
 
     def own_columns(self, robot: Robot, motion: Motion, own: Motion | None = None) -> Array:
         """(N, m, k) the same without the rows of other actuators; of `own`, the motion of its actuators, if known."""

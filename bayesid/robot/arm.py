@@ -166,8 +166,7 @@ class Robot:
         torque = pin.rnea(model, data, q, dq, ddq).copy()
         coriolis = pin.computeCoriolisMatrix(model, data, q, dq)
         drift = coriolis.T @ dq - pin.computeGeneralizedGravity(model, data, q)
-        upper = np.triu(pin.crba(model, data, q))
-        return Dynamics(upper + np.triu(upper, 1).T, drift, torque)
+        return Dynamics(pin.crba(model, data, q).copy(), drift, torque)
 
     @cached_property
     def _to_actuators(self) -> Array:
