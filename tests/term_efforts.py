@@ -198,6 +198,12 @@ def learned_effect(table, motion, theta, links, **_):
     return efforts
 
 
+def three_harmonics(table, motion, theta):
+    angle, (s1, c1, s2, c2, s3, c3) = gear(table, motion.q), theta.reshape(-1, 6).T
+    first, second = s1 * np.sin(angle) + c1 * np.cos(angle), s2 * np.sin(2.0 * angle) + c2 * np.cos(2.0 * angle)
+    return first + second + s3 * np.sin(3.0 * angle) + c3 * np.cos(3.0 * angle)
+
+
 def numbers(**ends):
     """A shape whose fields go from one number to another over the actuators."""
     return lambda n: {key: np.linspace(*pair, n) for key, pair in ends.items()}
@@ -226,6 +232,8 @@ EFFORTS = {
     "joint_spring": Entry(joint_spring, ("k",)),
     "gravity_spring": Entry(partial(waves, harmonic=1.0)),
     "gravity_spring.free_length": Entry(two_harmonics),
+    "position_torque": Entry(three_harmonics),
+    "overcompensated_friction": Entry(lambda table, motion, theta: np.zeros(motion.q.shape)),
     "torque_ripple": Entry(waves, shape=numbers(harmonic=(3.3, 17.9))),
     "hysteresis": Entry(partial(hysteresis, smooth=False), ("Fh",), numbers(width=WIDTHS)),
     "hysteresis.smooth": Entry(partial(hysteresis, smooth=True), ("Fhs",), numbers(width=WIDTHS)),

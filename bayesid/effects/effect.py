@@ -145,6 +145,9 @@ class Effect:
     """Prior standard deviations of the amplitudes, one for all or one each; several such priors are tried one by one.
     If empty, a usual share of the effort."""
 
+    frees: ClassVar[tuple[str, ...]] = ()
+    """Symbols of other terms' nonnegative parameters that may be negative in the actuators in which it acts."""
+
     def __init_subclass__(cls) -> None:
         dataclass(frozen=True, kw_only=True)(cls)
 
@@ -214,9 +217,18 @@ class Effect:
         """The forms in which it may be hidden in a log: joint by joint, and over its nonlinear numbers."""
         raise NotImplementedError
 
+    @classmethod
+    def guesses(cls, robot: Robot) -> Iterable[Self]:
+        """Forms in which it may act on the whole robot while signs are not known: by default none is tried then."""
+        return ()
+
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:
         """The parameters that it adds to a model."""
         return ()
+
+    def freed(self, robot: Robot) -> tuple[str, ...]:
+        """Names of other terms' parameters that may be negative because of it."""
+        return tuple(f"{symbol}{j + 1}" for symbol in self.frees for j in self.acting(robot.n_joints))
 
     def cone(self, robot: Robot) -> Cone:
         """The cone of these p parameters; free by default."""

@@ -11,7 +11,7 @@ import numpy as np
 from bayesid.arrays import Array
 from bayesid.effects.effect import Numbers, Phrase, ReadableUnit, Scene, number
 from bayesid.effects.parameters import Coefficient
-from bayesid.effects.term import ActuatorTerm
+from bayesid.effects.term import ActuatorTerm, Term
 from bayesid.effects.tuning import TUNING
 from bayesid.motion import Motion
 from bayesid.robot import Robot
@@ -32,6 +32,31 @@ class ViscousFriction(ActuatorTerm):
 
     def unit_efforts(self, actuators: Motion) -> Array:
         return actuators.dq
+
+
+class OvercompensatedFriction(Term):
+    """Fv < 0: a drive that makes up for viscous friction adds more effort in the direction of motion than that takes.
+
+    It has no parameter: the bound Fv >= 0 of viscous friction is lifted. Olsson, Astrom, Canudas de Wit, Gafvert,
+    Lischinsky, Friction models and friction compensation, European Journal of Control 1998.
+    """
+
+    name = "overcompensated_friction"
+    shown_by = _STEADY
+    frees = ("Fv",)
+    phrase = Phrase(
+        "{whose} drive over-compensates viscous friction: reduce its friction feedforward.",
+        "over-compensated viscous friction",
+    )
+
+    @classmethod
+    def variants(cls, scene: Scene) -> Iterator[Self]:
+        """In each actuator by itself."""
+        return (cls(joints=(j,)) for j in range(1, scene.robot.n_joints + 1))
+
+    def columns(self, robot: Robot, motion: Motion) -> Array:
+        """(N, n, 0): none."""
+        return np.zeros((len(motion), robot.n_joints, 0))
 
 
 class SaturatingFriction(ActuatorTerm):

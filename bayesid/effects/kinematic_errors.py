@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from itertools import product
 from typing import ClassVar, Self
 
 import numpy as np
@@ -52,6 +53,12 @@ class BaseTilt(RobotDistortion):
     @classmethod
     def variants(cls, scene: Scene) -> Iterator[Self]:
         yield cls(angle=(0.0, 0.0))
+
+    @classmethod
+    def guesses(cls, robot: Robot) -> Iterator[Self]:
+        """About axes all around, by some angles."""
+        for size, turn in product(TUNING.tilts, np.linspace(0.0, 2.0 * math.pi, TUNING.tilt_axes, endpoint=False)):
+            yield cls(angle=(size * math.cos(turn), size * math.sin(turn)))
 
     def building(self, robot: Robot) -> Robot:
         turned = scipy.spatial.transform.Rotation.from_rotvec(np.array(self.angle) @ _across(robot.gravity))

@@ -100,8 +100,11 @@ class Model:
 
     @cached_property
     def cone(self) -> Cone:
-        """The product of the terms' cones."""
-        return reduce(lambda total, term: total + term.cone(self.robot), self.terms, Cone.free(0))
+        """The product of the terms' cones, without the bounds that a term lifts."""
+        cone = reduce(lambda total, term: total + term.cone(self.robot), self.terms, Cone.free(0))
+        freed = {name for term in self.terms for name in term.freed(self.robot)}
+        bounded = [k for k in cone.nonnegative.tolist() if self.parameters[k].name not in freed]
+        return replace(cone, nonnegative=np.array(bounded, dtype=np.int64))
 
     def extend(self, effect: Effect) -> Model:
         """A new model with one more effect, the last of the terms or of the distortions."""

@@ -108,6 +108,10 @@ class Tuning:
     """Waves and constant up to which a function of a joint's angle is a sine: more of them may be any function."""
     odd: float = 0.05
     """Share of its mean square up to which a function's even part is nothing."""
+    tilts: tuple[float, ...] = (0.0175, 0.035)
+    """Angles of a base's tilt to begin from while signs are not known, rad: 1 and 2 degrees."""
+    tilt_axes: int = 8
+    """Axes about which it is tilted then."""
 
 
 TUNING = Tuning()

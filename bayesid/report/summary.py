@@ -488,11 +488,10 @@ def _complete(identification: Identification) -> CompletionSummary | None:
 
 def _effect(identification: Identification, entered: EnteredEffect, spread: Array) -> EffectSummary:
     robot, source = identification.model.robot, entered.source
-    names = [parameter.name for parameter in identification.model.parameters]
-    numbers = {}
-    for one in source.parameters(robot):
-        place = names.index(one.name)
-        numbers[one.name] = {"value": identification.theta[place], "sd": spread[place], "unit": one.unit}
+    own, numbers = {*(one.name for one in source.parameters(robot)), *source.freed(robot)}, {}
+    for place, one in enumerate(identification.model.parameters):
+        if one.name in own:
+            numbers[one.name] = {"value": identification.theta[place], "sd": spread[place], "unit": one.unit}
     shape = source.numbers(robot)
     known = (*entered.number_sd, *(np.nan for _ in shape))
     for (name, (value, unit)), sd in zip(shape.items(), known, strict=False):

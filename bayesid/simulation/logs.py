@@ -10,7 +10,7 @@ import scipy
 
 from bayesid.arrays import Array
 from bayesid.effects import RigidBody, Term
-from bayesid.effects.catalogue import main_forms
+from bayesid.effects.catalogue import main_forms, owner
 from bayesid.effects.coefficients import base_coefficients
 from bayesid.effects.distortion import Direction, Distortion, SensorDistortion
 from bayesid.effects.effect import Scene
@@ -159,9 +159,25 @@ def with_effects(
         if isinstance(form, Distortion):
             here = _scene(model, theta, motion)
             model = model.extend(_scaled_distortion(form, effect, model, here, theta, rng))
+        elif form.frees:
+            model, theta = _with_negative(form, effect, model, theta, scene)
         else:
             model, theta = model.extend(form), np.concatenate([theta, _scaled_term(form, effect, scene, rng)])
     return model, theta
+
+
+def _with_negative(
+    form: Term, effect: SimulatedEffect, model: Model, theta: Array, scene: Scene
+) -> tuple[Model, Array]:
+    """Model and parameters with those that a term frees negative, at the level."""
+    j, extended, values = effect.joint - 1, model, theta.copy()
+    for symbol, name in zip(form.frees, form.freed(model.robot), strict=True):
+        if name not in [parameter.name for parameter in model.parameters]:
+            extended, values = extended.extend(owner(symbol)[0](joints=form.joints)), np.append(values, 0.0)
+        place = [parameter.name for parameter in extended.parameters].index(name)
+        column = extended.columns(scene.motion)[:, :, place]
+        values[place] = -effect.level * rms(scene.effort)[j] / rms(column)[j]
+    return extended.extend(form), values
 
 
 def _scene(model: Model, theta: Array, motion: Motion) -> Scene:

@@ -25,7 +25,7 @@ ROOT = Path(__file__).resolve().parents[2]
 KINDS = {
     "fan_drag": "FanDrag",
     "crossover": "Crossover",
-    "position_torque": "PositionTorque",
+    "position_waves": "PositionWaves",
     "late_positions": "LatePositions",
 }
 
@@ -81,7 +81,7 @@ def test_registered_effects_are_simulated_and_sought():
     rigid = Model(robot, make_terms(["rigid_body", "viscous_friction"], robot, motion))
     theta = random_parameters(rigid, np.random.default_rng(1))
     effort = rigid.effort(motion, theta)
-    chosen = [parse_effect(text, robot) for text in ("fan_drag:2:0.3", "crossover:3:0.1", "position_torque:4:0.2")]
+    chosen = [parse_effect(text, robot) for text in ("fan_drag:2:0.3", "crossover:3:0.1", "position_waves:4:0.2")]
     both, with_both = with_effects(rigid, theta, motion, chosen, 1)
     change = both.effort(motion, with_both) - effort
     size = np.sqrt(np.mean(change**2, axis=0) / np.mean(effort**2, axis=0))

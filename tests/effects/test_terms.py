@@ -20,6 +20,8 @@ TABLES = {  # each with a joint that slides and gravity along none of the axes
     "modified": random_table("modified", 4, seed=1),
 }
 NEED_A_SHAPE = [name for name, entry in EFFORTS.items() if entry.shape is not None]
+WITH_COLUMNS = [name for name, kind in TERMS.items() if not kind.frees]
+"""Terms that do more than to lift bounds of others."""
 OF_JOINTS = [name for name, kind in TERMS.items() if issubclass(kind, ActuatorTerm)]
 
 
@@ -53,7 +55,7 @@ def motion(robot):
 
 @pytest.fixture
 def terms(robot, motion):
-    return [made(name, robot, motion) for name in TERMS]
+    return [made(name, robot, motion) for name in WITH_COLUMNS]
 
 
 @pytest.fixture
@@ -88,7 +90,7 @@ def test_each_term_has_an_entry_here():
 
 
 @pytest.mark.parametrize("table", TABLES.values(), ids=TABLES)
-@pytest.mark.parametrize("name", TERMS)
+@pytest.mark.parametrize("name", WITH_COLUMNS)
 def test_columns_are_the_efforts_of_each_parameter(name, table):
     robot = robot_from_table(table, "test")
     motion = motion_of(robot)
@@ -160,7 +162,7 @@ def test_variants_are_terms_of_this_robot(robot, scene):
     for name, kind in TERMS.items():
         variants = list(kind.variants(scene))
         assert len(set(variants)) == len(variants)
-        joints = {(j + 1,) for j in range(robot.n_joints)} if name in OF_JOINTS else {()}
+        joints = {(j + 1,) for j in range(robot.n_joints)} if name in OF_JOINTS or kind.frees else {()}
         assert {one.joints for one in variants} == (joints if kind.can_be_missing else set())
         for one in variants:
             one.check(robot.n_joints)
@@ -170,7 +172,7 @@ def test_variants_are_terms_of_this_robot(robot, scene):
             columns = one.columns(robot, scene.motion)
             assert columns.shape[2] == len(one.parameters(robot)) == one.cone(robot).size
             assert np.isfinite(columns).all()
-            assert columns.any()
+            assert columns.any() == (name in WITH_COLUMNS)
 
 
 def test_variants_go_through_what_the_log_can_tell(robot, scene):
@@ -259,3 +261,12 @@ def test_bad_names_are_refused_in_one_line(robot, motion):
         with pytest.raises(InputError, match=said) as caught:
             make_terms(iter(names), robot, motion)
         assert "\n" not in str(caught.value)
+
+
+def test_a_lifted_bound_is_that_of_its_own_actuators(robot, motion):
+    """The cone of all other parameters stays as it is."""
+    plain = Model(robot, make_terms(["viscous_friction", "coulomb_friction"], robot, motion))
+    lifted = plain.extend(make_effect("overcompensated_friction", {"joints": [2]}))
+    assert lifted.parameters == plain.parameters
+    free = set(plain.cone.nonnegative.tolist()) - set(lifted.cone.nonnegative.tolist())
+    assert [plain.parameters[k].name for k in free] == ["Fv2"]
