@@ -153,6 +153,12 @@ class Posterior:
         return np.hypot(spread, theta.mean(axis=(0, 1, 2)) - self.theta)
 
     @property
+    def parameter_covariance(self) -> Array:
+        """(P, P) second moments of the parameters about theta, the same."""
+        about = self.uncertain.theta.reshape(-1, len(self.theta)) - self.theta
+        return about.T @ about / len(about)
+
+    @property
     def mode_of_draws(self) -> Integers:
         """(D, E, W) index of the mode that each draw is from."""
         return mode_of_draws(self.modes)

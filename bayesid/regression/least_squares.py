@@ -76,12 +76,17 @@ class Fit:
 
     def parameter_sd(self, projection: Array) -> Array:
         """(P,) standard deviations of the parameters, by B (r, P); NaN where a parameter is not decided by itself."""
+        return np.sqrt(np.diag(self.parameter_covariance(projection)))
+
+    def parameter_covariance(self, projection: Array) -> Array:
+        """(P, P) covariance of the parameters, by B (r, P); NaN where a parameter is not decided by itself."""
         lift, finite = np.linalg.pinv(projection), np.isfinite(self.sd)
         decided = np.abs(lift @ projection - np.eye(projection.shape[1])).max(axis=1) < _NONE
         decided &= ~(np.abs(lift[:, ~finite]) > _SILENT).any(axis=1)
         known = lift[:, finite]
-        variance = np.einsum("pr,rs,ps->p", known, self.covariance[np.ix_(finite, finite)], known)
-        return np.where(decided, np.sqrt(np.maximum(variance, 0.0)), np.nan)
+        covariance = known @ self.covariance[np.ix_(finite, finite)] @ known.T
+        np.fill_diagonal(covariance, np.maximum(np.diag(covariance), 0.0))
+        return np.where(np.outer(decided, decided), covariance, np.nan)
 
     @property
     def on_edge(self) -> Mask:

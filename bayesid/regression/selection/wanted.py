@@ -11,6 +11,7 @@ from functools import cached_property, partial
 from itertools import chain
 
 import numpy as np
+import scipy
 
 from bayesid.arrays import Array, Integers
 from bayesid.effects import catalogue
@@ -56,18 +57,26 @@ class EnteredEffect:
         return self.source.joints
 
 
-def consistent_with_nothing(effect: EnteredEffect, model: Model, theta: Array, sd: Array) -> bool:
-    """Whether none of an effect's numbers is three standard deviations from zero; not where no number has one.
+def consistent_with_nothing(effect: EnteredEffect, model: Model, theta: Array, covariance: Array) -> bool:
+    """Whether none of an effect's numbers is three standard deviations from zero, nor all together by a Wald test.
 
-    Of a model with the effect, at parameters (P,) with sd (P,), NaN where a parameter is not decided by itself.
+    Of a model with the effect, at parameters (P,) with their covariance (P, P), NaN where a parameter is not decided by
+    itself. An effect of which no number is decided is not tested.
     """
     place = {parameter.name: k for k, parameter in enumerate(model.parameters)}
     own = [place[parameter.name] for parameter in effect.source.parameters(model.robot)]
-    values = [*theta[own].tolist(), *(value for value, _ in effect.source.numbers(model.robot).values())]
-    spreads = np.array([*sd[own].tolist(), *effect.number_sd])
-    numbers = np.abs(values[: len(spreads)])
-    known = np.isfinite(spreads)
-    return bool(known.any() and np.all(numbers[known] < TUNING.significant * spreads[known]))
+    numbers = [value for value, _ in effect.source.numbers(model.robot).values()][: len(effect.number_sd)]
+    values = np.array([*theta[own].tolist(), *numbers])
+    spread = scipy.linalg.block_diag(covariance[np.ix_(own, own)], np.diag(effect.number_sd[: len(numbers)]) ** 2)
+    known = np.isfinite(np.diag(spread))
+    if not known.any():
+        return False
+    sd = np.sqrt(np.diag(spread)[known])
+    scaled = values[known] / sd
+    correlation = spread[np.ix_(known, known)] / np.outer(sd, sd)
+    distance = float(scaled @ np.linalg.pinv(correlation, hermitian=True) @ scaled)
+    far = scipy.stats.chi2.isf(2.0 * scipy.stats.norm.sf(TUNING.significant), len(scaled))
+    return bool(np.abs(scaled).max() < TUNING.significant and distance < far)
 
 
 @dataclass(frozen=True)
