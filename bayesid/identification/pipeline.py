@@ -160,7 +160,7 @@ def _by_posterior(
     while True:
         sampled = _sampled(run, completed.averaged)
         posterior = sampled[1]
-        doubtful = posterior and completed.consistent_with_nothing(posterior.theta, posterior.parameter_sd)
+        doubtful = posterior and completed.consistent_with_nothing(posterior.theta, posterior.parameter_covariance)
         if completed.without is None or not doubtful:
             return completed, _identification(run, log, completed.signals, completed.model, sampled, gains)
         completed = completed.without(doubtful)

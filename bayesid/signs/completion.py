@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence, Set
 from copy import copy
 from dataclasses import dataclass, field, replace
+from functools import reduce
 from itertools import islice
 
 import numpy as np
@@ -38,7 +39,7 @@ from bayesid.regression.selection.wanted import (
 )
 from bayesid.regression.tuning import TUNING as REGRESSION
 from bayesid.signs.averaging import AveragedSigns, evidence_gain, weight_against
-from bayesid.signs.proposals import PoorJoint, propose
+from bayesid.signs.proposals import PoorJoint, PoorRobot, Proposal, propose
 from bayesid.signs.search.protocol import Search
 from bayesid.signs.settling import Settled, restored, settle_signs
 from bayesid.signs.tuning import TUNING
@@ -74,13 +75,15 @@ class CompletedSigns:
         """The log without what the model says of its sensors."""
         return self.averaged.asked.evidence.signals
 
-    def consistent_with_nothing(self, theta: Array, sd: Array) -> set[EffectKey]:
+    def consistent_with_nothing(self, theta: Array, covariance: Array) -> set[EffectKey]:
         """Effects to leave out: those with less evidence of all whose numbers do not differ from zero.
 
-        By the model's parameters (P,) and their sd (P,), NaN where one is not decided by itself.
+        By the model's parameters (P,) and their covariance (P, P), NaN where one is not decided by itself.
         """
         effects = () if self.completion is None else self.completion.effects
-        return _least_half([e for e in effects if consistent_with_nothing(e, self.averaged.asked.model, theta, sd)])
+        return _least_half(
+            [e for e in effects if consistent_with_nothing(e, self.averaged.asked.model, theta, covariance)]
+        )
 
 
 @dataclass(frozen=True)
@@ -130,12 +133,19 @@ def complete(
     """
     searching = _Searching(averaged.asked.evidence.signals, segments, search, how.cutting)
     plain = _Opinion(averaged.asked.model, averaged.asked)
+    may_enter, lifted = how.enter and search.any_model, tuple[EnteredEffect, ...]()
+    while may_enter and (free := _with_bounds_lifted(plain, searching, progress)) is not plain:
+        gain = 0.5 * evidence_gain(free.settled, plain.settled) / LN10
+        more = (effect for effect in free.model.effects if effect not in plain.model.effects)
+        lifted = (*lifted, *(EnteredEffect(effect, gain, ()) for effect in more))
+        plain, averaged = free, AveragedSigns.alone(free.settled)
     first = plain if averaged.by_asked else replace(plain, settled=averaged.settled)
-    rounds, may_enter = _Rounds(plain, first, averaged.fit, averaged.probability), how.enter and search.any_model
+    rounds = _Rounds(plain, first, averaged.fit, averaged.probability)
     for _ in range(TUNING.completion_rounds):
         if not rounds.go_on(searching, enter=may_enter, progress=progress):
             break
     rounds.check(searching, progress)
+    rounds.search_once_more(searching, progress)
 
     def made(rounds: _Rounds) -> CompletedSigns:
         def without(effects: Set[EffectKey]) -> CompletedSigns:
@@ -147,10 +157,12 @@ def complete(
         settled, entered = rounds.averaged(averaged, first), {effect.key for effect in effects}
         summed_out, narrow = _summed_out(settled, entered, wanted, how.kinematics)
         after, sizes = wanted.after if effects else wanted.before, _sizes(summed_out)
-        completion = Completion(effects, wanted.before.rms, after.rms, wanted.effort, may_enter, sizes, narrow)
+        completion = Completion(
+            (*lifted, *effects), wanted.before.rms, after.rms, wanted.effort, may_enter, sizes, narrow
+        )
         completed = CompletedSigns(rounds.completed.model, summed_out, completion, without)
-        sd = summed_out.fit.parameter_sd(summed_out.asked.evidence.coefficients.projection)
-        least = completed.consistent_with_nothing(summed_out.fit.theta, sd)
+        spread = summed_out.fit.parameter_covariance(summed_out.asked.evidence.coefficients.projection)
+        least = completed.consistent_with_nothing(summed_out.fit.theta, spread)
         return without(least) if least else completed
 
     return made(rounds)
@@ -221,6 +233,15 @@ class _Rounds:
         if wanted.keys != self.wanted.keys:
             self._reduced(wanted, searching, progress)
 
+    def search_once_more(self, searching: _Searching, progress: Progress) -> None:
+        """Searches under the likeliest model once more: its signs were found on the way, from fewer starts."""
+        last = self.signs
+        if last is self.plain or last.settled.signs.search.certified:
+            return
+        self.signs = searching.under(last.model, last.settled, progress.under("likeliest model"))
+        if self.completed is last:
+            self.completed = self.signs
+
     def leave_out(self, effects: Set[EffectKey], searching: _Searching, progress: Progress) -> None:
         """Leaves effects out of the completed model, and what is not worth it without them."""
         evidence = self.plain.settled.evidence
@@ -268,8 +289,32 @@ def _poor(settled: Settled) -> Mask:
     return (settled.fit.relative_residual > REGRESSION.poor_fit) & ~settled.evidence.signals.signed
 
 
+def _with_bounds_lifted(plain: _Opinion, searching: _Searching, progress: Progress) -> _Opinion:
+    """Signs under a model some of whose parameters may be negative, if evidence is for it; or as they were.
+
+    Those that are not clearly negative keep their bounds.
+    """
+    proposal = PoorRobot(_signed_log(plain)).without_bounds()
+    while proposal is not None:
+        lifted = _best_of(plain, [proposal], searching, progress.under("bounds lifted"))
+        kept = tuple(effect for effect in proposal.effects if _clearly_negative(effect, lifted.settled))
+        if lifted is plain or kept == proposal.effects:
+            return lifted
+        proposal = replace(proposal, effects=kept) if kept else None
+    return plain
+
+
+def _clearly_negative(effect: Effect, settled: Settled) -> bool:
+    names = [parameter.name for parameter in settled.model.parameters]
+    sd = settled.fit.parameter_sd(settled.evidence.coefficients.projection)
+    own = [names.index(name) for name in effect.freed(settled.model.robot)]
+    return bool(np.all(settled.fit.theta[own] < -REGRESSION.significant * sd[own]))
+
+
 def _with_proposals(opinion: _Opinion, searching: _Searching, progress: Progress) -> _Opinion:
     """Signs under the model with effects that were proposed for joints that it explains poorly; or as they were."""
+    if _poor(opinion.settled).any():
+        opinion = _best_of(opinion, PoorRobot(_signed_log(opinion)).propose(), searching, progress)
     for joint in np.flatnonzero(_poor(opinion.settled))[::-1].tolist():  # from the tip, whose effects stay there
         for _ in range(TUNING.most_proposed):
             better = _with_proposal(opinion, joint, searching, progress.under(f"joint {joint + 1}"))
@@ -280,19 +325,26 @@ def _with_proposals(opinion: _Opinion, searching: _Searching, progress: Progress
 
 
 def _with_proposal(opinion: _Opinion, joint: int, searching: _Searching, progress: Progress) -> _Opinion:
-    settled = opinion.settled
-    if not _poor(settled)[joint]:
+    if not _poor(opinion.settled)[joint]:
         return opinion
-    log = SignedLog.of(settled.evidence, settled.fit, settled.probability)
-    known = {_key(effect) for effect in opinion.model.effects}
-    proposed = (p for p in propose(PoorJoint.of(log, joint), log.library(joint)) if _key(p.effect) not in known)
-    rivals = []
-    for proposal in islice(proposed, TUNING.most_rivals):
-        signs = 2.0 * settled.probability - 1.0
-        signs[:, joint] = proposal.signs
-        rivals.append(searching.under(opinion.model.extend(proposal.effect), settled, progress, [signs]))
+    log, known = _signed_log(opinion), {_key(effect) for effect in opinion.model.effects}
+    proposed = (p for p in propose(PoorJoint.of(log, joint), log.library(joint)) if _key(p.effects[0]) not in known)
+    return _best_of(opinion, list(islice(proposed, TUNING.most_rivals)), searching, progress)
+
+
+def _best_of(opinion: _Opinion, proposals: Sequence[Proposal], searching: _Searching, progress: Progress) -> _Opinion:
+    """Signs under the best of the extended models, if evidence is for it; or as they were."""
+    settled, rivals = opinion.settled, []
+    for proposal in proposals:
+        signs = np.where(np.isnan(proposal.signs), 2.0 * settled.probability - 1.0, proposal.signs)
+        model = reduce(Model.extend, proposal.effects, opinion.model)
+        rivals.append(searching.under(model, settled, progress, [signs]))
     gains = {0.5 * evidence_gain(rival.settled, settled): rival for rival in rivals}
     return gains[max(gains)] if max(gains, default=0.0) > REGRESSION.needed else opinion
+
+
+def _signed_log(opinion: _Opinion) -> SignedLog:
+    return SignedLog.of(opinion.settled.evidence, opinion.settled.fit, opinion.settled.probability)
 
 
 def _key(effect: Effect) -> EffectKey:

@@ -1,20 +1,23 @@
-"""Effects for joints that the model explains poorly, proposed before their signs are known.
+"""Effects that a model which explains a joint poorly may lack, proposed before signs are known.
 
-Signs that were found under a poor model suit that model, and so hide what it lacks. So in such a joint every effect is
-tried with signs of its own: from several starts, coefficients and signs are fitted in turn until neither changes, the
-other joints' efforts holding the coefficients that they share. The effects whose residual is least, for the numbers
-that they take, are proposed; a search under each decides.
+Signs that were found under a poor model suit that model, and so hide what it lacks. So every effect is tried with signs
+of its own: coefficients and signs are fitted in turn until neither changes. An effect of one joint is tried with the
+signs of that joint, the other joints' efforts holding the coefficients that they share; one of the whole robot, and
+parameters that may be negative, with the signs of all joints. The effects whose residual is least, for the numbers that
+they take, are proposed; a search under each decides.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
-from bayesid.arrays import Array, Integers
+from bayesid.arrays import Array, Integers, Mask
+from bayesid.effects import catalogue
+from bayesid.effects.coefficients import base_coefficients
 from bayesid.effects.effect import Effect
 from bayesid.parallel import in_parallel
 from bayesid.regression.knowledge import inverse_of
@@ -33,10 +36,10 @@ class _Rows:
 
 @dataclass(frozen=True)
 class Proposal:
-    """An effect for a joint."""
+    """What a model may lack, with signs under it."""
 
-    effect: Effect  # term or distortion
-    signs: Array  # (N,) +1 or -1 of the joint's samples under it; 0 where nothing counts
+    effects: tuple[Effect, ...]  # one, or one in each of some joints
+    signs: Array  # (N, n) +1 or -1 of all samples; 0 where nothing counts, NaN where a joint's signs stay as they are
 
 
 @dataclass(frozen=True)
@@ -53,9 +56,7 @@ class PoorJoint:
     @classmethod
     def of(cls, log: SignedLog, joint: int) -> PoorJoint:
         """A (0-based) joint of a log."""
-        data, residual = log.data, log.fit.residual
-        time = np.maximum(residual.autocorrelation / (log.evidence.signals.rate / data.rate), 1.0)
-        weight = residual.sigma * np.sqrt(time)
+        data, (weight, time) = log.data, _noise_of(log)
         others = [j for j in range(len(weight)) if j != joint]
         columns, effort = data.columns / weight[:, None], data.effort / weight
         rows = columns[:, others].reshape(-1, columns.shape[2])
@@ -78,15 +79,12 @@ class PoorJoint:
             place=np.flatnonzero(used),
         )
 
-    def of_samples(self, rows: _Rows, signs: Array) -> Array:
-        """(N,) signs of all samples from those of rows (M,): each sample's is that of the nearest thinned row."""
-        thinned = np.zeros(len(self.log.rows))
-        thinned[rows.place] = signs
-        samples = np.arange(len(self.log.evidence.signals.motion))
-        after = np.clip(np.searchsorted(self.log.rows, samples), 1, len(self.log.rows) - 1)
-        earlier = samples - self.log.rows[after - 1] < self.log.rows[after] - samples
-        nearest: Array = thinned[np.where(earlier, after - 1, after)]
-        return nearest
+    def signs_of(self, rows: _Rows, signs: Array) -> Array:
+        """(N, n) signs of all samples, from those of the joint's rows (M,)."""
+        thinned = np.full(self.log.data.used.shape, np.nan)
+        thinned[:, self.joint] = 0.0
+        thinned[rows.place, self.joint] = signs
+        return _of_samples(self.log, thinned)
 
     def rows_under(self, effect: Hypothesis) -> _Rows:
         """With a term's columns; with columns or readings as a distortion makes them."""
@@ -115,8 +113,8 @@ def propose(poor: PoorJoint, library: Sequence[Sequence[Hypothesis]]) -> list[Pr
     rms = _alternated(poor, plain)[0]
     best: dict[str, tuple[float, Proposal]] = {}
     for found in in_parallel([partial(_best_form, poor, plain, rms, group) for group in groups]):
-        if found is not None and found[0] > best.get(found[1].effect.effect, (TUNING.proposal_gain,))[0]:
-            best[found[1].effect.effect] = found
+        if found is not None and found[0] > best.get(found[1].effects[0].effect, (TUNING.proposal_gain,))[0]:
+            best[found[1].effects[0].effect] = found
     return [proposal for _, proposal in sorted(best.values(), key=lambda one: -one[0])]
 
 
@@ -134,29 +132,157 @@ def _best_form(poor: PoorJoint, plain: _Rows, rms: float, group: Sequence[Hypoth
         gain -= 0.5 * (rows.columns.shape[1] - plain.columns.shape[1]) * float(np.log(poor.count))
         gain -= float(np.log(len(group)))
         if best is None or gain > best[0]:
-            best = gain, Proposal(hypothesis.source, poor.of_samples(rows, signs))
+            best = gain, Proposal((hypothesis.source,), poor.signs_of(rows, signs))
     return best
 
 
 def _alternated(poor: PoorJoint, rows: _Rows) -> tuple[float, Array]:
     """What a joint's samples leave at least, N m, and (M,) their signs then: fitted in turn, from the best of three."""
-    r, columns = len(poor.gradient), rows.columns
-    hessian = columns.T @ columns / poor.weight**2
-    hessian[:r, :r] += poor.hessian
-    inverse = inverse_of(hessian)
-    others = np.zeros(columns.shape[1])
-    others[:r] = poor.gradient
-    reach = columns @ inverse  # (M, m) what a unit of the gradient adds to each prediction
-    base, turning = reach @ others, columns * rows.magnitude[:, None] / poor.weight**2
+    r = len(poor.gradient)
+    fit = _InTurn(rows.columns / poor.weight, rows.magnitude / poor.weight, poor.hessian, poor.gradient)
     best = np.inf, rows.known
-    for start in (rows.known, -rows.known, columns[:, :r] @ (inverse_of(poor.hessian) @ poor.gradient)):
-        signs = np.where(start >= 0.0, 1.0, -1.0)
+    for start in (rows.known, -rows.known, rows.columns[:, :r] @ (inverse_of(poor.hessian) @ poor.gradient)):
+        signs, predicted, _ = fit.from_signs(np.where(start >= 0.0, 1.0, -1.0))
+        rms = float(np.sqrt(np.mean((signs * rows.magnitude - poor.weight * predicted) ** 2)) + np.finfo(float).tiny)
+        best = min(best, (rms, signs), key=lambda found: found[0])
+    return best
+
+
+class _InTurn:
+    """Coefficients and signs, fitted in turn.
+
+    Args:
+        columns: (M, m) in units of the noise.
+        magnitude: (M,) |effort| in units of the noise.
+        hessian: (r, r) what other rows say of the first r coefficients.
+        gradient: (r,) the same.
+    """
+
+    def __init__(self, columns: Array, magnitude: Array, hessian: Array, gradient: Array) -> None:
+        r, m = len(gradient), columns.shape[1]
+        whole = columns.T @ columns
+        whole[:r, :r] += hessian
+        self._inverse, self._others = inverse_of(whole), np.zeros(m)
+        self._others[:r] = gradient
+        self._columns, self._turning = columns, columns * magnitude[:, None]
+
+    def from_signs(self, signs: Array, fixed: Mask | None = None) -> tuple[Array, Array, Array]:
+        """(M,) signs, (M,) predictions and (m,) coefficients, from signs (M,) of which some are fixed (M,)."""
         for _ in range(TUNING.proposal_rounds):
-            predicted = base + reach @ (signs @ turning)
+            beta = self._inverse @ (self._others + signs @ self._turning)
+            predicted = self._columns @ beta
             nearest = np.where(predicted >= 0.0, 1.0, -1.0)
+            nearest = nearest if fixed is None else np.where(fixed, signs, nearest)
             if np.array_equal(nearest, signs):
                 break
             signs = nearest
-        rms = float(np.sqrt(np.mean((signs * rows.magnitude - predicted) ** 2)) + np.finfo(float).tiny)
-        best = min(best, (rms, signs), key=lambda found: found[0])
-    return best
+        return signs, predicted, beta
+
+
+@dataclass(frozen=True)
+class _Settled:
+    """Signs and coefficients of all joints, fitted in turn."""
+
+    signs: Array  # (N', n) of thinned rows; 0 where nothing counts
+    left: Array  # (n,) RMS of what is left, N m
+    beta: Array  # (r,) coefficients
+
+
+@dataclass(frozen=True)
+class PoorRobot:
+    """All joints of a log, for what acts in several of them."""
+
+    log: SignedLog
+
+    def without_bounds(self) -> Proposal | None:
+        """The terms that lift the bounds which a fit without any violates; None if that gains too little.
+
+        Of the two sides of a joint, its signs and all of them turned round, only the bounds of the other parameters of
+        the joint tell: the one that violates less of them is taken.
+        """
+        model, coefficients = self.log.evidence.model, self.log.evidence.coefficients
+        names, joints = list(coefficients.names), range(1, model.robot.n_joints + 1)
+        lifting = (kind for kind in catalogue.forms().values() if kind.frees)
+        effects = [kind(joints=(j,)) for kind in lifting for j in joints]
+        effects = [effect for effect in effects if effect not in model.effects]
+        free = {name for effect in effects for name in effect.freed(model.robot)}
+        bounded = [model.parameters[k] for k in model.cone.nonnegative]
+        kept = [[names.index(p.name) for p in bounded if p.joint == j and p.name in set(names) - free] for j in joints]
+        columns = self.log.modelled.columns
+        settled = self._settled(columns)
+        for _ in joints:
+            sides = [np.sum(settled.beta[own] * np.abs(columns[:, j, own]).sum(axis=0)) for j, own in enumerate(kept)]
+            if not np.any(turned := (np.array(sides) < 0.0) & ~self.log.evidence.signals.signed):
+                break
+            settled = self._settled(columns, np.where(turned, -settled.signs, settled.signs))
+        value = dict(zip(names, settled.beta.tolist(), strict=True))
+        needed = [one for one in effects if all(value.get(name, 0.0) < 0.0 for name in one.freed(model.robot))]
+        if not needed:
+            return None
+        predicted = self.log.fit.predicted[self.log.rows]
+        gain = self._gain(self._rms(np.where(predicted >= 0.0, 1.0, -1.0), predicted), settled.left)
+        gain -= 0.5 * len(needed) * float(np.log(self._count.sum()))
+        return Proposal(tuple(needed), _of_samples(self.log, settled.signs)) if gain > TUNING.proposal_gain else None
+
+    def propose(self) -> list[Proposal]:
+        """Effects of the whole robot, each in its best guess, best first; none that explains no more than none.
+
+        What their numbers cost is weighed after the search: there are few such effects.
+        """
+        model, found = self.log.evidence.model, []
+        before = self._settled(self.log.modelled.columns).left
+        for kind in catalogue.forms().values():
+            guesses = [] if kind.name in {one.name for one in model.effects} else list(kind.guesses(model.robot))
+            fits = in_parallel([partial(self._settled_with, guess) for guess in guesses])
+            gains = [self._gain(before, fit.left) for fit in fits]
+            if max(gains, default=0.0) > TUNING.proposal_gain:
+                best = int(np.argmax(gains))
+                found.append((gains[best], Proposal((guesses[best],), _of_samples(self.log, fits[best].signs))))
+        return [proposal for _, proposal in sorted(found, key=lambda one: -one[0])]
+
+    @cached_property
+    def _count(self) -> Array:
+        count: Array = self.log.data.used.sum(axis=0) / _noise_of(self.log)[1]
+        return count
+
+    def _gain(self, before: Array, left: Array) -> float:
+        """Nats by which a joint's residual RMS left (n,) is likelier than the one before."""
+        return float(self._count @ np.log(before / left))
+
+    def _settled_with(self, effect: Effect) -> _Settled:
+        model = self.log.evidence.model.extend(effect)
+        return self._settled(model.columns(self.log.modelled.motion)[:, :, base_coefficients(model).kept])
+
+    def _settled(self, columns: Array, begun: Array | None = None) -> _Settled:
+        """Under columns (N', n, r), from signs (N', n), by default those of the model's fit."""
+        log, used, signals = self.log, self.log.data.used, self.log.evidence.signals
+        begun = log.fit.predicted[log.rows] if begun is None else begun
+        start = np.where(np.where(signals.signed, signals.raw_effort[log.rows], begun) >= 0.0, 1.0, -1.0)
+        weight, r = _noise_of(log)[0], columns.shape[2]
+        rows, magnitude = (columns / weight[:, None])[used], (log.modelled.magnitude / weight)[used]
+        in_turn = _InTurn(rows, magnitude, np.zeros((r, r)), np.zeros(r))
+        signs = np.zeros(used.shape)
+        signs[used], _, beta = in_turn.from_signs(start[used], np.broadcast_to(signals.signed, used.shape)[used])
+        return _Settled(signs, self._rms(signs, columns @ beta), beta)
+
+    def _rms(self, signs: Array, predicted: Array) -> Array:
+        used = self.log.data.used
+        residual = np.where(used, signs * self.log.modelled.magnitude - predicted, 0.0)
+        rms: Array = np.sqrt((residual**2).sum(axis=0) / np.maximum(used.sum(axis=0), 1)) + np.finfo(float).tiny
+        return rms
+
+
+def _noise_of(log: SignedLog) -> tuple[Array, Array]:
+    """(n,) sd of each joint's error, N m, its autocorrelation included; and (n,) that, in thinned rows."""
+    residual = log.fit.residual
+    time = np.maximum(residual.autocorrelation / (log.evidence.signals.rate / log.data.rate), 1.0)
+    return residual.sigma * np.sqrt(time), time
+
+
+def _of_samples(log: SignedLog, thinned: Array) -> Array:
+    """(N, n) signs of all samples from those of thinned rows (N', n): each sample's is that of the nearest row."""
+    samples = np.arange(len(log.evidence.signals.motion))
+    after = np.clip(np.searchsorted(log.rows, samples), 1, len(log.rows) - 1)
+    earlier = samples - log.rows[after - 1] < log.rows[after] - samples
+    nearest: Array = thinned[np.where(earlier, after - 1, after)]
+    return nearest

@@ -113,6 +113,17 @@ class SignSearch:
         again = self.search.conclude(problem, self.progress).with_work_of([result])
         return replace(searched, search=again, weights=weights, proofs=searched.proofs + 1)
 
+    def following(self, searched: SegmentSigns, probability: Array) -> SegmentSigns:
+        """The same with the signs of samples' (N, n) P(sign = +); of these nothing is proven."""
+        result, fitted = searched.search, searched.fitted
+        problem = replace(self, likely=(2.0 * probability - 1.0,))._problem(
+            fitted, self._moments(fitted).scaled(searched.weights), [result]
+        )
+        best = Problem(problem.moments, problem.solver(), np.inf).price(problem.starts[0])
+        lower = None if result.lower_bound is None else 0.0
+        ways = (*result.ways, Way("direction of motion", best.cost))
+        return replace(searched, search=result.with_best(best, lower_bound=lower, pull=None, ways=ways))
+
     def _moments(self, segments: Segments) -> Moments:
         motion, effort = self.signals.motion, self.signals.effort
         return moments(self.model, self.coefficients, motion, effort, segments, TUNING.most_individual)

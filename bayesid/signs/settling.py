@@ -19,6 +19,7 @@ from bayesid.regression.evidence import Evidence
 from bayesid.regression.knowledge import Knowledge
 from bayesid.regression.least_squares import Fit, fit_signed
 from bayesid.regression.noise import residual_noise
+from bayesid.regression.tuning import TUNING as REGRESSION
 from bayesid.signs.rounds import SegmentSigns, SignSearch
 from bayesid.signs.search.protocol import Branch, Search, SearchResult, SignProblem
 from bayesid.signs.smoothing import sign_probabilities
@@ -118,7 +119,7 @@ def settle_signs(
         searched = sign_search.reweighted(searched, _weights(settled.fit), repeat=False)
     settled = replace(settled, signs=searched)
     if earlier is None:
-        return settled
+        return _by_direction(settled, sign_search)
     coefficients = earlier.knowledge.coefficients(model)
     information = earlier.knowledge.information(model, coefficients)
     evidence = replace(settled.evidence, coefficients=coefficients, information=information)
@@ -140,6 +141,36 @@ def settle_signs(
 
     probability, fit = min(candidates, key=lambda candidate: disagreement(candidate[1]))
     return Settled(evidence, searched, probability, fit)
+
+
+def _by_direction(settled: Settled, sign_search: SignSearch) -> Settled:
+    """The signs of velocity in joints that the model explains poorly, where these explain |effort| about as well.
+
+    A poor model prefers signs that suit what it lacks. Friction opposes every motion; where it decides a joint's effort
+    its sign is the velocity's. So against a poor model it has the odds `friction_odds`.
+    """
+    evidence, begun = settled.evidence, settled
+    if settled.signs.search.certified:
+        return settled
+    speed = evidence.model.robot.actuators(evidence.signals.motion).dq
+    poor = (settled.fit.relative_residual > REGRESSION.poor_fit) & ~evidence.signals.signed
+    for joint in np.flatnonzero(poor)[::-1].tolist():
+        probability = settled.probability.copy()
+        probability[:, joint] = np.where(speed[:, joint] >= 0.0, 1.0, 0.0)
+        fit = fit_signed(evidence, 2.0 * probability - 1.0, most_corrected=0)
+        if nats_gained(fit, settled.fit, _count(evidence, fit, settled.fit)) > -np.log(TUNING.friction_odds):
+            probability[:, joint] = _smoothed(evidence, fit.predicted)[:, joint]
+            settled = replace(settled, probability=probability, fit=fit_signed(evidence, 2.0 * probability - 1.0))
+    if settled is begun:
+        return settled
+    return replace(settled, signs=sign_search.following(settled.signs, settled.probability))
+
+
+def _count(evidence: Evidence, fit: Fit, other: Fit) -> Array:
+    """(n,) effective samples by the shorter autocorrelation time of two residuals."""
+    time = np.minimum(fit.residual.autocorrelation, other.residual.autocorrelation)
+    count: Array = evidence.fitted.sum(axis=0) / time
+    return count
 
 
 def nats_gained(fit: Fit, other: Fit, count: Array) -> float:

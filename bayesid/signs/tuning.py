@@ -228,6 +228,8 @@ class Tuning:
     """Share of the samples in motion whose sign must have changed for effects to be selected anew."""
     most_proposed: int = 2
     """Effects that are proposed for a joint in a round."""
+    friction_odds: float = 100.0
+    """Odds that friction decides the sign of a joint that the model explains poorly."""
     most_rivals: int = 3
     """Proposals for a joint, the best of which may be taken: each costs a search."""
     proposal_rounds: int = 40

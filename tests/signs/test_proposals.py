@@ -29,9 +29,9 @@ def test_what_is_missing_is_proposed_first_though_signs_are_wrong(log):
     found = np.where(log.fit.predicted >= 0.0, 1.0, -1.0)
     assert np.mean((found == signs)[strong[:, 1], 1]) < 0.7
     best = propose(PoorJoint.of(log, 1), log.library(1))[0]
-    assert (best.effect.effect, best.effect.joints) == ("torque_ripple", (2,))
-    assert best.effect.harmonic[0] == pytest.approx(RIPPLE, rel=0.02)
-    right = abs(np.mean((best.signs * signs[:, 1])[strong[:, 1]]))
+    assert [(one.effect, one.joints) for one in best.effects] == [("torque_ripple", (2,))]
+    assert best.effects[0].harmonic[0] == pytest.approx(RIPPLE, rel=0.02)
+    right = abs(np.mean((best.signs[:, 1] * signs[:, 1])[strong[:, 1]]))
     assert right > 0.95, "its own signs are right, or all of them wrong"
     assert propose(PoorJoint.of(log, 0), log.library(0)) == [], "that joint lacks nothing"
 
@@ -40,7 +40,7 @@ def test_efforts_the_wrong_way_round_lead_to_the_same_proposals(log):
     """Signs that are all wrong show as much as signs that are all right."""
     turned = replace(log, fit=replace(log.fit, predicted=-log.fit.predicted))
     found, expected = (propose(PoorJoint.of(one, 1), log.library(1)) for one in (turned, log))
-    assert [proposal.effect for proposal in found] == [proposal.effect for proposal in expected]
+    assert [proposal.effects for proposal in found] == [proposal.effects for proposal in expected]
 
 
 @pytest.mark.parametrize(
