@@ -198,31 +198,51 @@ class PoorRobot:
         """The terms that lift the bounds which a fit without any violates; None if that gains too little.
 
         Of the two sides of a joint, its signs and all of them turned round, only the bounds of the other parameters of
-        the joint tell: the one that violates less of them is taken.
+        the joint tell: the one that keeps them is taken. Joints are turned all at once, as long as the other bounds
+        want it, or one by one, if that explains the log about as well; what explains it best counts.
         """
-        model, coefficients = self.log.evidence.model, self.log.evidence.coefficients
-        names, joints = list(coefficients.names), range(1, model.robot.n_joints + 1)
-        lifting = (kind for kind in catalogue.forms().values() if kind.frees)
-        effects = [kind(joints=(j,)) for kind in lifting for j in joints]
-        effects = [effect for effect in effects if effect not in model.effects]
-        free = {name for effect in effects for name in effect.freed(model.robot)}
+        model, names = self.log.evidence.model, list(self.log.evidence.coefficients.names)
+        joints = range(1, model.robot.n_joints + 1)
+        lifting = [kind(joints=(j,)) for kind in catalogue.forms().values() if kind.frees for j in joints]
+        lifting = [effect for effect in lifting if effect not in model.effects]
+        free = {name for effect in lifting for name in effect.freed(model.robot)}
         bounded = [model.parameters[k] for k in model.cone.nonnegative]
         kept = [[names.index(p.name) for p in bounded if p.joint == j and p.name in set(names) - free] for j in joints]
-        columns = self.log.modelled.columns
-        settled = self._settled(columns)
-        for _ in joints:
-            sides = [np.sum(settled.beta[own] * np.abs(columns[:, j, own]).sum(axis=0)) for j, own in enumerate(kept)]
-            if not np.any(turned := (np.array(sides) < 0.0) & ~self.log.evidence.signals.signed):
-                break
-            settled = self._settled(columns, np.where(turned, -settled.signs, settled.signs))
-        value = dict(zip(names, settled.beta.tolist(), strict=True))
-        needed = [one for one in effects if all(value.get(name, 0.0) < 0.0 for name in one.freed(model.robot))]
-        if not needed:
-            return None
         predicted = self.log.fit.predicted[self.log.rows]
-        gain = self._gain(self._rms(np.where(predicted >= 0.0, 1.0, -1.0), predicted), settled.left)
-        gain -= 0.5 * len(needed) * float(np.log(self._count.sum()))
-        return Proposal(tuple(needed), _of_samples(self.log, settled.signs)) if gain > TUNING.proposal_gain else None
+        before = self._rms(np.where(predicted >= 0.0, 1.0, -1.0), predicted)
+        begun, best = self._settled(self.log.modelled.columns), None
+        for settled in (self._turned_together(begun, kept), self._turned_one_by_one(begun, kept)):
+            value = dict(zip(names, settled.beta.tolist(), strict=True))
+            needed = [one for one in lifting if all(value.get(name, 0.0) < 0.0 for name in one.freed(model.robot))]
+            gain = self._gain(before, settled.left) - 0.5 * len(needed) * float(np.log(self._count.sum()))
+            if needed and gain > (TUNING.proposal_gain if best is None else best[0]):
+                best = gain, Proposal(tuple(needed), _of_samples(self.log, settled.signs))
+        return None if best is None else best[1]
+
+    def _turned_together(self, settled: _Settled, kept: Sequence[list[int]]) -> _Settled:
+        for _ in kept:
+            if not np.any(turned := self._wrong_sides(settled, kept)):
+                break
+            settled = self._settled(self.log.modelled.columns, np.where(turned, -settled.signs, settled.signs))
+        return settled
+
+    def _turned_one_by_one(self, settled: _Settled, kept: Sequence[list[int]]) -> _Settled:
+        for _ in kept:
+            before = settled
+            for j in range(len(kept)):
+                if self._wrong_sides(settled, kept)[j]:
+                    signs = np.where(np.arange(len(kept)) == j, -settled.signs, settled.signs)
+                    other = self._settled(self.log.modelled.columns, signs)
+                    settled = other if self._gain(settled.left, other.left) > -TUNING.proposal_gain else settled
+            if settled is before:
+                break
+        return settled
+
+    def _wrong_sides(self, settled: _Settled, kept: Sequence[list[int]]) -> Mask:
+        """(n,) joints of unknown sign whose bounded parameters, the coefficients kept, are negative in sum."""
+        columns, beta = np.abs(self.log.modelled.columns), settled.beta
+        sides = [np.sum(beta[own] * columns[:, j, own].sum(axis=0)) for j, own in enumerate(kept)]
+        return (np.array(sides) < 0.0) & ~self.log.evidence.signals.signed
 
     def propose(self) -> list[Proposal]:
         """Effects of the whole robot, each in its best guess, best first; none that explains no more than none.
