@@ -15,6 +15,7 @@ STUDIES = {
     "calibration": "do confidences and standard deviations mean what they say?",
     "misfit": "the same with an effect that the model does not hold",
     "sure": "how many signs are said to be sure and are wrong?",
+    "poor": "are signs right and effects named where the rigid model is poor?",
     "gains": "what do |currents| tell of gains that are uncertain?",
     "tracking": "what does a tracker see of a robot that runs?",
     "next_motion": "does the motion designed for a result settle what the result leaves open, as predicted?",
