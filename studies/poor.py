@@ -109,6 +109,7 @@ def scores(result: Identification, log: Log, hidden: Sequence[str]) -> Row:
         "sure_wrong": int((sure & ~right).sum()),
         "hidden": list(hidden),
         "named": named,
+        "equivalent": [_listed(name, effect.joints) for effect in entered for name in effect.equivalent],
         "residual": result.fit.relative_residual.tolist(),
         "certified": bool(result.search.certified),
     }
@@ -179,11 +180,13 @@ def _missed(rows: Sequence[Row]) -> list[tuple[Row, str]]:
     told = []
     for row in rows:
         hidden, named = set(row["hidden"]), set(row["named"])
+        equivalent = (hidden - named) & set(row["equivalent"] or ())
         joints = [(j, share) for j, share in enumerate(row["joints_right"], start=1) if share < ENOUGH]
         worst = ", ".join(f"joint {j} {share:.1%} (residual {row['residual'][j - 1]:.0%})" for j, share in joints)
         parts = {
             f"signs {row['right']:.1%}: {worst}": row["right"] < ENOUGH,
-            f"not named: {', '.join(sorted(hidden - named))}": bool(hidden - named),
+            f"not named: {', '.join(sorted(hidden - named - equivalent))}": bool(hidden - named - equivalent),
+            f"said to look the same: {', '.join(sorted(equivalent))}": bool(equivalent),
             f"not there: {', '.join(sorted(named - hidden))}": bool(named - hidden),
             f"{row['sure_wrong']} of {row['sure']} sure signs wrong": row["sure_wrong"] > MOST_WRONG * row["sure"],
             f"{_seconds([row])[0]:.0f} s": _seconds([row])[0] > TARGETS["seconds"],

@@ -16,6 +16,7 @@ SENSORS, CURRENTS = "torque sensors", "currents"
 ARMS = SENSORS, CURRENTS
 EFFECTS = "base_tilt", "position_torque", "overcompensated_friction", "dead_zone"
 HARMONICS = 3
+AMPLITUDES = 0.5, 1.0  # of the harmonics before all are scaled: none is small beside the others
 TILT = 0.5, 3.0  # degrees
 # shares of a joint's RMS effort
 TORQUE = 0.3, 1.0
@@ -114,7 +115,7 @@ def make_case(arm, effects, seed):
     if "position_torque" in effects:
         draws = blind.stream(seed, 5)
         j, share = int(draws.integers(n)), float(draws.uniform(*TORQUE))
-        amplitudes, phases = draws.normal(size=HARMONICS), draws.uniform(0, 2 * np.pi, HARMONICS)
+        amplitudes, phases = draws.uniform(*AMPLITUDES, HARMONICS), draws.uniform(0, 2 * np.pi, HARMONICS)
         amplitudes *= share * scale[j] / blind.rms(position_torque(q[:, j], amplitudes, phases))
         torque[:, j] += position_torque(q[:, j], amplitudes, phases)
         numbers = {"share": share, "amplitudes": amplitudes.tolist(), "phases": phases.tolist()}

@@ -113,6 +113,7 @@ def row_of(**changes):
         "sure_wrong": 0,
         "hidden": ["base_tilt"],
         "named": ["base_tilt"],
+        "equivalent": [],
         "residual": [0.05, 0.04],
         "certified": True,
         "timings": {"identify": 10.0},
