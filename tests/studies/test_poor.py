@@ -127,13 +127,23 @@ def test_the_report_says_what_a_failing_case_lacks():
     assert poor.figures([row_of(), failing]) == {
         "right": 0.5,
         "named": 0.5,
+        "by_name": 0.5,
         "clean": 0.5,
         "wrong": 5 / 2000,
         "seconds": 10.0,
     }
     assert "trial 0" not in text
-    said = "signs 90.0%: joint 2 80.0% (residual 4%); not named: base_tilt; not there: joint_spring 2; 5 of 1000"
-    assert f"trial 1, seed 7, base_tilt alone, {SENSORS}: {said}" in text
+    said = "signs 90.0%: joint 2 80.0% (residual 4%); not named: base_tilt"
+    assert (
+        f"trial 1, seed 7, base_tilt alone, {SENSORS}: {said}; named instead or besides: joint_spring 2; 5 of" in text
+    )
+
+
+def test_what_looks_like_a_hidden_effect_stands_for_it_once():
+    row = row_of(hidden=["position_torque 5"], named=["torque_ripple 5"], equivalent=["position_torque 5"])
+    figures = poor.figures([row])
+    assert (figures["named"], figures["by_name"], figures["clean"]) == (1.0, 0.0, 1.0)
+    assert poor.figures([row | {"named": ["torque_ripple 5", "gravity_spring 5"]}])["clean"] == 0.0
 
 
 @pytest.mark.long
