@@ -207,7 +207,7 @@ def numbers_of(kind):
         return {kind.symbol} if kind.of_table else own.get(kind.name, told)
     if issubclass(kind, effects.ActuatorTerm):
         return {one.symbol.rstrip("_") for one in kind.coefficients} | told
-    if kind is LearnedEffect:  # its formula holds them
+    if kind is LearnedEffect or kind.frees:  # its formula holds them; those of other terms
         return set()
     if kind is CarriedPayload:
         return {"m"}

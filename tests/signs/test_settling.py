@@ -14,6 +14,7 @@ from bayesid.progress import SILENT
 from bayesid.regression.knowledge import Knowledge
 from bayesid.signs.search.certified import Certified
 from bayesid.signs.settling import Earlier, restored
+from bayesid.signs.tuning import TUNING
 from bayesid.simulation.logs import simulate
 
 
@@ -51,8 +52,13 @@ def test_what_an_earlier_log_has_shown_stands_in_the_fit(rough):
 
 
 @pytest.mark.parametrize("spread", [0.03, 1.0])
-def test_parameters_that_are_known_save_signs_that_a_search_has_lost(rough, spread):
-    """However vaguely: where knowledge does not decide, the residuals do."""
+def test_parameters_that_are_known_save_signs_that_a_search_has_lost(rough, spread, monkeypatch):
+    """However vaguely: where knowledge does not decide, the residuals do.
+
+    By itself a poor fit falls back on the direction of motion, which is right here.
+    """
+    assert rough.right_share(settle(rough.robot, rough.log(), STANDARD, Misled(budget=BUDGET))) > 0.95
+    monkeypatch.setattr("bayesid.signs.settling.TUNING", replace(TUNING, friction_odds=1e-300))
     assert rough.right_share(settle(rough.robot, rough.log(), STANDARD, Misled(budget=BUDGET))) < 0.2
     earlier = earlier_about(rough, rough.theta, spread)
     saved = settle(rough.robot, rough.log(), STANDARD, Misled(budget=BUDGET), earlier)

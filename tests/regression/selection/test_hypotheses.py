@@ -21,7 +21,7 @@ asymmetric_coulomb base_tilt cable_drag clipping coulomb_friction dead_zone dela
 joint_spring load_dependent_friction payload rotor_inertia stribeck_friction thermal_drift tool_wrench torque_offset
 torque_ripple viscous_friction
 """
-EFFECTS = sorted(main_forms())
+EFFECTS = sorted(name for name, kind in main_forms().items() if not kind.frees)
 JOINTS = 3
 
 
@@ -72,8 +72,8 @@ def case(*names, extra=()):
     return Case(names or STANDARD, extra)
 
 
-UNTRIED = {"rigid_body", "learned_effect", "payload.carried"}
-"""What others are missing from, what has no name, and what logs say themselves."""
+UNTRIED = {"rigid_body", "learned_effect", "payload.carried", "overcompensated_friction"}
+"""What others are missing from, what has no name, what logs say themselves, and what has no columns."""
 
 
 def test_the_catalogue_is_complete():
