@@ -219,7 +219,7 @@ class Effect:
 
     @classmethod
     def guesses(cls, robot: Robot) -> Iterable[Self]:
-        """Forms in which it may act on the whole robot while signs are not known: by default none is tried then."""
+        """Forms that are tried on the whole robot while signs are unknown; none by default."""
         return ()
 
     def parameters(self, robot: Robot) -> tuple[Parameter, ...]:

@@ -16,10 +16,10 @@ _HARMONICS = (1, 2, 3)
 
 
 class PositionTorque(ActuatorTerm):
-    """sum over h = 1, 2, 3 of a_h sin(h u) + b_h cos(h u): a periodic error of a joint torque sensor.
+    """Sum over h = 1, 2, 3 of a_h sin(h u) + b_h cos(h u): a periodic error of a joint torque sensor.
 
-    Strain-gauge sensors in harmonic drives err with the angle: Hashimoto, Paul, IEEE Int. Conf. on Robotics and
-    Automation, 1992.
+    Strain gauges on the flexspline of a harmonic drive err with its angle: Hashimoto, Kiyosawa, Paul, IEEE Transactions
+    on Robotics and Automation, 1993.
     """
 
     name = "position_torque"

@@ -136,7 +136,9 @@ def not_testable(scores: Sequence[Score], n_joints: int, thresholds: Thresholds 
     """
     tried = {score.key: score for score in scores}
     single = {(j,) for j in range(1, n_joints + 1)}
-    places = {effect: {()} if form.acts_on != "joint" else single for effect, form in main_forms().items()}
+    places = {
+        effect: {()} if form.acts_on != "joint" else single for effect, form in main_forms().items() if not form.frees
+    }
     untried = {(effect, joints) for effect, where in places.items() for joints in where} - set(tried)
     testable, needed = thresholds.testable * LN10, thresholds.log10_bayes_factor * LN10
     invisible = {key for key, score in tried.items() if score.expected_gain < testable and score.gain < needed}
