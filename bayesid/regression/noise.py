@@ -156,6 +156,27 @@ def integrated_time(covariance: Array) -> float:
     return float(max(1.0, times[enough[0] if enough.size else -1]))
 
 
+def times_of(error: Array, used: Mask, rate: float) -> Array:
+    """(n,) samples of an error (N, n) that count as one, for its mean or for its size, whichever is longer.
+
+    For its size 1 + 2 sum of the squared autocorrelations (Bartlett 1946). An error that oscillates has a short
+    integrated autocorrelation time, as half-waves cancel, but its size is known no better than its coherence time says.
+    """
+    times = []
+    for j, pairs in enumerate(pairs_of_joints(used, rate)):
+        covariance = autocovariance(error[:, j], used[:, j], len(pairs), pairs)
+        by_chance = 1.0 / np.maximum(pairs, 1.0)  # squared autocorrelation of white noise
+        square = (covariance / max(covariance[0], TINY)) ** 2 - by_chance
+        times.append(max(integrated_time(covariance), 1.0 + 2.0 * float(square[1:].sum())))
+    return np.array(times)
+
+
+def rms_where(values: Array, used: Mask) -> Array:
+    """(n,) RMS of values (N, n) over the samples that are used (N, n); 0 of none."""
+    rms: Array = np.sqrt(np.where(used, values**2, 0.0).sum(axis=0) / np.maximum(used.sum(axis=0), 1))
+    return rms
+
+
 def relative_rms(residual: Array, effort: Array, used: Mask) -> Array:
     """(n,) RMS of the residual over RMS of the effort, over the used samples (N, n)."""
     return np.sqrt((residual**2 * used).sum(axis=0) / np.maximum((effort**2 * used).sum(axis=0), TINY))

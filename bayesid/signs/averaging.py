@@ -24,9 +24,10 @@ from bayesid.log.signals import Signals
 from bayesid.progress import SILENT, Progress
 from bayesid.regression.least_squares import Fit, fit_signed
 from bayesid.regression.moments import Moments, moments
+from bayesid.regression.noise import rms_where, times_of
 from bayesid.regression.solver import ConeLeastSquares
 from bayesid.signs.search.protocol import Search, SignProblem, turned_round
-from bayesid.signs.settling import Settled, nats_gained, settle_signs
+from bayesid.signs.settling import Settled, settle_signs
 from bayesid.signs.tuning import TUNING
 
 
@@ -113,11 +114,13 @@ def weight_against(rival: Settled, asked: Settled) -> float:
 def evidence_gain(rival: Settled, asked: Settled) -> float:
     """Fall of the Bayesian information criterion: twice the log of how much likelier a richer model is.
 
-    Samples that a distortion of a sensor takes for unreadable speak for neither.
+    Both answer for the same samples, as they were read: what a sensor cannot show is no excuse for other readings.
     """
-    time = np.maximum(rival.fit.residual.autocorrelation, asked.fit.residual.autocorrelation)
-    count = np.minimum(asked.evidence.fitted.sum(axis=0), rival.evidence.fitted.sum(axis=0)) / time
-    gain = 2.0 * nats_gained(rival.fit, asked.fit, count)
+    samples, rate = asked.evidence.used | rival.evidence.used, asked.evidence.signals.rate
+    left, before = (np.maximum(rms_where(one.error, samples), TINY) for one in (rival, asked))
+    time = np.maximum(*(times_of(one.error, samples, rate) for one in (rival, asked)))
+    count = samples.sum(axis=0) / time
+    gain = 2.0 * float(count @ np.log(before / left))
     more = len(rival.evidence.coefficients) - len(asked.evidence.coefficients)
     return gain - more * float(np.log(count.sum()))
 

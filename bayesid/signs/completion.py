@@ -41,7 +41,7 @@ from bayesid.regression.tuning import TUNING as REGRESSION
 from bayesid.signs.averaging import AveragedSigns, evidence_gain, weight_against
 from bayesid.signs.proposals import PoorJoint, PoorRobot, Proposal, propose
 from bayesid.signs.search.protocol import Search
-from bayesid.signs.settling import Settled, restored, settle_signs
+from bayesid.signs.settling import Reading, Settled, restored, settle_signs
 from bayesid.signs.tuning import TUNING
 
 
@@ -118,7 +118,8 @@ class _Searching:
         if model.before_sensors is not model and model.before_sensors.distortions != model.distortions:
             segments = find_segments(signals, model.robot.actuators(signals.motion), self.cutting)
         found = settle_signs(model.before_sensors, signals, segments, self.search, progress, begun=begun, also=also)
-        return _Opinion(model, found)
+        reading = None if model.before_sensors is model else Reading(model, self.as_read)
+        return _Opinion(model, replace(found, reading=reading))
 
 
 def complete(
@@ -135,15 +136,18 @@ def complete(
     plain = _Opinion(averaged.asked.model, averaged.asked)
     may_enter, lifted = how.enter and search.any_model, tuple[EnteredEffect, ...]()
     while may_enter and (free := _with_bounds_lifted(plain, searching, progress)) is not plain:
-        gain = 0.5 * evidence_gain(free.settled, plain.settled) / LN10
-        more = (effect for effect in free.model.effects if effect not in plain.model.effects)
-        lifted = (*lifted, *(EnteredEffect(effect, gain, ()) for effect in more))
+        lifted = (*lifted, *_lifting(free, plain))
         plain, averaged = free, AveragedSigns.alone(free.settled)
     first = plain if averaged.by_asked else replace(plain, settled=averaged.settled)
     rounds = _Rounds(plain, first, averaged.fit, averaged.probability)
-    for _ in range(TUNING.completion_rounds):
-        if not rounds.go_on(searching, enter=may_enter, progress=progress):
-            break
+    rounds.go_through(searching, enter=may_enter, progress=progress)
+    if may_enter and (free := _with_bounds_lifted(rounds.signs, searching, progress)) is not rounds.signs:
+        more = _lifting(free, rounds.signs)
+        model = reduce(Model.extend, (effect.source for effect in more), plain.model)
+        first = plain = searching.under(model, free.settled, progress.under("bounds lifted"))
+        lifted, averaged = (*lifted, *more), AveragedSigns.alone(plain.settled)
+        rounds = _Rounds.under(plain, free)
+        rounds.go_through(searching, enter=True, progress=progress)
     rounds.check(searching, progress)
     rounds.search_once_more(searching, progress)
 
@@ -168,6 +172,12 @@ def complete(
     return made(rounds)
 
 
+def _lifting(free: _Opinion, plain: _Opinion) -> list[EnteredEffect]:
+    """The terms that lift bounds of a model, with their evidence together."""
+    gain = 0.5 * evidence_gain(free.settled, plain.settled) / LN10
+    return [EnteredEffect(effect, gain, ()) for effect in free.model.effects if effect not in plain.model.effects]
+
+
 def _least_half(effects: Sequence[EnteredEffect]) -> set[EffectKey]:
     """Those with less evidence than the others, at least one: without them the others may be clear."""
     ordered = sorted(effects, key=lambda effect: effect.log10_bayes_factor)
@@ -184,9 +194,22 @@ class _Rounds:
     wanted: Wanted = field(init=False)  # by the log: the effects of the completed model, if that is not the plain one
     _last: Wanted | None = None
     _turned: bool = False
+    _tried: dict[int, float] = field(default_factory=dict)  # what joints left when nothing proposed for them was better
 
     def __post_init__(self) -> None:
         self.completed = self.plain
+
+    @classmethod
+    def under(cls, plain: _Opinion, signs: _Opinion) -> _Rounds:
+        """Begun from signs under a richer model."""
+        probability = signs.settled.probability
+        return cls(plain, signs, fit_signed(plain.settled.evidence, 2.0 * probability - 1.0), probability)
+
+    def go_through(self, searching: _Searching, *, enter: bool, progress: Progress) -> None:
+        """Rounds until nothing changes."""
+        for _ in range(TUNING.completion_rounds):
+            if not self.go_on(searching, enter=enter, progress=progress):
+                break
 
     @property
     def effects(self) -> tuple[EnteredEffect, ...]:
@@ -204,7 +227,7 @@ class _Rounds:
 
     def go_on(self, searching: _Searching, *, enter: bool, progress: Progress) -> bool:
         """One more round; whether another one may change anything."""
-        if enter and (better := _with_proposals(self.signs, searching, progress)) is not self.signs:
+        if enter and (better := _with_proposals(self.signs, self._tried, searching, progress)) is not self.signs:
             self._follow(better)
         progress("completing the model", 0, 1)
         start = [effect for effect in self.signs.model.effects if effect not in self.plain.model.effects]
@@ -294,7 +317,7 @@ def _with_bounds_lifted(plain: _Opinion, searching: _Searching, progress: Progre
 
     Those that are not clearly negative keep their bounds.
     """
-    proposal = PoorRobot(_signed_log(plain)).without_bounds()
+    proposal = _poor_robot(plain).without_bounds()
     while proposal is not None:
         lifted = _best_of(plain, [proposal], searching, progress.under("bounds lifted"))
         kept = tuple(effect for effect in proposal.effects if _clearly_negative(effect, lifted.settled))
@@ -311,14 +334,21 @@ def _clearly_negative(effect: Effect, settled: Settled) -> bool:
     return bool(np.all(settled.fit.theta[own] < -REGRESSION.significant * sd[own]))
 
 
-def _with_proposals(opinion: _Opinion, searching: _Searching, progress: Progress) -> _Opinion:
-    """Signs under the model with effects that were proposed for joints that it explains poorly; or as they were."""
+def _with_proposals(opinion: _Opinion, tried: dict[int, float], searching: _Searching, progress: Progress) -> _Opinion:
+    """Signs under the model with effects that were proposed for joints that it explains poorly; or as they were.
+
+    A joint for which nothing was better is not tried again while it is explained about as it was.
+    """
     if _poor(opinion.settled).any():
-        opinion = _best_of(opinion, PoorRobot(_signed_log(opinion)).propose(), searching, progress)
+        opinion = _best_of(opinion, _poor_robot(opinion).propose(), searching, progress)
     for joint in np.flatnonzero(_poor(opinion.settled))[::-1].tolist():  # from the tip, whose effects stay there
         for _ in range(TUNING.most_proposed):
+            left = float(opinion.settled.fit.relative_residual[joint])
+            if abs(left / tried.get(joint, np.inf) - 1.0) < TUNING.explained_alike:
+                break
             better = _with_proposal(opinion, joint, searching, progress.under(f"joint {joint + 1}"))
             if better is opinion:
+                tried[joint] = left
                 break
             opinion = better
     return opinion
@@ -328,7 +358,8 @@ def _with_proposal(opinion: _Opinion, joint: int, searching: _Searching, progres
     if not _poor(opinion.settled)[joint]:
         return opinion
     log, known = _signed_log(opinion), {_key(effect) for effect in opinion.model.effects}
-    proposed = (p for p in propose(PoorJoint.of(log, joint), log.library(joint)) if _key(p.effects[0]) not in known)
+    poor = PoorJoint.of(log, opinion.settled.signs.segments, joint)
+    proposed = (one for one in propose(poor, log.library(joint)) if _key(one.effects[0]) not in known)
     return _best_of(opinion, list(islice(proposed, TUNING.most_rivals)), searching, progress)
 
 
@@ -341,6 +372,10 @@ def _best_of(opinion: _Opinion, proposals: Sequence[Proposal], searching: _Searc
         rivals.append(searching.under(model, settled, progress, [signs]))
     gains = {0.5 * evidence_gain(rival.settled, settled): rival for rival in rivals}
     return gains[max(gains)] if max(gains, default=0.0) > REGRESSION.needed else opinion
+
+
+def _poor_robot(opinion: _Opinion) -> PoorRobot:
+    return PoorRobot(_signed_log(opinion), opinion.settled.signs.segments, _poor(opinion.settled))
 
 
 def _signed_log(opinion: _Opinion) -> SignedLog:

@@ -9,7 +9,7 @@ they take, are proposed; a search under each decides.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
@@ -18,9 +18,13 @@ import numpy as np
 from bayesid.arrays import Array, Integers, Mask
 from bayesid.effects import catalogue
 from bayesid.effects.coefficients import base_coefficients
+from bayesid.effects.distortion import SensorDistortion
 from bayesid.effects.effect import Effect
+from bayesid.effects.model import Model
+from bayesid.log.segments import Segments
 from bayesid.parallel import in_parallel
 from bayesid.regression.knowledge import inverse_of
+from bayesid.regression.noise import times_of
 from bayesid.regression.selection.hypotheses import Hypothesis
 from bayesid.regression.selection.wanted import SignedLog
 from bayesid.signs.tuning import TUNING
@@ -29,9 +33,24 @@ from bayesid.signs.tuning import TUNING
 @dataclass(frozen=True)
 class _Rows:
     columns: Array  # (M, m) of the model, those of the effect last
-    magnitude: Array  # (M,) |effort|, N m
+    magnitude: Array  # (M,) |effort|, N m; what a sensor hides, as it was read
+    shown: Mask  # (M,) whether the sensor shows it
     known: Array  # (M,) the effort by the model so far, N m
     place: Integers  # (M,) which of the log's thinned rows they are
+    segment: Integers  # (M,) of the search so far; -1 where it fitted none
+
+
+@dataclass(frozen=True)
+class _Left:
+    """What a fit leaves of a joint's efforts."""
+
+    rows: _Rows
+    signs: Array  # (M,)
+    residual: Array  # (M,) N m
+
+    @property
+    def rms(self) -> float:
+        return float(np.sqrt(np.mean(self.residual**2)) + np.finfo(float).tiny)
 
 
 @dataclass(frozen=True)
@@ -48,14 +67,15 @@ class PoorJoint:
 
     log: SignedLog
     joint: int  # 0-based
+    segment: Integers  # (N', n) of the thinned rows; -1 where the search so far fitted none
     weight: float  # sd of the joint's error, N m, its autocorrelation included
-    count: float  # effective samples of the joint
+    time: float  # autocorrelation time of the joint's error, thinned rows
     hessian: Array  # (r, r) of the coefficients, by the other joints
     gradient: Array  # (r,) the same
 
     @classmethod
-    def of(cls, log: SignedLog, joint: int) -> PoorJoint:
-        """A (0-based) joint of a log."""
+    def of(cls, log: SignedLog, segments: Segments, joint: int) -> PoorJoint:
+        """A (0-based) joint of a log whose segments were searched."""
         data, (weight, time) = log.data, _noise_of(log)
         others = [j for j in range(len(weight)) if j != joint]
         columns, effort = data.columns / weight[:, None], data.effort / weight
@@ -63,8 +83,9 @@ class PoorJoint:
         return cls(
             log=log,
             joint=joint,
+            segment=_segment_of(log, segments),
             weight=float(weight[joint]),
-            count=float(data.used[:, joint].sum() / time[joint]),
+            time=float(time[joint]),
             hessian=rows.T @ rows,
             gradient=rows.T @ effort[:, others].ravel(),
         )
@@ -75,8 +96,10 @@ class PoorJoint:
         return _Rows(
             columns=self.log.data.columns[used, self.joint],
             magnitude=self.log.modelled.magnitude[:, self.joint][used],
+            shown=np.ones(int(used.sum()), dtype=bool),
             known=self.log.fit.predicted[self.log.rows, self.joint][used],
             place=np.flatnonzero(used),
+            segment=self.segment[used, self.joint],
         )
 
     def signs_of(self, rows: _Rows, signs: Array) -> Array:
@@ -95,9 +118,26 @@ class PoorJoint:
         evidence = self.log.evidence
         model = evidence.model.extend(effect.source)
         columns = model.columns(self.log.modelled.motion)[used, self.joint]
-        magnitude, readable = (x[used, self.joint] for x in model.unread(self.log.modelled.magnitude))
-        columns = columns[:, evidence.coefficients.kept]
-        return _Rows(columns[readable], magnitude[readable], plain.known[readable], plain.place[readable])
+        magnitude, shown = (x[used, self.joint] for x in model.unread(self.log.modelled.magnitude))
+        magnitude = np.where(shown, magnitude, plain.magnitude)
+        return replace(plain, columns=columns[:, evidence.coefficients.kept], magnitude=magnitude, shown=shown)
+
+    def left(self, rows: _Rows, signs: Array, predicted: Array, sensor: SensorDistortion | None) -> _Left:
+        """Of signs and predictions (M,), N m: what a sensor hides answers for what is read of it."""
+        residual = signs * rows.magnitude - predicted
+        if sensor is not None and not np.all(rows.shown):
+            effort = np.zeros(self.log.data.used.shape)
+            effort[rows.place, self.joint] = predicted
+            read = np.abs(sensor.measured(effort)[rows.place, self.joint])
+            residual = np.where(rows.shown, residual, rows.magnitude - read)
+        return _Left(rows, signs, residual)
+
+    def effective(self, left: _Left) -> float:
+        """Samples of the joint that count, by the shorter autocorrelation time of what is left and of before."""
+        used = self.log.data.used[:, [self.joint]]
+        residual = np.zeros(used.shape)
+        residual[left.rows.place, 0] = left.residual
+        return len(left.residual) / max(min(float(times_of(residual, used, self.log.data.rate)[0]), self.time), 1.0)
 
 
 def propose(poor: PoorJoint, library: Sequence[Sequence[Hypothesis]]) -> list[Proposal]:
@@ -110,41 +150,47 @@ def propose(poor: PoorJoint, library: Sequence[Sequence[Hypothesis]]) -> list[Pr
         return []
     groups = [group for group in library if group[0].columns.joints == {poor.joint}]
     groups = [group for group in groups if not group[0].source.linear or group[0].columns.rows]
-    rms = _alternated(poor, plain)[0]
+    without = _alternated(poor, plain)
     best: dict[str, tuple[float, Proposal]] = {}
-    for found in in_parallel([partial(_best_form, poor, plain, rms, group) for group in groups]):
+    for found in in_parallel([partial(_best_form, poor, without, group) for group in groups]):
         if found is not None and found[0] > best.get(found[1].effects[0].effect, (TUNING.proposal_gain,))[0]:
             best[found[1].effects[0].effect] = found
     return [proposal for _, proposal in sorted(best.values(), key=lambda one: -one[0])]
 
 
-def _best_form(poor: PoorJoint, plain: _Rows, rms: float, group: Sequence[Hypothesis]) -> tuple[float, Proposal] | None:
-    """The form of an effect that gains most, in nats, less the choice of the form; None of an empty group.
-
-    Without the effect the joint's rows `plain` leave `rms`, N m.
-    """
+def _best_form(poor: PoorJoint, without: _Left, group: Sequence[Hypothesis]) -> tuple[float, Proposal] | None:
+    """The form of an effect that gains most, in nats, less the choice of the form; None of an empty group."""
     best = None
     for hypothesis in group:
         rows = poor.rows_under(hypothesis)
-        readable = len(rows.magnitude) / len(plain.magnitude)  # the other samples are explained as without it
-        least, signs = _alternated(poor, rows)
-        gain = poor.count * readable * float(np.log(rms / least))
-        gain -= 0.5 * (rows.columns.shape[1] - plain.columns.shape[1]) * float(np.log(poor.count))
+        sensor = hypothesis.source if isinstance(hypothesis.source, SensorDistortion) else None
+        left = _alternated(poor, rows, sensor)
+        count = poor.effective(left)
+        gain = count * float(np.log(without.rms / left.rms))
+        gain -= 0.5 * (rows.columns.shape[1] - without.rows.columns.shape[1]) * float(np.log(count))
         gain -= float(np.log(len(group)))
         if best is None or gain > best[0]:
-            best = gain, Proposal((hypothesis.source,), poor.signs_of(rows, signs))
+            best = gain, Proposal((hypothesis.source,), poor.signs_of(rows, left.signs))
     return best
 
 
-def _alternated(poor: PoorJoint, rows: _Rows) -> tuple[float, Array]:
-    """What a joint's samples leave at least, N m, and (M,) their signs then: fitted in turn, from the best of three."""
-    r = len(poor.gradient)
-    fit = _InTurn(rows.columns / poor.weight, rows.magnitude / poor.weight, poor.hessian, poor.gradient)
-    best = np.inf, rows.known
-    for start in (rows.known, -rows.known, rows.columns[:, :r] @ (inverse_of(poor.hessian) @ poor.gradient)):
-        signs, predicted, _ = fit.from_signs(np.where(start >= 0.0, 1.0, -1.0))
-        rms = float(np.sqrt(np.mean((signs * rows.magnitude - poor.weight * predicted) ** 2)) + np.finfo(float).tiny)
-        best = min(best, (rms, signs), key=lambda found: found[0])
+def _alternated(poor: PoorJoint, rows: _Rows, sensor: SensorDistortion | None = None) -> _Left:
+    """The fit that leaves least of a joint's samples: coefficients and signs in turn, from the best of four starts."""
+    r, shown = len(poor.gradient), rows.shown
+    columns, magnitude = rows.columns[shown] / poor.weight, rows.magnitude[shown] / poor.weight
+    fit = _InTurn(columns, magnitude, poor.hessian, poor.gradient)
+    by_others = rows.columns[shown, :r] @ (inverse_of(poor.hessian) @ poor.gradient)
+    known, segment = rows.known[shown], rows.segment[shown]
+    starts = [np.where(start >= 0.0, 1.0, -1.0) for start in (known, -known, by_others)]
+    best = None
+    for start in (*starts, fit.turned(starts[0], segment, segment >= 0)):
+        found, _, beta = fit.from_signs(start)
+        predicted = rows.columns @ beta
+        signs = np.where(predicted >= 0.0, 1.0, -1.0)
+        signs[shown] = found
+        left = poor.left(rows, signs, predicted, sensor)
+        best = left if best is None or left.rms < best.rms else best
+    assert best is not None  # there are starts
     return best
 
 
@@ -178,6 +224,41 @@ class _InTurn:
             signs = nearest
         return signs, predicted, beta
 
+    def turned(self, signs: Array, segment: Integers, doubted: Mask) -> Array:
+        """(M,) signs whose segments cost least: whole segments are turned one by one while the cost falls.
+
+        Signs of segments are a binary quadratic problem (DESIGN.md 3); such a search ends in a local optimum, so it
+        begins from many random signs of the segments in doubt. Rows of segment -1 (M,) stay as they are.
+
+        Args:
+            signs: (M,) to begin with.
+            segment: (M,) which segment each row is of.
+            doubted: (M,) whether the row's segment may have any sign; others may turn, but begin as they are.
+        """
+        names, place = np.unique(segment, return_inverse=True)
+        turning = np.zeros((len(names), len(self._others)))
+        np.add.at(turning, place, signs[:, None] * self._turning)
+        fixed, turning = turning[names < 0].sum(axis=0), turning[names >= 0]
+        if not len(turning):
+            return signs
+        quadratic = turning @ self._inverse @ turning.T
+        linear, own = turning @ (self._inverse @ (self._others + fixed)), np.diag(quadratic)
+        random = np.isin(names[names >= 0], segment[doubted])
+        turned = np.random.default_rng(0).choice([-1.0, 1.0], size=(TUNING.sign_starts, len(turning)))
+        turned[:, ~random], turned[0] = 1.0, 1.0
+        pull, going = turned @ quadratic + linear, np.arange(len(turned))
+        while len(going):
+            gain = own - turned[going] * pull[going]
+            best = np.argmax(gain, axis=1)
+            worth = gain[np.arange(len(going)), best] > TUNING.least_turn
+            going, best = going[worth], best[worth]
+            turned[going, best] *= -1.0
+            pull[going] += 2.0 * turned[going, best][:, None] * quadratic[best]
+        least = turned[np.argmax(np.sum(turned * (pull + linear), axis=1))]
+        of_names = np.ones(len(names))
+        of_names[names >= 0] = least
+        return signs * of_names[place]
+
 
 @dataclass(frozen=True)
 class _Settled:
@@ -189,10 +270,21 @@ class _Settled:
 
 
 @dataclass(frozen=True)
+class _Form:
+    """A model of the whole robot, on thinned rows."""
+
+    columns: Array  # (N', n, r)
+    names: list[str]  # of the r coefficients
+    bounded: list[list[int]]  # of each joint, the coefficients that a bound holds
+
+
+@dataclass(frozen=True)
 class PoorRobot:
     """All joints of a log, for what acts in several of them."""
 
     log: SignedLog
+    segments: Segments  # that were searched
+    poor: Mask  # (n,) joints that are explained poorly
 
     def without_bounds(self) -> Proposal | None:
         """The terms that lift the bounds which a fit without any violates; None if that gains too little.
@@ -201,48 +293,21 @@ class PoorRobot:
         the joint tell: the one that keeps them is taken. Joints are turned all at once, as long as the other bounds
         want it, or one by one, if that explains the log about as well; what explains it best counts.
         """
-        model, names = self.log.evidence.model, list(self.log.evidence.coefficients.names)
+        model = self.log.evidence.model
         joints = range(1, model.robot.n_joints + 1)
         lifting = [kind(joints=(j,)) for kind in catalogue.forms().values() if kind.frees for j in joints]
         lifting = [effect for effect in lifting if effect not in model.effects]
-        free = {name for effect in lifting for name in effect.freed(model.robot)}
-        bounded = [model.parameters[k] for k in model.cone.nonnegative]
-        kept = [[names.index(p.name) for p in bounded if p.joint == j and p.name in set(names) - free] for j in joints]
+        form = self._form(model, {name for effect in lifting for name in effect.freed(model.robot)})
         predicted = self.log.fit.predicted[self.log.rows]
         before = self._rms(np.where(predicted >= 0.0, 1.0, -1.0), predicted)
-        begun, best = self._settled(self.log.modelled.columns), None
-        for settled in (self._turned_together(begun, kept), self._turned_one_by_one(begun, kept)):
-            value = dict(zip(names, settled.beta.tolist(), strict=True))
+        begun, best = self._settled(form, predicted), None
+        for settled in (self._turned_together(form, begun), self._turned_one_by_one(form, begun)):
+            value = dict(zip(form.names, settled.beta.tolist(), strict=True))
             needed = [one for one in lifting if all(value.get(name, 0.0) < 0.0 for name in one.freed(model.robot))]
             gain = self._gain(before, settled.left) - 0.5 * len(needed) * float(np.log(self._count.sum()))
             if needed and gain > (TUNING.proposal_gain if best is None else best[0]):
                 best = gain, Proposal(tuple(needed), _of_samples(self.log, settled.signs))
         return None if best is None else best[1]
-
-    def _turned_together(self, settled: _Settled, kept: Sequence[list[int]]) -> _Settled:
-        for _ in kept:
-            if not np.any(turned := self._wrong_sides(settled, kept)):
-                break
-            settled = self._settled(self.log.modelled.columns, np.where(turned, -settled.signs, settled.signs))
-        return settled
-
-    def _turned_one_by_one(self, settled: _Settled, kept: Sequence[list[int]]) -> _Settled:
-        for _ in kept:
-            before = settled
-            for j in range(len(kept)):
-                if self._wrong_sides(settled, kept)[j]:
-                    signs = np.where(np.arange(len(kept)) == j, -settled.signs, settled.signs)
-                    other = self._settled(self.log.modelled.columns, signs)
-                    settled = other if self._gain(settled.left, other.left) > -TUNING.proposal_gain else settled
-            if settled is before:
-                break
-        return settled
-
-    def _wrong_sides(self, settled: _Settled, kept: Sequence[list[int]]) -> Mask:
-        """(n,) joints of unknown sign whose bounded parameters, the coefficients kept, are negative in sum."""
-        columns, beta = np.abs(self.log.modelled.columns), settled.beta
-        sides = [np.sum(beta[own] * columns[:, j, own].sum(axis=0)) for j, own in enumerate(kept)]
-        return (np.array(sides) < 0.0) & ~self.log.evidence.signals.signed
 
     def propose(self) -> list[Proposal]:
         """Effects of the whole robot, each in its best guess, best first; none that explains no more than none.
@@ -250,15 +315,55 @@ class PoorRobot:
         What their numbers cost is weighed after the search: there are few such effects.
         """
         model, found = self.log.evidence.model, []
-        before = self._settled(self.log.modelled.columns).left
+        before = self._settled_under(model).left
         for kind in catalogue.forms().values():
             guesses = [] if kind.name in {one.name for one in model.effects} else list(kind.guesses(model.robot))
-            fits = in_parallel([partial(self._settled_with, guess) for guess in guesses])
+            fits = in_parallel([partial(self._settled_under, model.extend(guess)) for guess in guesses])
             gains = [self._gain(before, fit.left) for fit in fits]
             if max(gains, default=0.0) > TUNING.proposal_gain:
                 best = int(np.argmax(gains))
                 found.append((gains[best], Proposal((guesses[best],), _of_samples(self.log, fits[best].signs))))
         return [proposal for _, proposal in sorted(found, key=lambda one: -one[0])]
+
+    def _settled_under(self, model: Model) -> _Settled:
+        """From the signs so far, and from the best ones of all segments of the joints that are explained poorly."""
+        form, predicted = self._form(model), self.log.fit.predicted[self.log.rows]
+        settled = self._settled(form, predicted)
+        other = self._settled(form, self._segments_turned(form, settled))
+        return self._turned_one_by_one(form, other if self._gain(settled.left, other.left) > 0.0 else settled)
+
+    def _turned_together(self, form: _Form, settled: _Settled) -> _Settled:
+        for _ in form.bounded:
+            if not np.any(turned := self._wrong_sides(form, settled)):
+                break
+            settled = self._settled(form, np.where(turned, -settled.signs, settled.signs))
+        return settled
+
+    def _turned_one_by_one(self, form: _Form, settled: _Settled) -> _Settled:
+        for _ in form.bounded:
+            before = settled
+            for j in range(len(form.bounded)):
+                if self._wrong_sides(form, settled)[j]:
+                    signs = np.where(np.arange(len(form.bounded)) == j, -settled.signs, settled.signs)
+                    other = self._settled(form, signs)
+                    settled = other if self._gain(settled.left, other.left) > -TUNING.proposal_gain else settled
+            if settled is before:
+                break
+        return settled
+
+    def _wrong_sides(self, form: _Form, settled: _Settled) -> Mask:
+        """(n,) joints of unknown sign whose bounded parameters are negative in sum."""
+        columns, beta = np.abs(form.columns), settled.beta
+        sides = [np.sum(beta[own] * columns[:, j, own].sum(axis=0)) for j, own in enumerate(form.bounded)]
+        return (np.array(sides) < 0.0) & ~self.log.evidence.signals.signed
+
+    def _form(self, model: Model, free: Set[str] = frozenset()) -> _Form:
+        """A model whose parameters of some names may have any sign."""
+        coefficients, joints = base_coefficients(model), range(1, model.robot.n_joints + 1)
+        names = list(coefficients.names)
+        bounded = [model.parameters[k] for k in model.cone.nonnegative]
+        kept = [[names.index(p.name) for p in bounded if p.joint == j and p.name in set(names) - free] for j in joints]
+        return _Form(model.columns(self.log.modelled.motion)[:, :, coefficients.kept], names, kept)
 
     @cached_property
     def _count(self) -> Array:
@@ -269,21 +374,28 @@ class PoorRobot:
         """Nats by which a joint's residual RMS left (n,) is likelier than the one before."""
         return float(self._count @ np.log(before / left))
 
-    def _settled_with(self, effect: Effect) -> _Settled:
-        model = self.log.evidence.model.extend(effect)
-        return self._settled(model.columns(self.log.modelled.motion)[:, :, base_coefficients(model).kept])
-
-    def _settled(self, columns: Array, begun: Array | None = None) -> _Settled:
-        """Under columns (N', n, r), from signs (N', n), by default those of the model's fit."""
-        log, used, signals = self.log, self.log.data.used, self.log.evidence.signals
-        begun = log.fit.predicted[log.rows] if begun is None else begun
-        start = np.where(np.where(signals.signed, signals.raw_effort[log.rows], begun) >= 0.0, 1.0, -1.0)
-        weight, r = _noise_of(log)[0], columns.shape[2]
-        rows, magnitude = (columns / weight[:, None])[used], (log.modelled.magnitude / weight)[used]
-        in_turn = _InTurn(rows, magnitude, np.zeros((r, r)), np.zeros(r))
+    def _settled(self, form: _Form, begun: Array) -> _Settled:
+        """Coefficients and signs in turn, from signs (N', n)."""
+        used, signals = self.log.data.used, self.log.evidence.signals
+        start = np.where(np.where(signals.signed, signals.raw_effort[self.log.rows], begun) >= 0.0, 1.0, -1.0)
         signs = np.zeros(used.shape)
-        signs[used], _, beta = in_turn.from_signs(start[used], np.broadcast_to(signals.signed, used.shape)[used])
-        return _Settled(signs, self._rms(signs, columns @ beta), beta)
+        known = np.broadcast_to(signals.signed, used.shape)[used]
+        signs[used], _, beta = self._in_turn(form).from_signs(start[used], known)
+        return _Settled(signs, self._rms(signs, form.columns @ beta), beta)
+
+    def _segments_turned(self, form: _Form, settled: _Settled) -> Array:
+        """(N', n) the best signs of whole segments, where those of joints that are explained poorly are in doubt."""
+        used, signals = self.log.data.used, self.log.evidence.signals
+        segment = np.where(signals.signed, -1, _segment_of(self.log, self.segments))
+        doubted = np.broadcast_to(self.poor, used.shape)
+        signs = settled.signs.copy()
+        signs[used] = self._in_turn(form).turned(signs[used], segment[used], doubted[used])
+        return signs
+
+    def _in_turn(self, form: _Form) -> _InTurn:
+        used, weight, r = self.log.data.used, _noise_of(self.log)[0], form.columns.shape[2]
+        rows, magnitude = (form.columns / weight[:, None])[used], (self.log.modelled.magnitude / weight)[used]
+        return _InTurn(rows, magnitude, np.zeros((r, r)), np.zeros(r))
 
     def _rms(self, signs: Array, predicted: Array) -> Array:
         used = self.log.data.used
@@ -294,9 +406,17 @@ class PoorRobot:
 
 def _noise_of(log: SignedLog) -> tuple[Array, Array]:
     """(n,) sd of each joint's error, N m, its autocorrelation included; and (n,) that, in thinned rows."""
-    residual = log.fit.residual
-    time = np.maximum(residual.autocorrelation / (log.evidence.signals.rate / log.data.rate), 1.0)
-    return residual.sigma * np.sqrt(time), time
+    evidence, predicted = log.evidence, log.fit.predicted
+    time = times_of(evidence.signals.nearest(predicted) - predicted, evidence.used, evidence.signals.rate)
+    time = np.maximum(time / (evidence.signals.rate / log.data.rate), 1.0)
+    return log.fit.residual.sigma * np.sqrt(time), time
+
+
+def _segment_of(log: SignedLog, segments: Segments) -> Integers:
+    """(N', n) of the thinned rows; -1 where none is fitted."""
+    fitted = segments[segments.fitted]
+    numbered = fitted.per_sample(np.arange(1, len(fitted) + 1), *log.evidence.used.shape)
+    return numbered[log.rows].astype(np.int64) - 1
 
 
 def _of_samples(log: SignedLog, thinned: Array) -> Array:

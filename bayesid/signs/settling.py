@@ -30,6 +30,14 @@ _LESS_THAN_HALF = float(np.nextafter(0.5, 0.0))
 
 
 @dataclass(frozen=True)
+class Reading:
+    """What sensors make of efforts."""
+
+    model: Model  # with the sensors' distortions
+    signals: Signals  # the log as it was read
+
+
+@dataclass(frozen=True)
 class Settled:
     """Signs under one model."""
 
@@ -37,6 +45,15 @@ class Settled:
     signs: SegmentSigns  # what the searches gave
     probability: Array  # (N, n) P(sign = +) of every sample, the parameters taken as known
     fit: Fit  # parameters and noise under these signs
+    reading: Reading | None = None  # where sensors show the efforts otherwise
+
+    @property
+    def error(self) -> Array:
+        """(N, n) the log's efforts as read less what the model would have read, N m, unknown signs as predicted."""
+        if self.reading is None:
+            return self.evidence.signals.nearest(self.predicted) - self.predicted
+        read = self.reading.model.read(self.predicted)
+        return self.reading.signals.nearest(read) - read
 
     @property
     def model(self) -> Model:

@@ -230,8 +230,15 @@ class Tuning:
     """Effects that are proposed for a joint in a round."""
     friction_odds: float = 100.0
     """Odds that friction decides the sign of a joint that the model explains poorly."""
+    explained_alike: float = 0.1
+    """Relative change of what is left of a joint's effort below which effects are not proposed for it again."""
     most_rivals: int = 3
     """Proposals for a joint, the best of which may be taken: each costs a search."""
+    sign_starts: int = 64
+    """Random signs from which a joint's segments are turned one by one: the best of 64 is the best of 1,000 on the
+    logs of robots that fit poorly (100 segments a joint, 20 coefficients)."""
+    least_turn: float = 1e-9
+    """Nats by which a turn must lower the cost: rounding."""
     proposal_rounds: int = 40
     """Of coefficients and signs in turn; a round number, a fit of 60 coefficients takes some ten."""
     proposal_gain: float = 3.0
