@@ -62,27 +62,22 @@ class DeadZone(SensorDistortion):
     name = "dead_zone"
     shown_by = "slow changes of the load through zero"
     phrase = Phrase("{whose} efforts below {width} read as zero.", "a dead zone")
-    readable_above = TUNING.clearly_above
 
     @classmethod
     def variants(cls, scene: Scene) -> Iterator[Self]:
-        """Over the threshold: evenly, and where the readings leave gaps, which a hard threshold does.
-
-        Readings that spread below a threshold are no zeros: left out as unreadable, they could not refute it.
-        """
+        """Over the threshold: evenly, and where the readings leave gaps, which a hard threshold does."""
         widths = 0.005 * TUNING.dead_zone_growth ** np.arange(18)
         for j in range(scene.robot.n_joints):
             top = float(np.percentile(scene.measured[:, j], TUNING.dead_zone_top))
             for width in sorted({*(top * widths).tolist(), *_above_gaps(scene.measured[:, j], top)}):
-                if _zeros_pile_up(scene.measured[:, j], cls.readable_above * width):
-                    yield cls(joints=(j + 1,), width=(width,))
+                yield cls(joints=(j + 1,), width=(width,))
 
     def reading(self, effort: Array) -> Array:
         return np.where(np.abs(effort) < np.array(self.width), 0.0, effort)
 
     def restoring(self, reading: Array) -> tuple[Array, Mask]:
         """Readings clearly below the threshold show nothing but that."""
-        return reading, reading > self.readable_above * np.array(self.width)
+        return reading, reading > TUNING.clearly_above * np.array(self.width)
 
 
 class ShrinkingDeadZone(DeadZone):
@@ -93,20 +88,13 @@ class ShrinkingDeadZone(DeadZone):
 
     name = "dead_zone.shrinking"
     phrase = Phrase("{whose} efforts read {width} too small, the smallest as zero.")
-    readable_above = TUNING.clearly_read
 
     def reading(self, effort: Array) -> Array:
         return np.sign(effort) * np.maximum(np.abs(effort) - np.array(self.width), 0.0)
 
     def restoring(self, reading: Array) -> tuple[Array, Mask]:
         width = np.array(self.width)
-        return reading + width, reading > self.readable_above * width
-
-
-def _zeros_pile_up(magnitude: Array, edge: float) -> bool:
-    """Whether readings below an edge are many times those of as wide a range above it."""
-    below, above = np.sum(magnitude < edge), np.sum((magnitude >= edge) & (magnitude < 2.0 * edge))
-    return bool(below > TUNING.piled_up * above)
+        return reading + width, reading > TUNING.clearly_read * width
 
 
 def _above_gaps(magnitude: Array, top: float) -> list[float]:

@@ -84,8 +84,6 @@ class Tuning:
     """Readings above this share of the threshold are no zeros: midway between these and it."""
     clearly_read: float = 0.3
     """The same where efforts are read smaller by the threshold, and only noise makes zeros larger."""
-    piled_up: float = 2.0
-    """Readings below the readable ones of a dead zone, over those of as wide a range above: 1 where there is none."""
     payload_inertia: float = 0.03
     """kg m^2, prior sd of a payload's inertia: 1 kg (0.17 m)^2; a round number for tools and workpieces."""
     payload_moment: float = 0.15

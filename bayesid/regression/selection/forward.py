@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Set
 from dataclasses import dataclass, field
-from itertools import islice
+from itertools import combinations, islice
 
 import numpy as np
 
@@ -72,7 +72,7 @@ class _Selection:
             more = self._first_borne_out([tried[k] for k in np.argsort(-gains) if gains[k] > self.needed])
             if more is None:
                 break
-            self.chosen = self._exchanged(more)
+            self.chosen = self._merged(self._exchanged(more))
             self.settle()
             self.refuse(more)
 
@@ -107,6 +107,30 @@ class _Selection:
             if bears_out(after, before, winner.columns.joints):
                 chosen = exchanged
         return chosen
+
+    def _merged(self, chosen: list[Hypothesis]) -> list[Hypothesis]:
+        """Pairs of one place, each replaced by a single effect that takes about their place, and is borne out.
+
+        Two that are chosen one after the other may stand for one that neither resembles. It explains more than either
+        by what an effect needs, and less than both by no more than what two need: their forms were chosen for it.
+        """
+        for pair in combinations(chosen, 2):
+            joints = pair[0].columns.joints
+            if pair[1].columns.joints != joints or any(one not in chosen for one in pair):
+                continue
+            others, taken = _without(_without(chosen, pair[0]), pair[1]), {effect.key for effect in chosen}
+            rivals = [e for e in self.regression.effects if e.columns.joints == joints and e.key not in taken]
+            if not rivals:
+                continue
+            *alone, gain = self.regression.gains(others, [*pair, winner := self._best(others, rivals)]).tolist()
+            both = alone[0] + float(self.regression.gains([*others, pair[0]], [pair[1]])[0])
+            if gain > max(*alone, both - 3.0 * self.needed) + self.needed:
+                after, before = self.regression.held_back_each([[*others, winner], others])
+                chosen = [*others, winner] if bears_out(after, before, joints) else chosen
+        return chosen
+
+    def _best(self, others: Effects, rivals: Effects) -> Hypothesis:
+        return rivals[int(np.argmax(self.regression.gains(others, rivals)))]
 
     def settle(self) -> None:
         """Sharpens the forms of the chosen and estimates noise anew, until none of them is needless."""
