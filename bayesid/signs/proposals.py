@@ -160,25 +160,24 @@ def propose(poor: PoorJoint, library: Sequence[Sequence[Hypothesis]]) -> list[Pr
 
 def _best_form(poor: PoorJoint, without: _Left, group: Sequence[Hypothesis]) -> tuple[float, Proposal] | None:
     """The form of an effect that gains most, in nats, less the choice of the form; None of an empty group."""
-    best = None
+    fits = []
     for hypothesis in group:
-        rows = poor.rows_under(hypothesis)
         sensor = hypothesis.source if isinstance(hypothesis.source, SensorDistortion) else None
-        left = _alternated(poor, rows, sensor)
-        count = poor.effective(left)
-        gain = count * float(np.log(without.rms / left.rms))
-        gain -= 0.5 * (rows.columns.shape[1] - without.rows.columns.shape[1]) * float(np.log(count))
-        gain -= float(np.log(len(group)))
-        if best is None or gain > best[0]:
-            best = gain, Proposal((hypothesis.source,), poor.signs_of(rows, left.signs))
-    return best
+        fits.append(_alternated(poor, poor.rows_under(hypothesis), sensor))
+    if not fits:
+        return None
+    best = min(range(len(fits)), key=lambda k: fits[k].rms)
+    left, count = fits[best], poor.effective(fits[best])
+    more = left.rows.columns.shape[1] - without.rows.columns.shape[1]
+    gain = count * float(np.log(without.rms / left.rms)) - 0.5 * more * float(np.log(count)) - float(np.log(len(group)))
+    return gain, Proposal((group[best].source,), poor.signs_of(left.rows, left.signs))
 
 
 def _alternated(poor: PoorJoint, rows: _Rows, sensor: SensorDistortion | None = None) -> _Left:
     """The fit that leaves least of a joint's samples: coefficients and signs in turn, from the best of four starts."""
     r, shown = len(poor.gradient), rows.shown
     columns, magnitude = rows.columns[shown] / poor.weight, rows.magnitude[shown] / poor.weight
-    fit = _InTurn(columns, magnitude, poor.hessian, poor.gradient)
+    fit = InTurn(columns, magnitude, poor.hessian, poor.gradient)
     by_others = rows.columns[shown, :r] @ (inverse_of(poor.hessian) @ poor.gradient)
     known, segment = rows.known[shown], rows.segment[shown]
     starts = [np.where(start >= 0.0, 1.0, -1.0) for start in (known, -known, by_others)]
@@ -194,8 +193,8 @@ def _alternated(poor: PoorJoint, rows: _Rows, sensor: SensorDistortion | None = 
     return best
 
 
-class _InTurn:
-    """Coefficients and signs, fitted in turn.
+class InTurn:
+    """Coefficients without bounds and signs, fitted in turn.
 
     Args:
         columns: (M, m) in units of the noise.
@@ -392,10 +391,10 @@ class PoorRobot:
         signs[used] = self._in_turn(form).turned(signs[used], segment[used], doubted[used])
         return signs
 
-    def _in_turn(self, form: _Form) -> _InTurn:
+    def _in_turn(self, form: _Form) -> InTurn:
         used, weight, r = self.log.data.used, _noise_of(self.log)[0], form.columns.shape[2]
         rows, magnitude = (form.columns / weight[:, None])[used], (self.log.modelled.magnitude / weight)[used]
-        return _InTurn(rows, magnitude, np.zeros((r, r)), np.zeros(r))
+        return InTurn(rows, magnitude, np.zeros((r, r)), np.zeros(r))
 
     def _rms(self, signs: Array, predicted: Array) -> Array:
         used = self.log.data.used

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
+import scipy
 
-from bayesid.regression.noise import Noise, autocovariance, integrated_time, relative_rms, residual_noise
+from bayesid.regression.noise import Noise, autocovariance, integrated_time, relative_rms, residual_noise, times_of
 
 RATE = 100.0
 
@@ -90,3 +91,17 @@ def test_a_scaled_noise_is_larger_and_no_other():
     np.testing.assert_allclose(larger.white, [1.4, 0.1])
     for name in ("correlation", "autocorrelation"):
         np.testing.assert_array_equal(getattr(larger, name), getattr(noise, name))
+
+
+def test_an_error_that_oscillates_counts_by_its_coherence_time():
+    """Damped waves, rho_k = r^k cos(w k): sum of rho by closed form for the mean, of its square for the size."""
+    r, w, n = 0.95, 0.5, 400_000
+    rng = np.random.default_rng(1)
+    turning = scipy.signal.lfilter([1.0], [1.0, -r * np.exp(1j * w)], rng.normal(size=n) + 1j * rng.normal(size=n))
+    slow = scipy.signal.lfilter([1.0], [1.0, -0.9], rng.normal(size=n))
+    z = r * np.exp(1j * w)
+    of_mean = 1.0 + 2.0 * (z / (1.0 - z)).real
+    of_size = 1.0 + r**2 / (1.0 - r**2) + (z**2 / (1.0 - z**2)).real
+    assert of_mean < 1.0 < 5.0 < of_size
+    times = times_of(np.stack([turning.real, slow], axis=1), np.ones((n, 2), dtype=bool), 100.0)
+    np.testing.assert_allclose(times, [of_size, 1.9 / 0.1], rtol=0.05)  # Monte Carlo error of 300 lags: 2 %

@@ -7,12 +7,14 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import scipy
 from sign_problems import synthetic
 from simulated_arms import BUDGET, arm_with_friction, rms, settle
 
 from bayesid.effects import STANDARD
 from bayesid.identification import pipeline
 from bayesid.posterior.sampler import Sampling
+from bayesid.regression.noise import times_of
 from bayesid.signs.averaging import doubt_of, richer_model, rises_by_joint, weight_against
 from bayesid.signs.search.certified import Certified
 
@@ -108,11 +110,10 @@ def test_another_model_is_asked_where_a_residual_lasts(asked):
     assert model.parameters[: len(asked.model.parameters)] == asked.model.parameters
 
 
-def fake(sigma, time, coefficients, moving=(600, 300)):
+def fake(error, coefficients, moving=(600, 300)):
     mask = np.arange(max(moving))[:, None] < np.array(moving)
-    residual = SimpleNamespace(sigma=np.array(sigma), autocorrelation=np.array(time))
-    evidence = SimpleNamespace(coefficients=range(coefficients), fitted=mask)
-    return SimpleNamespace(fit=SimpleNamespace(residual=residual), evidence=evidence)
+    evidence = SimpleNamespace(coefficients=range(coefficients), used=mask, signals=SimpleNamespace(rate=100.0))
+    return SimpleNamespace(error=error, evidence=evidence)
 
 
 def information_criterion(sigma, count, coefficients):
@@ -122,13 +123,22 @@ def information_criterion(sigma, count, coefficients):
 
 
 def test_the_weight_is_that_of_the_information_criterion():
-    """600 and 300 samples whose longer autocorrelation times are 3 and 6: 200 and 50 count."""
-    asked, count = fake([1.1, 2.0], [3.0, 5.0], 4), np.array([200.0, 50.0])
-    for size in (9, 11, 12, 13, 16):
-        rival = fake([1.0, 1.9], [2.0, 6.0], size)
-        criteria = [information_criterion(np.array(s), count, k) for s, k in (([1.1, 2.0], 4), ([1.0, 1.9], size))]
+    """600 and 300 samples, by the longer of two autocorrelation times."""
+    errors = [coloured_errors(seed, moving=(600, 300)) for seed in (3, 8)]
+    asked = fake(1.1 * errors[0], 4)
+    time = np.max([times_of(error, asked.evidence.used, 100.0) for error in errors], axis=0)
+    sizes = [[np.sqrt(np.mean(e[:n, j] ** 2)) for j, n in enumerate((600, 300))] for e in (1.1 * errors[0], errors[1])]
+    for more in (5, 7, 8, 9, 12):
+        rival, count = fake(errors[1], 4 + more), np.array([600, 300]) / time
+        criteria = [information_criterion(np.array(s), count, k) for s, k in zip(sizes, (4, 4 + more), strict=True)]
         odds = np.exp(-0.5 * (criteria[1] - criteria[0]))
         assert weight_against(rival, asked) == pytest.approx(min(0.95, odds / (1.0 + odds)), rel=1e-9)
+
+
+def coloured_errors(seed, moving):
+    """Of memory 0.6 and 0.3; anything where nothing moves."""
+    white = np.random.default_rng(seed).normal(size=(max(moving), 2))
+    return np.stack([scipy.signal.lfilter([1.0], [1.0, -m], white[:, j]) for j, m in enumerate((0.6, 0.3))], axis=1)
 
 
 def test_a_joint_is_doubted_for_its_own_error_and_for_the_worst_one_unless_its_other_side_needs_more():
