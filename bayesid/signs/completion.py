@@ -340,7 +340,8 @@ def _with_proposals(opinion: _Opinion, tried: dict[int, float], searching: _Sear
     A joint for which nothing was better is not tried again while it is explained about as it was.
     """
     if _poor(opinion.settled).any():
-        opinion = _best_of(opinion, _poor_robot(opinion).propose(), searching, progress)
+        proposals = _poor_robot(opinion).propose()
+        opinion = _best_of(opinion, proposals, searching, progress, needed=TUNING.needed_of_robot)
     for joint in np.flatnonzero(_poor(opinion.settled))[::-1].tolist():  # from the tip, whose effects stay there
         for _ in range(TUNING.most_proposed):
             left = float(opinion.settled.fit.relative_residual[joint])
@@ -363,15 +364,22 @@ def _with_proposal(opinion: _Opinion, joint: int, searching: _Searching, progres
     return _best_of(opinion, list(islice(proposed, TUNING.most_rivals)), searching, progress)
 
 
-def _best_of(opinion: _Opinion, proposals: Sequence[Proposal], searching: _Searching, progress: Progress) -> _Opinion:
-    """Signs under the best of the extended models, if evidence is for it; or as they were."""
+def _best_of(
+    opinion: _Opinion,
+    proposals: Sequence[Proposal],
+    searching: _Searching,
+    progress: Progress,
+    *,
+    needed: float = REGRESSION.needed,
+) -> _Opinion:
+    """Signs under the best of the extended models, if evidence is for it by so many nats; or as they were."""
     settled, rivals = opinion.settled, []
     for proposal in proposals:
         signs = np.where(np.isnan(proposal.signs), 2.0 * settled.probability - 1.0, proposal.signs)
         model = reduce(Model.extend, proposal.effects, opinion.model)
         rivals.append(searching.under(model, settled, progress, [signs]))
     gains = {0.5 * evidence_gain(rival.settled, settled): rival for rival in rivals}
-    return gains[max(gains)] if max(gains, default=0.0) > REGRESSION.needed else opinion
+    return gains[max(gains)] if max(gains, default=0.0) > needed else opinion
 
 
 def _poor_robot(opinion: _Opinion) -> PoorRobot:

@@ -18,7 +18,7 @@ import numpy as np
 from bayesid.arrays import Array, Integers, Mask
 from bayesid.effects import catalogue
 from bayesid.effects.coefficients import base_coefficients
-from bayesid.effects.distortion import SensorDistortion
+from bayesid.effects.distortion import RobotDistortion, SensorDistortion
 from bayesid.effects.effect import Effect
 from bayesid.effects.model import Model
 from bayesid.log.segments import Segments
@@ -319,9 +319,12 @@ class PoorRobot:
             guesses = [] if kind.name in {one.name for one in model.effects} else list(kind.guesses(model.robot))
             fits = in_parallel([partial(self._settled_under, model.extend(guess)) for guess in guesses])
             gains = [self._gain(before, fit.left) for fit in fits]
-            if max(gains, default=0.0) > TUNING.proposal_gain:
-                best = int(np.argmax(gains))
-                found.append((gains[best], Proposal((guesses[best],), _of_samples(self.log, fits[best].signs))))
+            if not guesses:
+                continue
+            best = int(np.argmax(gains))
+            effect, fit = self._sharpened(guesses[best], fits[best])
+            if (gain := self._gain(before, fit.left)) > TUNING.proposal_gain:
+                found.append((gain, Proposal((effect,), _of_samples(self.log, fit.signs))))
         return [proposal for _, proposal in sorted(found, key=lambda one: -one[0])]
 
     def _settled_under(self, model: Model) -> _Settled:
@@ -330,6 +333,27 @@ class PoorRobot:
         settled = self._settled(form, predicted)
         other = self._settled(form, self._segments_turned(form, settled))
         return self._turned_one_by_one(form, other if self._gain(settled.left, other.left) > 0.0 else settled)
+
+    def _sharpened(self, effect: Effect, settled: _Settled) -> tuple[Effect, _Settled]:
+        """An effect with the numbers that suit the signs under its guess best, by Gauss-Newton, and signs under it."""
+        if not isinstance(effect, RobotDistortion):
+            return effect, settled
+        model, used = self.log.evidence.model, self.log.data.used
+        weight, magnitude = _noise_of(self.log)[0], self.log.modelled.magnitude
+        count = sum(len(getattr(effect, key)) for key, number in effect.number_fields().items() if number.tuned)
+        for _ in range(TUNING.sharpened_rounds):
+            form, steps = self._form(model.extend(effect)), effect.step * np.eye(count)
+            moved = [self._form(model.extend(effect.moved(step))).columns @ settled.beta for step in steps]
+            slopes = [(there - form.columns @ settled.beta) / effect.step for there in moved]
+            columns = np.concatenate([form.columns, np.stack(slopes, axis=2)], axis=2) / weight[:, None]
+            rows, target = columns[used], (settled.signs * magnitude / weight)[used]
+            best = inverse_of(rows.T @ rows) @ (rows.T @ target)
+            better = effect.moved(best[-len(steps) :])
+            other = self._settled(self._form(model.extend(better)), settled.signs)
+            if self._gain(settled.left, other.left) <= 0.0:
+                break
+            effect, settled = better, other
+        return effect, settled
 
     def _turned_together(self, form: _Form, settled: _Settled) -> _Settled:
         for _ in form.bounded:

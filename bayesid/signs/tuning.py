@@ -230,10 +230,15 @@ class Tuning:
     """Effects that are proposed for a joint in a round."""
     friction_odds: float = 100.0
     """Odds that friction decides the sign of a joint that the model explains poorly."""
+    needed_of_robot: float = 7.4
+    """Nats by which signs follow an effect of the whole robot: decisive (Jeffreys 1961) for any of 16 guesses, 4.6 and
+    the log of 16. It enters the model as all others do."""
     explained_alike: float = 0.1
     """Relative change of what is left of a joint's effort below which effects are not proposed for it again."""
     most_rivals: int = 3
     """Proposals for a joint, the best of which may be taken: each costs a search."""
+    sharpened_rounds: int = 4
+    """Steps by Gauss-Newton from a guess: of a tilt, the second changes less than its standard deviation."""
     sign_starts: int = 64
     """Random signs from which a joint's segments are turned one by one: the best of 64 is the best of 1,000 on the
     logs of robots that fit poorly (100 segments a joint, 20 coefficients)."""
