@@ -22,7 +22,7 @@ ROBOT = "--robot --tip --hold"
 """Which robot, and which of its joints."""
 MOTION = "--degrees --columns --topic --joints"
 """How a motion is to be read."""
-READING = f"--gains --unsigned {MOTION}"
+READING = f"--gains --unsigned --encoding {MOTION}"
 """How a log is to be read, see `bayesid.read_log`."""
 
 _ROBOT = (
@@ -33,6 +33,10 @@ _GAINS = (
     "N m/A of each joint, for a log of currents: exact, or to be estimated where uncertain, as in 12~20%%,16~1.5,10 "
     "(sd), 'unknown' for one or all, or a CSV file with the columns gain,sd; uncertain ones may correct torques too; "
     "--gains=-12,.. where the first is negative"
+)
+_ENCODING = (
+    "how efforts without a minus hold a sign: twos:16 (two's complement, bits), sign-bit:10, offset:2048 (zero), "
+    "direction:1 (what a column of directions holds below zero), or magnitude (default: what they show)"
 )
 _COLUMNS = (
     'names of the log\'s columns, as in t="Zeit [ms]",q="Achse{} [Grad]",i="Strom{} [A]", or a TOML file with such '
@@ -50,6 +54,7 @@ _SHARED = dict(
         option("--cutoff HZ", "of the motion's low-pass (default: from the data)", type=float),
         option("--gains K1,K2,..", _GAINS),
         option("--unsigned JOINTS", "all, none, or joints as in 1,3 (default: those never negative)"),
+        option("--encoding CODE", _ENCODING),
         option(
             "--degrees",
             "positions and velocities without a unit are in degrees; --no-degrees: in rad, however large",
@@ -93,7 +98,7 @@ def _out(help: str, **changes: Any) -> list[Option]:
 
 _READING = [
     *_shared("--gains", "N m/A of each joint, for a log of currents (default: those of the result, where it has some)"),
-    *_shared(f"--unsigned {MOTION}"),
+    *_shared(f"--unsigned --encoding {MOTION}"),
 ]
 """How a log is to be read beside a result, whose gains are no unknowns any more."""
 

@@ -96,7 +96,7 @@ def reading_options(options: argparse.Namespace, identified: IdentifiedModel | N
             gains = identified.gains.found
         else:
             warn("the log is read by --gains, not by those of the result, in whose scale the model is")
-    return {"gains": gains, "unsigned": options.unsigned, **motion_options(options)}
+    return {"gains": gains, "unsigned": options.unsigned, "encoding": options.encoding, **motion_options(options)}
 
 
 def motion_options(options: argparse.Namespace) -> dict[str, Any]:

@@ -18,7 +18,8 @@ from bayesid.errors import InputError
 from bayesid.files.bounded import whole_number
 from bayesid.files.writing import numbered
 from bayesid.log.formats import Column, Options, Table, is_log_folder, read_table
-from bayesid.log.formats.labels import factor_of, pattern_of, split_brackets
+from bayesid.log.formats.encodings import FORMS, far_from_zero, offset_share
+from bayesid.log.formats.labels import factor_of, pattern_of, slides, split_brackets
 from bayesid.log.formats.memory import Variables, read_variables
 from bayesid.log.formats.parts import JOINT, join_parts
 from bayesid.log.formats.stated import parse_columns
@@ -26,6 +27,7 @@ from bayesid.log.formats.table import DEGREE, check, far_positions, rows_of
 from bayesid.log.gains import Gains, gains_of
 from bayesid.log.log import GIVEN, Log, RecordedMotion, join_logs
 from bayesid.log.tuning import TUNING
+from bayesid.log.velocities import check_speeds, derived, foreign_velocities, unwrapped
 
 Parts: TypeAlias = Sequence["str | Path | Variables"]
 """The files of one run, or what is in memory of it: they are joined by time."""
@@ -41,6 +43,7 @@ def read_log(
     topic: str | None = None,
     joints: Sequence[str] | None = None,
     columns: Mapping[str, str] | str | Path | None = None,
+    encoding: str | None = None,
 ) -> Log:
     """Reads and checks a log in one of the formats of `bayesid.log.formats`, or one that is in memory.
 
@@ -63,6 +66,9 @@ def read_log(
         columns: what the file calls t, q, dq, and tau or i, as in {"t": "Zeit [ms]", "q": "Achse{} [Grad]"}: `{}`
             stands for the joints' numbers, from 0 or from 1, `{2-7}` for those from 2 to 7, and q1, q2, .. are one
             joint's. Units in brackets count. Or as on the command line, or a TOML file. By default the usual names.
+        encoding: how readings that are never negative hold a sign all the same: "twos:16", two's complement of so many
+            bits; "sign-bit:10", the bit that is set below zero; "offset:2048", what stands for zero; "direction:1",
+            what a column of directions holds below zero; or "magnitude", not at all. By default what they show.
 
     Raises:
         InputError: the file, a row, a column or an option cannot be used.
@@ -75,18 +81,22 @@ def read_log(
     """
     _check_lists(gains=None if isinstance(gains, Gains | str) else gains, joints=joints)
     stated = parse_columns(str(columns)) if isinstance(columns, str | Path) else columns
-    table = _table_of(source, Options(topic=topic, joints=joints, currents=gains is not None, columns=stated))
+    options = Options(topic=topic, joints=joints, currents=gains is not None, columns=stated, encoding=encoding)
+    table = _table_of(source, options)
     angle, made_with = angle_unit(table, degrees), gains_of_table(table, gains)
-    q, effort = table.block("q", angle), table.block("tau" if "tau1" in table.columns else "i")
+    q, notes = _positions(table, angle)
+    effort = table.block("tau" if "tau1" in table.columns else "i")
     signed = signed_joints(effort, unsigned, table.n_joints)
+    if encoding is None:
+        notes += _check_magnitudes(effort, q, signed, table.source)
     effort *= made_with.value
     dq = table.block("dq", angle) if "dq1" in table.columns else None
     _check_readings(table, q, effort)
     if dq is not None:
-        _check_velocities(table.t, q, dq, table.source)
+        notes += _own_velocities(table.t, q, dq, table.source)
     if degrees is None:
-        _check_speeds(table.t, q, table.source)
-    for note in table.notes:
+        check_speeds(table.t, q, table.source)
+    for note in (*table.notes, *notes):
         warnings.warn(note, stacklevel=2)
     np.abs(effort, out=effort, where=~signed)
     recordings = [
@@ -103,6 +113,7 @@ def read_log(
     ]
     said = gains.text if isinstance(gains, Gains) else gains
     asked = {"gains": said, "degrees": degrees, "topic": topic, "joints": joints, "columns": stated}
+    asked |= {"encoding": encoding}
     used = {name: list(one) if isinstance(one, tuple) else one for name, one in asked.items() if one is not None}
     return replace(join_logs(recordings), read_with=used)
 
@@ -183,11 +194,45 @@ def _matches(pattern: str | Path) -> list[Path]:
     return logs
 
 
+def _positions(table: Table, angle: float) -> tuple[Array, list[str]]:
+    """(N, n) positions, rad (m), without jumps by whole turns, and what is to be said of these."""
+    q, n = table.block("q", angle), table.n_joints
+    turning = [j for j in range(n) if not slides(table.columns[f"q{j + 1}"].label)]
+    q, counted = unwrapped(q, turning, table.starts)
+    said = [f"joint {j + 1} ({often} time{'s' * (often > 1)})" for j, often in counted.items()]
+    return q, [f"{table.source}: angles were wrapped to one turn: {', '.join(said)}; unwrapped"] if said else []
+
+
+def _check_magnitudes(effort: Array, q: Array, signed: Mask, source: str) -> list[str]:
+    """Absolute values come near zero, but for those of joints that always bear a load; what is to be said of these."""
+    moving = np.flatnonzero(~signed & (np.ptp(q, axis=0) > TUNING.encoder) & effort.any(axis=0))
+    if not len(moving):
+        return []
+    shares, far = offset_share(effort[:, moving]), far_from_zero(effort[:, moving])
+    offset = shares >= TUNING.offset
+    seen = [f"joint {j + 1} {effort[:, j].min():.4g} to {effort[:, j].max():.4g}" for j in moving[offset | far][:3]]
+    said = f"readings never come near zero, as |effort| does: {', '.join(seen)}"
+    remedy = f"if they hold a sign, say how with `encoding`, as in {FORMS}"
+    if len(moving) > 1 and (far.all() or 2 * offset.sum() > len(moving)):
+        raise InputError(said, source, f"{remedy}; magnitude if they are |effort|")
+    return [f"{source}: {said}; {remedy}"] if offset.any() else []
+
+
+def _own_velocities(t: Array, q: Array, dq: Array, source: str) -> list[str]:
+    """Puts d(q)/dt in place of velocities that are none of their joint; what is to be said of these."""
+    foreign = np.flatnonzero(foreign_velocities(t, q, dq, source))
+    if not len(foreign):
+        return []
+    dq[:, foreign] = derived(t, q[:, foreign])
+    joints = ", ".join(str(j + 1) for j in foreign)
+    return [f"{source}: measured velocities of joint {joints} are not the change of its position: left out"]
+
+
 def _check_readings(table: Table, q: Array, effort: Array) -> None:
     """Some joint has moved, some sensor was read, none beyond all robots, and efforts are no velocities."""
     if not np.ptp(q, axis=0).any():
         raise InputError("all columns of positions are constant", table.source, "record a motion in which joints move")
-    if not effort.any():
+    if not (np.abs(effort) >= TUNING.least_effort).any():
         raise InputError("all efforts are zero in every row", table.source, "check that the sensors were read")
     for j in np.flatnonzero(np.abs(effort).max(axis=0) > TUNING.strongest_effort):
         said = f"the effort of joint {j + 1} reaches {np.abs(effort[:, j]).max():.3g} N m"
@@ -279,7 +324,11 @@ def read_motion(
     table = _table_of(path, Options(topic=topic, joints=joints, columns=columns, motion=True))
     for note in table.notes:
         warnings.warn(note, stacklevel=2)
-    return _recorded(table, angle_unit(table, degrees))
+    q, turns = _positions(table, angle := angle_unit(table, degrees))
+    recorded = _recorded(table, q, angle)
+    for note in turns:
+        warnings.warn(note, stacklevel=2)
+    return recorded
 
 
 def motion_of_arrays(t: object, q: object, dq: object | None = None) -> RecordedMotion:
@@ -292,12 +341,13 @@ def motion_of_arrays(t: object, q: object, dq: object | None = None) -> Recorded
             raise InputError(said, GIVEN, "give t (N,), and q and dq (N, n)")
         named = zip(["t"] if kind == "t" else numbered(kind, shape[1]), np.atleast_2d(values.T), strict=True)
         columns |= {name: Column(name, column) for name, column in named}
-    return _recorded(check(Table(columns, GIVEN, rows_of(GIVEN))), 1.0)
+    table = check(Table(columns, GIVEN, rows_of(GIVEN)))
+    return _recorded(table, table.block("q"), 1.0)
 
 
-def _recorded(table: Table, angle: float) -> RecordedMotion:
+def _recorded(table: Table, q: Array, angle: float) -> RecordedMotion:
     dq = table.block("dq", angle) if "dq1" in table.columns else None
-    return RecordedMotion(table.t, table.block("q", angle), dq, table.source)
+    return RecordedMotion(table.t, q, dq, table.source)
 
 
 def _numbers(values: object, name: str) -> Array:
@@ -305,40 +355,3 @@ def _numbers(values: object, name: str) -> Array:
         return np.asarray(values, dtype=float)
     except (TypeError, ValueError):
         raise InputError(f"{name} holds something else than numbers", GIVEN, "give numbers") from None
-
-
-# ---- Wrong units show in velocities: they are no change of positions, or faster than any robot ----
-def _check_speeds(t: Array, q: Array, source: str) -> None:
-    """More than half of the joints, and two at least, are not faster than any is."""
-    span = _over_window(t)
-    passes = span > 0.0
-    speeds = (np.abs(_over_window(joint)[passes]) / span[passes] for joint in q.T)
-    fast = np.array([np.quantile(speed, 0.9) > TUNING.fastest for speed in speeds])
-    if fast.sum() > max(1, q.shape[1] // 2):
-        remedy = "say the units of time and positions in the header, as in t[min] or q1[deg]"
-        raise InputError(f"most joints are faster than {TUNING.fastest:g} rad/s", source, remedy)
-
-
-def _check_velocities(t: Array, q: Array, dq: Array, source: str) -> None:
-    """Velocities are not another multiple of the positions' change."""
-    for j, (position, speed) in enumerate(zip(q.T, dq.T, strict=True), start=1):
-        steps = 0.5 * (speed[1:] + speed[:-1]) * np.diff(t)
-        change, velocity = _over_window(position), _over_window(np.append(0.0, np.cumsum(steps)))
-        power, other, both = change @ change, velocity @ velocity, change @ velocity
-        if power == 0.0 or abs(both) < TUNING.same_motion * np.sqrt(power * other):
-            continue
-        factor = float(both / power)
-        if not 1.0 / TUNING.another_unit < factor < TUNING.another_unit:
-            said = f"the velocity of joint {j} is {factor:.3g} times the change of its position"
-            remedy = "say the units of time, positions and velocities in the header, as in t[ms] or dq1[rpm]"
-            if abs(factor * DEGREE - 1.0) < TUNING.named_unit:
-                remedy = "if velocities are in degrees/s, name them dq1[deg/s] and so on"
-            elif abs(factor / DEGREE - 1.0) < TUNING.named_unit:
-                remedy = "if positions are in degrees, name them q1[deg] and so on"
-            raise InputError(said, source, f"{remedy}, or leave the velocities out")
-
-
-def _over_window(values: Array) -> Array:
-    window = min(TUNING.speed_window, len(values) - 1)
-    change: Array = values[window:] - values[:-window]
-    return change

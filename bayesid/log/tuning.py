@@ -39,6 +39,9 @@ class Tuning:
     held_periods: int = 10
     """A repeated row is kept after so many typical periods without a new one; a log pauses after twice as many."""
 
+    least_effort: float = 1e-9
+    """N m; efforts below are memory that nobody has filled: no sensor resolves them."""
+
     # Velocities beside positions
     speed_window: int = 20
     """Rows over which velocities are summed before they are compared, so that noise counts little."""
@@ -48,6 +51,12 @@ class Tuning:
     """Factor between velocities and the change of positions that shows another unit: usual ones differ by 6.3."""
     fastest: float = 60.0
     """rad/s; faster than any joint by its data sheet (wrists of small arms 10 to 20, delta robots 50)."""
+    stuck: float = 0.01
+    """rad that a joint is moved by its velocity while its position stays: ten times what an encoder's noise is."""
+    wrap_slack: float = 1.0
+    """rad by which a wrapped position may leave a turn, or step where it is wrapped: 60 rad/s at 60 Hz."""
+    wrap_steps: float = 4.0
+    """Largest usual steps of a position within which its step is where it was wrapped."""
     named_unit: float = 0.03
     """How far a factor may be from that of a unit to name it."""
 
@@ -74,6 +83,28 @@ class Tuning:
     """Bytes of a stream that are kept: more than a day of seven joints at 500 Hz has in text."""
     most_objects: int = 100_000
     """Variables, fields and groups of a binary file; logs have dozens."""
+
+    # Readings that hold a sign in a code
+    code_bits: int = 7
+    """Bits of a code, at least: a register has 8 or more, and half of one more of a scale is in use."""
+    code_joins: float = 0.5
+    """Share to which decoding must shrink the jumps between both halves of a scale: an absolute value's grow."""
+    code_crossings: int = 3
+    """Such jumps, at least: an outlier makes two."""
+    code_share: float = 0.01
+    """Share of readings in either half of a scale, at least: outliers are rarer."""
+    count_rounding: float = 0.1
+    """Of a count, by which readings that are multiples of one may be off, as they were rounded."""
+    empty_band: float = 0.25
+    """Share of a reading's range that no absolute value leaves out between others."""
+    band_values: int = 10
+    """Distinct readings on either side of an empty band: a coarse reading has few, a dead zone one."""
+    near_zero: float = 0.05
+    """Share of its largest reading below which an absolute value comes in most joints: of 18 real logs in each two."""
+    offset: float = 1.0
+    """Offset of a reading over what varies in it, above which it is no absolute value; 18 real logs have 0.33."""
+    least_work: float = 0.02
+    """Mean correlation of efforts and velocities, at least, that shows which direction is the positive one."""
 
     # Faults; all are ratios within one channel
     outlier: float = 5.0

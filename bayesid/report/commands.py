@@ -13,7 +13,7 @@ from bayesid.report.summary import Summary
 from bayesid.report.tuning import TUNING
 
 _READING = {"--degrees": 0, "--no-degrees": 0} | dict.fromkeys(
-    ("--columns", "--gains", "--joints", "--topic", "--unsigned"), 1
+    ("--columns", "--encoding", "--gains", "--joints", "--topic", "--unsigned"), 1
 )
 """Options that say how a log is read, with the number of words that follow."""
 ANOTHER_LOG = "ANOTHER_LOG.csv"

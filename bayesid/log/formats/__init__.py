@@ -22,6 +22,7 @@ from typing import ClassVar
 
 from bayesid.errors import InputError
 from bayesid.files.bounded import check_name
+from bayesid.log.formats.encodings import decode
 from bayesid.log.formats.table import Column, Options, Table, check, rows_of
 from bayesid.log.tuning import TUNING
 
@@ -116,7 +117,7 @@ def _read_file(path: Path, options: Options) -> Table:
             raise InputError(f"is {name}", str(path), remedy)
     reader = next(known for known in known_formats() if known.recognises(path, head))
     reader.check_options(options, str(path))
-    return check(reader.read(path, options), options.columns)
+    return check(decode(reader.read(path, options), options.encoding), options.columns)
 
 
 def is_log_folder(path: Path) -> bool:

@@ -95,6 +95,12 @@ def split_brackets(label: str) -> Label:
     return Label(match["name"], unit.strip())
 
 
+def slides(label: str) -> bool:
+    """Whether a position is in a unit of length: its joint slides."""
+    unit = split_brackets(label).unit
+    return unit is not None and unit.strip().casefold() in map(str.casefold, _LENGTHS)
+
+
 class Reading(NamedTuple):
     """What a column's label says."""
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesid.errors import InputError
+from bayesid.log.formats.encodings import decode
 from bayesid.log.formats.labels import kind_of, split_brackets, time_among
 from bayesid.log.formats.names import choose
 from bayesid.log.formats.stated import described, stated_columns
@@ -129,7 +130,8 @@ Variables: TypeAlias = Mapping[str, Any] | NDArray[Any] | Frame
 
 def read_variables(source: object, options: Options) -> Table:
     """What a program's variables hold of a log, its numbers checked; InputError where it is no log."""
-    return check(table_of(_by_name(source), type(source).__name__, options), options.columns)
+    table = table_of(_by_name(source), type(source).__name__, options)
+    return check(decode(table, options.encoding), options.columns)
 
 
 def _by_name(source: Any) -> dict[str, Any]:

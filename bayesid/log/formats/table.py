@@ -15,6 +15,7 @@ from bayesid.errors import InputError
 from bayesid.log.tuning import TUNING
 
 DEGREE = pi / 180.0  # rad
+DIRECTION = "dir"  # kind of the columns that hold the directions of efforts beside their absolute values
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,6 +27,7 @@ class Options:
     currents: bool = False  #: whether efforts without a unit are currents, A
     columns: Mapping[str, str] | None = None  #: what the log's columns are called, see `bayesid.log.formats.stated`
     motion: bool = False  #: whether the motion is all that is wanted: efforts are left out
+    encoding: str | None = None  #: how efforts hold their sign, see `bayesid.log.formats.encodings`
     part: bool = False  #: whether the source is one of several of a run, so that it need not hold a whole log
 
 

@@ -1,0 +1,247 @@
+"""Readings of drives that are no absolute values although none is negative: the sign is in a code.
+
+Registers of 8, 16 or 32 bits without a sign hold -1 as their largest number (two's complement); servo buses set a bit
+for one direction; converters put zero at the middle of their scale; and some loggers write a direction in a column of
+its own. A code shows itself where the reading changes sign: what jumps by half the scale as recorded is continuous as
+decoded. Without a jump, a zero at the middle of the scale shows in readings that never come near zero.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bayesid.arrays import TINY, Array
+from bayesid.errors import InputError
+from bayesid.log.formats.labels import kind_part
+from bayesid.log.formats.table import DIRECTION, Column, Table
+from bayesid.log.tuning import TUNING
+
+MAGNITUDE = "magnitude"
+FORMS = "magnitude, twos:16, sign-bit:10, offset:2048 or direction:1"
+"""How an encoding is stated, by example."""
+_TEXT = re.compile(r"(magnitude)|(twos|sign-bit|direction):([0-9]{1,2})|(offset):([0-9.eE+-]{1,20})")
+
+
+@dataclass(frozen=True)
+class Encoding:
+    """How readings hold their sign.
+
+    Attributes:
+        kind: "magnitude" where they do not; "twos", two's complement; "sign-bit"; "offset", zero in the middle; or
+            "direction", in a column of its own.
+        number: bits of two's complement; the bit, from 0, that is set below zero; the reading that stands for zero; or
+            the direction that stands for negative.
+    """
+
+    kind: str
+    number: float = 0.0
+
+    @classmethod
+    def parse(cls, text: str) -> Encoding:
+        """As it is stated, in one of `FORMS`."""
+        found = _TEXT.fullmatch(text.strip())
+        try:
+            if found is not None and found[1]:
+                return cls(MAGNITUDE)
+            number = float((found[3] or found[5]) if found is not None else "nan")
+        except ValueError:
+            number = float("nan")
+        kind = "" if found is None else found[2] or found[4]
+        least, most = {"twos": (4, 53), "sign-bit": (3, 52), "direction": (0, 1)}.get(kind, (-np.inf, np.inf))
+        if found is None or not np.isfinite(number) or not least <= number <= most:
+            raise InputError(f"{text!r:.60} is no encoding", field="encoding", remedy=f"give {FORMS}")
+        return cls(kind, number)
+
+    def __str__(self) -> str:
+        return self.kind if self.kind == MAGNITUDE else f"{self.kind}:{self.number:.12g}"
+
+    @property
+    def said(self) -> str:
+        """In words."""
+        return {
+            "twos": f"two's complement of {self.number:g} bits",
+            "sign-bit": f"a sign in bit {self.number:g}",
+            "offset": f"zero at {self.number:.12g}",
+            "direction": f"a sign in the column of the direction ({self.number:g} is negative)",
+        }[self.kind]
+
+    def decoded(self, counts: Array) -> Array:
+        """Signed readings of any shape, in counts; those of a direction need its column and stay as they are."""
+        if self.kind == "twos":
+            return counts - 2.0**self.number * (counts >= 2.0 ** (self.number - 1.0))
+        if self.kind == "sign-bit":
+            half = 2.0**self.number
+            return np.where(counts >= half, half - counts, counts)
+        return counts - self.number if self.kind == "offset" else counts
+
+
+def decode(table: Table, stated: str | None = None) -> Table:
+    """A table whose readings have signs where they hold them; what was decoded is noted.
+
+    Args:
+        table: as a file has it, with columns dir1.. where it names directions.
+        stated: an encoding, if a user has said it.
+
+    Raises:
+        InputError: readings hold their sign in a code that is not sure, or cannot be the stated one.
+    """
+    plain = {name: one for name, one in table.columns.items() if kind_part(name) != DIRECTION}
+    efforts = {name: one for name, one in plain.items() if kind_part(name) in ("tau", "i") and name != "t"}
+    table, given = replace(table, columns=plain), table.columns
+    chosen = None if stated is None else Encoding.parse(stated)
+    if not efforts or (chosen is not None and chosen.kind == MAGNITUDE):
+        return table
+    values = np.column_stack([one.values for one in efforts.values()])
+    if not np.isfinite(values).all() or (values < 0.0).any():
+        if chosen is not None and np.isfinite(values).all():
+            raise InputError("holds negative efforts already", table.source, "leave `encoding` out")
+        return table
+    directions = [given[f"{DIRECTION}{name.removeprefix(kind_part(name))}"] for name in efforts if _has(given, name)]
+    steps = np.ones(values.shape[1])
+    if directions and (chosen is None or chosen.kind == "direction"):
+        chosen, signed = _by_direction(table, values, np.column_stack([one.values for one in directions]), chosen)
+    elif chosen is not None and chosen.kind == "direction":
+        remedy = "leave `encoding` out, or name the columns direction1, direction2, .."
+        raise InputError("has no columns of directions", table.source, remedy)
+    else:
+        if chosen is None:
+            chosen, steps = _found(values, table.source)
+        signed = values if chosen is None else chosen.decoded(values / steps) * steps
+    if chosen is None:
+        return table
+    columns = {name: replace(one, values=column) for (name, one), column in zip(efforts.items(), signed.T, strict=True)}
+    first = next(iter(efforts.values())).label
+    note = f"{table.source}: readings such as {first} hold {chosen.said}: decoded"
+    notes = table.notes if stated is not None else (*table.notes, f"{note} (`encoding` magnitude if they do not)")
+    return replace(table, columns=plain | columns, notes=notes)
+
+
+def _has(given: Mapping[str, Column], name: str) -> bool:
+    return f"{DIRECTION}{name.removeprefix(kind_part(name))}" in given
+
+
+# ---- A code in the reading ----
+def _found(values: Array, source: str) -> tuple[Encoding | None, Array]:
+    """The encoding of readings (N, n), none of them negative, and (n,) the size of a count; None where there is none."""
+    steps = np.array([_count(column) for column in values.T])
+    counts = values / np.where(steps > 0.0, steps, 1.0)
+    if steps.all():
+        top = float(counts.max())
+        bits = max(1, int(np.floor(np.log2(max(top, 1.0)))) + 1)
+        candidates = [one for one in (Encoding("twos", bits), Encoding("sign-bit", bits - 1)) if bits >= TUNING.code_bits]
+        jumps = [_joined_jumps(one, counts) for one in candidates]
+        sure = [one for one, jump in zip(candidates, jumps, strict=True) if jump <= TUNING.code_joins]
+        if len(sure) == 1:
+            return sure[0], steps
+    if (banded := _two_bands(values)) is not None:
+        joint, ends = banded
+        low, high = "{:.6g} to {:.6g} and {:.6g} to {:.6g}".format(*ends).split(" and ")
+        said = f"readings of joint {joint + 1} lie in two bands, {low} and {high}: they may hold a sign"
+        raise InputError(said, source, f"say how with `encoding`, as in {FORMS} (magnitude if they are |effort|)")
+    if np.all(steps == 1.0) and (zero := _middle(counts)) is not None:
+        return Encoding("offset", zero), steps
+    return None, steps
+
+
+def _count(column: Array) -> float:
+    """The size of a count: 1 of whole numbers; 0 where readings are no multiples of any."""
+    if np.array_equal(column, np.rint(column)):
+        return 1.0
+    distinct = np.unique(column)
+    if len(distinct) < 3:
+        return 0.0
+    step = float(np.diff(distinct).min())
+    multiples = np.rint(distinct / step)
+    step = float(distinct @ multiples / (multiples @ multiples))
+    return step if np.abs(distinct / step - np.rint(distinct / step)).max() < TUNING.count_rounding else 0.0
+
+
+def _joined_jumps(one: Encoding, counts: Array) -> float:
+    """Size of the steps between both halves of the scale, decoded, as a share of what they are as recorded.
+
+    The ninth decile of it; infinite where both halves are not in use.
+    """
+    half = 2.0 ** (one.number - (one.kind == "twos"))
+    upper = counts >= half
+    crossed = upper[1:] != upper[:-1]
+    if crossed.sum() < TUNING.code_crossings or upper.mean() < TUNING.code_share:
+        return np.inf
+    recorded, decoded = (np.abs(np.diff(part, axis=0))[crossed] for part in (counts, one.decoded(counts)))
+    return float(np.quantile(decoded / recorded, 0.9))
+
+
+def _two_bands(values: Array) -> tuple[int, tuple[float, float, float, float]] | None:
+    """A joint whose readings leave out a band that is as wide as no other, and the ends of those beneath and above."""
+    for joint, column in enumerate(values.T):
+        ordered = np.sort(column)
+        gaps = np.diff(ordered)
+        if not gaps.any() or gaps.max() < TUNING.empty_band * (ordered[-1] - ordered[0]):
+            continue
+        k = int(np.argmax(gaps)) + 1
+        both = ordered[:k], ordered[k:]
+        if all(
+            len(part) >= TUNING.code_share * len(ordered) and len(np.unique(part)) >= TUNING.band_values for part in both
+        ):
+            return joint, (both[0][0], both[0][-1], both[1][0], both[1][-1])
+    return None
+
+
+def _middle(counts: Array) -> float | None:
+    """The power of two about which whole numbers of most joints lie, none of which comes near zero."""
+    moving = np.ptp(counts, axis=0) > 0.0
+    inner = counts[:, moving]
+    if inner.shape[1] < 2 or not far_from_zero(inner).all():
+        return None
+    low, middle, high = np.percentile(inner, [1, 50, 99], axis=0)
+    zero = 2.0 ** np.rint(np.log2(max(float(np.median(middle)), 1.0)))
+    between = (low < zero) & (zero < high)
+    fits = np.log2(zero) >= TUNING.code_bits - 1 and inner.max() < 2.0 * zero and 2 * between.sum() > len(between)
+    return float(zero) if fits and between.sum() >= 2 else None
+
+
+def far_from_zero(effort: Array) -> Array:
+    """(n,) whether readings (N, n), none of them negative, never come near zero, as an absolute value does."""
+    return effort.min(axis=0) > TUNING.near_zero * effort.max(axis=0)
+
+
+def offset_share(effort: Array) -> Array:
+    """(n,) the offset of readings (N, n) over what varies in them."""
+    low, high = np.percentile(effort, [1, 99], axis=0)
+    share: Array = low / np.maximum(high - low, TINY)
+    return share
+
+
+# ---- A direction in a column of its own ----
+def _by_direction(
+    table: Table, values: Array, direction: Array, stated: Encoding | None
+) -> tuple[Encoding | None, Array]:
+    """The encoding, and readings (N, n) with the signs of directions; as they are where directions say nothing."""
+    kinds = set(np.unique(direction).tolist())
+    if len(kinds) < 2 and stated is None:
+        return None, values
+    if kinds <= {-1.0, 0.0, 1.0} and -1.0 in kinds:
+        return Encoding("direction", -1.0), values * direction
+    if not kinds <= {0.0, 1.0}:
+        said = f"columns of directions hold {', '.join(f'{one:g}' for one in sorted(kinds)[:5])}"
+        raise InputError(said, table.source, "give them as -1 and 1, or say `encoding` magnitude")
+    if stated is None:
+        if (work := _work(table, values * (1.0 - 2.0 * direction))) is None or abs(work) < TUNING.least_work:
+            remedy = "say which with `encoding` direction:1 (1 is negative) or direction:0"
+            raise InputError("directions of efforts are 0 and 1, either of which may be negative", table.source, remedy)
+        stated = Encoding("direction", float(work > 0.0))
+    return stated, np.where(direction == stated.number, -values, values)
+
+
+def _work(table: Table, effort: Array) -> float | None:
+    """Mean correlation of efforts (N, n) with velocities: above zero, as drives lose work to friction."""
+    if not all(f"q{j + 1}" in table.columns for j in range(effort.shape[1])):
+        return None
+    q = np.column_stack([table.columns[f"q{j + 1}"].values for j in range(effort.shape[1])])
+    speed = np.gradient(q, axis=0)
+    power = np.linalg.norm(effort, axis=0) * np.linalg.norm(speed, axis=0)
+    moves = power > 0.0
+    return float(np.mean((effort * speed).sum(axis=0)[moves] / power[moves])) if moves.any() else None

@@ -1,0 +1,95 @@
+"""Positions and velocities of a table against each other: units that cannot be, velocities that are none, turns."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import scipy
+
+from bayesid.arrays import TINY, Array, Mask
+from bayesid.errors import InputError
+from bayesid.log.formats.table import DEGREE, distinct_rows
+from bayesid.log.tuning import TUNING
+
+_TURN = 2.0 * np.pi
+
+
+def unwrapped(q: Array, turning: Sequence[int], starts: Sequence[int]) -> tuple[Array, dict[int, int]]:
+    """Positions (N, n), rad, without the jumps by a whole turn of joints that were wrapped; how many each had.
+
+    A joint is wrapped where it jumps by about a turn, and is continuous without that. Recordings begin at `starts`.
+    """
+    counted: dict[int, int] = {}
+    for j in turning:
+        steps = np.diff(q[:, j])
+        steps[np.array(starts[1:], dtype=int) - 1] = 0.0
+        turns = np.rint(steps / _TURN)
+        if not turns.any() or np.ptp(q[:, j]) > _TURN + TUNING.wrap_slack:
+            continue
+        left = np.abs(steps - _TURN * turns)
+        usual = max(TUNING.wrap_steps * float(np.quantile(left, 0.99)), TUNING.encoder)
+        turns[left > min(usual, TUNING.wrap_slack)] = 0.0
+        if not turns.any():
+            continue
+        counted[j] = int(np.count_nonzero(turns))
+        q = np.array(q) if len(counted) == 1 else q
+        q[1:, j] -= _TURN * np.cumsum(turns)
+    return q, counted
+
+
+def derived(t: Array, q: Array) -> Array:
+    """(N, n) velocities of positions (N, n) by cubic splines, rad/s; rows that repeat others bring nothing new."""
+    rows = distinct_rows(t, [q])
+    if len(rows) < 2:
+        return np.zeros_like(q)
+    velocity: Array = scipy.interpolate.CubicSpline(t[rows], q[rows])(t, 1)
+    return velocity
+
+
+def check_speeds(t: Array, q: Array, source: str) -> None:
+    """InputError unless half of the joints, or all but one, are no faster than any is."""
+    span = _over_window(t)
+    passes = span > 0.0
+    speeds = (np.abs(_over_window(joint)[passes]) / span[passes] for joint in q.T)
+    fast = np.array([np.quantile(speed, 0.9) > TUNING.fastest for speed in speeds])
+    if fast.sum() > max(1, q.shape[1] // 2):
+        remedy = "say the units of time and positions in the header, as in t[min] or q1[deg]"
+        raise InputError(f"most joints are faster than {TUNING.fastest:g} rad/s", source, remedy)
+
+
+def foreign_velocities(t: Array, q: Array, dq: Array, source: str) -> Mask:
+    """(n,) joints that move, but whose velocities are not the change of their positions.
+
+    InputError where velocities are another multiple of it, or change without it: units, or positions, are wrong.
+    """
+    foreign = np.zeros(q.shape[1], dtype=bool)
+    for j, (position, speed) in enumerate(zip(q.T, dq.T, strict=True)):
+        steps = 0.5 * (speed[1:] + speed[:-1]) * np.diff(t)
+        turned = np.append(0.0, np.cumsum(steps))
+        change, velocity = _over_window(position), _over_window(turned)
+        power, other, both = change @ change, velocity @ velocity, change @ velocity
+        if power == 0.0 and np.ptp(turned) > TUNING.stuck:
+            said = f"the position of joint {j + 1} is constant, while its velocity moves it by {np.ptp(turned):.3g} rad"
+            raise InputError(said, source, "check its encoder, or leave the velocities out if the joint stands still")
+        if power == 0.0 or np.ptp(position) <= TUNING.encoder:
+            continue
+        if abs(both) < TUNING.same_motion * np.sqrt(power * max(other, TINY)):
+            foreign[j] = True
+            continue
+        factor = float(both / power)
+        if not 1.0 / TUNING.another_unit < factor < TUNING.another_unit:
+            said = f"the velocity of joint {j + 1} is {factor:.3g} times the change of its position"
+            remedy = "say the units of time, positions and velocities in the header, as in t[ms] or dq1[rpm]"
+            if abs(factor * DEGREE - 1.0) < TUNING.named_unit:
+                remedy = "if velocities are in degrees/s, name them dq1[deg/s] and so on"
+            elif abs(factor / DEGREE - 1.0) < TUNING.named_unit:
+                remedy = "if positions are in degrees, name them q1[deg] and so on"
+            raise InputError(said, source, f"{remedy}, or leave the velocities out")
+    return foreign
+
+
+def _over_window(values: Array) -> Array:
+    window = min(TUNING.speed_window, len(values) - 1)
+    change: Array = values[window:] - values[:-window]
+    return change
