@@ -93,7 +93,7 @@ def read_log(
     dq = table.block("dq", angle) if "dq1" in table.columns else None
     _check_readings(table, q, effort)
     if dq is not None:
-        notes += _own_velocities(table.t, q, dq, table.source)
+        notes += _own_velocities(table, q, dq)
     if degrees is None:
         check_speeds(table.t, q, table.source)
     for note in (*table.notes, *notes):
@@ -218,14 +218,15 @@ def _check_magnitudes(effort: Array, q: Array, signed: Mask, source: str) -> lis
     return [f"{source}: {said}; {remedy}"] if offset.any() else []
 
 
-def _own_velocities(t: Array, q: Array, dq: Array, source: str) -> list[str]:
+def _own_velocities(table: Table, q: Array, dq: Array) -> list[str]:
     """Puts d(q)/dt in place of velocities that are none of their joint; what is to be said of these."""
-    foreign = np.flatnonzero(foreign_velocities(t, q, dq, source))
+    foreign = np.flatnonzero(foreign_velocities(table.t, q, dq, table.starts, table.source))
     if not len(foreign):
         return []
-    dq[:, foreign] = derived(t, q[:, foreign])
+    for first, stop in pairwise([*table.starts, len(q)]):
+        dq[first:stop, foreign] = derived(table.t[first:stop], q[first:stop, foreign])
     joints = ", ".join(str(j + 1) for j in foreign)
-    return [f"{source}: measured velocities of joint {joints} are not the change of its position: left out"]
+    return [f"{table.source}: measured velocities of joint {joints} are not the change of its position: left out"]
 
 
 def _check_readings(table: Table, q: Array, effort: Array) -> None:

@@ -241,9 +241,10 @@ class _EvenMotion:
     def cutoff(self, asked: float | None) -> float:
         """The one asked for, or one by the data; InputError if it lies beyond the Nyquist frequency."""
         cutoff = choose_cutoff(self.joints(), self.rate) if asked is None else asked
-        if not 0.0 < cutoff < self.rate / 2:
-            remedy = f"give a value between 0 and {self.rate / 2:g} Hz, half the log's rate"
-            said = f"a cut-off of {cutoff:g} Hz does not suit a log of {self.rate:g} Hz"
+        least = TUNING.fewest_cutoff_periods * self.rate / len(self.grid)
+        if not least <= cutoff < self.rate / 2:
+            remedy = f"give a value between {least:.2g} and {self.rate / 2:g} Hz, half the log's rate"
+            said = f"a cut-off of {cutoff:g} Hz does not suit a log of {self.rate:g} Hz and {self.t[-1] - self.t[0]:.3g} s"
             raise InputError(said, field="cutoff", remedy=remedy)
         return cutoff
 

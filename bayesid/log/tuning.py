@@ -53,6 +53,9 @@ class Tuning:
     """rad/s; faster than any joint by its data sheet (wrists of small arms 10 to 20, delta robots 50)."""
     stuck: float = 0.01
     """rad that a joint is moved by its velocity while its position stays: ten times what an encoder's noise is."""
+    smooth: float = 0.1
+    """Of a position's standard deviation, by which it is usually off the middle of its neighbours, at most, so that its
+    change is a motion: of noise alone it is 0.8."""
     wrap_slack: float = 1.0
     """rad by which a wrapped position may leave a turn, or step where it is wrapped: 60 rad/s at 60 Hz."""
     wrap_steps: float = 4.0
@@ -83,6 +86,10 @@ class Tuning:
     """Bytes of a stream that are kept: more than a day of seven joints at 500 Hz has in text."""
     most_objects: int = 100_000
     """Variables, fields and groups of a binary file; logs have dozens."""
+
+    complete_rows: float = 0.5
+    """Share of the rows with any value that are complete, at least, to do without the others; topics that were sampled
+    apart have none."""
 
     # Readings that hold a sign in a code
     code_bits: int = 7
@@ -141,6 +148,8 @@ class Tuning:
     slowest_cutoff: float = 5.0
     """Hz; no cut-off is chosen below it: friction's steps are faster than any motion. Halved or doubled, UR10e's log
     gets other segments."""
+    fewest_cutoff_periods: float = 4.0
+    """Periods of the cut-off in a log, at least: half of one at either end is not used."""
     grid_always: int = 1_000_000
     """Samples that an even grid may have whatever the log; they fit any machine."""
     grid_per_row: int = 20

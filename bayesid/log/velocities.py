@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 import scipy
 
-from bayesid.arrays import TINY, Array, Mask
+from bayesid.arrays import Array, Mask
 from bayesid.errors import InputError
 from bayesid.log.formats.table import DEGREE, distinct_rows
 from bayesid.log.tuning import TUNING
@@ -58,24 +59,27 @@ def check_speeds(t: Array, q: Array, source: str) -> None:
         raise InputError(f"most joints are faster than {TUNING.fastest:g} rad/s", source, remedy)
 
 
-def foreign_velocities(t: Array, q: Array, dq: Array, source: str) -> Mask:
-    """(n,) joints that move, but whose velocities are not the change of their positions.
+def foreign_velocities(t: Array, q: Array, dq: Array, starts: Sequence[int], source: str) -> Mask:
+    """(n,) joints that move, but whose velocities are not the change of their positions; recordings begin at `starts`.
 
     InputError where velocities are another multiple of it, or change without it: units, or positions, are wrong.
     """
     foreign = np.zeros(q.shape[1], dtype=bool)
-    for j, (position, speed) in enumerate(zip(q.T, dq.T, strict=True)):
-        steps = 0.5 * (speed[1:] + speed[:-1]) * np.diff(t)
-        turned = np.append(0.0, np.cumsum(steps))
-        change, velocity = _over_window(position), _over_window(turned)
-        power, other, both = change @ change, velocity @ velocity, change @ velocity
-        if power == 0.0 and np.ptp(turned) > TUNING.stuck:
-            said = f"the position of joint {j + 1} is constant, while its velocity moves it by {np.ptp(turned):.3g} rad"
+    for j in range(q.shape[1]):
+        power = other = both = moved = 0.0
+        for rows in (slice(*ends) for ends in pairwise([*starts, len(t)]) if ends[1] - ends[0] > 2):
+            speed = dq[rows, j]
+            turned = np.append(0.0, np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(t[rows])))
+            change, velocity = _over_window(q[rows, j]), _over_window(turned)
+            power, other, both = power + change @ change, other + velocity @ velocity, both + change @ velocity
+            moved = max(moved, float(np.ptp(turned)))
+        if power == 0.0 and moved > TUNING.stuck:
+            said = f"the position of joint {j + 1} is constant, while its velocity moves it by {moved:.3g} rad"
             raise InputError(said, source, "check its encoder, or leave the velocities out if the joint stands still")
-        if power == 0.0 or np.ptp(position) <= TUNING.encoder:
+        if power == 0.0 or np.ptp(q[:, j]) <= TUNING.encoder:
             continue
-        if abs(both) < TUNING.same_motion * np.sqrt(power * max(other, TINY)):
-            foreign[j] = True
+        if abs(both) < TUNING.same_motion * np.sqrt(power * other) or other == 0.0:
+            foreign[j] = _is_smooth(q[:, j])
             continue
         factor = float(both / power)
         if not 1.0 / TUNING.another_unit < factor < TUNING.another_unit:
@@ -87,6 +91,12 @@ def foreign_velocities(t: Array, q: Array, dq: Array, source: str) -> Mask:
                 remedy = "if positions are in degrees, name them q1[deg] and so on"
             raise InputError(said, source, f"{remedy}, or leave the velocities out")
     return foreign
+
+
+def _is_smooth(position: Array) -> bool:
+    """Whether each position lies near the middle of its neighbours: else its change is noise."""
+    off = position[1:-1] - 0.5 * (position[:-2] + position[2:])
+    return float(np.median(np.abs(off))) < TUNING.smooth * float(np.std(position))
 
 
 def _over_window(values: Array) -> Array:

@@ -273,6 +273,8 @@ class Joint:
     name: str = ""  #: in the URDF; empty for a DH table
     #: the largest that the joint may be driven with, N m (N if it slides); None where no file tells it
     rated_effort: float | None = None
+    #: (4, 4) the flange in the link's frame, where a file puts one behind its last joint; None where it is that frame
+    tip: Array | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "name", printable(self.name))

@@ -67,6 +67,7 @@ def robot_table(robot: Robot) -> dict[str, Any]:
                 "link_frame": joint.link_frame.tolist(),
                 **({"name": joint.name} if joint.name else {}),
                 **({} if joint.rated_effort is None else {"rated_effort": joint.rated_effort}),
+                **({} if joint.tip is None else {"tip": joint.tip.tolist()}),
             }
             for joint in robot.joints
         ],
@@ -99,7 +100,8 @@ def _chain_joint(row: Mapping[str, Any], where: str) -> Joint:
     placement, link_frame = (given_numbers(row[key], (4, 4), key, where) for key in ("placement", "link_frame"))
     axis, slides = given_numbers(row["axis"], (3,), "axis", where), row["type"] == "prismatic"
     name, rated = str(row.get("name", "")), _rated_effort(row, where)
-    return Joint(placement, axis, slides, int(row["parent"]), link_frame, name, rated)
+    tip = given_numbers(row["tip"], (4, 4), "tip", where) if "tip" in row else None
+    return Joint(placement, axis, slides, int(row["parent"]), link_frame, name, rated, tip)
 
 
 def _rated_effort(row: Mapping[str, Any], where: str) -> float | None:

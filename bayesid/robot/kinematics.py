@@ -36,8 +36,9 @@ class Pose:
     @property
     def flange(self) -> Array:
         """(4, 4) the frame of the last link: the flange, if the robot's table or file ends there."""
-        frame: Array = self.joint_frames[-1] @ self.robot.joints[-1].link_frame
-        return frame
+        last = self.robot.joints[-1]
+        frame: Array = self.joint_frames[-1] @ last.link_frame
+        return frame if last.tip is None else frame @ last.tip
 
     @cached_property
     def lines(self) -> tuple[Array, ...]:

@@ -122,8 +122,9 @@ def _lines(robot: Robot, body: int, tool: Array, standard: bool) -> Iterator[Arr
             along = child.placement[:3, :3] @ child.axis
             yield np.stack([np.zeros(3), far - along * (along @ far), far])
     if here is not None and not children:
-        flange = here.link_frame[:3, 3]
-        end = flange + here.link_frame[:3, :3] @ tool
+        frame = here.link_frame if here.tip is None else here.link_frame @ here.tip
+        flange = frame[:3, 3]
+        end = flange + frame[:3, :3] @ tool
         yield np.stack([np.zeros(3), here.axis * (here.axis @ flange), flange, end])
 
 

@@ -8,6 +8,7 @@ of a gripper, and, where a tip is named, all that are not on the chain to it.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
 from difflib import get_close_matches
 from itertools import combinations
 
@@ -20,6 +21,8 @@ from bayesid.robot.arm import Joint, Robot, check_count, given_numbers
 from bayesid.robot.tuning import TUNING
 from bayesid.robot.urdf_tree import FREE, UrdfJoint, UrdfTree, read_tree
 
+_FLANGES = "flange", "tool0", "tip", "tcp", "ee"
+"""How links at the end of an arm are called, as ROS-Industrial has it first."""
 _WORLD = "world"  # base link of a URDF that is bolted to the ground, by the convention of Gazebo and MoveIt
 
 
@@ -32,8 +35,25 @@ def robot_from_urdf(text: str, where: str, tip: str | None = None, hold: Mapping
     tree = read_tree(text, where)
     held, notes = hold_joints(tree, tip, hold or {}, where)
     check_count(sum(one.moves and one.name not in held for one in tree.joints), where)
-    joints, _ = place_links(tree, held)
+    joints, places = place_links(tree, held)
+    if (end := _flange(tree, tip, places, len(joints) - 1)) is not None:
+        joints[-1] = replace(joints[-1], tip=end)
     return Robot(tree.name, tuple(joints), gravity=np.array([0.0, 0.0, -9.81]), notes=notes)
+
+
+def _flange(tree: UrdfTree, tip: str | None, places: Mapping[str, tuple[int, Array]], last: int) -> Array | None:
+    """(4, 4) the flange in the last joint's frame: the tip, or what is fixed behind the joint; None where it is open.
+
+    Of several links that nothing is fixed to, the one by a usual name counts.
+    """
+    if tip in places:
+        return places[tip][1] if places[tip][0] == last else None
+    carrying = {joint.parent for joint in tree.joints}
+    behind = [link for link, (joint, _) in places.items() if joint == last]
+    named = [link for word in _FLANGES for link in behind if link.lower().endswith(word)]
+    fixed = [link for link in behind if tree.above[link].kind == "fixed"]
+    ends = named if named else [link for link in fixed if link not in carrying]
+    return places[ends[0]][1] if named or len(ends) == 1 else None
 
 
 def place_links(tree: UrdfTree, held: Mapping[str, float]) -> tuple[list[Joint], dict[str, tuple[int, Array]]]:

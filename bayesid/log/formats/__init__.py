@@ -23,7 +23,8 @@ from typing import ClassVar
 from bayesid.errors import InputError
 from bayesid.files.bounded import check_name
 from bayesid.log.formats.encodings import decode
-from bayesid.log.formats.table import Column, Options, Table, check, rows_of
+from bayesid.log.formats.gaps import without_gaps
+from bayesid.log.formats.table import Column, Options, Table, check, rows_of, with_fractions
 from bayesid.log.tuning import TUNING
 
 __all__ = ["Column", "Format", "Options", "Table", "is_log_folder", "is_stream", "known_formats", "read_table"]
@@ -37,7 +38,7 @@ _FOREIGN = (
     (rb"\s*\{[^\n]*\}\s*\n\s*\{", "lines of JSON", _TABLE.format("read_json", ", lines=True")),
     (rb"\s*(\{\s*[\"}]|\[\s*[\[{\"\d-])", "JSON", _TABLE.format("read_json", "")),
     (rb"\s*<(!doctype html|html|head|body)", "a web page (HTML), no table of numbers", "save the table as CSV"),
-    (rb"\s*<[!?a-z]", "XML", _TABLE.format("read_xml", "")),
+    (rb"\s*<(?!(\?xml[^>]*>\s*<)?Rob\b)[!?a-z]", "XML", _TABLE.format("read_xml", "")),
     (rb"PK.{2,8192}(xl/|\[Content_Types\]\.xml)", "an Excel workbook", _SHEET),
     (rb"PK.{2,8192}content\.xml", "an OpenDocument spreadsheet", _SHEET),
     (rb"\xd0\xcf\x11\xe0", "an old Excel workbook", _SHEET),
@@ -117,7 +118,8 @@ def _read_file(path: Path, options: Options) -> Table:
             raise InputError(f"is {name}", str(path), remedy)
     reader = next(known for known in known_formats() if known.recognises(path, head))
     reader.check_options(options, str(path))
-    return check(decode(reader.read(path, options), options.encoding), options.columns)
+    table = without_gaps(with_fractions(reader.read(path, options)), options)
+    return check(decode(table, options.encoding), options.columns)
 
 
 def is_log_folder(path: Path) -> bool:

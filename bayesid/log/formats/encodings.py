@@ -93,7 +93,7 @@ def decode(table: Table, stated: str | None = None) -> Table:
     efforts = {name: one for name, one in plain.items() if kind_part(name) in ("tau", "i") and name != "t"}
     table, given = replace(table, columns=plain), table.columns
     chosen = None if stated is None else Encoding.parse(stated)
-    if not efforts or (chosen is not None and chosen.kind == MAGNITUDE):
+    if not efforts or not len(table.columns["t"].values) or (chosen is not None and chosen.kind == MAGNITUDE):
         return table
     values = np.column_stack([one.values for one in efforts.values()])
     if not np.isfinite(values).all() or (values < 0.0).any():

@@ -38,26 +38,36 @@ WORDS = {
     "t": "t time timestamp stamp sim_time zeit zeitstempel ipoc",
     "q": "q actual_q joint axis position pos angle joint_position joint_pos joint_angle actual_position "
     "joint_positions dof_pos dof_position qpos achse achswinkel gelenk gelenkwinkel winkel istposition "
-    "ist_position aipos aspos",
+    "ist_position aipos aspos axispos achspos theta",
     "dq": "dq qd actual_qd velocity vel speed joint_velocity joint_vel joint_speed axisvel actual_velocity "
     "joint_velocities dof_vel dof_velocity qvel geschwindigkeit istgeschwindigkeit",
     "tau": "tau tau_j torque effort moment joint_torque joint_effort actual_torque drehmoment actual_current_as_torque "
     "applied_torque joint_torques joint_efforts measured_joint_efforts dof_torque dof_force istmoment gear_torque "
     "axis_torque",
-    "i": "i current actual_current joint_current motor_current strom motorstrom iststrom torque_ref macur",
+    "i": "i current actual_current joint_current presentload motor_current strom motorstrom iststrom torque_ref macur",
 }
 """What columns of a kind are called, beside a joint's number, in logs of UR (RTDE's `actual_q_0`), Franka (libfranka's
 `tau_J`), ROS, MATLAB, simulators (Isaac Lab's `applied_torque` is behind its actuator model's limits), ABB's TestSignal
 (`torque_ref`, the motor's, which a gear ratio for gain turns into the joint's), KUKA's trace (`Istposition`) and RSI
 (`AIPos.A1`, `IPOC`), and in German; of currents and torques only what is measured. A _ stands for any separator. What
 whole recorders write, units and all, is in `bayesid.log.formats.stated`."""
+_MEASURED = r"(?:ist(?:wert)?|actual|act|meas|measured|present|feedback|fbk|real|mess(?:wert)?|sensed)"
+_QUALIFIED = re.compile(rf"(?:{_MEASURED})?(?P<of>[a-z]+?)(?:{_MEASURED})?")
+"""What a usual name may begin or end with where it is measured, as in `PosIst`, `present_position` or `q_meas`."""
+_WANTED = re.compile(
+    r"(?<![^\W_])(target|cmd|commands?|commanded|desired?|des|setpoints?|soll(wert)?|ref(erences?)?|goals?|demand(ed)?|"
+    r"planned|plan|dmd|(d{0,2}(q|theta)|tau|tau_?j|[vai])_d)(?![^\W_])",
+    re.IGNORECASE,
+)
+"""What is wanted, not measured: words of many makers, and `_d` behind a symbol, as in libfranka's `tau_J_d`."""
+_CAMEL = re.compile(r"(?<=[a-z])(?=[A-Z])")
 _KIND_OF = {word.replace("_", ""): kind for kind, words in WORDS.items() for word in words.split()}
-_OWN_UNITS = {"ipoc": 1e-3, "aipos": DEGREE, "aspos": DEGREE, "a": DEGREE, "axisvel": DEGREE}
+_OWN_UNITS = {"ipoc": 1e-3, "axisvel": DEGREE} | dict.fromkeys(("aipos", "aspos", "a", "axispos", "posist"), DEGREE)
 """SI units in one of the unit in which RSI writes what is called so, where the label states none."""
 _OWN = re.compile(r"t|(?:q|dq|tau|i)[1-9][0-9]*")
 _JOINT_ZERO = re.compile(r"(?:q|dq|tau|i)0")
 OTHER = 3  # least rank of what is not called as in a CSV log
-_USUAL, _RANKS = 4, {"ipoc": OTHER, "aipos": OTHER, "a": 5, "aspos": 6}
+_USUAL, _QUALIFIED_RANK, _RANKS = 4, 5, {"ipoc": OTHER, "aipos": OTHER, "a": 5, "aspos": 6}
 """Ranks of other words: RSI's count before the usual ones, plain axes and commanded positions where nothing else is."""
 _AXIS = re.compile("A[1-9]", re.IGNORECASE)  # a position of RSI
 _AXIS_LETTER = re.compile(r"(?<=[\W_])[AJaj](?=[0-9]+\W*$)|(?i:((?<=pos)|(?<=vel)|(?<=torque)|(?<=macur))A(?=[0-9]+$))")
@@ -72,6 +82,20 @@ def factor_of(kind: str, unit: str) -> float | None:
     count = _COUNT.fullmatch(unit.strip()) if kind == "t" else None
     factor = _FACTORS[kind].get((unit if count is None else count["unit"]).strip().casefold())
     return factor if factor is None or count is None else float(count["count"]) * factor
+
+
+def is_wanted(label: str) -> bool:
+    """Whether a column holds what a controller was told, as `q_d[0]` or `target_q_0`: never what was measured."""
+    spaced = re.sub("[0-9]+", "", _CAMEL.sub("_", label))
+    return _WANTED.search(spaced) is not None and "torqueref" not in _plain(spaced)  # of ABB, and measured
+
+
+def _kind_of_word(word: str) -> str | None:
+    """The kind of a word without separators, perhaps with one more that says that it is measured."""
+    if word in _KIND_OF:
+        return _KIND_OF[word]
+    found = _QUALIFIED.fullmatch(word)
+    return None if found is None else _KIND_OF.get(found["of"])
 
 
 def is_unit(text: str) -> bool:
@@ -131,12 +155,12 @@ def time_among(labels: Sequence[str]) -> str | None:
 
 def kind_of(label: str) -> str | None:
     """What a variable holds, of all joints, by its name without a number; None if it is none of a log's."""
-    return _KIND_OF.get(_plain(split_brackets(label).name))
+    return None if is_wanted(label) else _kind_of_word(_plain(split_brackets(label).name))
 
 
 def kind_at_end(label: str) -> str | None:
     """What a column holds by its last word, before which the joint's own name may stand: `elbow/position`."""
-    return _KIND_OF.get(_plain(last_word(label)))
+    return None if is_wanted(label) else _kind_of_word(_plain(last_word(label)))
 
 
 def last_word(label: str) -> str:
@@ -164,6 +188,8 @@ def kind_part(name: str) -> str:
 
 def _reading(place: int, label: str) -> Reading | None:
     """What a label says, its unit in brackets, or behind a "_"; None if it is none of a log's, or its unit unknown."""
+    if is_wanted(label):
+        return None
     name, unit = split_brackets(label)
     paths = [name[match.end() :] for match in _PREFIX.finditer(name)]  # of topics: the shortest end that says it
     names = [(one, unit) for one in (name, *reversed(paths))]
@@ -177,7 +203,7 @@ def _with_unit(place: int, label: str, name: str, unit: str | None, any_current:
     numbers = [whole_number(digits) for digits in re.findall("[0-9]+", name)]
     word = _plain(re.sub("[0-9]+", "", _AXIS_LETTER.sub("", name)))
     whole = label.startswith(name)  # the end of a topic is no name of a CSV log
-    kind = "q" if whole and _AXIS.fullmatch(name) else _KIND_OF.get(word)
+    kind = "q" if whole and _AXIS.fullmatch(name) else _kind_of_word(word)
     if kind is None or len(numbers) != (kind != "t") or name == "T":  # which is a temperature
         return None
     number = numbers[0] if numbers else -1
@@ -188,7 +214,7 @@ def _with_unit(place: int, label: str, name: str, unit: str | None, any_current:
         if kind != "i" or not any_current:
             return None
         factor = 1.0  # gains turn any unit of currents into N m
-    rank = _RANKS.get(word, _USUAL)
+    rank = _RANKS.get(word, _USUAL if word in _KIND_OF else _QUALIFIED_RANK)
     if whole and _OWN.fullmatch(name):
         rank = 0 if unit is None else 1
     elif whole and _JOINT_ZERO.fullmatch(name):

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from bayesid.errors import InputError
 from bayesid.log.formats.encodings import decode
+from bayesid.log.formats.gaps import without_gaps
 from bayesid.log.formats.labels import kind_of, split_brackets, time_among
 from bayesid.log.formats.names import choose
 from bayesid.log.formats.stated import described, stated_columns
-from bayesid.log.formats.table import Column, Options, SourceColumn, Table, check, rows_of, seconds
+from bayesid.log.formats.table import Column, Options, SourceColumn, Table, check, rows_of, seconds, with_fractions
 
 _Vector = NDArray[Any]
 
@@ -131,6 +132,7 @@ Variables: TypeAlias = Mapping[str, Any] | NDArray[Any] | Frame
 def read_variables(source: object, options: Options) -> Table:
     """What a program's variables hold of a log, its numbers checked; InputError where it is no log."""
     table = table_of(_by_name(source), type(source).__name__, options)
+    table = without_gaps(with_fractions(table), options)
     return check(decode(table, options.encoding), options.columns)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import pi
 from typing import NamedTuple
 
@@ -15,6 +15,7 @@ from bayesid.errors import InputError
 from bayesid.log.tuning import TUNING
 
 DEGREE = pi / 180.0  # rad
+FRACTION = "rest"  # kind of the column of nanoseconds beside one of whole seconds
 DIRECTION = "dir"  # kind of the columns that hold the directions of efforts beside their absolute values
 
 
@@ -103,8 +104,8 @@ def check(table: Table, given: Mapping[str, str] | None = None) -> Table:
         said = f"holds {len(t.values)} rows, too few to identify anything"
         raise InputError(said, table.source, f"record at least {TUNING.fewest_rows} rows, better thousands")
     _check_numbers(table)
-    _check_unit_of_time(table, given or {})
     _check_resolution(table)
+    _check_unit_of_time(table, given or {})
     with np.errstate(over="ignore"):
         step = np.diff(table.t)
     wrong = (step < 0.0) | (step > TUNING.longest_gap)
@@ -117,6 +118,16 @@ def check(table: Table, given: Mapping[str, str] | None = None) -> Table:
     if table.t[-1] == table.t[0]:
         raise InputError("time never advances", f"{table.source}, column {t.label}", "give the time of each row in s")
     return table
+
+
+def with_fractions(table: Table) -> Table:
+    """A table whose time is whole seconds and, in a column of its own, what is to be added to them."""
+    if FRACTION not in table.columns:
+        return table
+    whole, rest = table.columns["t"], table.columns[FRACTION]
+    columns = {name: one for name, one in table.columns.items() if name != FRACTION}
+    columns["t"] = Column(f"{whole.label} + {rest.label}", whole.si(1.0) + rest.si(1e-9), 1.0)
+    return replace(table, columns=columns)
 
 
 def far_positions(table: Table) -> list[float]:
@@ -161,10 +172,11 @@ def _check_resolution(table: Table) -> None:
     t, positions = table.t, [column.values for name, column in table.columns.items() if name.startswith("q")]
     moved = np.any([q[1:] != q[:-1] for q in positions], axis=0)
     if np.mean(moved & (np.diff(t) == 0.0)) > TUNING.stands and np.ptp(t) > 0.0:
-        step = float(np.median(np.diff(t)[np.diff(t) > 0.0]))
-        if step >= TUNING.slowest_step:
-            said = f"column {table.columns['t'].label} only advances every {step:.6g} s, while positions change between"
-            raise InputError(said, table.source, "record the time with fractions of seconds, or give a count of rows")
+        label, rows = table.columns["t"].label, len(t)
+        said = f"column {label} has {len(np.unique(t)):,} instants in {rows:,} rows, while positions change between"
+        period = f"{1e3 * np.ptp(t) / (rows - 1):.3g}ms"
+        remedy = "record the time with fractions of seconds"
+        raise InputError(said, table.source, f"{remedy}, or give a column that counts rows, as {label}[{period}]")
 
 
 def _check_numbers(table: Table) -> None:

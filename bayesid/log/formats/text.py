@@ -194,13 +194,25 @@ def select_columns(layout: Layout, source: str, options: Options) -> Chosen:
     if not any(layout.header):
         raise InputError("does not begin with a header", source, remedy)
     if all(map(_is_number, layout.header)):
-        raise InputError("holds numbers, not the names of the columns", where, remedy)
+        raise InputError("holds numbers, not the names of the columns", where, _header_for(len(layout.header)))
     selected = choose(layout.header, where, options)
     columns = sorted(selected.columns, key=lambda one: one.place)
     for k, one in enumerate(columns):
         if one.name == "t" and one.place < len(layout.first) and _is_clock(layout.first[one.place]):
             columns[k] = replace(one, unit=1.0, clock=True)
     return Chosen(tuple(columns), selected.notes)
+
+
+def _header_for(count: int) -> str:
+    """What to write above a table of so many columns: positions and efforts, perhaps with velocities between."""
+    headers = []
+    for kinds in (("q", "tau"), ("q", "dq", "tau")):
+        n, rest = divmod(count - 1, len(kinds))
+        if n > 0 and not rest:
+            headers.append(",".join(["t", *(f"{kind}{j}" for kind in kinds for j in range(1, n + 1))]))
+    if not headers:
+        return f"begin it with the names of its {count} columns: t,q1..qn[,dq1..dqn],tau1..taun, and others by any name"
+    return f"write a header above, as {' or '.join(headers)} (i1.. for currents)"
 
 
 # ---- How a file is written ----
@@ -300,7 +312,8 @@ def _read_values(path: Path, layout: Layout, used: Sequence[SourceColumn]) -> Ar
         except UnicodeDecodeError:
             raise
         except ValueError:
-            raise _first_bad_row(path, layout, used) from None
+            if (values := _with_blanks(path, layout, used)) is None:
+                raise _first_bad_row(path, layout, used) from None
     if len(values) == 0:
         return np.empty((0, n))
     if values.shape[1] != n:
@@ -308,6 +321,33 @@ def _read_values(path: Path, layout: Layout, used: Sequence[SourceColumn]) -> Ar
         remedy = _semicolons(layout, values.shape[1]) or "give every column one name"
         raise InputError(said, f"{path}, row {layout.header_row}", remedy)
     return values
+
+
+def _with_blanks(path: Path, layout: Layout, used: Sequence[SourceColumn]) -> Array | None:
+    """The same where cells are blank, which come as nan; None where a row holds something else that is no number."""
+    rows = []
+    for _, line in _rows(path, layout):
+        cells, values = _split(line, layout.separator), np.zeros(len(layout.header))
+        if len(cells) != len(layout.header):
+            return None
+        for one in used:
+            try:
+                values[one.place] = _number(cells[one.place], one)
+            except ValueError:
+                return None
+        rows.append(values)
+    return np.array(rows) if rows else None
+
+
+def _number(cell: str, column: SourceColumn) -> float:
+    """A cell's number, s of a clock; nan where it is blank, or a word for nothing."""
+    if not cell or cell.startswith(_NO_VALUE[:-2]) or cell in _NO_VALUE:
+        return np.nan
+    if column.clock:
+        return clock_seconds(cell)
+    if "_" in cell:
+        raise ValueError("no number")
+    return float(cell)
 
 
 def _rows(path: Path, layout: Layout) -> Iterator[tuple[int, str]]:

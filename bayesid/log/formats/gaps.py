@@ -1,0 +1,66 @@
+"""Rows in which a table lacks values: cells left blank, or nan, and what several topics have sampled apart."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from bayesid.arrays import Array
+from bayesid.errors import InputError
+from bayesid.log.formats.labels import kind_part
+from bayesid.log.formats.parts import join_parts
+from bayesid.log.formats.table import Options, Table
+from bayesid.log.tuning import TUNING
+
+
+def without_gaps(table: Table, options: Options) -> Table:
+    """A table whose rows are complete: others are left out and counted, or joined by time where they alternate.
+
+    InputError where too few rows are complete.
+    """
+    missing = {name: np.isnan(column.values) for name, column in table.columns.items()}
+    if not any(part.any() for part in missing.values()):
+        return table
+    every = np.column_stack(list(missing.values()))
+    complete, some = ~every.any(axis=1), ~every[:, [name != "t" for name in missing]].all(axis=1)
+    if (share := complete.sum() / max(1, some.sum())) >= TUNING.complete_rows:
+        left = int(len(complete) - complete.sum())
+        note = f"{table.source}: {left:,} of {len(complete):,} rows lack a value and are left out"
+        return replace(_rows(table, complete), notes=(*table.notes, note))
+    if options.part:
+        raise _lacking(table, missing, share)
+    parts = [_part(table, {name: gone for name, gone in missing.items() if kind_part(name) == kind}) for kind in _KINDS]
+    chosen = [part for part in parts if part is not None]
+    if len(chosen) < 2 or min(len(part.columns["t"].values) for part in chosen) < TUNING.fewest_rows:
+        raise _lacking(table, missing, share)
+    joined = join_parts(chosen, options.columns, motion=options.motion)
+    return replace(joined, source=table.source, notes=(*table.notes, *joined.notes))
+
+
+_KINDS = "q", "dq", "tau", "i"
+
+
+def _rows(table: Table, kept: Array) -> Table:
+    rows = np.flatnonzero(kept)
+    columns = {name: replace(one, values=one.values[rows]) for name, one in table.columns.items()}
+    return replace(table, columns=columns, place=lambda row: table.place(int(rows[row])))
+
+
+def _part(table: Table, missing: dict[str, Array]) -> Table | None:
+    """The rows in which all columns of a kind have values, with the time; None where there are no such columns."""
+    if not missing:
+        return None
+    there = ~np.any(list(missing.values()), axis=0) & ~np.isnan(table.columns["t"].values)
+    columns = {name: one for name, one in table.columns.items() if name in missing or name == "t"}
+    what = {"q": "positions", "dq": "velocities"}.get(kind_part(next(iter(missing))), "efforts")
+    return replace(_rows(replace(table, columns=columns), there), source=f"{table.source} ({what})", notes=())
+
+
+def _lacking(table: Table, missing: dict[str, Array], share: float) -> InputError:
+    worst = max(missing, key=lambda name: int(missing[name].sum()))
+    column, gone = table.columns[worst], missing[worst]
+    said = f"column {column.label} holds no number in {gone.mean():.0%} of the rows"
+    if gone.mean() < 0.5:
+        said = f"only {share:.0%} of the rows have a value in each column"
+    return InputError(said, table.place(int(np.argmax(gone))), "give the values, or leave the joint out by `columns`")
