@@ -67,7 +67,7 @@ def _compare_with_result(options: argparse.Namespace) -> None:
     logs = [path] if options.holdout is None else [path, options.holdout]
     with StageBars(options.quiet) as bars:
         bars.show("read", 0, 1)
-        log, *holdout = [read(path, reading) for path in logs]
+        log, *holdout = [read(path, reading, identified.model.robot) for path in logs]
         result = find_discrepancy(
             identified,
             log,
@@ -99,12 +99,12 @@ def _compare_logs(options: argparse.Namespace) -> None:
     robot = robot_of(options)
     with StageBars(options.quiet) as bars:
         bars.show("read", 0, 1)
-        logs = [read(path, reading) for path in paths]
+        logs = [read(path, reading, robot) for path in paths]
         result = compare_logs(
             robot,
             logs,
             terms,
-            None if options.holdout is None else read(options.holdout, reading),
+            None if options.holdout is None else read(options.holdout, reading, robot),
             search=_search(options, Certified().budget),
             posterior=sampling(options),
             preparation=Preparation(cutoff=options.cutoff),

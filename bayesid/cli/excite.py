@@ -90,7 +90,7 @@ def _refuse(options: argparse.Namespace, refused: Sequence[Option], said: str, r
 
 
 def _judge(robot: Robot, options: argparse.Namespace, bars: StageBars) -> str:
-    log = read(options.log, reading_options(options))
+    log = read(options.log, reading_options(options), robot)
     bars.show("judge", 0, 1)
     terms = term_names(options)
     return judgement_text(judge_log(robot, log, terms, noise=options.noise, cutoff=options.cutoff, seed=options.seed))

@@ -31,6 +31,7 @@ from bayesid.report import verdicts
 from bayesid.report.folders import check_result_folder, collect_incomplete, save_identification, save_or_rescue
 from bayesid.report.summary import Summary, summarise
 from bayesid.report.words import quantity
+from bayesid.robot import Robot
 from bayesid.signs.search.beam import Beam
 from bayesid.signs.search.certified import Certified
 from bayesid.signs.search.protocol import Search
@@ -68,7 +69,8 @@ def identify_command(options: argparse.Namespace) -> None:
     robot, reading, replaced = robot_of(options), reading_options(options), folder.is_dir() and any(folder.iterdir())
     with StageBars(options.quiet) as bars:
         bars.show("read", 0, 1)
-        log = join_logs([_read(one, reading) for one in logs])
+        read_logs = [_read(one, reading, robot) for one in logs]
+        log, notes = join_logs(read_logs), {note for one in read_logs for note in one.notes}
         result = identify(robot, log, **settings, progress=Progress(bars.show))
         result = replace(result, provenance=replace(result.provenance, command=command_line()))
         bars.show("write", 0, 1)
@@ -76,7 +78,8 @@ def identify_command(options: argparse.Namespace) -> None:
             shown, progress = not options.no_report, Progress(bars.show)
             save_or_rescue(lambda place: save_identification(result, place, report=shown, progress=progress), folder)
     written = f"written to {folder}/{', in place of an earlier result' * replaced}"
-    finish(options, *_identification_parts(result), written, warnings=result.warnings, incomplete=incomplete)
+    later = [said for said in result.warnings if said not in notes]  # the reader has said those
+    finish(options, *_identification_parts(result), written, warnings=later, incomplete=incomplete)
 
 
 def _usual_folder(options: argparse.Namespace, logs: Sequence[Recording], kind: str) -> Path:
@@ -84,8 +87,8 @@ def _usual_folder(options: argparse.Namespace, logs: Sequence[Recording], kind: 
     return Path(f"{kind}-{(options.logs[0] if _is_list(options.logs[0]) else logs[0].path).stem}")
 
 
-def _read(one: Recording, reading: Mapping[str, Any]) -> Log:
-    log = read(one.path, reading)
+def _read(one: Recording, reading: Mapping[str, Any], robot: Robot) -> Log:
+    log = read(one.path, reading, robot)
     return log.carrying(one.payload) if one.payload else log
 
 
@@ -107,15 +110,18 @@ def _identify_each(options: argparse.Namespace, logs: Sequence[Recording], setti
         settings |= {"workers": options.workers, "scheduler": options.scheduler, "progress": bar.show}
         separate = identify_separately(robot, [one.path for one in logs], folder, **settings)
     failed = [result for result in separate.runs if result.error]
+    refused = all(result.bad_input for result in failed)
     for result in separate.runs:
         for warning in result.warnings:
             warn(f"{result.log}: {warning}")
         if result.error:
             complain(f"{result.log}: {result.error.removeprefix(f'{result.log}: ')}")
+    if refused and len(failed) == len(separate.runs):
+        raise InputError("none of the logs can be used", str(folder), "see above; nothing was written")
     finish(options, *_separate_parts(separate), f"written to {folder}/")
     if failed:
         said = f"{len(failed)} of {len(separate.runs)} logs have no result"
-        if all(result.bad_input for result in failed):
+        if refused:
             raise InputError(said, str(folder), "see above; the other results are complete")
         raise BayesidError(f"{folder}: {said}; see above; the other results are complete")
 

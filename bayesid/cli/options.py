@@ -116,10 +116,10 @@ def warned() -> Iterator[None]:
         warn(str(warning.message))
 
 
-def read(path: Path, reading: Mapping[str, Any]) -> Log:
-    """A log, as `reading_options` say."""
+def read(path: Path, reading: Mapping[str, Any], robot: Robot) -> Log:
+    """A log of a robot, as `reading_options` say."""
     with warned():
-        return read_log(path, **reading)
+        return read_log(path, **reading, robot=robot)
 
 
 def finish(

@@ -43,7 +43,7 @@ def _written(folder: Path | None) -> list[str]:
 def _validation(options: argparse.Namespace, path: Path, bars: StageBars) -> Validation:
     bars.show("read", 0, 1)
     identified = load_model(options.result)
-    log = read(path, reading_options(options, identified))
+    log = read(path, reading_options(options, identified), identified.model.robot)
     bars.show("validate", 0, 1)
     return identified.validate(log, options.cutoff)
 
@@ -72,7 +72,7 @@ def predict_command(options: argparse.Namespace) -> None:
         bars.show("read", 0, 1)
         identified = load_model(options.result)
         with warned():
-            motion = read_motion(options.motion, **motion_options(options))
+            motion = read_motion(options.motion, **motion_options(options), robot=identified.model.robot)
         bars.show("predict", 0, 1)
         result = identified.predict(motion, noise=not options.without_noise, cutoff=options.cutoff)
     result.save(options.out)
@@ -104,7 +104,7 @@ def payload_command(options: argparse.Namespace) -> None:
         identified = load_model(options.result)
         result = identify_payload(
             identified,
-            read(options.log, reading_options(options, identified)),
+            read(options.log, reading_options(options, identified), identified.model.robot),
             known_mass=known_mass,
             search=search,
             posterior=posterior,

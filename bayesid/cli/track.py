@@ -21,6 +21,7 @@ from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.model_file import load_model
 from bayesid.log.formats import STANDARD_INPUT, Options
 from bayesid.log.log import Log, check_exact_gains
+from bayesid.log.reading import joint_names
 from bayesid.log.rows import RowReader
 from bayesid.monitor.changes import CONTACT, Alarm
 from bayesid.monitor.replay import StreamFigures, agreement, contradicts, known_signs, replay, timed
@@ -71,7 +72,7 @@ def _replay(options: argparse.Namespace) -> None:
     with StageBars(options.quiet) as bars:
         bars.show("read", 0, 1)
         identified = load_model(options.result)
-        log = read(options.log, reading_options(options, identified))
+        log = read(options.log, reading_options(options, identified), identified.model.robot)
         log = log.carrying(options.payload) if options.payload else log
         check_joints(identified.model.robot, log.n_joints, log.source)
         check_exact_gains(log)
@@ -181,8 +182,8 @@ def _follow(options: argparse.Namespace) -> None:
 def _reader(options: argparse.Namespace, identified: IdentifiedModel) -> RowReader:
     said = reading_options(options, identified)
     gains, unsigned, degrees = (said.pop(name) for name in ("gains", "unsigned", "degrees"))
-    columns = Options(**said, currents=gains is not None)
     robot = identified.model.robot
+    columns = Options(**said, currents=gains is not None, robot_joints=joint_names(robot))
     with warned():
         reader = RowReader(_Announced(sys.stdin.buffer, robot.n_joints), _SOURCE, gains, unsigned, degrees, columns)
     for told in reader.notes:

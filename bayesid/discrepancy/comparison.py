@@ -173,8 +173,8 @@ def compare_logs(
     """
     began = time.perf_counter()
     robot = robot if isinstance(robot, Robot) else load_robot(robot)
-    read = [as_log(log) for log in logs]
-    later = None if holdout is None else as_log(holdout)
+    read = [as_log(log, robot) for log in logs]
+    later = None if holdout is None else as_log(holdout, robot)
     for log in read:
         check_exact_gains(log)
     _check(robot, read)

@@ -165,9 +165,9 @@ def find_discrepancy(
         ('no_discrepancy', array([1.1, 0.9, 0.8]))
     """
     began = time.perf_counter()
-    log = as_log(log)
-    later = None if holdout is None else as_log(holdout)
     model, cutoff = earlier.knowledge.model, preparation.cutoff
+    log = as_log(log, model.robot)
+    later = None if holdout is None else as_log(holdout, model.robot)
     check_log(model.robot, log)
     known = earlier.identified if isinstance(earlier, Identification) else earlier
     for unseen in (log, *([] if later is None else [later])):

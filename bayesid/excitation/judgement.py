@@ -105,7 +105,7 @@ def judge_log(
     """
     check_noise(noise)
     robot = robot if isinstance(robot, Robot) else load_robot(robot)
-    log = as_log(log)
+    log = as_log(log, robot)
     check_joints(robot, log.n_joints, log.source)
     signals = prepare(log, cutoff)
     actuators = robot.actuators(signals.motion)

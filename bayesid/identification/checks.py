@@ -195,7 +195,7 @@ def _remark(message: str, remedy: str = "") -> Check:
 
 def _of_the_log(log: Log, averaged: AveragedSigns, reading: BetterReading | None) -> Iterator[Check]:
     signals = averaged.asked.evidence.signals
-    yield from map(_remark, (*averaged.asked.model.robot.notes, *map(str, signals.faults)))
+    yield from map(_remark, (*averaged.asked.model.robot.notes, *log.notes, *map(str, signals.faults)))
     for j in np.flatnonzero(still_joints(signals.motion.q)):
         start, end = signals.motion.t[[0, -1]]
         message = f"joint {j + 1}: it stands still in all of the log, {start:.3f} to {end:.3f} s, and shows no friction"

@@ -216,7 +216,7 @@ class IdentifiedModel:
             >>> check.coverage.round(2)
             array([0.93, 0.97, 0.99])
         """
-        log = as_log(log)
+        log = as_log(log, self.model.robot)
         check_exact_gains(log)
         check_joints(self.model.robot, log.n_joints, log.source)
         signals = prepare(log, cutoff)

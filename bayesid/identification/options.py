@@ -137,8 +137,7 @@ def check_memory(log: Log, limit: float | None) -> None:
 
 def memory_needed(log: Log) -> float:
     """GB that an identification of a log will need at its peak, about."""
-    steps = np.diff(log.t)
-    grid = (log.t[-1] - log.t[0]) / max(float(np.median(steps)), np.finfo(float).tiny) if len(steps) else 0.0
+    grid = (log.t[-1] - log.t[0]) / log.period if log.period > 0.0 else 0.0
     instants = max(float(len(log)), grid)
     kept = TUNING.memory_a_kept_value * min(instants, TUNING.kept_instants)
     return float(1e-9 * (TUNING.memory_at_least + log.n_joints * (TUNING.memory_a_value * instants + kept)))

@@ -324,7 +324,7 @@ def identify_payload(
     if common_sd is None:
         common_sd = 0.0 if known.gains is None else known.gains.factor_sd
     stated = None if known_mass is None else _stated(known_mass)
-    log = as_log(log)
+    log = as_log(log, known.model.robot)
     _check(known, log)
     again = identify_again(
         known.model.extend(Payload()),

@@ -279,7 +279,7 @@ def _prepared(
 ) -> tuple[Log, Model, Signals, Segments]:
     """Log, model, signals and segments; what cannot be used is refused before the search."""
     run.progress("prepare", 0, 1)
-    log = as_log(log)
+    log = as_log(log, robot)
     check_memory(log, run.preparation.max_memory)
     _check(robot, log)
     signals = prepare(log, run.preparation.cutoff)

@@ -31,7 +31,7 @@ class Fault:
 
     joint: int  #: 0-based; -1 for all of them
     reading: str  #: "position", "velocity" or "effort"; "row" for all of them
-    kind: str  #: "outlier", "zero" or "held"
+    kind: str  #: "outlier", "zero", "held", or "foreign" of a velocity that is not the change of the position
     rows: Integers  #: (K,) the rows in fault, ascending; none where they have been dropped
     start: Array  #: (M,) when each stretch of them begins, s
     seconds: float  #: how long they last in all
@@ -46,7 +46,9 @@ class Fault:
         if self.reading == "row":
             said = f"all joints: all readings are zero for {self.seconds:.3g} s in all, at {when} s"
             return f"{said}; these rows are dropped"
-        if self.kind == "outlier":
+        if self.kind == "foreign":
+            said = f"its velocity is not the change of its position for {self.seconds:.3g} s in all"
+        elif self.kind == "outlier":
             said = f"{len(self.rows)} sample{'s' * (len(self.rows) > 1)} of its {self.reading} far off their neighbours"
         else:
             how = "reads exactly zero" if self.kind == "zero" else "is frozen"
@@ -109,7 +111,10 @@ def _of_recording(t: Array, q: Array, effort: Array, dq: Array | None) -> list[F
         position = without(t, q[:, j], ~np.isin(every, [*jumps, *stopped]))
         speed = np.abs(np.gradient(position, t))
         if dq is not None:
-            faults += _named(t, j, "velocity", {"outlier": _peaks(t, dq[:, j])})
+            peaks = _peaks(t, dq[:, j])
+            speeds = without(t, dq[:, j], ~np.isin(every, peaks), smooth=False)
+            faults += _named(t, j, "velocity", {"outlier": peaks, "foreign": _foreign(t, position, speeds)})
+            faults += _named(t, j, "velocity", _dropouts(t, speeds, speed))
         faults += _named(t, j, "effort", {"outlier": _peaks(t, effort[:, j]), **_dropouts(t, effort[:, j], speed)})
     return faults
 
@@ -167,6 +172,26 @@ def _peaks(t: Array, reading: Array) -> Integers:
     least = np.maximum(TUNING.outlier * around, around + TUNING.outlier_steps * _usual_step(runs.value))
     strong = size >= TUNING.weak * np.percentile(np.abs(reading), 99)
     return runs.rows((size > 0.0) & strong & (size >= least) & (runs.seconds < TUNING.dropout))
+
+
+def _foreign(t: Array, position: Array, velocity: Array) -> Integers:
+    """Rows whose velocity is far from the change of the position around it, while both agree as a rule."""
+    span = TUNING.velocity_rows
+    if len(t) <= 4 * span or not np.all(np.diff(t) > 0.0):
+        return _NONE
+    turned = np.append(0.0, np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * np.diff(t)))
+    off = np.abs((turned[span:] - turned[:-span]) - (position[span:] - position[:-span])) / (t[span:] - t[:-span])
+    usual, top = float(np.quantile(off, 1.0 - TUNING.foreign_share)), float(np.percentile(np.abs(velocity), 99))
+    least = max(TUNING.outlier * usual, TUNING.foreign * top)
+    wrong = off > least
+    if wrong.mean() > TUNING.foreign_share:
+        return _NONE
+    rows = np.zeros(len(t), dtype=bool)
+    for k in np.flatnonzero(wrong):
+        rows[k : k + span + 1] = True
+    found = np.flatnonzero(rows)
+    begins = np.flatnonzero(found != np.arange(len(found)))  # what begins with the log is a filter that settles
+    return found[begins[0] :] if len(begins) else _NONE
 
 
 def _jumps(t: Array, position: Array) -> Integers:

@@ -18,6 +18,7 @@ from bayesid.errors import InputError, printable
 from bayesid.files.writing import numbered, replace_file, write_columns
 from bayesid.log.gains import Gains
 from bayesid.log.tuning import TUNING
+from bayesid.log.velocities import derived
 from bayesid.motion import check_label, labels, unlabelled
 
 GIVEN = "the motion"
@@ -56,6 +57,7 @@ class Log:
         pieces: the recordings it was joined from, which hold its rows one after the other; empty where it is one.
         read_with: options of `read_log` that it was read with, where they were not the usual ones.
         gains: by which its readings were made efforts, where some of them are not exact; None where all are.
+        notes: what was decoded, mended or left out when it was read, a sentence each.
 
     Example:
         >>> t = np.arange(200) / 100.0
@@ -73,6 +75,7 @@ class Log:
     pieces: tuple[Piece, ...] = ()
     read_with: Mapping[str, object] = field(default_factory=dict, compare=False)
     gains: Gains | None = None
+    notes: tuple[str, ...] = field(default=(), compare=False)
 
     def __post_init__(self) -> None:
         q = frozen(self.q, (None, None), "q")
@@ -170,10 +173,11 @@ class Log:
 def join_logs(logs: Sequence[Log]) -> Log:
     """Several logs of the same robot as one, with a pause between them: identification leaves pauses out.
 
-    Times start over in each log, and are kept in `pieces`.
+    Times start over in each log, and are kept in `pieces`. Where only some have measured velocities, those of the
+    others are the change of their positions.
 
     Raises:
-        InputError: they do not have the same joints, signed joints or measured velocities, or not the same rate.
+        InputError: they do not have the same joints or signed joints, or not the same rate.
     """
     first = logs[0]
     if len(logs) == 1:
@@ -185,7 +189,9 @@ def join_logs(logs: Sequence[Log]) -> Log:
     for log in logs[1:]:
         times.append(log.t - log.t[0] + (times[-1][-1] + pause))
         pieces += _pieces(log, pieces[-1].stop_row)
-    measured = None if first.dq is None else np.concatenate([log.dq for log in logs if log.dq is not None])
+    measured = None
+    if any(log.dq is not None for log in logs):
+        measured = np.concatenate([derived(log.t, log.q) if log.dq is None else log.dq for log in logs])
     return Log(
         t=np.concatenate(times),
         q=np.concatenate([log.q for log in logs]),
@@ -196,7 +202,13 @@ def join_logs(logs: Sequence[Log]) -> Log:
         pieces=tuple(pieces),
         read_with=first.read_with,
         gains=first.gains,
+        notes=tuple(dict.fromkeys(note for log in logs for note in (*log.notes, *_without_velocities(log, measured)))),
     )
+
+
+def _without_velocities(log: Log, measured: Array | None) -> list[str]:
+    said = f"{log.source}: has no measured velocities, as others have; the change of its positions is used"
+    return [] if measured is None or log.dq is not None else [said]
 
 
 def _pieces(log: Log, row: int) -> tuple[Piece, ...]:
@@ -212,9 +224,6 @@ def _check_fit(first: Log, log: Log) -> None:
     if not np.array_equal(log.signed, first.signed):
         said = f"other joints are signed than in {first.source}"
         raise InputError(said, log.source, "say which with `unsigned`, or rectify both")
-    if (log.dq is None) != (first.dq is None):
-        said = f"only one of it and {first.source} has measured velocities"
-        raise InputError(said, log.source, "leave the columns dq1..dqn out of the other")
     gains, expected_gains = ("that are exact" if one.gains is None else one.gains.text for one in (log, first))
     if gains != expected_gains:
         said = f"was read with gains {gains}, {first.source} with {expected_gains}"

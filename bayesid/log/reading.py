@@ -18,23 +18,31 @@ from bayesid.errors import InputError
 from bayesid.files.bounded import whole_number
 from bayesid.files.writing import numbered
 from bayesid.log.formats import Column, Options, Table, is_log_folder, read_table
-from bayesid.log.formats.encodings import FORMS, far_from_zero, offset_share
-from bayesid.log.formats.labels import factor_of, pattern_of, slides, split_brackets
+from bayesid.log.formats.labels import factor_of, pattern_of, split_brackets
 from bayesid.log.formats.memory import Variables, read_variables
 from bayesid.log.formats.parts import JOINT, join_parts
 from bayesid.log.formats.stated import parse_columns
 from bayesid.log.formats.table import DEGREE, check, far_positions, rows_of
 from bayesid.log.gains import Gains, gains_of
 from bayesid.log.log import GIVEN, Log, RecordedMotion, join_logs
+from bayesid.log.mending import (
+    at_own_rate,
+    check_magnitudes,
+    check_readings,
+    mend_velocities,
+    positions_of,
+    remarks_on_time,
+)
 from bayesid.log.tuning import TUNING
-from bayesid.log.velocities import check_speeds, derived, foreign_velocities, unwrapped
+from bayesid.log.velocities import check_speeds
+from bayesid.robot import Robot
 
 Parts: TypeAlias = Sequence["str | Path | Variables"]
 """The files of one run, or what is in memory of it: they are joined by time."""
 LogSource: TypeAlias = Log | str | Path | Variables | Parts  # what stands for a log wherever one is asked for
 
 
-def read_log(
+def read_log(  # noqa: PLR0913  a source, and what may be said of it
     source: str | Path | Variables | Parts,
     gains: Sequence[float] | Gains | str | None = None,
     unsigned: str | None = None,
@@ -44,6 +52,7 @@ def read_log(
     joints: Sequence[str] | None = None,
     columns: Mapping[str, str] | str | Path | None = None,
     encoding: str | None = None,
+    robot: Robot | None = None,
 ) -> Log:
     """Reads and checks a log in one of the formats of `bayesid.log.formats`, or one that is in memory.
 
@@ -69,6 +78,7 @@ def read_log(
         encoding: how readings that are never negative hold a sign all the same: "twos:16", two's complement of so many
             bits; "sign-bit:10", the bit that is set below zero; "offset:2048", what stands for zero; "direction:1",
             what a column of directions holds below zero; or "magnitude", not at all. By default what they show.
+        robot: whose joints are looked for by their names, where the log has such; by default in the log's order.
 
     Raises:
         InputError: the file, a row, a column or an option cannot be used.
@@ -82,20 +92,22 @@ def read_log(
     _check_lists(gains=None if isinstance(gains, Gains | str) else gains, joints=joints)
     stated = parse_columns(str(columns)) if isinstance(columns, str | Path) else columns
     options = Options(topic=topic, joints=joints, currents=gains is not None, columns=stated, encoding=encoding)
-    table = _table_of(source, options)
+    options = replace(options, robot_joints=() if robot is None else joint_names(robot))
+    table = at_own_rate(_table_of(source, options))
     angle, made_with = angle_unit(table, degrees), gains_of_table(table, gains)
-    q, notes = _positions(table, angle)
+    q, notes = positions_of(table, angle)
     effort = table.block("tau" if "tau1" in table.columns else "i")
     signed = signed_joints(effort, unsigned, table.n_joints)
     if encoding is None:
-        notes += _check_magnitudes(effort, q, signed, table.source)
+        notes += check_magnitudes(effort, q, signed, table.source)
     effort *= made_with.value
     dq = table.block("dq", angle) if "dq1" in table.columns else None
-    _check_readings(table, q, effort)
+    check_readings(table, q, effort)
     if dq is not None:
-        notes += _own_velocities(table, q, dq)
+        notes += mend_velocities(table, q, dq)
     if degrees is None:
         check_speeds(table.t, q, table.source)
+    notes = [*table.mended, *notes, *remarks_on_time(table, q)]
     for note in (*table.notes, *notes):
         warnings.warn(note, stacklevel=2)
     np.abs(effort, out=effort, where=~signed)
@@ -108,12 +120,13 @@ def read_log(
             dq=dq if dq is None else _part(dq, rows),
             source=name,
             gains=None if made_with.exact.all() else made_with,
+            notes=tuple(notes),
         )
         for name, rows in _recordings(table)
     ]
     said = gains.text if isinstance(gains, Gains) else gains
     asked = {"gains": said, "degrees": degrees, "topic": topic, "joints": joints, "columns": stated}
-    asked |= {"encoding": encoding}
+    asked |= {"encoding": encoding, "joints": table.joints or joints}
     used = {name: list(one) if isinstance(one, tuple) else one for name, one in asked.items() if one is not None}
     return replace(join_logs(recordings), read_with=used)
 
@@ -163,9 +176,15 @@ def _part(values: Array, rows: slice) -> Array:
     return values if rows == slice(None) else values[rows]
 
 
-def as_log(source: LogSource) -> Log:
-    """A log as it is, and anything else as `read_log` reads it."""
-    return source if isinstance(source, Log) else read_log(source)
+def as_log(source: LogSource, robot: Robot) -> Log:
+    """A log as it is, and anything else as `read_log` reads it for a robot."""
+    return source if isinstance(source, Log) else read_log(source, robot=robot)
+
+
+def joint_names(robot: Robot) -> tuple[str, ...]:
+    """Names of a robot's joints from base to tip; none unless each has one."""
+    names = tuple(joint.name for joint in robot.joints)
+    return names if all(names) else ()
 
 
 def find_logs(patterns: Sequence[str | Path]) -> list[Path]:
@@ -192,61 +211,6 @@ def _matches(pattern: str | Path) -> list[Path]:
     if not logs:
         raise InputError("matches no file", str(pattern), "give the path of a log, or a pattern of several")
     return logs
-
-
-def _positions(table: Table, angle: float) -> tuple[Array, list[str]]:
-    """(N, n) positions, rad (m), without jumps by whole turns, and what is to be said of these."""
-    q, n = table.block("q", angle), table.n_joints
-    turning = [j for j in range(n) if not slides(table.columns[f"q{j + 1}"].label)]
-    q, counted = unwrapped(q, turning, table.starts)
-    said = [f"joint {j + 1} ({often} time{'s' * (often > 1)})" for j, often in counted.items()]
-    return q, [f"{table.source}: angles were wrapped to one turn: {', '.join(said)}; unwrapped"] if said else []
-
-
-def _check_magnitudes(effort: Array, q: Array, signed: Mask, source: str) -> list[str]:
-    """Absolute values come near zero, but for those of joints that always bear a load; what is to be said of these."""
-    moving = np.flatnonzero(~signed & (np.ptp(q, axis=0) > TUNING.encoder) & effort.any(axis=0))
-    if not len(moving):
-        return []
-    shares, far = offset_share(effort[:, moving]), far_from_zero(effort[:, moving])
-    offset = shares >= TUNING.offset
-    seen = [f"joint {j + 1} {effort[:, j].min():.4g} to {effort[:, j].max():.4g}" for j in moving[offset | far][:3]]
-    said = f"readings never come near zero, as |effort| does: {', '.join(seen)}"
-    remedy = f"if they hold a sign, say how with `encoding`, as in {FORMS}"
-    if len(moving) > 1 and (far.all() or 2 * offset.sum() > len(moving)):
-        raise InputError(said, source, f"{remedy}; magnitude if they are |effort|")
-    return [f"{source}: {said}; {remedy}"] if offset.any() else []
-
-
-def _own_velocities(table: Table, q: Array, dq: Array) -> list[str]:
-    """Puts d(q)/dt in place of velocities that are none of their joint; what is to be said of these."""
-    foreign = np.flatnonzero(foreign_velocities(table.t, q, dq, table.starts, table.source))
-    if not len(foreign):
-        return []
-    for first, stop in pairwise([*table.starts, len(q)]):
-        dq[first:stop, foreign] = derived(table.t[first:stop], q[first:stop, foreign])
-    joints = ", ".join(str(j + 1) for j in foreign)
-    return [f"{table.source}: measured velocities of joint {joints} are not the change of its position: left out"]
-
-
-def _check_readings(table: Table, q: Array, effort: Array) -> None:
-    """Some joint has moved, some sensor was read, none beyond all robots, and efforts are no velocities."""
-    if not np.ptp(q, axis=0).any():
-        raise InputError("all columns of positions are constant", table.source, "record a motion in which joints move")
-    if not (np.abs(effort) >= TUNING.least_effort).any():
-        raise InputError("all efforts are zero in every row", table.source, "check that the sensors were read")
-    for j in np.flatnonzero(np.abs(effort).max(axis=0) > TUNING.strongest_effort):
-        said = f"the effort of joint {j + 1} reaches {np.abs(effort[:, j]).max():.3g} N m"
-        remedy = "say the unit of currents or torques in the header, as in i1[mA], or correct `gains`"
-        raise InputError(said, table.source, remedy)
-    step = np.median(np.diff(table.t)[np.diff(table.t) > 0.0])
-    for joint, force in zip(q.T, effort.T, strict=True):
-        speed = np.abs(np.gradient(joint)) / step
-        if np.linalg.norm(np.abs(force) - speed) >= TUNING.efforts_as_velocities * np.linalg.norm(speed):
-            break
-    else:
-        remedy = "name the columns of torques or currents by `columns`"
-        raise InputError("the efforts are the joints' velocities", table.source, remedy)
 
 
 def angle_unit(table: Table, degrees: bool | None) -> float:
@@ -314,6 +278,7 @@ def read_motion(
     columns: Mapping[str, str] | None = None,
     topic: str | None = None,
     joints: Sequence[str] | None = None,
+    robot: Robot | None = None,
 ) -> RecordedMotion:
     """Reads and checks a motion in one of the formats of logs, or in memory; efforts may be there, and are left out.
 
@@ -322,12 +287,13 @@ def read_motion(
     Raises:
         InputError: the file, a row, a column or an option cannot be used.
     """
-    table = _table_of(path, Options(topic=topic, joints=joints, columns=columns, motion=True))
+    named = () if robot is None else joint_names(robot)
+    table = _table_of(path, Options(topic=topic, joints=joints, columns=columns, motion=True, robot_joints=named))
     for note in table.notes:
         warnings.warn(note, stacklevel=2)
-    q, turns = _positions(table, angle := angle_unit(table, degrees))
+    q, turns = positions_of(table, angle := angle_unit(table, degrees))
     recorded = _recorded(table, q, angle)
-    for note in turns:
+    for note in (*table.mended, *turns):
         warnings.warn(note, stacklevel=2)
     return recorded
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from bayesid.arrays import Array
 from bayesid.errors import InputError
+from bayesid.log.formats.encodings import MAGNITUDE, Encoding
 from bayesid.log.formats.table import DEGREE, Column, Options, SourceColumn, Table, rows_of
 from bayesid.log.formats.text import CsvFile, Layout, clock_seconds, look, select_columns
 from bayesid.log.gains import Gains
@@ -60,7 +61,7 @@ class RowReader:
     ) -> None:
         CsvFile().check_options(options or Options(), source)
         self._layout, self._lines = _look_at(_lines_of(stream, source), source)
-        self._columns, self.notes = select_columns(self._layout, source, options or Options())
+        self._columns, self.notes, _ = select_columns(self._layout, source, options or Options())
         self._source, self._degrees, self.bad = source, degrees, 0
         names = [column.name for column in self._columns]
         one = self._table(np.ones(len(names)))
@@ -74,6 +75,7 @@ class RowReader:
         self._blocks = {}
         for kind, unit in units.items():
             self._blocks[kind] = [names.index(f"{kind}{j}") for j in range(1, n + 1)], unit[0]
+        self._encoding = Encoding.parse((options or Options()).encoding or MAGNITUDE)
         self._time, self._second, self._effort = names.index("t"), float(one.t[0]), effort
         self._farthest = np.zeros(len(names))
 
@@ -106,6 +108,9 @@ class RowReader:
         return value
 
     def _row(self, values: Array) -> Row:
+        values = np.array(values)
+        places = self._blocks[self._effort][0]
+        values[places] = self._encoding.decoded(values[places])
         blocks = {kind: values[places] * unit for kind, (places, unit) in self._blocks.items()}
         if self._degrees is None and np.nanmax(np.abs(blocks["q"]), initial=0.0) > TUNING.few_turns:
             self._farthest = np.fmax(self._farthest, np.abs(values))

@@ -186,6 +186,9 @@ def _mended(log: Log) -> _Mended:
     parts |= {name: np.array(parts[name]) for name, _ in known}
     for (name, j), valid in known.items():
         parts[name][:, j] = without(t, parts[name][:, j], valid, smooth=name == "position")
+    for fault in (one for one in faults if one.reading == "velocity" and one.kind != "outlier"):
+        change = np.gradient(parts["position"][:, fault.joint], t)
+        parts["velocity"][fault.rows, fault.joint] = change[fault.rows]
     if (still := still_joints(parts["position"])).any():
         parts["position"] = np.where(still, parts["position"].mean(axis=0), parts["position"])
         if recorded.dq is not None:
@@ -244,7 +247,8 @@ class _EvenMotion:
         least = TUNING.fewest_cutoff_periods * self.rate / len(self.grid)
         if not least <= cutoff < self.rate / 2:
             remedy = f"give a value between {least:.2g} and {self.rate / 2:g} Hz, half the log's rate"
-            said = f"a cut-off of {cutoff:g} Hz does not suit a log of {self.rate:g} Hz and {self.t[-1] - self.t[0]:.3g} s"
+            log = f"a log of {self.rate:g} Hz and {self.t[-1] - self.t[0]:.3g} s"
+            said = f"a cut-off of {cutoff:g} Hz does not suit {log}"
             raise InputError(said, field="cutoff", remedy=remedy)
         return cutoff
 

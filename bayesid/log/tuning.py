@@ -51,6 +51,12 @@ class Tuning:
     """Factor between velocities and the change of positions that shows another unit: usual ones differ by 6.3."""
     fastest: float = 60.0
     """rad/s; faster than any joint by its data sheet (wrists of small arms 10 to 20, delta robots 50)."""
+    burst: float = 2.0
+    """Of its 98th percentile, to which a velocity is cut before it is compared, so that single spikes do not count."""
+    slow_rows: float = 2.0
+    """Rows between two changes of a reading from which on it is published more slowly than the log is written."""
+    regular: float = 0.8
+    """Share of such distances that are alike, at least: else the robot rests now and then."""
     stuck: float = 0.01
     """rad that a joint is moved by its velocity while its position stays: ten times what an encoder's noise is."""
     smooth: float = 0.1
@@ -139,6 +145,13 @@ class Tuning:
     """Share by which a speed must vary over a dropout: without noise a steady motion needs a constant effort."""
     past_blind: float = 3.0
     """Times the least reading above zero, within which a sensor with a dead zone may fall to zero."""
+
+    velocity_rows: int = 4
+    """Rows over which a velocity is summed to be compared with the change of the position."""
+    foreign: float = 1.0
+    """Of a joint's top speed, by which a velocity may differ from that change: some drives filter it for 0.5 s."""
+    foreign_share: float = 0.2
+    """Share of rows above which a velocity is no local fault but another signal."""
 
     # Signals
     filter_order: int = 4

@@ -39,6 +39,21 @@ def unwrapped(q: Array, turning: Sequence[int], starts: Sequence[int]) -> tuple[
     return q, counted
 
 
+def slow_rows(readings: Array, starts: Sequence[int]) -> tuple[Mask, float]:
+    """(N,) rows that bring new readings (N, n), and the usual number of rows between them.
+
+    All rows and 1 where readings change as often as not, or a robot only rests now and then.
+    """
+    fresh = np.ones(len(readings), dtype=bool)
+    fresh[1:] = (np.diff(readings, axis=0) != 0.0).any(axis=1)
+    fresh[list(starts)] = True
+    apart = np.diff(np.flatnonzero(fresh))
+    every = float(np.median(apart)) if len(apart) else 1.0
+    if every < TUNING.slow_rows or np.mean(np.abs(apart - every) <= 1.0) < TUNING.regular:
+        return np.ones(len(readings), dtype=bool), 1.0
+    return fresh, every
+
+
 def derived(t: Array, q: Array) -> Array:
     """(N, n) velocities of positions (N, n) by cubic splines, rad/s; rows that repeat others bring nothing new."""
     rows = distinct_rows(t, [q])
@@ -66,12 +81,15 @@ def foreign_velocities(t: Array, q: Array, dq: Array, starts: Sequence[int], sou
     """
     foreign = np.zeros(q.shape[1], dtype=bool)
     for j in range(q.shape[1]):
-        power = other = both = moved = 0.0
+        power, other, both, moved = 0.0, 0.0, 0.0, 0.0
         for rows in (slice(*ends) for ends in pairwise([*starts, len(t)]) if ends[1] - ends[0] > 2):
-            speed = dq[rows, j]
+            most = TUNING.burst * float(np.quantile(np.abs(dq[rows, j]), 0.98))
+            speed = np.clip(dq[rows, j], -most, most)
             turned = np.append(0.0, np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(t[rows])))
             change, velocity = _over_window(q[rows, j]), _over_window(turned)
-            power, other, both = power + change @ change, other + velocity @ velocity, both + change @ velocity
+            power += float(change @ change)
+            other += float(velocity @ velocity)
+            both += float(change @ velocity)
             moved = max(moved, float(np.ptp(turned)))
         if power == 0.0 and moved > TUNING.stuck:
             said = f"the position of joint {j + 1} is constant, while its velocity moves it by {moved:.3g} rad"

@@ -46,7 +46,7 @@ def _flange(tree: UrdfTree, tip: str | None, places: Mapping[str, tuple[int, Arr
 
     Of several links that nothing is fixed to, the one by a usual name counts.
     """
-    if tip in places:
+    if tip is not None and tip in places:
         return places[tip][1] if places[tip][0] == last else None
     carrying = {joint.parent for joint in tree.joints}
     behind = [link for link, (joint, _) in places.items() if joint == last]

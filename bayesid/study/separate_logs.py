@@ -114,7 +114,8 @@ def identify_separately(
     runs = tuple(done[k] for k in range(len(jobs)))
     good = [result.coefficients for result in runs if not result.error]
     separate = Separate(runs, agreement(good) if len(good) > 1 else None)
-    _save(separate, place)
+    if good or not all(result.bad_input for result in runs):  # of refused input nothing is left behind
+        _save(separate, place)
     return separate
 
 
@@ -123,7 +124,7 @@ def _identify(
 ) -> Run:
     log, folder = place
     try:
-        result = identify(robot, read_log(log, **reading), **options)
+        result = identify(robot, read_log(log, **reading, robot=robot), **options)
         with collect_incomplete() as incomplete:
             save_identification(result, folder, report=report)
     except InputError as error:

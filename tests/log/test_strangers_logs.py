@@ -174,13 +174,12 @@ def test_files_of_another_kind_are_named(tmp_path, kind):
 WHOLE_SECONDS = clocked("%Y-%m-%d %H:%M:%S", ",")
 REFUSED = {
     "header again": (joined([*LINES[:150], LINES[0], *LINES[150:]]), ["row 151", "header again"]),
-    "error of a spreadsheet": (changed(51, "dq2", "#DIV/0!"), ["row 51", "dq2", "'#DIV/0!'", "remove the row"]),
     "thousands": (changed(51, "dq2", '"1,234.5"'), ["row 51", "separators of thousands"]),
     "backwards": (joined([LINES[0], *LINES[:0:-1]]), ["row 3", "time runs backwards"]),
     "no header": (joined(LINES[1:]), ["row 1", "holds numbers, not the names"]),
     "ms": (text(flat(IN_MS)), ["milliseconds?", "t[ms]", "--columns"]),
     "ns": (text(flat(scaled(RECORDED, t=1e9))), ["nanoseconds?", "t[ns]"]),
-    "whole seconds": (WHOLE_SECONDS, ["column t only advances every 1 s"]),
+    "whole seconds": (WHOLE_SECONDS, ["column t has 4 instants in 300 rows", "t[10ms]"]),
     "degrees": (text(flat(scaled(NO_DQ, q=30.0 * DEGREES))), ["are they degrees?", "--degrees"]),
     "degrees and ms": (text(flat(scaled(RECORDED, q=DEGREES, dq=DEGREES, t=1e3))), ['t="t[ms]"', "--degrees too"]),
     "counts": (text(flat(scaled(RECORDED, q=2e4))), ["neither rad nor degrees", "counts of an encoder"]),
@@ -221,7 +220,7 @@ def test_what_a_log_leaves_open_is_one_line(tmp_path, form):
 
 def test_rows_are_counted_from_the_first_line_of_the_file(tmp_path):
     lines = ["Recorder 1.2", "", *text(flat(RECORDED), ";").splitlines()]
-    for cell, said in (("nan", "holds nan"), ("?", "holds '?', not a number")):
+    for cell, said in (("inf", "holds inf"), ("x", "holds 'x', not a number")):
         bad = [*lines[:9], ";".join([lines[9].partition(";")[0], cell, *lines[9].split(";")[2:]]), *lines[10:]]
         assert f"row 10: column q1 {said}" in refusal(save(tmp_path / "log.csv", joined(bad)))
 
@@ -230,11 +229,10 @@ def test_rows_are_counted_from_the_first_line_of_the_file(tmp_path):
     "columns",
     [
         strange(),
-        {"time": RECORDED["t"]} | flat(NO_DQ, q="arm_{}/position", tau="arm_{}/effort"),
         flat(RECORDED) | {"q0": RECORDED["t"], "dq0": RECORDED["t"]},
         flat(NO_DQ, t="clock", q="x{}", start=0) | {"x3": np.zeros(ROWS)},
     ],
-    ids=["strange", "named joints", "a rail before the arm", "an axis too many"],
+    ids=["strange", "a rail before the arm", "an axis too many"],
 )
 def test_the_columns_that_a_refusal_suggests_read_the_log(tmp_path, columns):
     path = save(tmp_path / "log.csv", text(columns, ";"))

@@ -155,5 +155,5 @@ def _read_stream(path: Path, options: Options) -> Table:
         except InputError as error:
             what, where, remedy = (text.replace(str(copy), name) for text in (error.what, error.where, error.remedy))
             raise InputError(what, where, remedy, error.field) from None
-    notes = tuple(note.replace(str(copy), name) for note in table.notes)
-    return replace(table, source=name, place=rows_of(name), notes=notes)
+    notes, mended = (tuple(one.replace(str(copy), name) for one in said) for said in (table.notes, table.mended))
+    return replace(table, source=name, place=rows_of(name), notes=notes, mended=mended)

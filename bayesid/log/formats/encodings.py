@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayesid.arrays import TINY, Array
+from bayesid.arrays import TINY, Array, Mask
 from bayesid.errors import InputError
 from bayesid.log.formats.labels import kind_part
 from bayesid.log.formats.table import DIRECTION, Column, Table
@@ -116,8 +116,8 @@ def decode(table: Table, stated: str | None = None) -> Table:
     columns = {name: replace(one, values=column) for (name, one), column in zip(efforts.items(), signed.T, strict=True)}
     first = next(iter(efforts.values())).label
     note = f"{table.source}: readings such as {first} hold {chosen.said}: decoded"
-    notes = table.notes if stated is not None else (*table.notes, f"{note} (`encoding` magnitude if they do not)")
-    return replace(table, columns=plain | columns, notes=notes)
+    said = () if stated is not None else (f"{note} (`encoding` magnitude if they do not)",)
+    return replace(table, columns=plain | columns, mended=(*table.mended, *said))
 
 
 def _has(given: Mapping[str, Column], name: str) -> bool:
@@ -126,13 +126,13 @@ def _has(given: Mapping[str, Column], name: str) -> bool:
 
 # ---- A code in the reading ----
 def _found(values: Array, source: str) -> tuple[Encoding | None, Array]:
-    """The encoding of readings (N, n), none of them negative, and (n,) the size of a count; None where there is none."""
+    """The encoding of readings (N, n), none of them negative, or None; and (n,) the size of a count."""
     steps = np.array([_count(column) for column in values.T])
     counts = values / np.where(steps > 0.0, steps, 1.0)
     if steps.all():
         top = float(counts.max())
         bits = max(1, int(np.floor(np.log2(max(top, 1.0)))) + 1)
-        candidates = [one for one in (Encoding("twos", bits), Encoding("sign-bit", bits - 1)) if bits >= TUNING.code_bits]
+        candidates = [Encoding("twos", bits), Encoding("sign-bit", bits - 1)] if bits >= TUNING.code_bits else []
         jumps = [_joined_jumps(one, counts) for one in candidates]
         sure = [one for one, jump in zip(candidates, jumps, strict=True) if jump <= TUNING.code_joins]
         if len(sure) == 1:
@@ -182,10 +182,8 @@ def _two_bands(values: Array) -> tuple[int, tuple[float, float, float, float]] |
         if not gaps.any() or gaps.max() < TUNING.empty_band * (ordered[-1] - ordered[0]):
             continue
         k = int(np.argmax(gaps)) + 1
-        both = ordered[:k], ordered[k:]
-        if all(
-            len(part) >= TUNING.code_share * len(ordered) and len(np.unique(part)) >= TUNING.band_values for part in both
-        ):
+        both, least = (ordered[:k], ordered[k:]), TUNING.code_share * len(ordered)
+        if all(len(part) >= least and len(np.unique(part)) >= TUNING.band_values for part in both):
             return joint, (both[0][0], both[0][-1], both[1][0], both[1][-1])
     return None
 
@@ -203,9 +201,10 @@ def _middle(counts: Array) -> float | None:
     return float(zero) if fits and between.sum() >= 2 else None
 
 
-def far_from_zero(effort: Array) -> Array:
+def far_from_zero(effort: Array) -> Mask:
     """(n,) whether readings (N, n), none of them negative, never come near zero, as an absolute value does."""
-    return effort.min(axis=0) > TUNING.near_zero * effort.max(axis=0)
+    far: Mask = effort.min(axis=0) > TUNING.near_zero * effort.max(axis=0)
+    return far
 
 
 def offset_share(effort: Array) -> Array:

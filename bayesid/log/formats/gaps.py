@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from bayesid.arrays import Array
+from bayesid.arrays import Mask
 from bayesid.errors import InputError
 from bayesid.log.formats.labels import kind_part
 from bayesid.log.formats.parts import join_parts
@@ -23,11 +23,12 @@ def without_gaps(table: Table, options: Options) -> Table:
     if not any(part.any() for part in missing.values()):
         return table
     every = np.column_stack(list(missing.values()))
-    complete, some = ~every.any(axis=1), ~every[:, [name != "t" for name in missing]].all(axis=1)
+    complete: Mask = ~every.any(axis=1)
+    some: Mask = ~every[:, [name != "t" for name in missing]].all(axis=1)
     if (share := complete.sum() / max(1, some.sum())) >= TUNING.complete_rows:
         left = int(len(complete) - complete.sum())
         note = f"{table.source}: {left:,} of {len(complete):,} rows lack a value and are left out"
-        return replace(_rows(table, complete), notes=(*table.notes, note))
+        return replace(_rows(table, complete), mended=(*table.mended, note))
     if options.part:
         raise _lacking(table, missing, share)
     parts = [_part(table, {name: gone for name, gone in missing.items() if kind_part(name) == kind}) for kind in _KINDS]
@@ -35,19 +36,19 @@ def without_gaps(table: Table, options: Options) -> Table:
     if len(chosen) < 2 or min(len(part.columns["t"].values) for part in chosen) < TUNING.fewest_rows:
         raise _lacking(table, missing, share)
     joined = join_parts(chosen, options.columns, motion=options.motion)
-    return replace(joined, source=table.source, notes=(*table.notes, *joined.notes))
+    return replace(joined, source=table.source, notes=table.notes, mended=(*table.mended, *joined.notes))
 
 
 _KINDS = "q", "dq", "tau", "i"
 
 
-def _rows(table: Table, kept: Array) -> Table:
+def _rows(table: Table, kept: Mask) -> Table:
     rows = np.flatnonzero(kept)
     columns = {name: replace(one, values=one.values[rows]) for name, one in table.columns.items()}
     return replace(table, columns=columns, place=lambda row: table.place(int(rows[row])))
 
 
-def _part(table: Table, missing: dict[str, Array]) -> Table | None:
+def _part(table: Table, missing: dict[str, Mask]) -> Table | None:
     """The rows in which all columns of a kind have values, with the time; None where there are no such columns."""
     if not missing:
         return None
@@ -57,7 +58,7 @@ def _part(table: Table, missing: dict[str, Array]) -> Table | None:
     return replace(_rows(replace(table, columns=columns), there), source=f"{table.source} ({what})", notes=())
 
 
-def _lacking(table: Table, missing: dict[str, Array], share: float) -> InputError:
+def _lacking(table: Table, missing: dict[str, Mask], share: float) -> InputError:
     worst = max(missing, key=lambda name: int(missing[name].sum()))
     column, gone = table.columns[worst], missing[worst]
     said = f"column {column.label} holds no number in {gone.mean():.0%} of the rows"

@@ -30,14 +30,14 @@ def table_of(variables: Mapping[str, Any], source: str, options: Options) -> Tab
 
 def table_of_vectors(vectors: Mapping[str, _Vector], source: str, options: Options) -> Table:
     """The same of vectors (N,) by the labels of columns."""
-    chosen, notes = choose(list(vectors), source, options)
+    chosen, notes, joints = choose(list(vectors), source, options)
     n_rows = len(vectors[chosen[0].label])
     for one in chosen:
         if len(vectors[one.label]) != n_rows:
             said = f"{one.label} has {len(vectors[one.label])} values, {chosen[0].label} has {n_rows}"
             raise InputError(said, source, "give all of them one value an instant")
     read = {one.name: _column(one, vectors[one.label], source) for one in chosen}
-    return Table(read, source, rows_of(source), notes)
+    return Table(read, source, rows_of(source), notes, joints=joints)
 
 
 def _vectors(variables: Mapping[str, Any], where: str, columns: Mapping[str, str]) -> dict[str, _Vector]:

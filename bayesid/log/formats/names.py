@@ -9,8 +9,10 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence, Set
+from dataclasses import replace
 
 from bayesid.errors import InputError
+from bayesid.log.formats.joint_names import ByName, columns_by_name
 from bayesid.log.formats.labels import (
     OTHER,
     UNITS,
@@ -19,9 +21,11 @@ from bayesid.log.formats.labels import (
     factor_of,
     kind_of,
     kind_part,
+    last_word,
     pattern_of,
     read_labels,
     split_brackets,
+    time_among,
     unknown_unit,
 )
 from bayesid.log.formats.stated import (
@@ -34,13 +38,22 @@ from bayesid.log.formats.stated import (
     stated_columns,
     suggestion,
 )
-from bayesid.log.formats.table import Chosen, Options, SourceColumn
+from bayesid.log.formats.table import DIRECTION, FRACTION, Chosen, Options, SourceColumn
 
 _EFFORT = "column tau1 (or i1 with gains)"
 _QUANTITY = re.compile(
     r"(?<![a-z])(q|qd|dq|pos|position|angle|vel|velocity|speed|tau|torque|moment|effort|current|state|action)s?(?![a-z])",
     re.IGNORECASE,
 )
+_FRACTIONS = {"nanosec": 1e-9, "nsec": 1e-9, "nsecs": 1e-9, "nanosecs": 1e-9, "nanoseconds": 1e-9} | dict.fromkeys(
+    ("usec", "usecs", "microsec", "microseconds"), 1e-6
+)
+"""Seconds in one of what may stand beside a column of whole seconds."""
+_DIRECTION = re.compile(
+    r"(?<![^\W_0-9])(dir|direction|sign|sgn|signum|richtung|drehrichtung|vorzeichen|polarity)(?![^\W_0-9])",
+    re.IGNORECASE,
+)
+_CAMEL = re.compile(r"(?<=[a-z])(?=[A-Z])")
 _Family = Mapping[int, Reading]  # columns of one kind that are called alike, by the numbers in their labels
 
 
@@ -58,21 +71,85 @@ def choose(header: Sequence[str], where: str, options: Options) -> Chosen:
     if convention is not None:
         columns = convention.stated(header, columns, currents=options.currents, motion=options.motion)
     found = {one.name: one for one in stated_columns(header, columns, where, described(header))} if columns else {}
-    families = _families(header, columns, found, where, options)
+    named = _by_name(header, columns, found, where, options)
+    found |= {one.name: one for one in named.columns}
+    families = [] if named.columns and options.part else _families(header, columns, found, where, options)
     _check_start(families, where)
     for one, zero in ((one, 0 in family) for family in families for one in family.values()):
         name = one.kind if one.kind == "t" else f"{one.kind}{one.number + zero}"
         found.setdefault(name, SourceColumn(name, one.place, one.label, one.factor))
+    if named.columns and "t" not in found:
+        found |= {one.name: one for one in _time(header)}
+    if FRACTION not in found and "t" not in columns:
+        found |= {one.name: one for one in _split_time(header, found)}
+    order = f"joints are taken in the order {', '.join(named.names)}; if that is not from base to tip, give `joints`"
+    notes = (f"{where}: {order}",) if named.assumed else ()
     if options.part:
-        return _part(found, header, where)
+        part = _part(found, header, where)
+        return part._replace(notes=(*part.notes, *notes), joints=named.names)
     chosen = _complete(found, header, where, options, columns, "" if convention is None else convention.lacking)
     if convention is not None and convention.part is not None and convention.part in header:
         chosen += (SourceColumn("part", header.index(convention.part), convention.part, 1.0),)
+    chosen += tuple(one for one in found.values() if one.name == FRACTION)
+    chosen += _directions(header, chosen)
     words = {one.word for family in families for one in family.values() if one.rank >= OTHER}
     note = _note(header, chosen, convention) if words or convention is not None else ""
     if "aspos" in words:  # of RSI
         note += f"{'; ' if note else ''}positions are commanded ones (ASPos); the axes lag behind them"
-    return Chosen(chosen, (f"{where}: {note}",) if note else ())
+    notes = (*((f"{where}: {note}",) if note and not named.columns else ()), *notes)
+    return Chosen(chosen, notes, () if named.assumed else named.names)
+
+
+def _by_name(
+    header: Sequence[str], columns: Mapping[str, str], found: Mapping[str, SourceColumn], where: str, options: Options
+) -> ByName:
+    """Columns that are called after joints, where neither names of a log nor a user say which they are."""
+    if {"q", *EFFORTS} & {*map(kind_part, found), *map(kind_part, columns)}:
+        return ByName()
+    positions = [one for one in read_labels(header) if one.kind == "q"]
+    if any(one.rank < OTHER for one in positions):
+        return ByName()
+    return columns_by_name(header, where, options, alone=not positions)
+
+
+def _time(header: Sequence[str]) -> list[SourceColumn]:
+    label = time_among(header)
+    return [SourceColumn("t", one.place, label, one.factor) for one in read_labels(header) if one.label == label]
+
+
+def _split_time(header: Sequence[str], found: Mapping[str, SourceColumn]) -> list[SourceColumn]:
+    """Columns of whole seconds, and of what is to be added, where a time has both and no other is there."""
+    words = {place: last_word(label.replace("_", ".")).casefold() for place, label in enumerate(header)}
+    whole = [place for place, word in words.items() if word in ("sec", "secs", "seconds")]
+    rest = [(place, _FRACTIONS[word]) for place, word in words.items() if word in _FRACTIONS]
+    if ("t" in found and found["t"].place not in whole) or not whole or not rest:
+        return []
+    return [
+        SourceColumn("t", whole[0], header[whole[0]], 1.0),
+        SourceColumn(FRACTION, rest[0][0], header[rest[0][0]], rest[0][1]),
+    ]
+
+
+def _directions(header: Sequence[str], chosen: Sequence[SourceColumn]) -> tuple[SourceColumn, ...]:
+    """Columns that hold the directions of all joints' efforts, by the numbers of these; none where one lacks."""
+    efforts = [one for one in chosen if kind_part(one.name) in EFFORTS]
+    numbers = [_last_number(one.label) for one in efforts]
+    found: dict[int, SourceColumn] = {}
+    for place, label in enumerate(header):
+        if _DIRECTION.search(_CAMEL.sub("_", label)) and (number := _last_number(label)) is not None:
+            found.setdefault(number, SourceColumn("", place, label, 1.0))
+    if not efforts or None in numbers or not set(numbers) <= set(found):
+        return ()
+    return tuple(
+        replace(found[number], name=f"{DIRECTION}{one.name.removeprefix(kind_part(one.name))}")
+        for one, number in zip(efforts, numbers, strict=True)
+        if number is not None
+    )
+
+
+def _last_number(label: str) -> int | None:
+    digits = re.findall("[0-9]{1,9}", split_brackets(label).name)
+    return int(digits[-1]) if digits else None
 
 
 def _part(found: Mapping[str, SourceColumn], header: Sequence[str], where: str) -> Chosen:

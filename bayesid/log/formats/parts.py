@@ -45,7 +45,8 @@ def join_parts(tables: Sequence[Table], columns: Mapping[str, str] | None, *, mo
     if left := len(base.t) - len(kept):
         said.append(f"{left:,} rows that others do not cover are left out")
     notes = (*(note for table in tables for note in table.notes), "; ".join(said))
-    return Table(_in_order(joined, source, motion=motion), source, lambda row: base.place(int(kept[row])), notes)
+    whole, mended = _in_order(joined, source, motion=motion), tuple(one for table in tables for one in table.mended)
+    return Table(whole, source, lambda row: base.place(int(kept[row])), notes, mended)
 
 
 def _block(part: Table, kinds: Sequence[str]) -> dict[str, Array]:

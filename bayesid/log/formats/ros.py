@@ -6,7 +6,6 @@ drivers put currents, A, there). A topic may carry messages of several publisher
 
 from __future__ import annotations
 
-import re
 import sqlite3
 import struct
 from collections.abc import Iterator, Sequence
@@ -21,6 +20,7 @@ from bayesid.arrays import Array
 from bayesid.errors import InputError
 from bayesid.files import bounded
 from bayesid.log.formats import Format
+from bayesid.log.formats.joint_names import are_numbered, in_order, shared_names
 from bayesid.log.formats.table import Column, Options, Table, seconds
 
 _TYPE = "sensor_msgs/msg/JointState"
@@ -69,7 +69,9 @@ class RosBag(Format):
         topics = _topics(path)
         topic = _choose_topic(topics, options.topic, str(path))
         where = f"{path}, topic {topic}"
-        names = _names(topics[topic], options.joints, where)
+        there = list(dict.fromkeys(name for message in topics[topic] for name in message.names))
+        shared = shared_names(options.robot_joints, there) if options.joints is None else ()
+        names = _names(topics[topic], shared or options.joints, where)
         messages = [message for message in topics[topic] if set(names) <= set(message.names)]
         if not messages:
             known = dict.fromkeys(name for message in topics[topic] for name in message.names)
@@ -94,13 +96,13 @@ class RosBag(Format):
             for j, values in enumerate(np.array(block, dtype=float).T):
                 columns[f"{kind}{j + 1}"] = Column(f"{kind}{j + 1} ({names[j]})", values)
         notes = []
-        if options.joints is None and not _numbered(names):
+        if options.joints is None and not shared and not are_numbered(names):
             order = f"joints are taken in the order {', '.join(names)}"
             notes.append(f"{order}; if that is not from base to tip, give `joints`")
         if not stamped:
             notes.append("the stamps are zero; time is when the bag received the messages, which jitters more")
         notes = [f"{where}: {note}" for note in notes]
-        return Table(columns, str(path), lambda row: f"{where}, message {row + 1}", tuple(notes))
+        return Table(columns, str(path), lambda row: f"{where}, message {row + 1}", tuple(notes), joints=shared)
 
 
 def _topics(path: Path) -> dict[str, list[_Message]]:
@@ -156,13 +158,7 @@ def _names(messages: Sequence[_Message], joints: Sequence[str] | None, where: st
         if set(message.names) != set(first):
             said = f"there are messages of {', '.join(first)}, and of {', '.join(message.names)}"
             raise InputError(said, where, "say which joints with `joints`, from base to tip")
-    digits = re.compile(rf"[0-9]{{1,{bounded.MOST_DIGITS}}}")
-    return tuple(sorted(first, key=lambda name: [*map(int, digits.findall(name))])) if _numbered(first) else first
-
-
-def _numbered(names: Sequence[str]) -> bool:
-    """Whether names differ by numbers only: these then give the order."""
-    return len({re.sub("[0-9]+", "#", name) for name in names}) == 1
+    return in_order(first)
 
 
 def _block(messages: Sequence[_Message], field: str, names: Sequence[str]) -> list[Array | None]:

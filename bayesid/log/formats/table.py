@@ -25,6 +25,7 @@ class Options:
 
     topic: str | None = None  #: the one to read, of several
     joints: Sequence[str] | None = None  #: names from base to tip
+    robot_joints: Sequence[str] = ()  #: the same of the robot, which count where the source has them all
     currents: bool = False  #: whether efforts without a unit are currents, A
     columns: Mapping[str, str] | None = None  #: what the log's columns are called, see `bayesid.log.formats.stated`
     motion: bool = False  #: whether the motion is all that is wanted: efforts are left out
@@ -61,6 +62,7 @@ class Chosen(NamedTuple):
 
     columns: tuple[SourceColumn, ...]
     notes: tuple[str, ...] = ()
+    joints: tuple[str, ...] = ()  # as in `Table`
 
 
 @dataclass(frozen=True)
@@ -73,6 +75,8 @@ class Table:
     source: str  #: the file, for messages
     place: Callable[[int], str]  #: what a message calls a row, counted from 0
     notes: tuple[str, ...] = ()  #: what had to be assumed, a sentence each
+    mended: tuple[str, ...] = ()  #: what was decoded or left out, a sentence each
+    joints: tuple[str, ...] = ()  #: names from base to tip by which columns were chosen; none where they have none
 
     @property
     def t(self) -> Array:
@@ -173,8 +177,9 @@ def _check_resolution(table: Table) -> None:
     moved = np.any([q[1:] != q[:-1] for q in positions], axis=0)
     if np.mean(moved & (np.diff(t) == 0.0)) > TUNING.stands and np.ptp(t) > 0.0:
         label, rows = table.columns["t"].label, len(t)
-        said = f"column {label} has {len(np.unique(t)):,} instants in {rows:,} rows, while positions change between"
-        period = f"{1e3 * np.ptp(t) / (rows - 1):.3g}ms"
+        instants, counts = np.unique(t, return_counts=True)
+        said = f"column {label} has {len(instants):,} instants in {rows:,} rows, while positions change between"
+        period = f"{1e3 * np.median(np.diff(instants)) / np.median(counts):.4g}ms"
         remedy = "record the time with fractions of seconds"
         raise InputError(said, table.source, f"{remedy}, or give a column that counts rows, as {label}[{period}]")
 

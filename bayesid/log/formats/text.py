@@ -81,7 +81,7 @@ class CsvFile(Format):
     """What no other format recognises."""
 
     name = "a CSV table"
-    options = frozenset({"columns"})
+    options = frozenset({"columns", "joints"})
     order = 2
 
     def recognises(self, path: Path, head: bytes) -> bool:
@@ -93,6 +93,8 @@ class CsvFile(Format):
         try:
             layout = look(path)
             selected = select_columns(layout, str(path), options)
+            if options.joints is not None and not selected.joints:
+                raise InputError(f"is {self.name}, which has no joints", str(path), "leave `joints` out")
             values = _read_values(path, layout, selected.columns)
         except (UnicodeDecodeError, csv.Error) as error:
             controls = rb"[\0-\x08\x0e-\x1f]"  # bytes that stand in no text
@@ -106,7 +108,7 @@ class CsvFile(Format):
             number, _ = next(islice(_rows(path, layout), row, None))
             return f"{path}, row {number}"
 
-        return Table(columns, str(path), place, selected.notes)
+        return Table(columns, str(path), place, selected.notes, joints=selected.joints)
 
 
 @dataclass(frozen=True)
@@ -200,7 +202,7 @@ def select_columns(layout: Layout, source: str, options: Options) -> Chosen:
     for k, one in enumerate(columns):
         if one.name == "t" and one.place < len(layout.first) and _is_clock(layout.first[one.place]):
             columns[k] = replace(one, unit=1.0, clock=True)
-    return Chosen(tuple(columns), selected.notes)
+    return selected._replace(columns=tuple(columns))
 
 
 def _header_for(count: int) -> str:
@@ -312,8 +314,10 @@ def _read_values(path: Path, layout: Layout, used: Sequence[SourceColumn]) -> Ar
         except UnicodeDecodeError:
             raise
         except ValueError:
-            if (values := _with_blanks(path, layout, used)) is None:
+            filled = _with_blanks(path, layout, used)
+            if filled is None:
                 raise _first_bad_row(path, layout, used) from None
+            values = filled
     if len(values) == 0:
         return np.empty((0, n))
     if values.shape[1] != n:

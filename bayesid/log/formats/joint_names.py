@@ -1,0 +1,147 @@
+"""Columns that are called after joints, as PlotJuggler has them: `/joint_states/elbow_joint/position`.
+
+Which joint is which is told by the names that the robot, or a user, has for them; where there are none such, joints
+come in the order of their columns.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+from bayesid.errors import InputError
+from bayesid.files.bounded import MOST_DIGITS
+from bayesid.log.formats.labels import factor_of, is_wanted, kind_of, split_brackets
+from bayesid.log.formats.table import Options, SourceColumn
+
+_SEPARATORS = re.compile(r"[/.\[\]]+")
+
+
+class _Named(NamedTuple):
+    """A column: of what, of which joint, and of which topic."""
+
+    place: int
+    label: str
+    kind: str
+    name: str
+    topic: str
+    factor: float | None
+
+
+class ByName(NamedTuple):
+    """The columns of joints that are named, from base to tip, and their names; whether that order is only assumed."""
+
+    columns: tuple[SourceColumn, ...] = ()
+    names: tuple[str, ...] = ()
+    assumed: bool = False
+
+
+def shared_names(wanted: Sequence[str], there: Sequence[str]) -> tuple[str, ...]:
+    """Of names that are there, those of all wanted joints, each perhaps with something before it; none if one lacks."""
+    found = []
+    for name in wanted:
+        alike = [one for one in there if one == name] or [
+            one for one in there if name and re.search(rf"(?:^|[/_.]){re.escape(name)}$", one)
+        ]
+        if len(alike) != 1:
+            return ()
+        found += alike
+    return tuple(found) if len(set(found)) == len(found) else ()
+
+
+def are_numbered(names: Sequence[str]) -> bool:
+    """Whether names differ by numbers only: these then give the order."""
+    return len({re.sub("[0-9]+", "#", name) for name in names}) == 1
+
+
+def in_order(names: Sequence[str]) -> tuple[str, ...]:
+    """The names by their numbers, if they differ by these only; else as they are."""
+    digits = re.compile(rf"[0-9]{{1,{MOST_DIGITS}}}")
+    numbered = are_numbered(names)
+    return tuple(sorted(names, key=lambda name: [*map(int, digits.findall(name))])) if numbered else tuple(names)
+
+
+def columns_by_name(header: Sequence[str], where: str, options: Options, *, alone: bool) -> ByName:
+    """The columns of joints by their names; none where the header does not call them so.
+
+    Args:
+        header: labels of all columns.
+        where: what to name in an error.
+        options: with names from base to tip that a user has given, or those of the robot.
+        alone: whether nothing else in the header can be positions, so that any names will do.
+
+    Raises:
+        InputError: a name that a user has given is not there, or several topics hold all of them.
+    """
+    wanted = options.joints or options.robot_joints
+    known = [one for place, label in enumerate(header) if (one := _read(place, label, wanted or ())) is not None]
+    names = list(dict.fromkeys(one.name for one in known if one.kind == "q"))
+    chosen, assumed = shared_names(wanted or (), names), False
+    if not chosen and options.joints is not None and wanted:
+        missing = next((name for name in wanted if name not in names), wanted[0])
+        raise InputError(f"no column of positions names joint {missing}", where, f"give `joints` of {', '.join(names)}")
+    if not chosen:
+        if not alone or len(names) < 2:
+            return ByName()
+        chosen, assumed = in_order(names), not are_numbered(names)
+    effort = _effort(known, chosen, options)
+    columns: list[SourceColumn] = []
+    topic = None
+    for kind in ("q", *([] if options.motion or effort is None else [effort]), "dq"):
+        topics = _topics(known, kind, chosen)
+        if topic is None and len(topics) > 1:
+            said = f"topics {' and '.join(sorted(topics))} both hold positions of all joints"
+            raise InputError(said, where, "leave the columns of one of them out")
+        topic = topic if topic in topics else next(iter(topics), topic)
+        if topics:
+            found = topics[topic if topic in topics else next(iter(topics))]
+            columns += [
+                SourceColumn(f"{kind}{j}", found[name].place, found[name].label, found[name].factor)
+                for j, name in enumerate(chosen, start=1)
+            ]
+    return ByName(tuple(columns), chosen, assumed) if columns else ByName()
+
+
+def _effort(known: Sequence[_Named], names: Sequence[str], options: Options) -> str | None:
+    kinds = ("i", "tau") if options.currents else ("tau", "i")
+    return next((kind for kind in kinds if _topics(known, kind, names)), None)
+
+
+def _topics(known: Sequence[_Named], kind: str, names: Sequence[str]) -> dict[str, Mapping[str, _Named]]:
+    """The topics that have a kind of all names, with the columns by name; a later one of the same name is left out."""
+    found: dict[str, dict[str, _Named]] = {}
+    for one in known:
+        if one.kind == kind and one.name in names:
+            found.setdefault(one.topic, {}).setdefault(one.name, one)
+    return {topic: columns for topic, columns in found.items() if len(columns) == len(names)}
+
+
+def _read(place: int, label: str, wanted: Sequence[str]) -> _Named | None:
+    """What a label says of which joint: by a wanted name, or in a path as TOPIC/NAME/KIND or TOPIC/KIND/NAME."""
+    if is_wanted(label):
+        return None
+    plain, unit = split_brackets(label)
+    for name in sorted(wanted, key=len, reverse=True):
+        found = re.search(rf"(?<![A-Za-z0-9]){re.escape(name)}(?![A-Za-z0-9])", plain) if name else None
+        if found is not None:
+            before, after = plain[: found.start()], plain[found.end() :]
+            parts = [part for part in _SEPARATORS.split(f"{before}/{after}") if part.strip("_ ")]
+            kind = kind_of(parts[-1]) if parts else None
+            if kind not in (None, "t"):
+                return _named(place, label, str(kind), name, "/".join(parts[:-1]), unit)
+    parts = [part for part in _SEPARATORS.split(plain) if part]
+    if len(parts) < 2:
+        return None
+    if (kind := kind_of(parts[-1])) not in (None, "t"):
+        return _named(place, label, str(kind), parts[-2], "/".join(parts[:-2]), unit)
+    if (kind := kind_of(parts[-2])) not in (None, "t"):
+        return _named(place, label, str(kind), parts[-1], "/".join(parts[:-2]), unit)
+    return None
+
+
+def _named(place: int, label: str, kind: str, name: str, topic: str, unit: str | None) -> _Named | None:
+    factor = None if unit is None else factor_of(kind, unit)
+    if not re.search("[A-Za-z]", name) or (unit is not None and factor is None and kind != "i"):
+        return None
+    return _Named(place, label, kind, name, topic, 1.0 if unit is not None and factor is None else factor)

@@ -1,0 +1,121 @@
+"""What the numbers of a table must be to be a log's, and what is mended where they are not: each is said.
+
+Angles that were wrapped, readings that are published rarely, velocities of something else, clocks that pause, efforts
+that are no absolute values.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from bayesid.arrays import Array, Mask
+from bayesid.errors import InputError
+from bayesid.log.faults import without
+from bayesid.log.formats import Table
+from bayesid.log.formats.encodings import FORMS, far_from_zero, offset_share
+from bayesid.log.formats.labels import slides
+from bayesid.log.formats.table import check
+from bayesid.log.tuning import TUNING
+from bayesid.log.velocities import derived, foreign_velocities, slow_rows, unwrapped
+
+
+def at_own_rate(table: Table) -> Table:
+    """A table in which readings that are published more slowly than it is written do not repeat themselves.
+
+    Positions between are those of a spline; of efforts only the rows that bring new ones are kept.
+    """
+    names = {kind: [f"{kind}{j + 1}" for j in range(table.n_joints)] for kind in ("q", "tau", "i")}
+    efforts = names["tau"] if "tau1" in table.columns else names["i"]
+    columns, said, rows = dict(table.columns), [], np.arange(len(table.t))
+    kept, every = slow_rows(np.column_stack([columns[name].values for name in efforts]), table.starts)
+    if every > 1.0:
+        rows = np.flatnonzero(kept)
+        columns = {name: replace(one, values=one.values[rows]) for name, one in columns.items()}
+        said.append(f"efforts only change every {every:g} rows: {(~kept).sum():,} that repeat them are left out")
+    slow = replace(table, columns=columns, place=lambda row: table.place(int(rows[row])))
+    fresh, every = slow_rows(np.column_stack([columns[name].values for name in names["q"]]), slow.starts)
+    if every > 1.0 and np.all(np.diff(slow.t) > 0.0):
+        for name in names["q"]:
+            columns[name] = replace(columns[name], values=without(slow.t, columns[name].values, fresh))
+        said.append(f"positions only change every {every:g} rows: those between are interpolated")
+    mended = (*table.mended, *(f"{table.source}: {one}" for one in said))
+    return check(replace(slow, columns=columns, mended=mended)) if said else table
+
+
+def positions_of(table: Table, angle: float) -> tuple[Array, list[str]]:
+    """(N, n) positions, rad (m), without jumps by whole turns, and what is to be said of these."""
+    q, n = table.block("q", angle), table.n_joints
+    turning = [j for j in range(n) if not slides(table.columns[f"q{j + 1}"].label)]
+    q, counted = unwrapped(q, turning, table.starts)
+    said = [f"joint {j + 1} ({often} time{'s' * (often > 1)})" for j, often in counted.items()]
+    return q, [f"{table.source}: angles were wrapped to one turn: {', '.join(said)}; unwrapped"] if said else []
+
+
+def remarks_on_time(table: Table, q: Array) -> list[str]:
+    """What is to be said of a clock that pauses, or stands while joints move: nothing is known of the time between."""
+    steps = np.diff(table.t)
+    steps[np.array(table.starts[1:], dtype=int) - 1] = 0.0
+    if not (steps > 0.0).any():
+        return []
+    pauses = np.flatnonzero(steps > 2 * TUNING.held_periods * np.median(steps[steps > 0.0]))
+    stands = (steps == 0.0) & (np.diff(q, axis=0) != 0.0).any(axis=1)
+    stands[np.array(table.starts[1:], dtype=int) - 1] = False
+    said = []
+    if len(pauses):
+        when = ", ".join(f"{table.t[k]:.3f}" for k in pauses[:3]) + (" ..." if len(pauses) > 3 else "")
+        said = [f"time jumps {len(pauses)} times, {steps[pauses].sum():.3g} s in all, after {when} s: left out"]
+    if stands.any():
+        said.append(f"{stands.sum():,} rows have the time of the row before while joints move: left out")
+    return [f"{table.source}: {one}" for one in said]
+
+
+def check_magnitudes(effort: Array, q: Array, signed: Mask, source: str) -> list[str]:
+    """Absolute values come near zero, but for those of joints that always bear a load; what is to be said of these."""
+    moving = np.flatnonzero(~signed & (np.ptp(q, axis=0) > TUNING.encoder) & effort.any(axis=0))
+    moving = moving[np.ptp(effort[:, moving], axis=0) > 0.0]
+    if not len(moving):
+        return []
+    shares, far = offset_share(effort[:, moving]), far_from_zero(effort[:, moving])
+    offset = shares >= TUNING.offset
+    seen = [f"joint {j + 1} {effort[:, j].min():.4g} to {effort[:, j].max():.4g}" for j in moving[offset | far][:3]]
+    said = f"readings never come near zero, as |effort| does: {', '.join(seen)}"
+    remedy = f"if they hold a sign, say how with `encoding`, as in {FORMS}"
+    if len(moving) > 1 and (far.all() or 2 * offset.sum() > len(moving)):
+        raise InputError(said, source, f"{remedy}; magnitude if they are |effort|")
+    return [f"{source}: {said}; {remedy}"] if offset.any() else []
+
+
+def mend_velocities(table: Table, q: Array, dq: Array) -> list[str]:
+    """Puts d(q)/dt in place of velocities that are none of their joint; what is to be said of these."""
+    foreign = np.flatnonzero(foreign_velocities(table.t, q, dq, table.starts, table.source))
+    if not len(foreign):
+        return []
+    for first, stop in pairwise([*table.starts, len(q)]):
+        dq[first:stop, foreign] = derived(table.t[first:stop], q[first:stop, foreign])
+    joints = ", ".join(str(j + 1) for j in foreign)
+    return [f"{table.source}: measured velocities of joint {joints} are not the change of its position: left out"]
+
+
+def check_readings(table: Table, q: Array, effort: Array) -> None:
+    """Some joint has moved, some sensor was read, none beyond all robots, and efforts are no velocities."""
+    if not np.ptp(q, axis=0).any():
+        raise InputError("all columns of positions are constant", table.source, "record a motion in which joints move")
+    if not (np.abs(effort) >= TUNING.least_effort).any():
+        raise InputError("all efforts are zero in every row", table.source, "check that the sensors were read")
+    if not np.ptp(effort, axis=0).any():
+        raise InputError("all efforts are constant", table.source, "check that the sensors were read")
+    for j in np.flatnonzero(np.abs(effort).max(axis=0) > TUNING.strongest_effort):
+        said = f"the effort of joint {j + 1} reaches {np.abs(effort[:, j]).max():.3g} N m"
+        remedy = "say the unit of currents or torques in the header, as in i1[mA], or correct `gains`"
+        raise InputError(said, table.source, remedy)
+    step = np.median(np.diff(table.t)[np.diff(table.t) > 0.0])
+    for joint, force in zip(q.T, effort.T, strict=True):
+        speed = np.abs(np.gradient(joint)) / step
+        if np.linalg.norm(np.abs(force) - speed) >= TUNING.efforts_as_velocities * np.linalg.norm(speed):
+            break
+    else:
+        remedy = "name the columns of torques or currents by `columns`"
+        raise InputError("the efforts are the joints' velocities", table.source, remedy)
