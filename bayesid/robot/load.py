@@ -31,6 +31,7 @@ from bayesid.errors import InputError
 from bayesid.files.bounded import read_source, toml_of
 from bayesid.robot.arm import Origin, Robot
 from bayesid.robot.dh_table import robot_from_table
+from bayesid.robot.mjcf import is_mjcf, robot_from_mjcf
 from bayesid.robot.tuning import TUNING
 from bayesid.robot.urdf import robot_from_urdf
 
@@ -49,7 +50,7 @@ _LOADERS_NAMES = """
 
 
 def load_robot(source: str | Path, tip: str | None = None, hold: Mapping[str, float] | None = None) -> Robot:
-    """A robot from a built-in name, a DH file (.toml), a URDF file, or the name of a robot of an installed package.
+    """A robot from a built-in name, a file (DH table .toml, URDF, MJCF), or the name of one of an installed package.
 
     Args:
         source: name or file. Names of example-robot-data and of robot_descriptions are known where these are installed.
@@ -76,6 +77,8 @@ def load_robot(source: str | Path, tip: str | None = None, hold: Mapping[str, fl
     text = read_source(path, "give a text file in TOML or URDF")
     if path.suffix == ".toml":
         return _from_table(toml_of(text, str(path), "correct the file"), str(path), chosen)
+    if is_mjcf(text):
+        return _loaded(robot_from_mjcf(text, str(path), tip, hold), chosen)
     return _loaded(robot_from_urdf(text, str(path), tip, hold), replace(chosen, urdf=path))
 
 

@@ -21,7 +21,8 @@ from bayesid.robot.arm import Joint, Robot, check_count, given_numbers
 from bayesid.robot.tuning import TUNING
 from bayesid.robot.urdf_tree import FREE, UrdfJoint, UrdfTree, read_tree
 
-_FLANGES = "flange", "tool0", "tip", "tcp", "ee"
+_DOWN = np.array([0.0, 0.0, -9.81])  # m/s^2
+_FLANGES = "flange", "tool0", "tip", "tcp", "ee", "attachment_site"
 """How links at the end of an arm are called, as ROS-Industrial has it first."""
 _WORLD = "world"  # base link of a URDF that is bolted to the ground, by the convention of Gazebo and MoveIt
 
@@ -32,13 +33,19 @@ def robot_from_urdf(text: str, where: str, tip: str | None = None, hold: Mapping
     Inertias and meshes do not matter, nor limits but those of efforts. What is held, `hold_joints` says. InputError if
     the text is not a URDF, a name is not in it, or no joint is left to identify.
     """
-    tree = read_tree(text, where)
+    return robot_from_tree(read_tree(text, where), where, tip, hold)
+
+
+def robot_from_tree(
+    tree: UrdfTree, where: str, tip: str | None = None, hold: Mapping[str, float] | None = None, gravity: Array = _DOWN
+) -> Robot:
+    """The same from a tree of joints."""
     held, notes = hold_joints(tree, tip, hold or {}, where)
     check_count(sum(one.moves and one.name not in held for one in tree.joints), where)
     joints, places = place_links(tree, held)
     if (end := _flange(tree, tip, places, len(joints) - 1)) is not None:
         joints[-1] = replace(joints[-1], tip=end)
-    return Robot(tree.name, tuple(joints), gravity=np.array([0.0, 0.0, -9.81]), notes=notes)
+    return Robot(tree.name, tuple(joints), gravity=gravity, notes=notes)
 
 
 def _flange(tree: UrdfTree, tip: str | None, places: Mapping[str, tuple[int, Array]], last: int) -> Array | None:

@@ -23,8 +23,8 @@ def without_gaps(table: Table, options: Options) -> Table:
     if not any(part.any() for part in missing.values()):
         return table
     every = np.column_stack(list(missing.values()))
-    complete: Mask = ~every.any(axis=1)
-    some: Mask = ~every[:, [name != "t" for name in missing]].all(axis=1)
+    complete: Mask = np.all(~every, axis=1)
+    some: Mask = np.any(~every[:, [name != "t" for name in missing]], axis=1)
     if (share := complete.sum() / max(1, some.sum())) >= TUNING.complete_rows:
         left = int(len(complete) - complete.sum())
         note = f"{table.source}: {left:,} of {len(complete):,} rows lack a value and are left out"
