@@ -8,13 +8,17 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
+
+import numpy as np
 
 from bayesid.errors import InputError
 from bayesid.files.bounded import MOST_DIGITS
 from bayesid.log.formats.labels import factor_of, is_wanted, kind_of, split_brackets
-from bayesid.log.formats.table import Options, SourceColumn
+from bayesid.log.formats.table import Column, Options, SourceColumn
 
+_NAMES = re.compile(r"(?<![a-z])(?:joint_?)?names?[\W_]*[0-9]+\W*$", re.IGNORECASE)
 _SEPARATORS = re.compile(r"[/.\[\]]+")
 
 
@@ -145,3 +149,48 @@ def _named(place: int, label: str, kind: str, name: str, topic: str, unit: str |
     if not re.search("[A-Za-z]", name) or (unit is not None and factor is None and kind != "i"):
         return None
     return _Named(place, label, kind, name, topic, 1.0 if unit is not None and factor is None else factor)
+
+
+# ---- Names in cells ----
+def name_places(header: Sequence[str], columns: Sequence[SourceColumn]) -> list[int]:
+    """Places of the columns that hold the joints' names, as `name_0` beside `position_0`; none where some lack."""
+    numbers = [_last_number(one.label) for one in columns if re.fullmatch("q[0-9]+", one.name)]
+    found = {_last_number(label): place for place, label in enumerate(header) if _NAMES.search(label)}
+    places = [found.get(number, -1) for number in numbers]
+    return places if places and None not in numbers and -1 not in places else []
+
+
+def by_cells(
+    columns: Mapping[str, Column], cells: Sequence[Sequence[str]], where: str, options: Options
+) -> tuple[dict[str, Column], ByName]:
+    """Columns of joints in one order, by each row's names: the robot's, a user's, or the first row's."""
+    first = list(cells[0])
+    if len(set(first)) < len(first):  # of no joints, then
+        return dict(columns), ByName()
+    chosen = shared_names(options.joints or options.robot_joints, first)
+    if options.joints is not None and not chosen:
+        raise InputError("names other joints", where, f"give `joints` of {', '.join(first)}")
+    names = chosen or in_order(first)
+    try:
+        order = np.array([[row.index(name) for name in names] for row in map(list, cells)])
+    except ValueError:
+        said = f"not all rows name the joints {', '.join(names)}"
+        raise InputError(said, where, "cut the rows of other publishers out") from None
+    made = {name: one for name, one in columns.items() if not re.fullmatch("(q|dq|tau|i)[0-9]+", name)}
+    for kind in ("q", "dq", "tau", "i"):
+        if f"{kind}1" not in columns:
+            continue
+        block = np.column_stack([columns[f"{kind}{j + 1}"].values for j in range(len(first))])
+        for k, column in enumerate(np.take_along_axis(block, order, axis=1).T):
+            made[f"{kind}{k + 1}"] = replace(columns[f"{kind}{order[0, k] + 1}"], values=column)
+    return made, ByName((), names, assumed=not chosen and not are_numbered(first))
+
+
+def order_note(where: str, names: Sequence[str]) -> str:
+    """What is to be said of an order that is only assumed."""
+    return f"{where}: joints are taken in the order {', '.join(names)}; if that is not from base to tip, give `joints`"
+
+
+def _last_number(label: str) -> int | None:
+    digits = re.findall("[0-9]{1,9}", label)
+    return int(digits[-1]) if digits else None

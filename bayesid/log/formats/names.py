@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence, Set
 from dataclasses import replace
 
 from bayesid.errors import InputError
-from bayesid.log.formats.joint_names import ByName, columns_by_name
+from bayesid.log.formats.joint_names import ByName, columns_by_name, order_note
 from bayesid.log.formats.labels import (
     OTHER,
     UNITS,
@@ -82,8 +82,7 @@ def choose(header: Sequence[str], where: str, options: Options) -> Chosen:
         found |= {one.name: one for one in _time(header)}
     if FRACTION not in found and "t" not in columns:
         found |= {one.name: one for one in _split_time(header, found)}
-    order = f"joints are taken in the order {', '.join(named.names)}; if that is not from base to tip, give `joints`"
-    notes = (f"{where}: {order}",) if named.assumed else ()
+    notes = (order_note(where, named.names),) if named.assumed else ()
     if options.part:
         part = _part(found, header, where)
         return part._replace(notes=(*part.notes, *notes), joints=named.names)

@@ -179,7 +179,7 @@ def _check_resolution(table: Table) -> None:
         label, rows = table.columns["t"].label, len(t)
         instants, counts = np.unique(t, return_counts=True)
         said = f"column {label} has {len(instants):,} instants in {rows:,} rows, while positions change between"
-        period = f"{1e3 * np.median(np.diff(instants)) / np.median(counts):.4g}ms"
+        period = f"{1e3 * np.median(np.diff(instants)) / counts.max():.4g}ms"
         remedy = "record the time with fractions of seconds"
         raise InputError(said, table.source, f"{remedy}, or give a column that counts rows, as {label}[{period}]")
 

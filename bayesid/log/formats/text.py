@@ -20,6 +20,7 @@ import numpy as np
 from bayesid.arrays import Array
 from bayesid.errors import InputError
 from bayesid.log.formats import Format
+from bayesid.log.formats.joint_names import by_cells, name_places, order_note
 from bayesid.log.formats.labels import is_unit, split_brackets
 from bayesid.log.formats.names import choose
 from bayesid.log.formats.table import Chosen, Column, Options, SourceColumn, Table
@@ -93,7 +94,8 @@ class CsvFile(Format):
         try:
             layout = look(path)
             selected = select_columns(layout, str(path), options)
-            if options.joints is not None and not selected.joints:
+            places = [] if selected.joints else name_places(layout.header, selected.columns)
+            if options.joints is not None and not selected.joints and not places:
                 raise InputError(f"is {self.name}, which has no joints", str(path), "leave `joints` out")
             values = _read_values(path, layout, selected.columns)
         except (UnicodeDecodeError, csv.Error) as error:
@@ -108,7 +110,13 @@ class CsvFile(Format):
             number, _ = next(islice(_rows(path, layout), row, None))
             return f"{path}, row {number}"
 
-        return Table(columns, str(path), place, selected.notes, joints=selected.joints)
+        notes, joints = selected.notes, selected.joints
+        if places and len(values):
+            cells = [[row[k] for k in places] for row in (layout.cells(line) for _, line in _rows(path, layout))]
+            columns, named = by_cells(columns, cells, str(path), options)
+            notes += (order_note(str(path), named.names),) if named.assumed else ()
+            joints = () if named.assumed else named.names
+        return Table(columns, str(path), place, notes, joints=joints)
 
 
 @dataclass(frozen=True)
