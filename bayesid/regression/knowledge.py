@@ -159,11 +159,11 @@ class Links:
 
     def __post_init__(self) -> None:
         for value, unit in ((self.mass, "kg"), (self.reach, "m")):
-            if not 0.0 < value < np.inf:
+            if not 1.0 / LARGEST <= value <= LARGEST:
                 raise InputError(
                     f"links of {value:g} {unit}",
                     field="Beliefs.links",
-                    remedy="give two positive numbers, as in 30,0.5",
+                    remedy=f"give two numbers from {1.0 / LARGEST:g} to {LARGEST:g}, as in 30,0.5",
                 )
 
     @property

@@ -178,3 +178,11 @@ def test_no_signal_is_refused():
     log, heard = read({"t": T, "q": Q[slow], "tau": TAU})
     assert "positions only change every 10 rows" in heard
     np.testing.assert_allclose(log.q[:-10], Q[:-10], atol=0.02)
+
+
+@pytest.mark.parametrize("cutoff", [1e-9, 0.001, 0.3, 50.0, float("nan")])
+def test_cutoffs_that_no_filter_of_the_log_can_have_are_refused(cutoff):
+    log = read_log({"t": T, "q": Q, "tau": TAU})
+    with pytest.raises(ValueError, match=r"between 0\.33 and 50 Hz"):
+        prepare(log, cutoff)
+    assert prepare(log, 0.34).cutoff == 0.34
