@@ -18,9 +18,9 @@ from bayesid.study import STUDIES
 
 TERMS = "rigid_body,viscous_friction,coulomb_friction,torque_offset,rotor_inertia"
 """`bayesid.effects.STANDARD`, spelled out: to import the catalogue for a help text takes a second."""
-ROBOT = "--robot --tip --hold"
+ROBOT = "--robot --tip --hold --gravity"
 """Which robot, and which of its joints."""
-MOTION = "--degrees --columns --topic --joints"
+MOTION = "--degrees --columns --topic --joints --correct"
 """How a motion is to be read."""
 READING = f"--gains --unsigned --encoding {MOTION}"
 """How a log is to be read, see `bayesid.read_log`."""
@@ -42,6 +42,10 @@ _COLUMNS = (
     'names of the log\'s columns, as in t="Zeit [ms]",q="Achse{} [Grad]",i="Strom{} [A]", or a TOML file with such '
     "lines (default: the usual names)"
 )
+_CORRECT = (
+    "joints to exchange, turn round, scale or shift (rad), as in q1=q3,q3=q1,tau2=-tau2,tau3=0.001*tau3,q5=q5+1.5708; "
+    "tau=-tau for all"
+)
 _SHARED = dict(
     [
         path("result", "folder that `bayesid identify` wrote"),
@@ -49,6 +53,10 @@ _SHARED = dict(
         option("--robot", _ROBOT, required=True),
         option("--tip LINK", "of a URDF: link or joint where the chain ends (default: all chains but grippers)"),
         option("--hold JOINT=Q,..", "of a URDF: more joints that are held, at these positions (rad, m)"),
+        option(
+            "--gravity X,Y,Z",
+            "in the base frame, m/s^2 (default: the file's): 0,0,9.81 upside down, 0,0,0 for efforts without weight",
+        ),
         option("--terms", "of the model (default: %(default)s)", default=TERMS),
         path("--nominal CSV", "parameters known beforehand: name,mean,sd, names as in parameters.csv"),
         option("--cutoff HZ", "of the motion's low-pass (default: from the data)", type=float),
@@ -63,6 +71,7 @@ _SHARED = dict(
         option('--columns T="..",Q="..{}",..', _COLUMNS),
         option("--topic /NAME", "of a ROS bag with joint states of several topics"),
         option("--joints A,B,..", "names of a ROS bag's joints, from base to tip"),
+        option("--correct q2=-q2,..", _CORRECT),
         option("--max-memory GB", "above which the run does not begin (default: 0.8 of the machine's)", type=float),
         option("--search-budget S", _WORK, type=float),
         flag("--no-posterior", "skip sampling"),
@@ -153,6 +162,7 @@ _IDENTIFY = Command(
         option(
             "--mode K", "of several, that the model is written from (default: 1, the heaviest)", type=whole, default=1
         ),
+        flag("--anyway", "search the signs of a log that looks misread too"),
         flag("--each", "identify each log by itself, and say whether the results agree"),
         *_shared("--workers --scheduler"),
         flag("--no-report", "do not make report.html, which takes some seconds"),
@@ -199,7 +209,7 @@ _DISCREPANCY = Command(
         *_shared("result", "folder of `bayesid identify` or `discrepancy`; or, with --robot, the earliest of the logs"),
         path("logs", _LATER, nargs="*", metavar="log"),
         *_shared("--robot", f"of logs without a result: {_ROBOT}", required=False),
-        *_shared("--tip --hold"),
+        *_shared("--tip --hold --gravity"),
         *_shared("--terms", f"with --robot: what effects are beyond (default: {TERMS})", default=None),
         path("--holdout LOG", _HOLDOUT),
         *_READING,
@@ -308,7 +318,7 @@ _EXCITE = Command(
     [
         path("--for RESULT_DIR", _FOR, dest="result"),
         *_shared("--robot", f"without --for, or for limits and shapes: {_ROBOT}", required=False),
-        *_shared("--tip --hold"),
+        *_shared("--tip --hold --gravity"),
         path("--log", "judge this log's motion; design none"),
         *_shared("--duration --rate"),
         path("--limits FILE", _LIMITS),
@@ -362,7 +372,7 @@ _ROBOT_SHOW = Command(
     ],
     [
         option("robot", _ROBOT),
-        *_shared("--tip --hold"),
+        *_shared("--tip --hold --gravity"),
         option("--q Q1,Q2,..", "joint positions, rad or m (default: all zero)"),
         *_shared("--degrees", "the positions are in degrees (m where a joint slides); --no-degrees: in rad"),
         *_out("picture of the skeleton to write: .png, .svg or .pdf (default: none)", metavar="FILE"),

@@ -52,6 +52,7 @@ def identify_command(options: argparse.Namespace) -> None:
     settings: dict[str, Any] = {
         "terms": term_names(options),
         "complete": options.complete,
+        "anyway": options.anyway,
         "search": _search(options),
         "posterior": sampling(options),
         "preparation": Preparation(cutoff=options.cutoff, max_memory=options.max_memory),

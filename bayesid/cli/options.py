@@ -38,7 +38,9 @@ def command_line() -> str:
 
 def robot_of(options: argparse.Namespace, notes: bool = False) -> Robot:
     """The robot, with the joints that are to be identified, and warnings of what there is to note of it."""
-    robot = load_robot(options.robot, options.tip, None if options.hold is None else _positions(options.hold))
+    gravity = numbers(options.gravity, "--gravity", "give three numbers, m/s^2, as in 0,0,9.81")
+    held = None if options.hold is None else _positions(options.hold)
+    robot = load_robot(options.robot, options.tip, held, gravity)
     if robot.origin is not None and robot.origin.urdf is not None and not Path(options.robot).is_file():
         warn(f"{options.robot} is not built in: it is {robot.origin.urdf}, of an installed package")
     for note in robot.notes if notes else ():
@@ -103,7 +105,13 @@ def motion_options(options: argparse.Namespace) -> dict[str, Any]:
     """Keyword arguments of `bayesid.log.reading.read_motion`."""
     joints = None if options.joints is None else [name.strip() for name in options.joints.split(",")]
     columns = None if options.columns is None else parse_columns(options.columns)
-    return {"joints": joints, "columns": columns, "degrees": options.degrees, "topic": options.topic}
+    return {
+        "joints": joints,
+        "columns": columns,
+        "degrees": options.degrees,
+        "topic": options.topic,
+        "correct": options.correct,
+    }
 
 
 @contextmanager

@@ -181,7 +181,14 @@ def compare_logs(
     dates = dates_of(read)
     headings = [progress.under(name) for name in names_of(read)]
     earlier = identify(
-        robot, read[0], terms, search=search, posterior=posterior, preparation=preparation, progress=headings[0]
+        robot,
+        read[0],
+        terms,
+        search=search,
+        posterior=posterior,
+        preparation=preparation,
+        anyway=True,
+        progress=headings[0],
     )
     found = [
         find_discrepancy(

@@ -14,7 +14,7 @@ import numpy as np
 
 from bayesid.arrays import Array
 from bayesid.identification.gains import BY_PRIOR, IdentifiedGains
-from bayesid.identification.other_readings import BetterReading
+from bayesid.identification.misread import Misreading
 from bayesid.identification.tuning import TUNING
 from bayesid.log.log import Log
 from bayesid.log.signals import still_joints
@@ -53,7 +53,7 @@ def warnings_of(
     averaged: AveragedSigns,
     doubt: Array,
     posterior: Posterior | None,
-    reading: BetterReading | None = None,
+    reading: Misreading | None = None,
     gains: IdentifiedGains | None = None,
     nominal: Nominal | None = None,
 ) -> tuple[str, ...]:
@@ -69,7 +69,8 @@ def warnings_of(
         nominal: what was stated of the parameters.
     """
     checks = (
-        *_of_the_log(log, averaged, reading),
+        *([] if reading is None else [another_robot(reading)]),
+        *_of_the_log(log, averaged),
         *_of_the_fit(averaged.fit, log.n_joints),
         *_of_the_signs(averaged, doubt),
         *([] if posterior is None else _of_the_posterior(posterior)),
@@ -82,18 +83,10 @@ def warnings_of(
 # ---------------------------------------------------------------------------------------------------------------
 # Checks that a report makes too
 # ---------------------------------------------------------------------------------------------------------------
-def another_robot(reading: BetterReading) -> Check:
-    """A log is explained better with something else than what was given."""
-    leaves = f"{reading.leaves:.1%} of the effort instead of {reading.given:.1%}"
-    remedies = {
-        "joint order": ", and the order of the joints in the log",
-        "direction": ", and which way the log counts its joints",
-        "units": " and the log for their units",
-        "mounting": " for its gravity",
-        "robot": ": it is not that of the log's robot",
-    }
-    message = f"with {reading.change} the model leaves {leaves}"
-    return Check("Robot file", "bad", message, f"check the robot file{remedies[reading.kind]}")
+def another_robot(reading: Misreading) -> Check:
+    """A log is explained better if it is read otherwise than it was given."""
+    odds = f", odds {reading.odds}" if reading.log10_odds else ""  # earlier results have none
+    return Check("Robot file", "bad", f"{reading.said}{odds}", reading.remedy or "check the robot file")
 
 
 def low_pass(cutoff: str) -> Check:
@@ -193,15 +186,13 @@ def _remark(message: str, remedy: str = "") -> Check:
     return Check("", "look", message, remedy)
 
 
-def _of_the_log(log: Log, averaged: AveragedSigns, reading: BetterReading | None) -> Iterator[Check]:
+def _of_the_log(log: Log, averaged: AveragedSigns) -> Iterator[Check]:
     signals = averaged.asked.evidence.signals
     yield from map(_remark, (*averaged.asked.model.robot.notes, *log.notes, *map(str, signals.faults)))
     for j in np.flatnonzero(still_joints(signals.motion.q)):
         start, end = signals.motion.t[[0, -1]]
         message = f"joint {j + 1}: it stands still in all of the log, {start:.3f} to {end:.3f} s, and shows no friction"
         yield _remark(f"{message} or sign", "if it moved, its positions were not read")
-    if reading is not None:
-        yield another_robot(reading)
     least, most = log.effort.min(axis=0), log.effort.max(axis=0)
     largest = np.maximum(most, -least)
     for j in np.flatnonzero(log.signed & (least > -TUNING.undershoot * largest)):

@@ -13,8 +13,8 @@ from bayesid.arrays import TINY, Array, Integers, Mask
 from bayesid.effects.coefficients import BaseCoefficients
 from bayesid.errors import InputError
 from bayesid.identification.identified_model import IdentifiedModel
+from bayesid.identification.misread import Misreading
 from bayesid.identification.options import Provenance
-from bayesid.identification.other_readings import BetterReading
 from bayesid.identification.prediction import NORMAL_95
 from bayesid.identification.records import Coefficient, ParameterValue, Records, SegmentSign, named, recorded_segments
 from bayesid.identification.tuning import TUNING
@@ -109,7 +109,7 @@ class Identification(IdentifiedModel):
     beliefs: Beliefs
     provenance: Provenance
     completion: Completion | None = None
-    better_reading: BetterReading | None = None
+    better_reading: Misreading | None = None
 
     def __repr__(self) -> str:
         left = self.fit.relative_residual

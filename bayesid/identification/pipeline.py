@@ -23,6 +23,7 @@ from bayesid.errors import InputError
 from bayesid.identification.checks import warnings_of
 from bayesid.identification.gains import UnknownGains, spread_by_gains
 from bayesid.identification.identification import Identification
+from bayesid.identification.misread import Misreading, misread_after, misread_before
 from bayesid.identification.options import (
     Completeness,
     Preparation,
@@ -34,7 +35,6 @@ from bayesid.identification.options import (
     plain_options,
     record_provenance,
 )
-from bayesid.identification.other_readings import suspected_reading
 from bayesid.identification.records import segment_signs
 from bayesid.identification.sampling import average_over_draws, fit_of_mode, identified_model, sample
 from bayesid.identification.tuning import TUNING
@@ -72,6 +72,7 @@ def identify(  # noqa: PLR0913  robot, log, terms, and six groups of options by 
     posterior: Sampling | bool = True,
     preparation: Preparation = Preparation(),
     beliefs: Beliefs = Beliefs(),
+    anyway: bool = False,
     progress: Progress = SILENT,
 ) -> Identification:
     """Identifies a robot from a log with known, unknown or mixed signs.
@@ -86,6 +87,8 @@ def identify(  # noqa: PLR0913  robot, log, terms, and six groups of options by 
         posterior: how it is sampled, or whether it is.
         preparation: how the log is made ready.
         beliefs: what is known of links and parameters beforehand (CAD, data sheet).
+        anyway: whether signs are searched even if the log is surely misread: joints exchanged, turned or in other
+            units, another mounting, efforts without weight.
         progress: of long stages.
 
     The same seed gives the same result, to the last digit, on a busy machine too: budgets count work, not seconds. Only
@@ -96,7 +99,7 @@ def identify(  # noqa: PLR0913  robot, log, terms, and six groups of options by 
         the model, which predicts and validates. Efforts are in N m, of a prismatic joint in N.
 
     Raises:
-        InputError: the robot, the log or an option cannot be used.
+        InputError: the robot, the log or an option cannot be used, or the log is surely misread.
         SolverError: an optimisation failed.
 
     Example:
@@ -112,6 +115,8 @@ def identify(  # noqa: PLR0913  robot, log, terms, and six groups of options by 
     log, model, signals, segments = _prepared(run, robot, log, terms)
     run.call = _call(run, robot, log, terms)
     gains = UnknownGains(log, beliefs)
+    if log.gains is None:  # else what looks like another unit is a gain
+        run.misread = _misread(run, log, model, signals, segments, anyway=anyway)
     if gains.unknown.any():
         gains.begin(Evidence.of(model, signals, segments.per_sample(segments.moving, *signals.effort.shape) > 0))
         signals, segments = _cut(run, model, gains.log)
@@ -242,6 +247,7 @@ class _Run:
     progress: Progress
     subject: Mapping[str, object]
     call: str = ""
+    misread: Misreading | None = None  # what was seen of it before the search
     laps: dict[str, float] = field(default_factory=dict)
     _last: float = field(default_factory=time.perf_counter)
 
@@ -292,6 +298,20 @@ def _prepared(
     return log, model, signals, segments
 
 
+def _misread(
+    run: _Run, log: Log, model: Model, signals: Signals, segments: Segments, *, anyway: bool
+) -> Misreading | None:
+    """What is wrong with the log, as far as that shows before the search; what is sure is refused."""
+    run.progress("other readings", 0, 1)
+    evidence = Evidence.of(model, signals, segments.per_sample(segments.moving, *signals.effort.shape) > 0)
+    found = misread_before(evidence)
+    run.lap("other readings")
+    if found is None or not found.sure or anyway:
+        return found
+    remedy = f"{found.remedy}, or `anyway` to search signs all the same"
+    raise InputError(f"the log looks misread: {found.said}, odds {found.odds}", log.source, remedy)
+
+
 def _cut(run: _Run, model: Model, log: Log) -> tuple[Signals, Segments]:
     """Signals and segments of the log once its efforts have changed."""
     signals = prepare(log, run.preparation.cutoff)
@@ -330,7 +350,9 @@ def _identification(
     if spread is not None and posterior is not None:
         posterior = with_gains(posterior, spread)
     run.progress("other readings", 0, 1)
-    reading = suspected_reading(asked.evidence, averaged.fit, probability)
+    reading = misread_after(asked.evidence, averaged.fit, probability)
+    if run.misread is not None and (reading is None or run.misread.log10_odds > reading.log10_odds):
+        reading = run.misread
     run.lap("other readings")
     for one in (asked.model, settled.model):
         one.forget()

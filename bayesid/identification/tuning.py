@@ -71,6 +71,42 @@ class Tuning:
     """Of an excerpt's instants one in so many is the longest lag of a residual's autocorrelation."""
     reading_rounds: int = 12
     """In which signs and coefficients are made to agree; more change little."""
+    early_instants: int = 300
+    """Of the log, that readings are fitted to before the search: signs are found as from 600, in two thirds of the
+    time."""
+    drawn_robots: int = 6
+    """Drawn at random, whose efforts are starts of the signs: of ten real logs, 6 lead to the signs that 20 do."""
+    shares_of_friction: tuple[float, ...] = (0.0, 0.5, 1.5)
+    """Of the rest of a drawn robot's effort: none, less and more."""
+    most_sides: int = 10
+    """Hidden joints of which all sides are compared, 1024 at most; of more, one joint after the other is turned."""
+    kept_sides: int = 2
+    """Of them that go on: some differ by noise alone, and feasibility tells."""
+    hardly_feasible: float = 1.25
+    """Times what least squares leave that feasible parameters may leave before other readings are tried."""
+    early_better: float = 0.6
+    """Share of the given reading's residual that one may leave at most to be named before the search. Under right files
+    the best of all others leaves 0.75 and more on the logs of study `real` and those with a poor rigid model."""
+    hardly_related: float = 0.3
+    """Share of the effort that is left from which on efforts are compared with those of another time."""
+    related: float = 0.85
+    """Share of what is left of efforts of another time that the log's own leave at most, in all joints together."""
+    joint_related: float = 0.6
+    """The same in one joint, where no other tells: the TIAGo's second leaves 0.15, and its last ones, of which its
+    sensors show little, nearly all."""
+    factor_known: float = 0.05
+    """Logarithm to which the factor of a joint's efforts is found: N m per N mm is told from what is near."""
+    another_size: float = 4.3
+    """Logarithm of the factor, in the median of the joints, by which efforts are off those of an arm of its reach from
+    which on that is said: it is at most 2.8 for ten real robots, and N mm are off by 6.9."""
+    size_sd: float = 1.5
+    """Its standard deviation over these robots."""
+    surely_better: float = 0.5
+    """Share of the given reading's residual that one may leave at most for which no search is made."""
+    sure_nats: float = 13.8
+    """Logarithm of the odds, 1e6, from which on no search is made."""
+    finalists: int = 4
+    """Readings that are compared with all joints together, of those that suit each joint best by itself."""
 
     # Payloads
     payload_false_alarm: float = 0.01

@@ -17,6 +17,7 @@ from bayesid.arrays import Array, Mask
 from bayesid.errors import InputError
 from bayesid.files.bounded import whole_number
 from bayesid.files.writing import numbered
+from bayesid.log.corrections import corrections
 from bayesid.log.formats import Column, Options, Table, is_log_folder, read_table
 from bayesid.log.formats.labels import factor_of, pattern_of, split_brackets
 from bayesid.log.formats.memory import Variables, read_variables
@@ -53,6 +54,7 @@ def read_log(  # noqa: PLR0913  a source, and what may be said of it
     columns: Mapping[str, str] | str | Path | None = None,
     encoding: str | None = None,
     robot: Robot | None = None,
+    correct: str | None = None,
 ) -> Log:
     """Reads and checks a log in one of the formats of `bayesid.log.formats`, or one that is in memory.
 
@@ -79,6 +81,7 @@ def read_log(  # noqa: PLR0913  a source, and what may be said of it
             bits; "sign-bit:10", the bit that is set below zero; "offset:2048", what stands for zero; "direction:1",
             what a column of directions holds below zero; or "magnitude", not at all. By default what they show.
         robot: whose joints are looked for by their names, where the log has such; by default in the log's order.
+        correct: joints to exchange, to turn round or to scale, and zeros, as in "q1=q3,q3=q1,tau2=-tau2,q5=q5+1.5708".
 
     Raises:
         InputError: the file, a row, a column or an option cannot be used.
@@ -108,6 +111,11 @@ def read_log(  # noqa: PLR0913  a source, and what may be said of it
     if degrees is None:
         check_speeds(table.t, q, table.source)
     notes = [*table.mended, *notes, *remarks_on_time(table, q)]
+    if correct is not None:
+        positions, efforts = corrections(correct, table.n_joints)
+        q, effort = positions.of(q, zero=True), efforts.of(effort)
+        dq = None if dq is None else positions.of(dq)
+        signed = signed[efforts.order] if unsigned is None else signed
     for note in (*table.notes, *notes):
         warnings.warn(note, stacklevel=2)
     np.abs(effort, out=effort, where=~signed)
@@ -126,7 +134,7 @@ def read_log(  # noqa: PLR0913  a source, and what may be said of it
     ]
     said = gains.text if isinstance(gains, Gains) else gains
     asked = {"gains": said, "degrees": degrees, "topic": topic, "joints": joints, "columns": stated}
-    asked |= {"encoding": encoding, "joints": table.joints or joints}
+    asked |= {"encoding": encoding, "joints": table.joints or joints, "correct": correct}
     used = {name: list(one) if isinstance(one, tuple) else one for name, one in asked.items() if one is not None}
     return replace(join_logs(recordings), read_with=used)
 
@@ -279,6 +287,7 @@ def read_motion(
     topic: str | None = None,
     joints: Sequence[str] | None = None,
     robot: Robot | None = None,
+    correct: str | None = None,
 ) -> RecordedMotion:
     """Reads and checks a motion in one of the formats of logs, or in memory; efforts may be there, and are left out.
 
@@ -291,11 +300,15 @@ def read_motion(
     table = _table_of(path, Options(topic=topic, joints=joints, columns=columns, motion=True, robot_joints=named))
     for note in table.notes:
         warnings.warn(note, stacklevel=2)
-    q, turns = positions_of(table, angle := angle_unit(table, degrees))
-    recorded = _recorded(table, q, angle)
-    for note in (*table.mended, *turns):
+    q, notes = positions_of(table, angle := angle_unit(table, degrees))
+    motion = _recorded(table, q, angle)
+    for note in (*table.mended, *notes):
         warnings.warn(note, stacklevel=2)
-    return recorded
+    if correct is None:
+        return motion
+    positions, _ = corrections(correct, table.n_joints)
+    dq = None if motion.dq is None else positions.of(motion.dq)
+    return replace(motion, q=positions.of(motion.q, zero=True), dq=dq)
 
 
 def motion_of_arrays(t: object, q: object, dq: object | None = None) -> RecordedMotion:

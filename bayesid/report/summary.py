@@ -15,8 +15,8 @@ import numpy as np
 from bayesid.arrays import TINY, Array
 from bayesid.files.writing import plain, typed
 from bayesid.identification.identification import Identification
+from bayesid.identification.misread import Misreading
 from bayesid.identification.options import Provenance
-from bayesid.identification.other_readings import BetterReading
 from bayesid.identification.payload import Estimate, PayloadBody
 from bayesid.log.log import Log
 from bayesid.posterior.inference import Posterior
@@ -266,7 +266,7 @@ class Summary:
     provenance: Provenance  # what was run on which data
     complete: CompletionSummary | None = None  # what the catalogue had to say; None where it was not asked
     modes: tuple[ModeSummary, ...] = ()  # of the posterior, the heaviest first; empty where it was not sampled
-    better_reading: BetterReading | None = None  # of the log, than the one given; None where there is none
+    better_reading: Misreading | None = None  # of the log, than the one given; None where there is none
     low_pass_after_rectifier: LowPassSummary | None = None  # that |effort| has passed; None where none was found
     gains: GainsSummary | None = None  # that were unknowns; None where all were exact
     # label of each payload to its `mass`, kg, `com`, centre of mass in the last link's frame, m, and `inertia` about

@@ -246,12 +246,14 @@ class Origin:
     urdf: Path | None = None
     tip: str | None = None
     hold: Mapping[str, float] = field(default_factory=dict)
+    gravity: tuple[float, ...] | None = None
 
     @property
     def options(self) -> dict[str, object]:
         """What was chosen, by the names of the options."""
         tip: dict[str, object] = {} if self.tip is None else {"tip": self.tip}
-        return {"robot": self.source, **tip, **({"hold": dict(self.hold)} if self.hold else {})}
+        gravity: dict[str, object] = {} if self.gravity is None else {"gravity": self.gravity}
+        return {"robot": self.source, **tip, **({"hold": dict(self.hold)} if self.hold else {}), **gravity}
 
     @property
     def in_python(self) -> str:

@@ -17,7 +17,7 @@ import os
 import re
 import tomllib
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from difflib import get_close_matches
@@ -26,6 +26,8 @@ from importlib import resources
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from bayesid.errors import InputError
 from bayesid.files.bounded import read_source, toml_of
@@ -49,7 +51,12 @@ _LOADERS_NAMES = """
 """
 
 
-def load_robot(source: str | Path, tip: str | None = None, hold: Mapping[str, float] | None = None) -> Robot:
+def load_robot(
+    source: str | Path,
+    tip: str | None = None,
+    hold: Mapping[str, float] | None = None,
+    gravity: Sequence[float] | None = None,
+) -> Robot:
     """A robot from a built-in name, a file (DH table .toml, URDF, MJCF), or the name of one of an installed package.
 
     Args:
@@ -57,6 +64,8 @@ def load_robot(source: str | Path, tip: str | None = None, hold: Mapping[str, fl
         tip: of a URDF: link or joint at the end of the chain that is identified; all others are held. By default all
             chains are identified, but not grippers.
         hold: of a URDF: positions at which more joints are held, rad or m, by name.
+        gravity: (3,) its acceleration in the base frame, m/s^2, instead of the file's: (0, 0, 9.81) for a base upside
+            down, (0, 0, 0) for efforts that hold no weight.
 
     Returns:
         The robot; its `notes` say which joints are held, and whether its base is only taken as fixed.
@@ -68,7 +77,11 @@ def load_robot(source: str | Path, tip: str | None = None, hold: Mapping[str, fl
         >>> bayesid.load_robot("ur10e").n_joints, bayesid.load_robot("robot.toml").name
         (6, 'arm')
     """
-    chosen = Origin(str(source), tip=tip, hold=dict(hold or {}))
+    if gravity is not None and (len(gravity) != 3 or not np.all(np.isfinite(gravity))):
+        remedy = "give three numbers, m/s^2, as in (0, 0, 9.81)"
+        raise InputError(f"{gravity!r} is no acceleration", field="gravity", remedy=remedy)
+    of_base = None if gravity is None else tuple(map(float, gravity))
+    chosen = Origin(str(source), tip=tip, hold=dict(hold or {}), gravity=of_base)
     if str(source) in BUILT_IN:
         return _from_table(built_in_table(str(source)), f"built-in robot {source}", chosen)
     path = Path(source) if os.path.isfile(source) else installed_urdf(str(source))
@@ -90,7 +103,8 @@ def _from_table(table: Mapping[str, Any], where: str, chosen: Origin) -> Robot:
 
 
 def _loaded(robot: Robot, origin: Origin) -> Robot:
-    """The robot with its origin, which no copy that is changed shall have."""
+    """The robot with its origin, which no copy that is changed shall have, and the gravity chosen."""
+    robot = robot if origin.gravity is None else replace(robot, gravity=np.array(origin.gravity))
     object.__setattr__(robot, "origin", origin)
     return robot
 

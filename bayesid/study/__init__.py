@@ -16,6 +16,7 @@ STUDIES = {
     "misfit": "the same with an effect that the model does not hold",
     "sure": "how many signs are said to be sure and are wrong?",
     "poor": "are signs right and effects named where the rigid model is poor?",
+    "misread": "is a log that is misread named, and nothing of a right one?",
     "gains": "what do |currents| tell of gains that are uncertain?",
     "tracking": "what does a tracker see of a robot that runs?",
     "next_motion": "does the motion designed for a result settle what the result leaves open, as predicted?",

@@ -8,7 +8,7 @@ import pytest
 from conftest import smooth_motion
 
 from bayesid.identification.checks import warnings_of
-from bayesid.identification.other_readings import BetterReading
+from bayesid.identification.misread import Misreading
 from bayesid.log.log import Log
 from bayesid.log.low_pass import AfterRectifier, LowPass
 
@@ -119,8 +119,8 @@ FAULTS = (
         ("mass of all", "87%", "--links"),
     ),
     (
-        {"reading": BetterReading("joint order", "joints 2 and 3 exchanged", 0.041, 0.213)},
-        ("check the robot file", "joints 2 and 3 exchanged", "4.1%", "21.3%"),
+        {"reading": Misreading("joint order", "joints 2 and 3 exchanged", 0.041, 0.213, 4.0, "give `correct` q2=q3")},
+        ("odds 1e4", "`correct`", "joints 2 and 3 exchanged", "4.1%", "21.3%"),
     ),
     (
         {"asked": SimpleNamespace(model=model_of().model, evidence=read_through(LowPass(2, 7.934, zero_phase=False)))},

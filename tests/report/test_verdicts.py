@@ -8,7 +8,7 @@ import pytest
 from made_findings import make_findings, make_samples, with_summary
 
 from bayesid.identification.checks import Check
-from bayesid.identification.other_readings import BetterReading
+from bayesid.identification.misread import Misreading
 from bayesid.regression.selection.unseen import TooNarrow
 from bayesid.report.summary import CompletionSummary, ErrorsSummary, GainsSummary, LowPassSummary, ModeSummary
 from bayesid.report.verdicts import check_findings, sure_share, verdict, worst
@@ -80,7 +80,7 @@ def with_gains(**changes):
 
 SPRING = TooNarrow(("gravity_spring", "joint_spring"), (2,), ("mc2x", "J2xx"))
 FAR_OFF = TooNarrow(("kinematics",), (), ("a", "b", "c", "d", "e", "f", "g"), 3.14)
-OTHER = BetterReading("joint order", "joints 2 and 3 exchanged", 0.041, 0.213)
+OTHER = Misreading("joint order", "joints 2 and 3 exchanged", 0.041, 0.213, 9.0, "check the robot file")
 NO_PROOF = {"certified": False, "lower_bound": None, "gap": None, "within": None, "assignments": None}
 PRESSED = {"mass of all links, from above": 0.97}
 LOW_PASS = LowPassSummary(8.1, 1, True, (0.2, 0.3), "8.1 Hz (so)")

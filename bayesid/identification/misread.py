@@ -1,0 +1,465 @@
+"""Whether a log is misread: hypotheses of what is wrong with it, before the search and once more after the fit.
+
+A wrong robot file, joints in another order, efforts that hold no weight, or positions in the wrong unit leave a
+residual that looks like any poor model's. What tells them apart is that something else fits: the log with two joints
+exchanged, with one turned round, without gravity, with other units, another mounting; the table of another robot; or
+even one that is drawn at random. Each hypothesis yields readings of the log (`bayesid.identification.readings`), which
+are fitted as the given one is, by least squares with the standard terms on some hundred instants. If r and e_j are the
+coefficients and relative residuals of the given reading and r', e_j' those of another, their Bayesian information
+criteria differ by :eq:`reading-gain`::
+
+    2 sum_j n_j ln(e_j / e_j') - (r' - r) ln(sum_j n_j),
+
+n_j the effective samples by the reading that leaves less: what a wrong one leaves is no noise. A better reading must be
+decisively so among all that were tried and, as no model is right and evidence grows with the log all the same, leave
+clearly less. Before the search residuals are those of feasible parameters: efforts that count the other way explain as
+much, but with friction that drives and weights that lift.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
+from itertools import combinations, product
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+from scipy.spatial.transform import Rotation
+
+from bayesid.arrays import Array
+from bayesid.errors import SolverError
+from bayesid.identification.readings import Excerpt, Fitted, Left, Reading, counts_of_least, drawn_bodies, gain_of
+from bayesid.identification.tuning import TUNING
+from bayesid.log.gains import Gains
+from bayesid.regression.evidence import Evidence
+from bayesid.regression.gains import likely_gains
+from bayesid.regression.least_squares import Fit
+from bayesid.robot import BUILT_IN, Joint, Robot, load_robot
+
+_DECISIVE = np.log(1000.0)
+"""Nats, for each reading being as likely beforehand as all others together: three times the digits of a decisive Bayes
+factor (Jeffreys 1961, appendix B), for the finding is a red light."""
+_BY_FEASIBILITY = "direction", "mounting"
+"""Kinds of which least squares leave as much as of the given reading, but for what is feasible."""
+_NAMED_UNITS = {1e-3: "in N mm, not N m", 1e3: "in kN m, not N m"}
+"""By the factor that puts efforts right."""
+_DEGREE = np.pi / 180.0
+_QUARTERS = np.array([0.0, 0.5, 1.0, -0.5]) * np.pi
+"""rad; angles of the twists and zeros of most arms."""
+
+
+@dataclass(frozen=True)
+class Misreading:
+    """A reading that explains a log better than the one given."""
+
+    kind: str  #: "joint order", "direction", "weight", "units", "zeros", "mounting", "robot", "motion" or "scale"
+    change: str  #: what is other, to follow on "with"; of the last two kinds, what was seen
+    leaves: float  #: RMS of what it leaves over RMS of the effort, over all joints
+    given: float  #: the same of the reading given
+    log10_odds: float = 0.0  #: against the given reading, all that were tried being as likely together
+    remedy: str = ""  #: what mends it
+    sure: bool = False  #: whether the given reading is beyond doubt a wrong one, which no search need be made for
+
+    @property
+    def said(self) -> str:
+        """What was seen, as a sentence."""
+        if self.kind in ("motion", "scale"):
+            return self.change
+        return f"with {self.change} the model leaves {self.leaves:.1%} of the effort instead of {self.given:.1%}"
+
+    @property
+    def odds(self) -> str:
+        """How likely it is against the given reading, in words."""
+        return "above 1e6" if self.log10_odds > 6.0 else f"{10.0**self.log10_odds:.0e}".replace("e+0", "e")
+
+
+def _misreading(reading: Reading, leaves: float, given: float, nats: float, sure: bool = False) -> Misreading:
+    odds = float(nats / np.log(10.0))
+    return Misreading(reading.kind, reading.change, leaves, given, odds, _remedy(reading), sure)
+
+
+def _remedy(reading: Reading) -> str:
+    if reading.corrections:
+        return f"if so, give `correct` {reading.corrections}"
+    remedies = {
+        "weight": "if so, give `gravity` 0,0,0",
+        "units": "check the robot file for its units",
+        "motion": "check that efforts are those of the drives, of the same time and robot as the positions",
+    }
+    if reading.kind == "mounting":
+        return f"if so, give `gravity` {','.join(f'{g + 0.0:.6g}' for g in reading.robot.gravity)}"
+    return remedies.get(reading.kind, "check the robot file: it is not that of the log's robot")
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Before the search
+# ---------------------------------------------------------------------------------------------------------------
+def misread_before(evidence: Evidence) -> Misreading | None:
+    """The hypothesis that explains a log best before its signs are searched, if that is not the given reading."""
+    return _misread_before(evidence) or _of_another_size(evidence)
+
+
+def _misread_before(evidence: Evidence) -> Misreading | None:
+    signals, used, robot = evidence.signals, evidence.used, evidence.model.robot
+    if not used.any(axis=0).all():
+        return None
+    excerpt = Excerpt.of(signals.motion, signals.effort, used, signals.signed, TUNING.early_instants)
+    as_given = Reading.as_given(robot)
+    drawn = drawn_bodies(as_given, excerpt.motion, TUNING.drawn_robots)
+    found: dict[tuple[object, ...], Array] = {}
+    given = _Early.of(Fitted(as_given, excerpt, as_given.columns(excerpt.motion)), drawn, found)
+    if given.left.share.max() > TUNING.suspicious:
+        given = given.polished()
+    if given.left.share.max() <= TUNING.suspicious and given.feasible.rms < TUNING.hardly_feasible * given.left.rms:
+        return None
+    readings = list(_told_apart(_all_readings(robot, EARLY), excerpt))
+    tried = [_Early.of(fitted, drawn, found) for fitted in _fitted(readings, excerpt)]
+    best = min(tried, key=lambda one: one.score).left.effort
+    finalists = [one.refined() for one in _least([one.begun(best) for one in tried], TUNING.finalists)]
+    return _best(given.begun(best), finalists, len(readings)) or _unrelated(given, drawn)
+
+
+def _least(tried: Sequence[_Early], count: int) -> list[_Early]:
+    """Those that leave least, as many as asked for, in the order of the hypotheses."""
+    chosen = sorted(range(len(tried)), key=lambda k: tried[k].score)[:count]
+    return [tried[k] for k in sorted(chosen)]
+
+
+def _best(given: _Early, finalists: Sequence[_Early], tried: int) -> Misreading | None:
+    lefts = [one.feasible for one in finalists]
+    given = given.begun(min(lefts, key=_rms).effort)
+    known = given.feasible
+    count = counts_of_least([known, *lefts])
+    nats = [0.5 * gain_of(known, left, count) - float(np.log(tried)) for left in lefts]
+    first = next(k for k in range(len(nats)) if nats[k] >= max(nats) - _DECISIVE)
+    one, left = finalists[first], lefts[first]
+    by_feasibility = left.rms < TUNING.hardly_feasible * given.left.rms and one.fitted.reading.kind in _BY_FEASIBILITY
+    ratio = max(left.rms / known.rms, 0.0 if by_feasibility else one.left.rms / given.left.rms)
+    if nats[first] <= _DECISIVE or ratio >= TUNING.early_better:
+        return None
+    sure = nats[first] > TUNING.sure_nats and ratio < TUNING.surely_better
+    return _misreading(one.fitted.reading, left.rms, known.rms, nats[first], sure)
+
+
+def _unrelated(given: _Early, drawn: Array) -> Misreading | None:
+    """Efforts that the motion explains no better than it explains those of another time."""
+    excerpt, lefts = given.fitted.excerpt, []
+    if given.left.rms < TUNING.hardly_related:
+        return None
+    for k in (1, 2, 3):
+        shifted = excerpt._replace(effort=np.roll(excerpt.effort, k * len(excerpt.effort) // 4, axis=0))
+        lefts.append(_Early.of(Fitted(given.fitted.reading, shifted, given.fitted.columns), drawn, {}).left)
+    null = min(lefts, key=_rms)
+    if given.left.rms < TUNING.related * null.rms or (given.left.share < TUNING.joint_related * null.share).any():
+        return None
+    said = (
+        f"efforts do not follow from the motion: the model leaves {given.left.rms:.0%}, at another time {null.rms:.0%}"
+    )
+    reading = replace(given.fitted.reading, kind="motion", change=said)
+    return _misreading(reading, null.rms, given.left.rms, _DECISIVE, sure=True)
+
+
+def _of_another_size(evidence: Evidence) -> Misreading | None:
+    """Efforts that are far from those of an arm of its reach: in another unit, or of the motors."""
+    n = evidence.model.robot.n_joints
+    gains = Gains(np.ones(n), np.full(n, np.inf), of_torques=True)
+    factor = float(np.median(np.log(likely_gains(evidence, gains))))
+    if abs(factor) < TUNING.another_size:
+        return None
+    times, remedy = (
+        10.0 ** round(-factor / np.log(10.0)),
+        "say their unit in the header, as in tau1[N mm], or their `gains`",
+    )
+    said = f"efforts are some {times:g} times as large as those of an arm of its reach"
+    odds = 0.5 * (abs(factor) / TUNING.size_sd) ** 2 / np.log(10.0)
+    return Misreading("scale", said, 0.0, 0.0, float(odds), remedy)
+
+
+def _rms(left: Left) -> float:
+    return left.rms
+
+
+@dataclass(frozen=True)
+class _Early:
+    """A reading's fits before signs are known."""
+
+    fitted: Fitted
+    sides: list[Array]  # efforts (N, n) to begin with
+    left: Left  # of them by least squares
+
+    @classmethod
+    def of(cls, fitted: Fitted, drawn: Array, found: dict[tuple[object, ...], Array]) -> _Early:
+        """Signs are looked for from drawn parameters, where other readings have not `found` them already."""
+        known = fitted.signed.all()
+        sides = [fitted.effort] if known else fitted.sides(fitted.by_joint(drawn, found))
+        return cls(fitted, sides, fitted.left(sides))
+
+    @property
+    def score(self) -> float:
+        """The less the better, before feasibility is known."""
+        return float(np.log(self.left.share).sum())
+
+    @cached_property
+    def feasible(self) -> Left:
+        """What feasible parameters leave, or all where there are none."""
+        try:
+            return self.fitted.feasible(self.sides, TUNING.hardly_feasible * self.left.rms)
+        except SolverError:
+            return self.left
+
+    def begun(self, effort: Array) -> _Early:
+        """From one more start: signs that suit another reading, as (N, n) efforts of the recorded joints."""
+        if self.fitted.signed.all():
+            return self
+        start = self.fitted.with_signs_of(effort)
+        left = min([self.left, self.fitted.left([start])], key=_rms)
+        return _Early(self.fitted, [*self.sides, start, *self._of(left)], left)
+
+    def _of(self, left: Left) -> list[Array]:
+        """Efforts (N, n) with the signs that a fit has settled on."""
+        return [self.fitted.with_signs_of(left.effort)]
+
+    def polished(self) -> _Early:
+        """With each joint's signs begun anew from what the others tell."""
+        if self.fitted.signed.all():
+            return self
+        left = self.fitted.polished(self.left)
+        more = self.fitted.sides(self.fitted.with_signs_of(left.effort))
+        return _Early(self.fitted, [*more, *self.sides], left)
+
+    def refined(self) -> _Early:
+        """Polished, and with the factor of one joint's efforts that explains them best."""
+        reading = self.fitted.reading
+        if not (reading.of_one_joint and np.any(reading.units != 1.0)):
+            return self.polished()
+        (joint,) = np.flatnonzero(reading.units != 1.0).tolist()
+
+        def times(log_factor: float) -> Fitted:
+            near = [by for by in _NAMED_UNITS if abs(log_factor - np.log(by)) < TUNING.factor_known]
+            factor = near[0] if near else float(np.exp(log_factor))
+            by = np.where(np.arange(len(reading.units)) == joint, factor, 1.0)
+            other = replace(reading, units=by, change=_in_units(joint, factor))
+            return Fitted(other, self.fitted.excerpt, self.fitted.columns)
+
+        def rms(log_factor: float) -> float:
+            fitted = times(log_factor)
+            return fitted.left([fitted.with_signs_of(self.left.effort)]).rms
+
+        middle, reach = float(np.log(reading.units[joint])), float(np.log(10.0))
+        options = {"xatol": TUNING.factor_known, "maxiter": TUNING.reading_rounds}
+        found = minimize_scalar(rms, bounds=(middle - reach, middle + reach), method="bounded", options=options)
+        fitted = times(float(found.x))
+        sides = fitted.sides(fitted.with_signs_of(self.left.effort))
+        return _Early(fitted, sides, fitted.left(sides)).polished()
+
+
+def _told_apart(readings: Iterable[Reading], excerpt: Excerpt) -> Iterator[Reading]:
+    """Readings whose positions a robot may have, no two the same but for unknown signs."""
+    seen, farthest = set(), np.abs(excerpt.motion.q).max(axis=0)
+    for reading in readings:
+        turned = np.where(excerpt.signed[reading.efforts], reading.turned, 1.0)
+        key = (*reading.key, reading.efforts.tobytes(), reading.units.tobytes(), turned.tobytes())
+        read, size = farthest[reading.order], np.abs(reading.factor)
+        many, few = (size > 1.0) & (read * size > 4.0 * np.pi), (size < 1.0) & (read < 1.0)  # turns; a degree
+        if key not in seen and not (many | few).any():
+            seen.add(key)
+            yield reading
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# After the fit
+# ---------------------------------------------------------------------------------------------------------------
+def misread_after(evidence: Evidence, fit: Fit, probability: Array) -> Misreading | None:
+    """The reading that explains a log better than the given one, where the fit is a reason to look for one."""
+    if fit.relative_residual.max() <= TUNING.suspicious or not evidence.used.any(axis=0).all():
+        return None  # a joint whose efforts are all in fault cannot be compared with another
+    return better_reading(evidence, np.where(probability >= 0.5, 1.0, -1.0), fit.residual.autocorrelation)
+
+
+def better_reading(evidence: Evidence, signs: Array, time: Array) -> Misreading | None:
+    """The reading that explains a log best, if that is not the given one; deterministic.
+
+    Args:
+        evidence: the robot and the log.
+        signs: (N, n) of the efforts, as they were found.
+        time: (n,) samples that count as one.
+    """
+    signals, used, robot = evidence.signals, evidence.used, evidence.model.robot
+    effort = np.where(signals.signed, signals.effort, signs * np.abs(signals.effort))
+    excerpt = Excerpt.of(signals.motion, effort, used, signals.signed, TUNING.instants)
+    readings = list(_all_readings(robot, HYPOTHESES))
+    given, *left = (_settled(fitted) for fitted in _fitted([Reading.as_given(robot), *readings], excerpt))
+    count = counts_of_least([given, *left], np.maximum(used.sum(axis=0) / time, 1.0))
+    best, found = _DECISIVE + np.log(len(readings)), None
+    for reading, other in zip(readings, left, strict=True):
+        nats = 0.5 * gain_of(given, other, count)
+        clearly = other.rms < TUNING.clearly_better * given.rms
+        if reading.of_one_joint:
+            clearly |= other.rms < given.rms and bool((other.share < TUNING.one_joint_better * given.share).any())
+        if nats > best and clearly:
+            best, found = nats, _misreading(reading, other.rms, given.rms, nats - float(np.log(len(readings))))
+    return found
+
+
+def _settled(fitted: Fitted) -> Left:
+    """From the signs that were found, and from those that friction would have."""
+    starts, odd = [fitted.effort, fitted.against_friction], fitted.reading.units != 1.0
+    if odd.any():  # the signs that were found are those of the given units: what the other joints tell
+        starts += [fitted.in_turn(start, ~odd) for start in starts]
+    return fitted.left(starts)
+
+
+def _fitted(readings: Sequence[Reading], excerpt: Excerpt) -> Iterator[Fitted]:
+    """Each reading with its columns; those with the same share them, one after another."""
+    columns: dict[tuple[int, bytes, bytes, bytes], Array] = {}
+    for reading in readings:
+        if reading.key not in columns:
+            columns = {reading.key: reading.columns(excerpt.motion)}
+        yield Fitted(reading, excerpt, columns[reading.key])
+
+
+# ---------------------------------------------------------------------------------------------------------------
+# Hypotheses
+# ---------------------------------------------------------------------------------------------------------------
+_Changes: TypeAlias = Iterator[tuple[str, dict[str, Any]]]
+"""What is other, to follow on "with", and the fields of the reading that it changes."""
+
+
+class Hypothesis(NamedTuple):
+    """What may be wrong with a log."""
+
+    kind: str
+    looks: Callable[[Robot], _Changes]  # how the log would have to be read
+
+
+def _all_readings(robot: Robot, hypotheses: Sequence[Hypothesis]) -> Iterator[Reading]:
+    as_given = Reading.as_given(robot)
+    for kind, looks in hypotheses:
+        for change, other in looks(robot):
+            yield replace(as_given, kind=kind, change=change, **other)
+
+
+def _orders(robot: Robot) -> _Changes:
+    n = robot.n_joints
+    exchanged = {}
+    for a, b in combinations(range(n), 2):
+        exchanged[f"joints {a + 1} and {b + 1} exchanged"] = order = np.arange(n)
+        order[[a, b]] = b, a
+    if n > 3:  # else that is an exchange of two
+        exchanged["the joints in reversed order"] = np.arange(n)[::-1]
+    for change, order in exchanged.items():
+        yield change, {"order": order, "efforts": order}
+    for change, order in exchanged.items():
+        yield f"the efforts of {change}, and not their positions", {"efforts": order}
+
+
+def _directions(robot: Robot) -> _Changes:
+    n = robot.n_joints
+    each = [(f"joint {j + 1}", np.where(np.arange(n) == j, -1.0, 1.0)) for j in range(n)]
+    for which, factor in (*each, ("all joints", np.full(n, -1.0))):
+        yield f"{which} counted the other way", {"factor": factor, "turned": factor}
+        yield f"the positions of {which} counted the other way, and not its efforts", {"factor": factor}
+        yield f"the efforts of {which} counted the other way, and not its positions", {"turned": factor}
+
+
+def _no_weight(robot: Robot) -> _Changes:
+    if robot.gravity.any():
+        yield "efforts that hold no weight", {"robot": replace(robot, gravity=np.zeros(3))}
+
+
+def _units(robot: Robot) -> _Changes:
+    turning = np.array([not joint.prismatic for joint in robot.joints])
+    for factor, change in ((_DEGREE, "in degrees, not rad"), (1.0 / _DEGREE, "in rad, not degrees")):
+        yield f"positions {change}", {"factor": np.where(turning, factor, 1.0)}
+    for factor, change in ((1e-3, "in mm, not m"), (1e3, "in m, not mm")):
+        joints = tuple(
+            replace(j, placement=_longer(j.placement, factor), link_frame=_longer(j.link_frame, factor))
+            for j in robot.joints
+        )
+        yield f"the robot's lengths {change}", {"robot": replace(robot, joints=joints)}
+
+
+def _units_of_one(robot: Robot) -> _Changes:
+    """One joint in other units than the rest."""
+    for j in [j for j, joint in enumerate(robot.joints) if not joint.prismatic and robot.n_joints > 1]:
+        one = np.arange(robot.n_joints) == j
+        for factor in (1e-3, 1e3, 1e-2, 1e2):
+            yield _in_units(j, factor), {"units": np.where(one, factor, 1.0)}
+        for factor, change in ((_DEGREE, "degrees, not rad"), (1.0 / _DEGREE, "rad, not degrees")):
+            yield f"the positions of joint {j + 1} alone in {change}", {"factor": np.where(one, factor, 1.0)}
+
+
+def _in_units(joint: int, factor: float) -> str:
+    """What is other where a joint's efforts (0-based) are to be multiplied by a factor."""
+    words = _NAMED_UNITS.get(factor, f"{factor:.3g} times as large")
+    return f"the efforts of joint {joint + 1} alone {words}"
+
+
+def _longer(frame: Array, factor: float) -> Array:
+    frame = np.array(frame)
+    frame[:3, 3] *= factor
+    return frame
+
+
+def _mountings(robot: Robot) -> _Changes:
+    size = float(np.linalg.norm(robot.gravity)) or 9.81
+    for axis, sign in product(range(3), (1.0, -1.0)):
+        gravity = sign * size * np.eye(3)[axis]
+        if not np.allclose(gravity, robot.gravity):
+            along = f"{'+' if sign > 0.0 else '-'}{'xyz'[axis]}"
+            yield f"gravity along {along} of the base", {"robot": replace(robot, gravity=gravity)}
+
+
+def _zeros(robot: Robot) -> _Changes:
+    """Joints whose zero is a quarter or half a turn off; two of them, as where links stretch out upright or level."""
+    turning = [
+        j for j, joint in enumerate(robot.joints[:-1]) if not joint.prismatic
+    ]  # the last one's shows in no effort
+    for j, quarters in product(turning, (1.0, -1.0, 2.0)):
+        zero = np.where(np.arange(robot.n_joints) == j, 0.5 * np.pi * quarters, 0.0)
+        yield f"the zero of joint {j + 1} at {90.0 * quarters:.0f} degrees", {"zero": zero}
+
+
+def _other_robots(robot: Robot) -> _Changes:
+    for name, other in _built_in().items():
+        if other.n_joints == robot.n_joints and not robot.same_kinematics(other):
+            yield f"the built-in table of {name}", {"robot": other}
+    rng = np.random.default_rng(0)
+    for _ in range(TUNING.random_tables if robot.n_joints > 1 else 0):
+        yield "a table drawn at random", {"robot": _random_table(robot, rng)}
+
+
+@cache
+def _built_in() -> dict[str, Robot]:
+    """By name."""
+    return {name: load_robot(name) for name in BUILT_IN}
+
+
+def _random_table(robot: Robot, rng: np.random.Generator) -> Robot:
+    """A robot of the same class: its first joint, as many joints, its lengths in another order, other twists."""
+    lengths = np.linalg.norm(robot.link_ends[:, 1] - robot.link_ends[:, 0], axis=1)
+    joints = [replace(robot.joints[0], link_frame=np.eye(4))]
+    for joint, length in zip(robot.joints[1:], rng.permutation(lengths)[1:], strict=True):
+        placement = np.eye(4)
+        twist, zero = rng.choice(_QUARTERS), rng.choice(_QUARTERS)
+        placement[:3, :3] = Rotation.from_euler("XZ", [twist, zero]).as_matrix()
+        placement[rng.integers(3), 3] = rng.choice([1.0, -1.0]) * length
+        joints.append(Joint(placement, np.array([0.0, 0.0, 1.0]), joint.prismatic, joint.parent))
+    return replace(robot, joints=tuple(joints), lengths={})
+
+
+EARLY = (
+    Hypothesis("joint order", _orders),
+    Hypothesis("direction", _directions),
+    Hypothesis("weight", _no_weight),
+    Hypothesis("units", _units),
+    Hypothesis("units", _units_of_one),
+    Hypothesis("mounting", _mountings),
+    Hypothesis("zeros", _zeros),
+)
+"""Kinds of wrong readings, and how a log would have to be read; first those that are easily put right: of equal ones
+the first counts."""
+HYPOTHESES = (*EARLY, Hypothesis("robot", _other_robots))
+"""The same after the fit: what takes seconds, and no option mends."""

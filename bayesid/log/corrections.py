@@ -1,0 +1,78 @@
+"""What is to be put right of a log's joints, as in q1=q3,q3=q1,tau2=-tau2,q5=q5+1.5708,tau3=0.001*tau3.
+
+A joint's positions `q2`, or efforts `tau2` (`i2`), are those of a recorded joint times a factor, in rad with a zero of
+its own added. Without a number all joints are meant: tau=-tau. Velocities follow positions.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayesid.arrays import Array, Integers
+from bayesid.errors import InputError
+from bayesid.log.tuning import TUNING
+
+_NUMBER = r"[0-9]+(?:\.[0-9]*)?(?:[eE][+-]?[0-9]+)?|\.[0-9]+"
+_ENTRY = re.compile(
+    rf"(?P<kind>q|tau|i)(?P<joint>[1-9][0-9]{{0,2}})?\s*=\s*(?P<sign>[+-]?)\s*(?:(?P<factor>{_NUMBER})\s*\*\s*)?"
+    rf"(?P<of>q|tau|i)(?P<other>[1-9][0-9]{{0,2}})?\s*(?:(?P<shift>[+-])\s*(?P<zero>{_NUMBER}))?"
+)
+_REMEDY = "give entries as in q1=q3,q3=q1,tau2=-tau2,q5=q5+1.5708 (rad) or tau3=0.001*tau3"
+
+
+@dataclass(frozen=True)
+class Corrected:
+    """How n joints follow from the recorded ones.
+
+    Attributes:
+        order: (n,) the recorded joint of each, counted from 0.
+        factor: (n,) of what was recorded.
+        zero: (n,) added then, rad.
+    """
+
+    order: Integers
+    factor: Array
+    zero: Array
+
+    def of(self, values: Array, *, zero: bool = False) -> Array:
+        """(N, n) values of the joints, from those recorded; with the zeros, or without."""
+        corrected: Array = values[:, self.order] * self.factor
+        return corrected + self.zero if zero else corrected
+
+
+def corrections(text: str, n: int) -> tuple[Corrected, Corrected]:
+    """Of the positions and of the efforts of n joints, as the command line says them.
+
+    Raises:
+        InputError: an entry cannot be understood, or names a joint that is not there.
+    """
+    made = {kind: Corrected(np.arange(n), np.ones(n), np.zeros(n)) for kind in ("q", "tau")}
+    seen: set[tuple[str, int]] = set()
+    for entry in text.split(","):
+        found = _ENTRY.fullmatch(entry.strip())
+        kinds = [] if found is None else ["tau" if found[key] == "i" else found[key] for key in ("kind", "of")]
+        if found is None or kinds[0] != kinds[1] or (found["joint"] is None) != (found["other"] is None):
+            raise InputError(f"{entry.strip()!r:.60} is no correction", field="correct", remedy=_REMEDY)
+        if found["zero"] and kinds[0] == "tau":
+            raise InputError(f"{entry.strip()!r:.60} shifts an effort", field="correct", remedy=_REMEDY)
+        factor = (-1.0 if found["sign"] == "-" else 1.0) * float(found["factor"] or 1.0)
+        zero = (-1.0 if found["shift"] == "-" else 1.0) * float(found["zero"] or 0.0)
+        if not (0.0 < abs(factor) < TUNING.absurd and math.isfinite(zero)):
+            raise InputError(f"{entry.strip()!r:.60} cannot be used", field="correct", remedy=_REMEDY)
+        pairs = [(j, j) for j in range(n)]
+        if found["joint"] is not None:
+            pairs = [(int(found["joint"]) - 1, int(found["other"]) - 1)]
+        one = made[kinds[0]]
+        for joint, other in pairs:
+            if max(joint, other) >= n:
+                remedy = f"give joints from 1 to {n}"
+                raise InputError(f"{entry.strip()!r:.60}: there are {n} joints", field="correct", remedy=remedy)
+            if (kinds[0], joint) in seen:
+                raise InputError(f"{kinds[0]}{joint + 1} is given twice", field="correct", remedy="give it once")
+            seen.add((kinds[0], joint))
+            one.order[joint], one.factor[joint], one.zero[joint] = other, factor, zero
+    return made["q"], made["tau"]

@@ -1,0 +1,272 @@
+"""Misread logs, each beside a right one of the same robot: is what is wrong named, and nothing else.
+
+Robots of data sheets with links, friction and noise drawn at random. A log is written rightly, and then as somebody
+might have read or written it: joints or efforts exchanged, counted the other way, a base upside down, without weight,
+with zeros or units that are off, or with efforts of something else than the motion. Signs are hidden in three logs of
+four. A misreading that a log cannot show, as of a joint that carries nothing, counts as any other.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bayesid.arrays import Array
+from bayesid.effects import STANDARD
+from bayesid.effects.catalogue import make_terms
+from bayesid.effects.model import Model
+from bayesid.identification.identification import Identification
+from bayesid.identification.misread import Misreading, misread_before
+from bayesid.identification.pipeline import identify
+from bayesid.log.log import Log
+from bayesid.log.segments import find_segments
+from bayesid.log.signals import prepare
+from bayesid.motion import Motion
+from bayesid.regression.evidence import Evidence
+from bayesid.robot import Robot, load_robot
+from bayesid.simulation.logs import simulate
+from bayesid.simulation.parameters import random_parameters
+from bayesid.simulation.trajectories import random_trajectory
+from bayesid.studies.calibration import on_grid
+from bayesid.studies.record import Row
+from bayesid.studies.study import Study
+from bayesid.studies.sure import SURE
+
+if TYPE_CHECKING:
+    from bayesid.studies.figures import Figure
+
+TARGETS = {"named": 0.90, "wrong": 0, "false": 0.01, "seconds": 1.0}
+ROBOTS = "kr5", "ur10e", "panda", "tx60", "ur5e", "lrmate200id", "kr6r900_2", "vs060"
+RIGHT = "right"
+_NOISE = 0.05
+_RATE = 100.0
+_KNOWN = 4
+"""One log in so many keeps its signs."""
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """How a log is misread, of which robot, and whether its signs are known."""
+
+    how: str
+    robot: str
+    known: bool
+    duration: float = 20.0
+
+
+@dataclass(frozen=True)
+class Case:
+    """A log as it is read, with its signs, the robot as it is given, and the kind of misreading that is to be named."""
+
+    robot: Robot
+    log: Log
+    kind: str
+
+
+def _exchanged(log: Log, rng: np.random.Generator, positions: bool) -> Log:
+    n = log.n_joints
+    pairs = list(combinations(range(n), 2))
+    a, b = pairs[rng.integers(len(pairs))]
+    order = np.arange(n)
+    order[[a, b]] = b, a
+    log = replace(log, effort=log.effort[:, order])
+    return replace(log, q=log.q[:, order], dq=None if log.dq is None else log.dq[:, order]) if positions else log
+
+
+def _times(log: Log, q: Array | float, effort: Array | float) -> Log:
+    return replace(log, q=log.q * q, dq=None if log.dq is None else log.dq * q, effort=log.effort * effort)
+
+
+def _of_one(log: Log, joint: int, factor: float) -> Array:
+    return np.where(np.arange(log.n_joints) == joint, factor, 1.0)
+
+
+def _turned(log: Log, rng: np.random.Generator) -> Log:
+    factor = _of_one(log, int(rng.integers(1, log.n_joints - 1)), -1.0)
+    return _times(log, factor, factor)
+
+
+def _shift(log: Log, joint: int, rng: np.random.Generator) -> Array:
+    return np.where(np.arange(log.n_joints) == joint, rng.choice([-0.5, 0.5]) * np.pi, 0.0)
+
+
+def _unrelated(log: Log, rng: np.random.Generator) -> Log:
+    """External torque: bumps at some instants, and noise."""
+    effort = rng.standard_normal(log.effort.shape)
+    for _ in range(6):
+        centre, width = rng.uniform(log.t[0], log.t[-1]), rng.uniform(0.1, 0.6)
+        effort += rng.normal(0.0, 10.0, log.n_joints) * np.exp(-(((log.t - centre) / width) ** 2))[:, None]
+    return replace(log, effort=effort)
+
+
+_LOGS: dict[str, tuple[str, Callable[[Log, np.random.Generator], Log], bool]] = {
+    "joints exchanged": ("joint order", lambda log, rng: _exchanged(log, rng, True), True),
+    "efforts exchanged": ("joint order", lambda log, rng: _exchanged(log, rng, False), True),
+    "joint turned": ("direction", _turned, True),
+    "position turned": (
+        "direction",
+        lambda log, rng: _times(log, _of_one(log, int(rng.integers(1, log.n_joints - 1)), -1.0), 1.0),
+        True,
+    ),
+    "torques negated": ("direction", lambda log, rng: _times(log, 1.0, -1.0), False),
+    "one torque negated": (
+        "direction",
+        lambda log, rng: _times(log, 1.0, _of_one(log, int(rng.integers(log.n_joints)), -1.0)),
+        False,
+    ),
+    "zero off": (
+        "zeros",
+        lambda log, rng: replace(log, q=log.q + _shift(log, int(rng.integers(1, log.n_joints - 1)), rng)),
+        True,
+    ),
+    "one in N mm": (
+        "units",
+        lambda log, rng: _times(log, 1.0, _of_one(log, int(rng.integers(1, log.n_joints - 1)), 1e3)),
+        True,
+    ),
+    "one on the motor side": (
+        "units",
+        lambda log, rng: _times(
+            log, 1.0, _of_one(log, int(rng.integers(1, log.n_joints - 1)), 1.0 / rng.uniform(50.0, 160.0))
+        ),
+        True,
+    ),
+    "all in N mm": ("scale", lambda log, rng: _times(log, 1.0, 1e3), True),
+    "external torques": ("motion", _unrelated, True),
+}
+"""How a right log becomes a misread one: what is to be named, the change, and whether it shows without signs."""
+_ROBOTS: dict[str, tuple[str, Callable[[Robot], Robot]]] = {
+    "upside down": ("mounting", lambda robot: replace(robot, gravity=-robot.gravity)),
+    "no weight": ("weight", lambda robot: replace(robot, gravity=np.zeros(3))),
+}
+"""How the robot of the log is another than the one given."""
+HOW = (*_LOGS, *_ROBOTS)
+
+
+def make_case(scenario: Scenario, seed: int) -> Case:
+    """Deterministic; the right log of a seed has the same links and motion as the misread ones."""
+    given, rng = load_robot(scenario.robot), np.random.default_rng(seed)
+    t = np.arange(int(_RATE * scenario.duration) + 1) / _RATE
+    motion: Motion = random_trajectory(given.n_joints, scenario.duration, seed=seed).motion(t)
+    terms = make_terms(STANDARD, given, motion)
+    theta = random_parameters(Model(given, terms), rng)
+    kind, of = _ROBOTS.get(scenario.how, ("", lambda robot: robot))
+    log = simulate(Model(of(given), terms), theta, motion, rng=rng, noise=_NOISE, signed=True)
+    if scenario.how in _LOGS:
+        kind, change, _ = _LOGS[scenario.how]
+        log = change(log, rng)
+    return Case(given, log if scenario.known else log.rectified(), kind)
+
+
+def plan(trials: int, seed: int) -> Sequence[tuple[Scenario, int]]:
+    """Each misreading and then its right log, robots in turn."""
+    made: list[tuple[Scenario, int]] = []
+    for k in range(-(-trials // 2)):
+        how = HOW[k % len(HOW)]
+        known = k % _KNOWN == 0 or (how in _LOGS and not _LOGS[how][2])
+        robot = ROBOTS[(k + k // len(ROBOTS)) % len(ROBOTS)]
+        made += [(Scenario(one, robot, known), seed + k) for one in (how, RIGHT)]
+    return made[:trials]
+
+
+def before(case: Case) -> tuple[Misreading | None, float]:
+    """What is said before the search, and the seconds that it takes to say so."""
+    signals = prepare(case.log)
+    segments = find_segments(signals, case.robot.actuators(signals.motion))
+    model = Model(case.robot, make_terms(STANDARD, case.robot, signals.motion))
+    evidence = Evidence.of(model, signals, segments.per_sample(segments.moving, *signals.effort.shape) > 0)
+    began = time.perf_counter()
+    found = misread_before(evidence)
+    return found, time.perf_counter() - began
+
+
+def trial(scenario: Scenario, seed: int) -> Row:
+    """What is said of a case, before the search or after it, and which of its sure signs are wrong."""
+    case = make_case(scenario, seed)
+    found, seconds = before(case)
+    stopped, sure, wrong = found is not None and found.sure, 0, 0
+    if not stopped:
+        result = identify(case.robot, case.log, complete="off", posterior=False)
+        found = result.better_reading
+        sure, wrong = _sure(result, make_case(replace(scenario, known=True), seed).log)
+    return {
+        "expected": case.kind,
+        "found": "" if found is None else found.kind,
+        "said": "" if found is None else found.said,
+        "stopped": stopped,
+        "sure": sure,
+        "sure_wrong": wrong,
+        "timings": {"before": seconds},
+    }
+
+
+def _sure(result: Identification, log: Log) -> tuple[int, int]:
+    """Samples of hidden signs that are said to be sure, and those of them that are wrong, up to all of a joint."""
+    effort = on_grid(result, log)
+    sure = (np.maximum(result.probability, 1.0 - result.probability) >= SURE) & (effort != 0.0)
+    sure &= ~result.signals.signed
+    return int(sure.sum()), int((sure & (result.sample_signs != np.sign(effort))).sum())
+
+
+def figures(rows: Sequence[Row]) -> dict[str, float]:
+    """What the targets are of: "named" (of the misread), "wrong" (sure samples), "false" (of the right), "seconds"."""
+    misread, right = ([row for row in rows if (row["how"] == RIGHT) == of] for of in (False, True))
+    return {
+        "named": float(np.mean([row["found"] == row["expected"] for row in misread] or [True])),
+        "wrong": float(sum(row["sure_wrong"] for row in misread)),
+        "false": float(np.mean([bool(row["found"]) for row in right] or [False])),
+        "seconds": float(np.median([row["timings"].get("before") or float("nan") for row in rows])),
+    }
+
+
+def report(rows: Sequence[Row]) -> str:
+    """A line for each way, one for all, the targets, and what was said of each case that is missed."""
+    ways = {how: [row for row in rows if row["how"] == how] for how in dict.fromkeys(row["how"] for row in rows)}
+    lines = [f"{'':<24} logs  named first  before the search  sure, wrong  seconds before the search: median  most"]
+    for name, chosen in {**ways, "all": rows}.items():
+        f, took = figures(chosen), [row["timings"].get("before") or float("nan") for row in chosen]
+        named = f"{np.mean([row['found'] == row['expected'] for row in chosen]):.0%}"
+        stopped = f"{np.mean([row['stopped'] for row in chosen]):.0%}"
+        wrong = sum(row["sure_wrong"] for row in chosen)
+        lines.append(
+            f"{name:<24} {len(chosen):>4} {named:>12} {stopped:>18} {wrong:>12} {f['seconds']:>35.2f} {max(took):>5.2f}"
+        )
+    t, f = TARGETS, figures(rows)
+    lines += [
+        f"misread logs named first {f['named']:.1%} (target {t['named']:.0%}); their sure samples that are wrong "
+        f"{f['wrong']:.0f} ({t['wrong']:.0f})",
+        f"right logs of which something is named {f['false']:.1%} ({t['false']:.0%})",
+        *(
+            f"trial {row['trial']}, seed {row['seed']}, {row['how']}, {row['robot']}: {row['said'] or 'nothing named'}"
+            for row in rows
+            if row["found"] != row["expected"]
+        ),
+    ]
+    return "\n".join(lines)
+
+
+def _short(rows: Sequence[Row]) -> list[str]:
+    f, said = figures(rows), []
+    for name, most in (("wrong", TARGETS["wrong"]), ("false", TARGETS["false"])):
+        said += [f"{name}: {f[name]:.3g}, at most {most:g}"] if f[name] > most else []
+    return said + (
+        [f"named: {f['named']:.0%}, at least {TARGETS['named']:.0%}"] if f["named"] < TARGETS["named"] else []
+    )
+
+
+def draw(rows: Sequence[Row], figure: Figure) -> None:
+    """Share of each way's logs that is named first."""
+    axes = figure.subplots()
+    ways = list(dict.fromkeys(row["how"] for row in rows))
+    shares = [np.mean([row["found"] == row["expected"] for row in rows if row["how"] == how]) for how in ways]
+    axes.barh(ways, shares)
+    axes.axvline(TARGETS["named"], color="black", linewidth=1)
+    axes.set_xlabel("share named first (of right logs: nothing named)")
+
+
+STUDY = Study("misread", 400, plan, trial, report, draw, short=_short)
