@@ -20,16 +20,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cache
 from itertools import combinations, product
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation
 
 from bayesid.arrays import Array
-from bayesid.errors import SolverError
+from bayesid.identification.early_fits import EarlyFit, in_units, rms_of
 from bayesid.identification.readings import Excerpt, Fitted, Left, Reading, counts_of_least, drawn_bodies, gain_of
 from bayesid.identification.tuning import TUNING
 from bayesid.log.gains import Gains
@@ -43,8 +42,6 @@ _DECISIVE = np.log(1000.0)
 factor (Jeffreys 1961, appendix B), for the finding is a red light."""
 _BY_FEASIBILITY = "direction", "mounting"
 """Kinds of which least squares leave as much as of the given reading, but for what is feasible."""
-_NAMED_UNITS = {1e-3: "in N mm, not N m", 1e3: "in kN m, not N m"}
-"""By the factor that puts efforts right."""
 _DEGREE = np.pi / 180.0
 _QUARTERS = np.array([0.0, 0.5, 1.0, -0.5]) * np.pi
 """rad; angles of the twists and zeros of most arms."""
@@ -109,27 +106,27 @@ def _misread_before(evidence: Evidence) -> Misreading | None:
     as_given = Reading.as_given(robot)
     drawn = drawn_bodies(as_given, excerpt.motion, TUNING.drawn_robots)
     found: dict[tuple[object, ...], Array] = {}
-    given = _Early.of(Fitted(as_given, excerpt, as_given.columns(excerpt.motion)), drawn, found)
+    given = EarlyFit.of(Fitted(as_given, excerpt, as_given.columns(excerpt.motion)), drawn, found)
     if given.left.share.max() > TUNING.suspicious:
         given = given.polished()
     if given.left.share.max() <= TUNING.suspicious and given.feasible.rms < TUNING.hardly_feasible * given.left.rms:
         return None
     readings = list(_told_apart(_all_readings(robot, EARLY), excerpt))
-    tried = [_Early.of(fitted, drawn, found) for fitted in _fitted(readings, excerpt)]
+    tried = [EarlyFit.of(fitted, drawn, found) for fitted in _fitted(readings, excerpt)]
     best = min(tried, key=lambda one: one.score).left.effort
     finalists = [one.refined() for one in _least([one.begun(best) for one in tried], TUNING.finalists)]
     return _best(given.begun(best), finalists, len(readings)) or _unrelated(given, drawn)
 
 
-def _least(tried: Sequence[_Early], count: int) -> list[_Early]:
+def _least(tried: Sequence[EarlyFit], count: int) -> list[EarlyFit]:
     """Those that leave least, as many as asked for, in the order of the hypotheses."""
     chosen = sorted(range(len(tried)), key=lambda k: tried[k].score)[:count]
     return [tried[k] for k in sorted(chosen)]
 
 
-def _best(given: _Early, finalists: Sequence[_Early], tried: int) -> Misreading | None:
+def _best(given: EarlyFit, finalists: Sequence[EarlyFit], tried: int) -> Misreading | None:
     lefts = [one.feasible for one in finalists]
-    given = given.begun(min(lefts, key=_rms).effort)
+    given = given.begun(min(lefts, key=rms_of).effort)
     known = given.feasible
     count = counts_of_least([known, *lefts])
     nats = [0.5 * gain_of(known, left, count) - float(np.log(tried)) for left in lefts]
@@ -143,15 +140,15 @@ def _best(given: _Early, finalists: Sequence[_Early], tried: int) -> Misreading 
     return _misreading(one.fitted.reading, left.rms, known.rms, nats[first], sure)
 
 
-def _unrelated(given: _Early, drawn: Array) -> Misreading | None:
+def _unrelated(given: EarlyFit, drawn: Array) -> Misreading | None:
     """Efforts that the motion explains no better than it explains those of another time."""
     excerpt, lefts = given.fitted.excerpt, []
     if given.left.rms < TUNING.hardly_related:
         return None
     for k in (1, 2, 3):
         shifted = excerpt._replace(effort=np.roll(excerpt.effort, k * len(excerpt.effort) // 4, axis=0))
-        lefts.append(_Early.of(Fitted(given.fitted.reading, shifted, given.fitted.columns), drawn, {}).left)
-    null = min(lefts, key=_rms)
+        lefts.append(EarlyFit.of(Fitted(given.fitted.reading, shifted, given.fitted.columns), drawn, {}).left)
+    null = min(lefts, key=rms_of)
     if given.left.rms < TUNING.related * null.rms or (given.left.share < TUNING.joint_related * null.share).any():
         return None
     said = (
@@ -175,84 +172,6 @@ def _of_another_size(evidence: Evidence) -> Misreading | None:
     said = f"efforts are some {times:g} times as large as those of an arm of its reach"
     odds = 0.5 * (abs(factor) / TUNING.size_sd) ** 2 / np.log(10.0)
     return Misreading("scale", said, 0.0, 0.0, float(odds), remedy)
-
-
-def _rms(left: Left) -> float:
-    return left.rms
-
-
-@dataclass(frozen=True)
-class _Early:
-    """A reading's fits before signs are known."""
-
-    fitted: Fitted
-    sides: list[Array]  # efforts (N, n) to begin with
-    left: Left  # of them by least squares
-
-    @classmethod
-    def of(cls, fitted: Fitted, drawn: Array, found: dict[tuple[object, ...], Array]) -> _Early:
-        """Signs are looked for from drawn parameters, where other readings have not `found` them already."""
-        known = fitted.signed.all()
-        sides = [fitted.effort] if known else fitted.sides(fitted.by_joint(drawn, found))
-        return cls(fitted, sides, fitted.left(sides))
-
-    @property
-    def score(self) -> float:
-        """The less the better, before feasibility is known."""
-        return float(np.log(self.left.share).sum())
-
-    @cached_property
-    def feasible(self) -> Left:
-        """What feasible parameters leave, or all where there are none."""
-        try:
-            return self.fitted.feasible(self.sides, TUNING.hardly_feasible * self.left.rms)
-        except SolverError:
-            return self.left
-
-    def begun(self, effort: Array) -> _Early:
-        """From one more start: signs that suit another reading, as (N, n) efforts of the recorded joints."""
-        if self.fitted.signed.all():
-            return self
-        start = self.fitted.with_signs_of(effort)
-        left = min([self.left, self.fitted.left([start])], key=_rms)
-        return _Early(self.fitted, [*self.sides, start, *self._of(left)], left)
-
-    def _of(self, left: Left) -> list[Array]:
-        """Efforts (N, n) with the signs that a fit has settled on."""
-        return [self.fitted.with_signs_of(left.effort)]
-
-    def polished(self) -> _Early:
-        """With each joint's signs begun anew from what the others tell."""
-        if self.fitted.signed.all():
-            return self
-        left = self.fitted.polished(self.left)
-        more = self.fitted.sides(self.fitted.with_signs_of(left.effort))
-        return _Early(self.fitted, [*more, *self.sides], left)
-
-    def refined(self) -> _Early:
-        """Polished, and with the factor of one joint's efforts that explains them best."""
-        reading = self.fitted.reading
-        if not (reading.of_one_joint and np.any(reading.units != 1.0)):
-            return self.polished()
-        (joint,) = np.flatnonzero(reading.units != 1.0).tolist()
-
-        def times(log_factor: float) -> Fitted:
-            near = [by for by in _NAMED_UNITS if abs(log_factor - np.log(by)) < TUNING.factor_known]
-            factor = near[0] if near else float(np.exp(log_factor))
-            by = np.where(np.arange(len(reading.units)) == joint, factor, 1.0)
-            other = replace(reading, units=by, change=_in_units(joint, factor))
-            return Fitted(other, self.fitted.excerpt, self.fitted.columns)
-
-        def rms(log_factor: float) -> float:
-            fitted = times(log_factor)
-            return fitted.left([fitted.with_signs_of(self.left.effort)]).rms
-
-        middle, reach = float(np.log(reading.units[joint])), float(np.log(10.0))
-        options = {"xatol": TUNING.factor_known, "maxiter": TUNING.reading_rounds}
-        found = minimize_scalar(rms, bounds=(middle - reach, middle + reach), method="bounded", options=options)
-        fitted = times(float(found.x))
-        sides = fitted.sides(fitted.with_signs_of(self.left.effort))
-        return _Early(fitted, sides, fitted.left(sides)).polished()
 
 
 def _told_apart(readings: Iterable[Reading], excerpt: Excerpt) -> Iterator[Reading]:
@@ -386,15 +305,9 @@ def _units_of_one(robot: Robot) -> _Changes:
     for j in [j for j, joint in enumerate(robot.joints) if not joint.prismatic and robot.n_joints > 1]:
         one = np.arange(robot.n_joints) == j
         for factor in (1e-3, 1e3, 1e-2, 1e2):
-            yield _in_units(j, factor), {"units": np.where(one, factor, 1.0)}
+            yield in_units(j, factor), {"units": np.where(one, factor, 1.0)}
         for factor, change in ((_DEGREE, "degrees, not rad"), (1.0 / _DEGREE, "rad, not degrees")):
             yield f"the positions of joint {j + 1} alone in {change}", {"factor": np.where(one, factor, 1.0)}
-
-
-def _in_units(joint: int, factor: float) -> str:
-    """What is other where a joint's efforts (0-based) are to be multiplied by a factor."""
-    words = _NAMED_UNITS.get(factor, f"{factor:.3g} times as large")
-    return f"the efforts of joint {joint + 1} alone {words}"
 
 
 def _longer(frame: Array, factor: float) -> Array:

@@ -302,7 +302,6 @@ def _misread(
     run: _Run, log: Log, model: Model, signals: Signals, segments: Segments, *, anyway: bool
 ) -> Misreading | None:
     """What is wrong with the log, as far as that shows before the search; what is sure is refused."""
-    run.progress("other readings", 0, 1)
     evidence = Evidence.of(model, signals, segments.per_sample(segments.moving, *signals.effort.shape) > 0)
     found = misread_before(evidence)
     run.lap("other readings")
