@@ -81,12 +81,12 @@ def _remedy(reading: Reading) -> str:
     if reading.corrections:
         return f"if so, give `correct` {reading.corrections}"
     remedies = {
-        "weight": "if so, give `gravity` 0,0,0",
+        "weight": "if so, give `gravity`=0,0,0",
         "units": "check the robot file for its units",
         "motion": "check that efforts are those of the drives, of the same time and robot as the positions",
     }
     if reading.kind == "mounting":
-        return f"if so, give `gravity` {','.join(f'{g + 0.0:.6g}' for g in reading.robot.gravity)}"
+        return f"if so, give `gravity`={','.join(f'{g + 0.0:.6g}' for g in reading.robot.gravity)}"
     return remedies.get(reading.kind, "check the robot file: it is not that of the log's robot")
 
 

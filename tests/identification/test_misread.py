@@ -256,7 +256,7 @@ def test_a_base_upside_down_and_efforts_without_weight(gravity, kind, rectified)
     log = log_of(hung(gravity), 0.02)
     found = before(log.rectified() if rectified else log)
     assert (found.kind, found.sure) == (kind, True)
-    assert f"`gravity` {','.join(f'{g:g}' for g in gravity)}" in found.remedy
+    assert f"`gravity`={','.join(f'{g:g}' for g in gravity)}" in found.remedy
     assert before(log.rectified() if rectified else log, hung(gravity)) is None
 
 

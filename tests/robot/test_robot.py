@@ -184,3 +184,15 @@ def test_no_such_file_and_no_text(tmp_path):
         load_robot("kr55")
     with pytest.raises(InputError, match=r"my/kr5.toml: no such file; give a DH file"):
         load_robot("my/kr5.toml")
+
+
+def test_gravity_replaces_the_files():
+    """And is remembered as what was chosen; what is no acceleration is refused."""
+    hung = load_robot("ur10e", gravity=(0.0, 0.0, 9.81))
+    np.testing.assert_array_equal(hung.gravity, [0.0, 0.0, 9.81])
+    assert hung.origin.in_python == "bayesid.load_robot('ur10e', gravity=(0.0, 0.0, 9.81))"
+    assert load_robot("ur10e").gravity.tolist() == [0.0, 0.0, -9.81]
+    for wrong in ((0.0, 9.81), (0.0, 0.0, np.inf)):
+        with pytest.raises(InputError) as refused:
+            load_robot("ur10e", gravity=wrong)
+        assert refused.value.field == "gravity"
