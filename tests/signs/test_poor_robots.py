@@ -100,7 +100,7 @@ def test_a_tilted_base_is_proposed_while_signs_are_wrong():
     probability = plain.probability.copy()
     probability[:, 2] = np.where(wrong > 0.0, probability[:, 2], 1.0 - probability[:, 2])
     poor = SignedLog.of(evidence, fit_signed(evidence, 2.0 * probability - 1.0), probability)
-    (proposal,) = PoorRobot(poor).propose()
+    (proposal,) = PoorRobot(poor, plain.segments, np.array([False, False, True])).propose()
     assert [effect.effect for effect in proposal.effects] == ["base_tilt"]
     strong = (np.abs(log.effort) > 0.1 * np.abs(log.effort).max(axis=0)) & (proposal.signs != 0.0)
     assert np.mean((proposal.signs == np.sign(log.effort))[strong]) > 0.97

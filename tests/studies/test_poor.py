@@ -154,3 +154,10 @@ def test_one_trial():
     assert row["sure"] > 0
     assert row["hidden"][0].startswith("dead_zone ")
     assert row["timings"]["identify"] > 0.0
+
+
+def test_one_torque_of_three_harmonics_is_not_named_as_two_effects():
+    """A spring and a ripple, chosen one after the other, stand for it; it alone explains as much."""
+    row = poor.trial(*poor.plan(3, 0)[2])
+    assert row["hidden"] == row["named"] == ["position_torque 5"]
+    assert row["right"] > 0.999
