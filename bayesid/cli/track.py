@@ -181,11 +181,12 @@ def _follow(options: argparse.Namespace) -> None:
 
 def _reader(options: argparse.Namespace, identified: IdentifiedModel) -> RowReader:
     said = reading_options(options, identified)
-    gains, unsigned, degrees = (said.pop(name) for name in ("gains", "unsigned", "degrees"))
+    gains, unsigned, degrees, correct = (said.pop(name) for name in ("gains", "unsigned", "degrees", "correct"))
     robot = identified.model.robot
     columns = Options(**said, currents=gains is not None, robot_joints=joint_names(robot))
     with warned():
-        reader = RowReader(_Announced(sys.stdin.buffer, robot.n_joints), _SOURCE, gains, unsigned, degrees, columns)
+        stream = _Announced(sys.stdin.buffer, robot.n_joints)
+        reader = RowReader(stream, _SOURCE, gains, unsigned, degrees, columns, correct)
     for told in reader.notes:
         warn(told)
     if reader.n_joints != robot.n_joints:

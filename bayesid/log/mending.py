@@ -10,6 +10,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
+from scipy.signal import find_peaks
 
 from bayesid.arrays import Array, Mask
 from bayesid.errors import InputError
@@ -72,20 +73,29 @@ def remarks_on_time(table: Table, q: Array) -> list[str]:
     return [f"{table.source}: {one}" for one in said]
 
 
-def check_magnitudes(effort: Array, q: Array, signed: Mask, source: str) -> list[str]:
-    """Absolute values come near zero, but for those of joints that always bear a load; what is to be said of these."""
+def check_magnitudes(effort: Array, q: Array, signed: Mask, source: str) -> None:
+    """Absolute values come near zero, but for those of joints that always bear a load.
+
+    Raises:
+        InputError: those of most joints, or of all, do not, though the joints turn round.
+    """
     moving = np.flatnonzero(~signed & (np.ptp(q, axis=0) > TUNING.encoder) & effort.any(axis=0))
     moving = moving[np.ptp(effort[:, moving], axis=0) > 0.0]
-    if not len(moving):
-        return []
-    shares, far = offset_share(effort[:, moving]), far_from_zero(effort[:, moving])
-    offset = shares >= TUNING.offset
-    seen = [f"joint {j + 1} {effort[:, j].min():.4g} to {effort[:, j].max():.4g}" for j in moving[offset | far][:3]]
-    said = f"readings never come near zero, as |effort| does: {', '.join(seen)}"
-    remedy = f"if they hold a sign, say how with `encoding`, as in {FORMS}"
-    if len(moving) > 1 and (far.all() or 2 * offset.sum() > len(moving)):
-        raise InputError(said, source, f"{remedy}; magnitude if they are |effort|")
-    return [f"{source}: {said}; {remedy}"] if offset.any() else []
+    if len(moving) < 2:
+        return
+    turns = np.array([_turns_round(q[:, j]) for j in moving])  # else friction may push one way all along
+    far = far_from_zero(effort[:, moving]) & turns
+    offset = (offset_share(effort[:, moving]) >= TUNING.offset) & turns
+    if far.all() or 2 * offset.sum() > len(moving):
+        seen = [f"joint {j + 1} {effort[:, j].min():.4g} to {effort[:, j].max():.4g}" for j in moving[offset | far][:3]]
+        said = f"readings never come near zero, as |effort| does: {', '.join(seen)}"
+        raise InputError(said, source, f"if they hold a sign, say how with `encoding`, as in {FORMS}; else magnitude")
+
+
+def _turns_round(q: Array) -> bool:
+    """Whether a joint goes back and forth: it turns round twice in both directions."""
+    prominence = TUNING.turning * float(np.ptp(q))
+    return all(len(find_peaks(one, prominence=prominence)[0]) > 1 for one in (q, -q))
 
 
 def mend_velocities(table: Table, q: Array, dq: Array) -> list[str]:

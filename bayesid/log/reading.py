@@ -102,7 +102,7 @@ def read_log(  # noqa: PLR0913  a source, and what may be said of it
     effort = table.block("tau" if "tau1" in table.columns else "i")
     signed = signed_joints(effort, unsigned, table.n_joints)
     if encoding is None:
-        notes += check_magnitudes(effort, q, signed, table.source)
+        check_magnitudes(effort, q, signed, table.source)
     effort *= made_with.value
     dq = table.block("dq", angle) if "dq1" in table.columns else None
     check_readings(table, q, effort)

@@ -11,6 +11,7 @@ import numpy as np
 
 from bayesid.arrays import Array
 from bayesid.errors import InputError
+from bayesid.log.corrections import corrections
 from bayesid.log.formats.encodings import MAGNITUDE, Encoding
 from bayesid.log.formats.table import DEGREE, Column, Options, SourceColumn, Table, rows_of
 from bayesid.log.formats.text import CsvFile, Layout, clock_seconds, look, select_columns
@@ -58,6 +59,7 @@ class RowReader:
         unsigned: str | None = None,
         degrees: bool | None = None,
         options: Options | None = None,
+        correct: str | None = None,
     ) -> None:
         CsvFile().check_options(options or Options(), source)
         self._layout, self._lines = _look_at(_lines_of(stream, source), source)
@@ -76,6 +78,7 @@ class RowReader:
         for kind, unit in units.items():
             self._blocks[kind] = [names.index(f"{kind}{j}") for j in range(1, n + 1)], unit[0]
         self._encoding = Encoding.parse((options or Options()).encoding or MAGNITUDE)
+        self._corrected = None if correct is None else corrections(correct, n)
         self._time, self._second, self._effort = names.index("t"), float(one.t[0]), effort
         self._farthest = np.zeros(len(names))
 
@@ -115,6 +118,11 @@ class RowReader:
         if self._degrees is None and np.nanmax(np.abs(blocks["q"]), initial=0.0) > TUNING.few_turns:
             self._farthest = np.fmax(self._farthest, np.abs(values))
             angle_unit(self._table(self._farthest), None)
+        if self._corrected is not None:
+            positions, efforts = self._corrected
+            for kind, values_of in blocks.items():
+                corrected = efforts if kind == self._effort else positions
+                blocks[kind] = corrected.of(values_of[None], zero=kind == "q")[0]
         t = float(values[self._time]) * self._second
         return Row(t, blocks["q"], blocks[self._effort], blocks.get("dq"))
 

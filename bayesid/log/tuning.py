@@ -112,6 +112,10 @@ class Tuning:
     """Share of a reading's range that no absolute value leaves out between others."""
     band_values: int = 10
     """Distinct readings on either side of an empty band: a coarse reading has few, a dead zone one."""
+    off_middle: float = 0.1
+    """Of what readings vary by, by which their median may be off the zero of an offset code, in the median joint."""
+    turning: float = 0.2
+    """Of a joint's travel that it must go back and forth to count as turning round."""
     near_zero: float = 0.05
     """Share of its largest reading below which an absolute value comes in most joints: of 18 real logs in each two."""
     offset: float = 1.0

@@ -343,8 +343,10 @@ class PoorRobot:
         count = sum(len(getattr(effect, key)) for key, number in effect.number_fields().items() if number.tuned)
         for _ in range(TUNING.sharpened_rounds):
             form, steps = self._form(model.extend(effect)), effect.step * np.eye(count)
-            moved = [self._form(model.extend(effect.moved(step))).columns @ settled.beta for step in steps]
-            slopes = [(there - form.columns @ settled.beta) / effect.step for there in moved]
+            moved = [self._form(model.extend(effect.moved(step))) for step in steps]
+            if any(one.names != form.names for one in moved) or len(form.names) != len(settled.beta):
+                break  # numbers at which the log shows other coefficients
+            slopes = [(there.columns - form.columns) @ settled.beta / effect.step for there in moved]
             columns = np.concatenate([form.columns, np.stack(slopes, axis=2)], axis=2) / weight[:, None]
             rows, target = columns[used], (settled.signs * magnitude / weight)[used]
             best = inverse_of(rows.T @ rows) @ (rows.T @ target)

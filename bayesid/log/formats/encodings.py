@@ -197,7 +197,9 @@ def _middle(counts: Array) -> float | None:
     low, middle, high = np.percentile(inner, [1, 50, 99], axis=0)
     zero = 2.0 ** np.rint(np.log2(max(float(np.median(middle)), 1.0)))
     between = (low < zero) & (zero < high)
+    off = float(np.median(np.abs(middle - zero) / np.maximum(high - low, 1.0)))  # another zero is none of a code's
     fits = np.log2(zero) >= TUNING.code_bits - 1 and inner.max() < 2.0 * zero and 2 * between.sum() > len(between)
+    fits = fits and off < TUNING.off_middle
     return float(zero) if fits and between.sum() >= 2 else None
 
 
