@@ -292,7 +292,10 @@ def _units(robot: Robot) -> _Changes:
     turning = np.array([not joint.prismatic for joint in robot.joints])
     for factor, change in ((_DEGREE, "in degrees, not rad"), (1.0 / _DEGREE, "in rad, not degrees")):
         yield f"positions {change}", {"factor": np.where(turning, factor, 1.0)}
+    reach = float(np.linalg.norm(robot.link_ends[:, 1] - robot.link_ends[:, 0], axis=1).sum())
     for factor, change in ((1e-3, "in mm, not m"), (1e3, "in m, not mm")):
+        if TUNING.reach[0] < reach < TUNING.reach[1]:
+            break  # joints of a robot without lengths have little to do with each other, and explain nearly anything
         joints = tuple(
             replace(j, placement=_longer(j.placement, factor), link_frame=_longer(j.link_frame, factor))
             for j in robot.joints

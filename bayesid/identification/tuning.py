@@ -71,6 +71,8 @@ class Tuning:
     """Of an excerpt's instants one in so many is the longest lag of a residual's autocorrelation."""
     reading_rounds: int = 12
     """In which signs and coefficients are made to agree; more change little."""
+    reach: tuple[float, float] = (0.05, 20.0)
+    """m, that an arm reaches; lengths of one that would reach less or more are in another unit."""
     early_instants: int = 300
     """Of the log, that readings are fitted to before the search: signs are found as from 600, in two thirds of the
     time."""
