@@ -87,7 +87,7 @@ def _remedy(reading: Reading) -> str:
     }
     if reading.kind == "mounting":
         return f"if so, give `gravity`={','.join(f'{g + 0.0:.6g}' for g in reading.robot.gravity)}"
-    return remedies.get(reading.kind, "check the robot file: it is not that of the log's robot")
+    return remedies.get(reading.kind, "check the robot file, and the order and directions of its joints")
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -114,7 +114,11 @@ def _misread_before(evidence: Evidence) -> Misreading | None:
     readings = list(_told_apart(_all_readings(robot, EARLY), excerpt))
     tried = [EarlyFit.of(fitted, drawn, found) for fitted in _fitted(readings, excerpt)]
     best = min(tried, key=lambda one: one.score).left.effort
-    finalists = [one.refined() for one in _least([one.begun(best) for one in tried], TUNING.finalists)]
+    tried, least = [one.begun(best) for one in tried], TUNING.hardly_feasible * given.left.rms
+    finalists = [one.refined() for one in _least(tried, TUNING.finalists)]
+    if given.feasible.rms > least:  # some leave as much by least squares, and are feasible
+        alike = [one for one in tried if one.fitted.reading.kind in _BY_FEASIBILITY and one.left.rms < least]
+        finalists += [one for one in alike if all(one.fitted.reading is not of.fitted.reading for of in finalists)]
     return _best(given.begun(best), finalists, len(readings)) or _unrelated(given, drawn)
 
 

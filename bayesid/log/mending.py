@@ -85,7 +85,7 @@ def check_magnitudes(effort: Array, q: Array, signed: Mask, source: str) -> None
         return
     turns = np.array([_turns_round(q[:, j]) for j in moving])  # else friction may push one way all along
     far = far_from_zero(effort[:, moving]) & (turns > 0)
-    offset = (offset_share(effort[:, moving]) >= TUNING.offset) & (turns > 1)
+    offset = (offset_share(effort[:, moving]) >= TUNING.offset) & (turns > 3)
     if far.all() or 2 * offset.sum() > len(moving):
         seen = [f"joint {j + 1} {effort[:, j].min():.4g} to {effort[:, j].max():.4g}" for j in moving[offset | far][:3]]
         said = f"readings never come near zero, as |effort| does: {', '.join(seen)}"
@@ -93,9 +93,9 @@ def check_magnitudes(effort: Array, q: Array, signed: Mask, source: str) -> None
 
 
 def _turns_round(q: Array) -> int:
-    """How often a joint goes back and forth: turns round in both directions."""
+    """How often a joint turns round, in either direction."""
     prominence = TUNING.turning * float(np.ptp(q))
-    return min(len(find_peaks(one, prominence=prominence)[0]) for one in (q, -q))
+    return sum(len(find_peaks(one, prominence=prominence)[0]) for one in (q, -q))
 
 
 def mend_velocities(table: Table, q: Array, dq: Array) -> list[str]:
