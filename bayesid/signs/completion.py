@@ -118,8 +118,7 @@ class _Searching:
         if model.before_sensors is not model and model.before_sensors.distortions != model.distortions:
             segments = find_segments(signals, model.robot.actuators(signals.motion), self.cutting)
         found = settle_signs(model.before_sensors, signals, segments, self.search, progress, begun=begun, also=also)
-        reading = None if model.before_sensors is model else Reading(model, self.as_read)
-        return _Opinion(model, replace(found, reading=reading))
+        return _Opinion(model, replace(found, reading=Reading(model, self.as_read)))
 
 
 def complete(
