@@ -22,6 +22,11 @@ def rms_of(left: Left) -> float:
     return left.rms
 
 
+def score_of(left: Left) -> float:
+    """The less the better: all joints count alike, however poorly some are explained."""
+    return float(np.log(left.share).sum())
+
+
 @dataclass(frozen=True)
 class EarlyFit:
     """A reading's fits before signs are known."""
@@ -40,7 +45,7 @@ class EarlyFit:
     @property
     def score(self) -> float:
         """The less the better, before feasibility is known."""
-        return float(np.log(self.left.share).sum())
+        return score_of(self.left)
 
     @cached_property
     def feasible(self) -> Left:
@@ -50,13 +55,16 @@ class EarlyFit:
         except SolverError:
             return self.left
 
-    def begun(self, effort: Array) -> EarlyFit:
-        """From one more start: signs that suit another reading, as (N, n) efforts of the recorded joints."""
+    def begun(self, other: EarlyFit) -> EarlyFit:
+        """From one more start: signs that suit another reading; of joints that it reads alike, or of all."""
         if self.fitted.signed.all():
             return self
-        start = self.fitted.with_signs_of(effort)
-        left = min([self.left, self.fitted.left([start])], key=rms_of)
-        return EarlyFit(self.fitted, [*self.sides, start, self.fitted.with_signs_of(left.effort)], left)
+        fitted, alike = self.fitted, ~(self.fitted.reading.changed | other.fitted.reading.changed)
+        starts = [fitted.with_signs_of(other.left.effort)]
+        if alike.any() and not alike.all():
+            starts.append(fitted.in_turn(starts[0], alike))
+        left = min([self.left, *(fitted.left([start]) for start in starts)], key=score_of)
+        return EarlyFit(fitted, [*self.sides, *starts, fitted.with_signs_of(left.effort)], left)
 
     def polished(self) -> EarlyFit:
         """With each joint's signs begun anew from what the others tell."""

@@ -98,28 +98,56 @@ def misread_before(evidence: Evidence) -> Misreading | None:
     return _misread_before(evidence) or _of_another_size(evidence)
 
 
+class _Comparison:
+    """Readings of some instants of a log, and the given one among them."""
+
+    def __init__(self, evidence: Evidence, instants: int) -> None:
+        signals = evidence.signals
+        self.excerpt = Excerpt.of(signals.motion, signals.effort, evidence.used, signals.signed, instants)
+        as_given = Reading.as_given(evidence.model.robot)
+        self.drawn = drawn_bodies(as_given, self.excerpt.motion, TUNING.drawn_robots)
+        self._found: dict[tuple[object, ...], Array] = {}
+        (given,) = self.fits([as_given])
+        self.given = given.polished() if given.left.share.max() > TUNING.early_suspicious else given
+
+    @property
+    def hardly_feasible(self) -> bool:
+        """Whether feasible parameters leave clearly more of the given reading than least squares."""
+        return self.given.feasible.rms >= TUNING.hardly_feasible * self.given.left.rms
+
+    def fits(self, readings: Sequence[Reading]) -> list[EarlyFit]:
+        return [EarlyFit.of(fitted, self.drawn, self._found) for fitted in _fitted(readings, self.excerpt)]
+
+
 def _misread_before(evidence: Evidence) -> Misreading | None:
-    signals, used, robot = evidence.signals, evidence.used, evidence.model.robot
-    if not used.any(axis=0).all():
+    if not evidence.used.any(axis=0).all():
         return None
-    excerpt = Excerpt.of(signals.motion, signals.effort, used, signals.signed, TUNING.early_instants)
-    as_given = Reading.as_given(robot)
-    drawn = drawn_bodies(as_given, excerpt.motion, TUNING.drawn_robots)
-    found: dict[tuple[object, ...], Array] = {}
-    given = EarlyFit.of(Fitted(as_given, excerpt, as_given.columns(excerpt.motion)), drawn, found)
-    if given.left.share.max() > TUNING.suspicious:
-        given = given.polished()
-    if given.left.share.max() <= TUNING.suspicious and given.feasible.rms < TUNING.hardly_feasible * given.left.rms:
+    early = _Comparison(evidence, TUNING.early_instants)
+    given = early.given
+    if given.left.share.max() <= TUNING.early_suspicious and not early.hardly_feasible:
         return None
-    readings = list(_told_apart(_all_readings(robot, EARLY), excerpt))
-    tried = [EarlyFit.of(fitted, drawn, found) for fitted in _fitted(readings, excerpt)]
-    best = min(tried, key=lambda one: one.score).left.effort
-    tried, least = [one.begun(best) for one in tried], TUNING.hardly_feasible * given.left.rms
+    readings = list(_told_apart(_all_readings(given.fitted.reading, EARLY), early.excerpt))
+    tried = early.fits(readings)
+    first = min(tried, key=lambda one: one.score).fitted.reading
+    if first.kind == "zeros":  # links that stretch out upright in one table and level in the other: two zeros
+        pairs = list(_told_apart(_all_readings(first, (_ZEROS,)), early.excerpt))
+        both = early.fits(pairs)
+        readings += pairs
+        tried += [one for one in both if one.score < min(tried, key=lambda one: one.score).score - TUNING.early_fall]
+    best = min(tried, key=lambda one: one.score)
+    tried = [one.begun(best) for one in tried]
     finalists = [one.refined() for one in _least(tried, TUNING.finalists)]
-    if given.feasible.rms > least:  # some leave as much by least squares, and are feasible
+    if early.hardly_feasible:  # some leave as much by least squares, and are feasible
+        least = TUNING.hardly_feasible * given.left.rms
         alike = [one for one in tried if one.fitted.reading.kind in _BY_FEASIBILITY and one.left.rms < least]
         finalists += [one for one in alike if all(one.fitted.reading is not of.fitted.reading for of in finalists)]
-    return _best(given.begun(best), finalists, len(readings)) or _unrelated(given, drawn)
+    found = _best(given, finalists, len(readings))
+    if found is None:
+        return _unrelated(given, early.drawn)
+    later = _Comparison(evidence, TUNING.instants)  # with few instants the given reading may be stuck at wrong signs
+    again = [one.refined() for one in later.fits([found[0]])]
+    confirmed = _best(later.given, again, len(readings))
+    return None if confirmed is None else confirmed[1]
 
 
 def _least(tried: Sequence[EarlyFit], count: int) -> list[EarlyFit]:
@@ -128,20 +156,23 @@ def _least(tried: Sequence[EarlyFit], count: int) -> list[EarlyFit]:
     return [tried[k] for k in sorted(chosen)]
 
 
-def _best(given: EarlyFit, finalists: Sequence[EarlyFit], tried: int) -> Misreading | None:
-    lefts = [one.feasible for one in finalists]
-    given = given.begun(min(lefts, key=rms_of).effort)
-    known = given.feasible
+def _best(given: EarlyFit, finalists: Sequence[EarlyFit], tried: int) -> tuple[Reading, Misreading] | None:
+    for one in finalists:  # signs that suit another reading may be what the given one was not found with
+        given = given.begun(one)
+    known, lefts = given.feasible, [one.feasible for one in finalists]
     count = counts_of_least([known, *lefts])
     nats = [0.5 * gain_of(known, left, count) - float(np.log(tried)) for left in lefts]
     first = next(k for k in range(len(nats)) if nats[k] >= max(nats) - _DECISIVE)
     one, left = finalists[first], lefts[first]
-    by_feasibility = left.rms < TUNING.hardly_feasible * given.left.rms and one.fitted.reading.kind in _BY_FEASIBILITY
-    ratio = max(left.rms / known.rms, 0.0 if by_feasibility else one.left.rms / given.left.rms)
-    if nats[first] <= _DECISIVE or ratio >= TUNING.early_better:
+    falls = [np.log(known.share / left.share), np.log(given.left.share / one.left.share)]
+    if left.rms < TUNING.feasibly_better * known.rms and one.fitted.reading.kind in _BY_FEASIBILITY:
+        falls = falls[:1]
+    fall, rise = min(float(each.sum()) for each in falls), -min(float(each.min()) for each in falls)
+    if nats[first] <= _DECISIVE or fall < TUNING.early_fall or rise > TUNING.early_rise:
         return None
-    sure = nats[first] > TUNING.sure_nats and ratio < TUNING.surely_better
-    return _misreading(one.fitted.reading, left.rms, known.rms, nats[first], sure)
+    sure = nats[first] > TUNING.sure_nats and fall > TUNING.sure_fall
+    reading = one.fitted.reading
+    return reading, _misreading(reading, left.rms, known.rms, nats[first], sure)
 
 
 def _unrelated(given: EarlyFit, drawn: Array) -> Misreading | None:
@@ -163,17 +194,22 @@ def _unrelated(given: EarlyFit, drawn: Array) -> Misreading | None:
 
 
 def _of_another_size(evidence: Evidence) -> Misreading | None:
-    """Efforts that are far from those of an arm of its reach: in another unit, or of the motors."""
+    """Efforts that are far from those of an arm of its reach, or of the other joints: in another unit, or of motors."""
     n = evidence.model.robot.n_joints
     gains = Gains(np.ones(n), np.full(n, np.inf), of_torques=True)
-    factor = float(np.median(np.log(likely_gains(evidence, gains))))
-    if abs(factor) < TUNING.another_size:
-        return None
-    times, remedy = (
-        10.0 ** round(-factor / np.log(10.0)),
-        "say their unit in the header, as in tau1[N mm], or their `gains`",
-    )
-    said = f"efforts are some {times:g} times as large as those of an arm of its reach"
+    factors = np.log(likely_gains(evidence, gains))
+    common = float(np.median(factors))
+    joint = int(np.argmax(np.abs(factors - common)))
+    factor, whose, name = common, "efforts", "tau"
+    if abs(common) < TUNING.another_size:
+        factor, whose, name = float(factors[joint] - common), f"efforts of joint {joint + 1}", f"tau{joint + 1}"
+        if n < TUNING.joints_compared or abs(factor) < TUNING.another_size_of_one:
+            return None
+    power = round(-factor / np.log(10.0))
+    said = f"{whose} are some {10.0**power:g} times as large as those of an arm of its reach"
+    remedy = f"say their unit in the header, as in {name if name != 'tau' else 'tau1'}[N mm], or give their `gains`"
+    if abs(power) == 3:
+        remedy += f", or `correct` {name}={10.0**-power:g}*{name}"
     odds = 0.5 * (abs(factor) / TUNING.size_sd) ** 2 / np.log(10.0)
     return Misreading("scale", said, 0.0, 0.0, float(odds), remedy)
 
@@ -212,7 +248,7 @@ def better_reading(evidence: Evidence, signs: Array, time: Array) -> Misreading 
     signals, used, robot = evidence.signals, evidence.used, evidence.model.robot
     effort = np.where(signals.signed, signals.effort, signs * np.abs(signals.effort))
     excerpt = Excerpt.of(signals.motion, effort, used, signals.signed, TUNING.instants)
-    readings = list(_all_readings(robot, HYPOTHESES))
+    readings = list(_all_readings(Reading.as_given(robot), HYPOTHESES))
     given, *left = (_settled(fitted) for fitted in _fitted([Reading.as_given(robot), *readings], excerpt))
     count = counts_of_least([given, *left], np.maximum(used.sum(axis=0) / time, 1.0))
     best, found = _DECISIVE + np.log(len(readings)), None
@@ -257,11 +293,13 @@ class Hypothesis(NamedTuple):
     looks: Callable[[Robot], _Changes]  # how the log would have to be read
 
 
-def _all_readings(robot: Robot, hypotheses: Sequence[Hypothesis]) -> Iterator[Reading]:
-    as_given = Reading.as_given(robot)
+def _all_readings(of: Reading, hypotheses: Sequence[Hypothesis]) -> Iterator[Reading]:
+    """Those that differ from a reading by one hypothesis; a second zero adds to the first."""
     for kind, looks in hypotheses:
-        for change, other in looks(robot):
-            yield replace(as_given, kind=kind, change=change, **other)
+        for change, other in looks(of.robot):
+            if of.kind:
+                change, other = f"{of.change} and {change}", {"zero": of.zero + other["zero"]}
+            yield replace(of, kind=kind, change=change, **other)
 
 
 def _orders(robot: Robot) -> _Changes:
@@ -333,7 +371,7 @@ def _mountings(robot: Robot) -> _Changes:
 
 
 def _zeros(robot: Robot) -> _Changes:
-    """Joints whose zero is a quarter or half a turn off; two of them, as where links stretch out upright or level."""
+    """Joints whose zero is a quarter or half a turn off."""
     turning = [
         j for j, joint in enumerate(robot.joints[:-1]) if not joint.prismatic
     ]  # the last one's shows in no effort
@@ -370,6 +408,7 @@ def _random_table(robot: Robot, rng: np.random.Generator) -> Robot:
     return replace(robot, joints=tuple(joints), lengths={})
 
 
+_ZEROS = Hypothesis("zeros", _zeros)
 EARLY = (
     Hypothesis("joint order", _orders),
     Hypothesis("direction", _directions),
@@ -377,7 +416,7 @@ EARLY = (
     Hypothesis("units", _units),
     Hypothesis("units", _units_of_one),
     Hypothesis("mounting", _mountings),
-    Hypothesis("zeros", _zeros),
+    _ZEROS,
 )
 """Kinds of wrong readings, and how a log would have to be read; first those that are easily put right: of equal ones
 the first counts."""

@@ -80,6 +80,14 @@ class Reading:
         others = (np.abs(self.factor) != 1.0) | (self.units != 1.0)
         return len(others) > 1 and int(others.sum()) == 1
 
+    @property
+    def changed(self) -> Mask:
+        """(n,) whether anything of a joint is read otherwise."""
+        own = np.arange(len(self.order))
+        moved = (self.order != own) | (self.efforts != own) | (self.zero != 0.0)
+        changed: Mask = moved | (self.factor != 1.0) | (self.turned != 1.0) | (self.units != 1.0)
+        return changed
+
     def motion(self, recorded: Motion) -> Motion:
         """Of the robot's joints."""
         q, dq, ddq = (part[:, self.order] * self.factor for part in (recorded.q, recorded.dq, recorded.ddq))

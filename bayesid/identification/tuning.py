@@ -57,6 +57,8 @@ class Tuning:
     suspicious: float = 0.1
     """Share of a joint's effort that a fit leaves from which on other readings are tried, and the report has a look: a
     model may well leave as much."""
+    early_suspicious: float = 0.05
+    """The same before the search: a zero of the UR10e's joint 4 that is a quarter turn off leaves 9 %."""
     clearly_better: float = 0.8
     """Share of the given reading's residual that a better one may leave at most. Under right files the best of all
     others leaves 0.95 and more on the logs of study `real`, but 0.85 of the LWR4's with its signs."""
@@ -86,9 +88,16 @@ class Tuning:
     """Of them that go on: some differ by noise alone, and feasibility tells."""
     hardly_feasible: float = 1.25
     """Times what least squares leave that feasible parameters may leave before other readings are tried."""
-    early_better: float = 0.6
-    """Share of the given reading's residual that one may leave at most to be named before the search. Under right files
-    the best of all others leaves 0.75 and more on the logs of study `real` and those with a poor rigid model."""
+    early_fall: float = 0.8
+    """Fall of the logarithms of what is left of each joint, summed, from which on another reading is named before the
+    search. Under right files it is at most 0.4 on the logs of study `real`, and 0.7 on the LWR4's."""
+    early_rise: float = 0.15
+    """Rise of one joint's that a better reading may have: it explains all joints better, or as well."""
+    feasibly_better: float = 0.6
+    """Share of what feasible parameters leave by the given reading that one may leave at most which is no better but
+    for what is feasible: with half of the LBR's log and known signs a wrong one leaves 0.83."""
+    sure_fall: float = 1.5
+    """Fall from which on no search is made: twice that of any right log of the LWR4, four times that of others."""
     hardly_related: float = 0.3
     """Share of the effort that is left from which on efforts are compared with those of another time."""
     related: float = 0.85
@@ -101,10 +110,12 @@ class Tuning:
     another_size: float = 4.3
     """Logarithm of the factor, in the median of the joints, by which efforts are off those of an arm of its reach from
     which on that is said: it is at most 2.8 for ten real robots, and N mm are off by 6.9."""
+    another_size_of_one: float = 5.0
+    """The same of one joint beside the median: at most 4.4 for ten real robots."""
+    joints_compared: int = 4
+    """Joints that a robot needs for one to be compared with the others."""
     size_sd: float = 1.5
     """Its standard deviation over these robots."""
-    surely_better: float = 0.5
-    """Share of the given reading's residual that one may leave at most for which no search is made."""
     sure_nats: float = 13.8
     """Logarithm of the odds, 1e6, from which on no search is made."""
     finalists: int = 4
