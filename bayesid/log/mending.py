@@ -16,7 +16,7 @@ from bayesid.arrays import Array, Mask
 from bayesid.errors import InputError
 from bayesid.log.faults import without
 from bayesid.log.formats import Table
-from bayesid.log.formats.encodings import FORMS, far_from_zero, offset_share
+from bayesid.log.formats.encodings import DOUBT, TAKEN, far_from_zero, offset_share
 from bayesid.log.formats.labels import slides
 from bayesid.log.formats.table import check
 from bayesid.log.tuning import TUNING
@@ -73,23 +73,27 @@ def remarks_on_time(table: Table, q: Array) -> list[str]:
     return [f"{table.source}: {one}" for one in said]
 
 
-def check_magnitudes(effort: Array, q: Array, signed: Mask, source: str) -> None:
-    """Absolute values come near zero, but for those of joints that always bear a load.
+def check_magnitudes(effort: Array, q: Array, signed: Mask, source: str, *, stated: bool) -> list[str]:
+    """Absolute values come near zero, but for those of joints that always bear a load; what is to be said of these.
 
     Raises:
-        InputError: those of most joints, or of all, do not, though the joints turn round.
+        InputError: those of most joints, or of all, do not, though the joints turn round, and nobody has stated that
+            they are absolute values.
     """
     moving = np.flatnonzero(~signed & (np.ptp(q, axis=0) > TUNING.encoder) & effort.any(axis=0))
     moving = moving[np.ptp(effort[:, moving], axis=0) > 0.0]
     if len(moving) < 2:
-        return
+        return []
     turns = np.array([_turns_round(q[:, j]) for j in moving])  # else friction may push one way all along
     far = far_from_zero(effort[:, moving]) & (turns > 0)
     offset = (offset_share(effort[:, moving]) >= TUNING.offset) & (turns > 3)
-    if far.all() or 2 * offset.sum() > len(moving):
-        seen = [f"joint {j + 1} {effort[:, j].min():.4g} to {effort[:, j].max():.4g}" for j in moving[offset | far][:3]]
-        said = f"readings never come near zero, as |effort| does: {', '.join(seen)}"
-        raise InputError(said, source, f"if they hold a sign, say how with `encoding`, as in {FORMS}; else magnitude")
+    if not far.all() and 2 * offset.sum() <= len(moving):
+        return []
+    seen = [f"joint {j + 1} {effort[:, j].min():.4g} to {effort[:, j].max():.4g}" for j in moving[offset | far][:3]]
+    said = f"readings never come near zero, as |effort| does: {', '.join(seen)}"
+    if not stated:
+        raise InputError(said, source, "say which reading stands for zero with `encoding`, as in offset:2048")
+    return [f"{source}: {TAKEN} {said}; {DOUBT}"]
 
 
 def _turns_round(q: Array) -> int:

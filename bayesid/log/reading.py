@@ -19,6 +19,7 @@ from bayesid.files.bounded import whole_number
 from bayesid.files.writing import numbered
 from bayesid.log.corrections import corrections
 from bayesid.log.formats import Column, Options, Table, is_log_folder, read_table
+from bayesid.log.formats.encodings import MAGNITUDE, TAKEN
 from bayesid.log.formats.labels import factor_of, pattern_of, split_brackets
 from bayesid.log.formats.memory import Variables, read_variables
 from bayesid.log.formats.parts import JOINT, join_parts
@@ -101,8 +102,8 @@ def read_log(  # noqa: PLR0913  a source, and what may be said of it
     q, notes = positions_of(table, angle)
     effort = table.block("tau" if "tau1" in table.columns else "i")
     signed = signed_joints(effort, unsigned, table.n_joints)
-    if encoding is None:
-        check_magnitudes(effort, q, signed, table.source)
+    if not any(TAKEN in one for one in table.mended):
+        notes += check_magnitudes(effort, q, signed, table.source, stated=encoding == MAGNITUDE)
     effort *= made_with.value
     dq = table.block("dq", angle) if "dq1" in table.columns else None
     check_readings(table, q, effort)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,9 +22,13 @@ from bayesid.log.formats.table import DIRECTION, Column, Table
 from bayesid.log.tuning import TUNING
 
 MAGNITUDE = "magnitude"
-FORMS = "magnitude, twos:16, sign-bit:10, offset:2048 or direction:1"
-"""How an encoding is stated, by example."""
-_TEXT = re.compile(r"(magnitude)|(twos|sign-bit|direction):([0-9]{1,2})|(offset):([0-9.eE+-]{1,20})")
+CODES = "twos:16, sign-bit:10, offset:2048 or direction:1"
+"""How a code is stated, by example."""
+TAKEN, DOUBT = "taken as |effort|, as `encoding` says, but", "signs and model may be wrong"
+"""What is said of readings that cannot be what a user has said."""
+WIDE = 2.0**63
+"""From which on a number of 64 bits is negative in two's complement; no reading of an effort is so large."""
+_TEXT = re.compile(r"(magnitude)|(twos|sign-bit):([0-9]{1,2})|(offset|direction):([0-9.eE+-]{1,20})")
 
 
 @dataclass(frozen=True)
@@ -42,7 +47,7 @@ class Encoding:
 
     @classmethod
     def parse(cls, text: str) -> Encoding:
-        """As it is stated, in one of `FORMS`."""
+        """As it is stated: as one of `CODES`, or as magnitude."""
         found = _TEXT.fullmatch(text.strip())
         try:
             if found is not None and found[1]:
@@ -51,9 +56,9 @@ class Encoding:
         except ValueError:
             number = float("nan")
         kind = "" if found is None else found[2] or found[4]
-        least, most = {"twos": (4, 53), "sign-bit": (3, 52), "direction": (0, 1)}.get(kind, (-np.inf, np.inf))
+        least, most = {"twos": (4, 64), "sign-bit": (3, 52)}.get(kind, (-np.inf, np.inf))
         if found is None or not np.isfinite(number) or not least <= number <= most:
-            raise InputError(f"{text!r:.60} is no encoding", field="encoding", remedy=f"give {FORMS}")
+            raise InputError(f"{text!r:.60} is no encoding", field="encoding", remedy=f"give magnitude, {CODES}")
         return cls(kind, number)
 
     def __str__(self) -> str:
@@ -80,7 +85,7 @@ class Encoding:
 
 
 def decode(table: Table, stated: str | None = None) -> Table:
-    """A table whose readings have signs where they hold them; what was decoded is noted.
+    """A table whose readings have signs where they hold them; what was decoded is noted, and how.
 
     Args:
         table: as a file has it, with columns dir1.. where it names directions.
@@ -93,40 +98,85 @@ def decode(table: Table, stated: str | None = None) -> Table:
     efforts = {name: one for name, one in plain.items() if kind_part(name) in ("tau", "i") and name != "t"}
     table, given = replace(table, columns=plain), table.columns
     chosen = None if stated is None else Encoding.parse(stated)
-    if not efforts or not len(table.columns["t"].values) or (chosen is not None and chosen.kind == MAGNITUDE):
+    if not efforts or not len(table.columns["t"].values):
         return table
-    values = np.column_stack([one.values for one in efforts.values()])
+    values, first = np.column_stack([one.values for one in efforts.values()]), next(iter(efforts.values())).label
+    if table.encoding is not None:
+        return _of_64_bits(table, first, chosen)
+    if (values >= WIDE).any():
+        said = f"readings such as {first} reach {values.max():.6g}, rounded from numbers of 64 bits that hold a sign"
+        raise InputError(said, table.source, "log them as whole numbers, or with their sign")
     if not np.isfinite(values).all() or (values < 0.0).any():
         if chosen is not None and np.isfinite(values).all():
             raise InputError("holds negative efforts already", table.source, "leave `encoding` out")
         return table
+    if chosen is not None and chosen.kind == MAGNITUDE:
+        seen = _hidden(values).seen
+        return replace(table, mended=(*table.mended, f"{table.source}: {TAKEN} {seen}; {DOUBT}")) if seen else table
     directions = [given[f"{DIRECTION}{name.removeprefix(kind_part(name))}"] for name in efforts if _has(given, name)]
-    steps = np.ones(values.shape[1])
     if directions and (chosen is None or chosen.kind == "direction"):
         chosen, signed = _by_direction(table, values, np.column_stack([one.values for one in directions]), chosen)
     elif chosen is not None and chosen.kind == "direction":
         remedy = "leave `encoding` out, or name the columns direction1, direction2, .."
         raise InputError("has no columns of directions", table.source, remedy)
+    elif chosen is not None:
+        signed = chosen.decoded(values)
+        _check_stated(chosen, values, signed, table.source)
     else:
-        if chosen is None:
-            chosen, steps = _found(values, table.source)
-        signed = values if chosen is None else chosen.decoded(values / steps) * steps
+        hidden = _hidden(values)
+        if hidden.encoding is None and hidden.seen:
+            raise InputError(
+                hidden.seen, table.source, f"say how they hold a sign with `encoding`, as in {hidden.codes}"
+            )
+        chosen, signed = hidden.encoding, hidden.signed
     if chosen is None:
         return table
     columns = {name: replace(one, values=column) for (name, one), column in zip(efforts.items(), signed.T, strict=True)}
-    first = next(iter(efforts.values())).label
-    note = f"{table.source}: readings such as {first} hold {chosen.said}: decoded"
-    said = () if stated is not None else (f"{note} (`encoding` magnitude if they do not)",)
-    return replace(table, columns=plain | columns, mended=(*table.mended, *said))
+    mended = table.mended if stated is not None else (*table.mended, _decoded(table, first, chosen))
+    return replace(table, columns=plain | columns, mended=mended, encoding=str(chosen))
+
+
+def _decoded(table: Table, label: str, one: Encoding) -> str:
+    return f"{table.source}: readings such as {label} hold {one.said}: decoded"
+
+
+def _of_64_bits(table: Table, label: str, stated: Encoding | None) -> Table:
+    """A table whose readings a reader had to decode, as no float holds them."""
+    held = Encoding.parse(str(table.encoding))
+    if stated not in (None, held):
+        raise InputError(f"readings such as {label} hold {held.said}", table.source, "leave `encoding` out")
+    return replace(table, mended=(*table.mended, _decoded(table, label, held))) if stated is None else table
 
 
 def _has(given: Mapping[str, Column], name: str) -> bool:
     return f"{DIRECTION}{name.removeprefix(kind_part(name))}" in given
 
 
+def _check_stated(one: Encoding, values: Array, signed: Array, source: str) -> None:
+    """Refuses a code by which readings (N, n) are all positive or all negative, or jump where they are continuous."""
+    said = f"readings from {values.min():.6g} to {values.max():.6g} cannot hold {one.said}"
+    if not (signed < 0.0).any() or not (signed > 0.0).any():
+        side = "below" if not (signed < 0.0).any() else "above"
+        raise InputError(f"{said}: none is {side} zero", source, "correct `encoding`, or leave it out")
+    if one.kind != "offset" and (jumps := _joined_jumps(one, values)) > 1.0 and np.isfinite(jumps):
+        raise InputError(f"{said}: decoded, they jump where they are continuous", source, "correct `encoding`")
+
+
 # ---- A code in the reading ----
-def _found(values: Array, source: str) -> tuple[Encoding | None, Array]:
-    """The encoding of readings (N, n), none of them negative, or None; and (n,) the size of a count."""
+class _Hidden(NamedTuple):
+    """What readings show of a sign that they hold.
+
+    The code if it is sure, and the readings (N, n) by it; what was seen of any, and codes that it may be, in words.
+    """
+
+    encoding: Encoding | None
+    signed: Array
+    seen: str = ""
+    codes: str = CODES
+
+
+def _hidden(values: Array) -> _Hidden:
+    """What readings (N, n), none of them negative, show."""
     steps = np.array([_count(column) for column in values.T])
     counts = values / np.where(steps > 0.0, steps, 1.0)
     if steps.all():
@@ -136,15 +186,21 @@ def _found(values: Array, source: str) -> tuple[Encoding | None, Array]:
         jumps = [_joined_jumps(one, counts) for one in candidates]
         sure = [one for one, jump in zip(candidates, jumps, strict=True) if jump <= TUNING.code_joins]
         if len(sure) == 1:
-            return sure[0], steps
+            return _Hidden(sure[0], sure[0].decoded(counts) * steps, f"readings look like {sure[0].said}")
     if (banded := _two_bands(values)) is not None:
-        joint, ends = banded
-        low, high = "{:.6g} to {:.6g} and {:.6g} to {:.6g}".format(*ends).split(" and ")
-        said = f"readings of joint {joint + 1} lie in two bands, {low} and {high}: they may hold a sign"
-        raise InputError(said, source, f"say how with `encoding`, as in {FORMS} (magnitude if they are |effort|)")
+        joint, (least, low, high, most) = banded
+        seen = f"readings of joint {joint + 1} lie in two bands, {least:.6g} to {low:.6g} and {high:.6g} to {most:.6g}"
+        return _Hidden(None, values, seen, _codes_of_bands(low, high, most))
     if np.all(steps == 1.0) and (zero := _middle(counts)) is not None:
-        return Encoding("offset", zero), steps
-    return None, steps
+        return _Hidden(Encoding("offset", zero), counts - zero, f"readings lie about {zero:g}, never near zero")
+    return _Hidden(None, values)
+
+
+def _codes_of_bands(low: float, high: float, most: float) -> str:
+    """Codes whose upper half of the scale holds one of two bands, and whose lower half the other."""
+    bits = int(np.ceil(np.log2(max(most, 1.0) + 1.0)))
+    half = 2.0 ** (bits - 1)
+    return f"twos:{bits} or sign-bit:{bits - 1}" if TUNING.code_bits <= bits <= 52 and low < half <= high else CODES
 
 
 def _count(column: Array) -> float:
@@ -221,19 +277,27 @@ def _by_direction(
     table: Table, values: Array, direction: Array, stated: Encoding | None
 ) -> tuple[Encoding | None, Array]:
     """The encoding, and readings (N, n) with the signs of directions; as they are where directions say nothing."""
-    kinds = set(np.unique(direction).tolist())
+    kinds = np.unique(direction).tolist()
     if len(kinds) < 2 and stated is None:
         return None, values
-    if kinds <= {-1.0, 0.0, 1.0} and -1.0 in kinds:
-        return Encoding("direction", -1.0), values * direction
-    if not kinds <= {0.0, 1.0}:
-        said = f"columns of directions hold {', '.join(f'{one:g}' for one in sorted(kinds)[:5])}"
-        raise InputError(said, table.source, "give them as -1 and 1, or say `encoding` magnitude")
+    signs = kinds[0] < 0.0 < kinds[-1] and kinds[1:-1] in ([], [0.0])
+    if signs and (stated is None or stated.number == kinds[0]):
+        return Encoding("direction", kinds[0]), values * np.sign(direction)
+    if len(kinds) > 2:
+        said = f"columns of directions hold {', '.join(f'{one:g}' for one in kinds[:5])}"
+        raise InputError(said, table.source, "give them as -1 and 1")
     if stated is None:
-        if (work := _work(table, values * (1.0 - 2.0 * direction))) is None or abs(work) < TUNING.least_work:
-            remedy = "say which with `encoding` direction:1 (1 is negative) or direction:0"
-            raise InputError("directions of efforts are 0 and 1, either of which may be negative", table.source, remedy)
-        stated = Encoding("direction", float(work > 0.0))
+        work = _work(table, np.where(direction == kinds[1], -values, values))
+        if work is None or abs(work) < TUNING.least_work:
+            remedy = (
+                f"say which with `encoding` direction:{kinds[1]:g} ({kinds[1]:g} is negative) or direction:{kinds[0]:g}"
+            )
+            said = f"directions of efforts are {kinds[0]:g} and {kinds[1]:g}, either of which may be negative"
+            raise InputError(said, table.source, remedy)
+        stated = Encoding("direction", kinds[int(work > 0.0)])
+    elif stated.number not in kinds:
+        said = f"columns of directions hold {' and '.join(f'{one:g}' for one in kinds)}, not {stated.number:g}"
+        raise InputError(said, table.source, "correct `encoding`")
     return stated, np.where(direction == stated.number, -values, values)
 
 

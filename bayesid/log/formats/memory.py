@@ -3,18 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bayesid.errors import InputError
-from bayesid.log.formats.encodings import decode
+from bayesid.log.formats.encodings import WIDE, decode
 from bayesid.log.formats.gaps import without_gaps
-from bayesid.log.formats.labels import kind_of, split_brackets, time_among
+from bayesid.log.formats.labels import kind_of, kind_part, split_brackets, time_among
 from bayesid.log.formats.names import choose
-from bayesid.log.formats.stated import described, stated_columns
-from bayesid.log.formats.table import Column, Options, SourceColumn, Table, check, rows_of, seconds, with_fractions
+from bayesid.log.formats.stated import EFFORTS, described, stated_columns
+from bayesid.log.formats.table import (
+    Column,
+    Options,
+    SourceColumn,
+    Table,
+    check,
+    of_64_bits,
+    rows_of,
+    seconds,
+    with_fractions,
+)
 
 _Vector = NDArray[Any]
 
@@ -37,7 +48,14 @@ def table_of_vectors(vectors: Mapping[str, _Vector], source: str, options: Optio
             said = f"{one.label} has {len(vectors[one.label])} values, {chosen[0].label} has {n_rows}"
             raise InputError(said, source, "give all of them one value an instant")
     read = {one.name: _column(one, vectors[one.label], source) for one in chosen}
-    return Table(read, source, rows_of(source), notes, joints=joints)
+    wide = [one for one in chosen if kind_part(one.name) in EFFORTS and _is_wide(vectors[one.label])]
+    read |= {one.name: replace(read[one.name], values=of_64_bits(vectors[one.label])) for one in wide}
+    return Table(read, source, rows_of(source), notes, joints=joints, encoding="twos:64" if wide else None)
+
+
+def _is_wide(values: _Vector) -> bool:
+    """Whether whole numbers are so large that they can only be a two's complement of 64 bits."""
+    return values.dtype == np.uint64 and bool((values >= np.uint64(WIDE)).any())
 
 
 def _vectors(variables: Mapping[str, Any], where: str, columns: Mapping[str, str]) -> dict[str, _Vector]:

@@ -77,6 +77,7 @@ class Table:
     notes: tuple[str, ...] = ()  #: what had to be assumed, a sentence each
     mended: tuple[str, ...] = ()  #: what was decoded or left out, a sentence each
     joints: tuple[str, ...] = ()  #: names from base to tip by which columns were chosen; none where they have none
+    encoding: str | None = None  #: how efforts held their sign before they were decoded; None where they did not
 
     @property
     def t(self) -> Array:
@@ -199,6 +200,15 @@ def seconds(nanoseconds: ArrayLike) -> Array:
     """Whole numbers (N,) in s, as exact as a float allows: it cannot hold the nanoseconds since 1970."""
     whole, rest = np.divmod(np.asarray(nanoseconds, dtype=np.int64), 1_000_000_000)
     return whole + rest / 1_000_000_000
+
+
+def of_64_bits(readings: ArrayLike) -> Array:
+    """Whole numbers (N,) without a sign, of which no float holds all 64 bits, as their two's complement.
+
+    OverflowError or ValueError where they are none.
+    """
+    whole: Array = np.asarray(readings, dtype=np.uint64).view(np.int64).astype(float)
+    return whole
 
 
 def rows_of(source: str) -> Callable[[int], str]:

@@ -20,10 +20,12 @@ import numpy as np
 from bayesid.arrays import Array
 from bayesid.errors import InputError
 from bayesid.log.formats import Format
+from bayesid.log.formats.encodings import WIDE
 from bayesid.log.formats.joint_names import by_cells, name_places, order_note
-from bayesid.log.formats.labels import is_unit, split_brackets
+from bayesid.log.formats.labels import is_unit, kind_part, split_brackets
 from bayesid.log.formats.names import choose
-from bayesid.log.formats.table import Chosen, Column, Options, SourceColumn, Table
+from bayesid.log.formats.stated import EFFORTS
+from bayesid.log.formats.table import Chosen, Column, Options, SourceColumn, Table, of_64_bits
 from bayesid.log.tuning import TUNING
 from bayesid.parallel import quiet
 
@@ -104,6 +106,7 @@ class CsvFile(Format):
                 remedy = "save it as UTF-8, as in: iconv -f SHIFT_JIS -t UTF-8 FILE > NEW"
                 raise InputError("is text in an encoding that is not known", str(path), remedy) from None
             raise InputError("is not text", str(path), "give a CSV log (save a spreadsheet as CSV)") from None
+        wide = _widened(path, layout, selected.columns, values)
         columns = {one.name: Column(one.label, values[:, one.place], one.unit) for one in selected.columns}
 
         def place(row: int) -> str:
@@ -116,7 +119,7 @@ class CsvFile(Format):
             columns, named = by_cells(columns, cells, str(path), options)
             notes += (order_note(str(path), named.names),) if named.assumed else ()
             joints = () if named.assumed else named.names
-        return Table(columns, str(path), place, notes, joints=joints)
+        return Table(columns, str(path), place, notes, joints=joints, encoding="twos:64" if wide else None)
 
 
 @dataclass(frozen=True)
@@ -333,6 +336,17 @@ def _read_values(path: Path, layout: Layout, used: Sequence[SourceColumn]) -> Ar
         remedy = _semicolons(layout, values.shape[1]) or "give every column one name"
         raise InputError(said, f"{path}, row {layout.header_row}", remedy)
     return values
+
+
+def _widened(path: Path, layout: Layout, used: Sequence[SourceColumn], values: Array) -> bool:
+    """Whether efforts are whole numbers of 64 bits whose two's complement holds a sign; they are then put in place."""
+    efforts = [one for one in used if kind_part(one.name) in EFFORTS and (values[:, one.place] >= WIDE).any()]
+    for one in efforts:
+        try:
+            values[:, one.place] = of_64_bits([int(layout.cells(line)[one.place]) for _, line in _rows(path, layout)])
+        except (OverflowError, ValueError):  # no whole numbers: refused later
+            return False
+    return bool(efforts)
 
 
 def _with_blanks(path: Path, layout: Layout, used: Sequence[SourceColumn]) -> Array | None:
