@@ -18,6 +18,7 @@ import scipy
 
 from bayesid.arrays import Array, Integers, Mask
 from bayesid.log.tuning import TUNING
+from bayesid.log.velocities import pauses
 from bayesid.motion import STANDSTILL
 
 _NONE = np.empty(0, dtype=np.int64)
@@ -105,15 +106,16 @@ def _of_recording(t: Array, q: Array, effort: Array, dq: Array | None) -> list[F
     faults: list[Fault] = []
     every = np.arange(len(t))
     for j in range(q.shape[1]):
-        jumps = _jumps(t, q[:, j])
+        jumps = np.union1d(_jumps(t, q[:, j]), _excursions(t, q[:, j]))
         stopped = _stopped(t, without(t, q[:, j], ~np.isin(every, jumps)))
         faults += _named(t, j, "position", {"outlier": jumps, "held": stopped})
-        position = without(t, q[:, j], ~np.isin(every, [*jumps, *stopped]))
+        known = ~np.isin(every, [*jumps, *stopped])
+        position = without(t, q[:, j], known)
         speed = np.abs(np.gradient(position, t))
         if dq is not None:
             peaks = _peaks(t, dq[:, j])
             speeds = without(t, dq[:, j], ~np.isin(every, peaks), smooth=False)
-            faults += _named(t, j, "velocity", {"outlier": peaks, "foreign": _foreign(t, position, speeds)})
+            faults += _named(t, j, "velocity", {"outlier": peaks, "foreign": _foreign(t, position, speeds, known)})
             faults += _named(t, j, "velocity", _dropouts(t, speeds, speed))
         faults += _named(t, j, "effort", {"outlier": _peaks(t, effort[:, j]), **_dropouts(t, effort[:, j], speed)})
     return faults
@@ -174,13 +176,18 @@ def _peaks(t: Array, reading: Array) -> Integers:
     return runs.rows((size > 0.0) & strong & (size >= least) & (runs.seconds < TUNING.dropout))
 
 
-def _foreign(t: Array, position: Array, velocity: Array) -> Integers:
-    """Rows whose velocity is far from the change of the position around it, while both agree as a rule."""
+def _foreign(t: Array, position: Array, velocity: Array, known: Mask) -> Integers:
+    """Rows whose velocity is far from the change of the position around it, while both agree as a rule.
+
+    Nothing is compared across a pause of the clock, or where positions are not known.
+    """
     span = TUNING.velocity_rows
     if len(t) <= 4 * span or not np.all(np.diff(t) > 0.0):
         return _NONE
     turned = np.append(0.0, np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * np.diff(t)))
     off = np.abs((turned[span:] - turned[:-span]) - (position[span:] - position[:-span])) / (t[span:] - t[:-span])
+    unsure = np.append(0, np.cumsum(~known | np.append(pauses(t), False)))
+    off[unsure[span + 1 :] > unsure[: -span - 1]] = 0.0
     usual, top = float(np.quantile(off, 1.0 - TUNING.foreign_share)), float(np.percentile(np.abs(velocity), 99))
     least = max(TUNING.outlier * usual, TUNING.foreign * top)
     wrong = off > least
@@ -204,6 +211,24 @@ def _jumps(t: Array, position: Array) -> Integers:
     departs = np.where(off[0] * off[1] > 0.0, np.minimum(np.abs(off[0]), np.abs(off[1])), 0.0)
     least = np.maximum(_slight(position), TUNING.outlier_steps * _usual_step(runs.value))
     return runs.rows((departs > 0.0) & (departs >= least) & (runs.seconds < TUNING.dropout))
+
+
+def _excursions(t: Array, position: Array) -> Integers:
+    """Rows of a position that leaves by a jump and soon comes back by another to where it would have gone."""
+    runs = _Runs.of(t, position)
+    if len(runs.value) <= 2 * TUNING.neighbours:
+        return _NONE
+    steps, usual = np.abs(np.diff(runs.value)), _usual_step(runs.value)
+    usual, begin = np.maximum(usual[:-1], usual[1:]), t[runs.first[:-1]]
+    least = np.maximum(_slight(position), TUNING.outlier_steps * usual)
+    jumps = np.flatnonzero((steps > least) & ~pauses(begin))
+    away, last = np.zeros(len(runs.value), dtype=bool), -1
+    for before, after in ((k, m) for n, k in enumerate(jumps) for m in jumps[n + 1 :][: TUNING.neighbours]):
+        gone = after - before
+        back = abs(runs.value[after + 1] - runs.value[before]) <= TUNING.abrupt * (gone + 1) * usual[before]
+        if before > last and back and begin[after + 1] - begin[before + 1] < TUNING.excursion:
+            away[before + 1 : after + 1], last = True, after
+    return runs.rows(away)
 
 
 def _ranked(values: Array, chosen: Mask, rank: float) -> Array:

@@ -6,6 +6,7 @@ that are no absolute values.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -15,20 +16,20 @@ from scipy.signal import find_peaks
 from bayesid.arrays import Array, Mask
 from bayesid.errors import InputError
 from bayesid.log.faults import without
-from bayesid.log.formats import Table
+from bayesid.log.formats import Column, Table
 from bayesid.log.formats.encodings import DOUBT, TAKEN, far_from_zero, offset_share
-from bayesid.log.formats.labels import slides
-from bayesid.log.formats.table import check
+from bayesid.log.formats.labels import kind_part, slides
+from bayesid.log.formats.table import DEGREE, check
 from bayesid.log.tuning import TUNING
-from bayesid.log.velocities import derived, foreign_velocities, slow_rows, unwrapped
+from bayesid.log.velocities import derived, foreign_velocities, pauses, slow_rows, unwrapped
 
 
 def at_own_rate(table: Table) -> Table:
     """A table in which readings that are published more slowly than it is written do not repeat themselves.
 
-    Positions between are those of a spline; of efforts only the rows that bring new ones are kept.
+    Positions between are those of a spline, velocities keep their range; of efforts the rows that bring new ones stay.
     """
-    names = {kind: [f"{kind}{j + 1}" for j in range(table.n_joints)] for kind in ("q", "tau", "i")}
+    names = {kind: [f"{kind}{j + 1}" for j in range(table.n_joints)] for kind in ("q", "dq", "tau", "i")}
     efforts = names["tau"] if "tau1" in table.columns else names["i"]
     columns, said, rows = dict(table.columns), [], np.arange(len(table.t))
     kept, every = slow_rows(np.column_stack([columns[name].values for name in efforts]), table.starts)
@@ -37,13 +38,50 @@ def at_own_rate(table: Table) -> Table:
         columns = {name: replace(one, values=one.values[rows]) for name, one in columns.items()}
         said.append(f"efforts only change every {every:g} rows: {(~kept).sum():,} that repeat them are left out")
     slow = replace(table, columns=columns, place=lambda row: table.place(int(rows[row])))
-    fresh, every = slow_rows(np.column_stack([columns[name].values for name in names["q"]]), slow.starts)
-    if every > 1.0 and np.all(np.diff(slow.t) > 0.0):
-        for name in names["q"]:
-            columns[name] = replace(columns[name], values=without(slow.t, columns[name].values, fresh))
-        said.append(f"positions only change every {every:g} rows: those between are interpolated")
+    if np.all(np.diff(slow.t) > 0.0):
+        said += _interpolated(columns, names["q"], slow, "positions")
+        said += _interpolated(columns, names["dq"], slow, "velocities") if "dq1" in columns else []
     mended = (*table.mended, *(f"{table.source}: {one}" for one in said))
     return check(replace(slow, columns=columns, mended=mended)) if said else table
+
+
+def _interpolated(columns: dict[str, Column], names: Sequence[str], table: Table, word: str) -> list[str]:
+    """Puts what lies between in place of readings that repeat themselves; what is to be said of it."""
+    fresh, every = slow_rows(np.column_stack([columns[name].values for name in names]), table.starts)
+    if every == 1.0:
+        return []
+    for name in names:
+        values = without(table.t, columns[name].values, fresh, smooth=kind_part(name) == "q")
+        columns[name] = replace(columns[name], values=values)
+    return [f"{word} only change every {every:g} rows: those between are interpolated"]
+
+
+def wrapped_in_degrees(table: Table) -> Table:
+    """A table of which nobody has said the unit of angles, in which positions that jump by 360 are in degrees.
+
+    InputError where others leave a turn in rad: these may be degrees too.
+    """
+    open_ones = [j for j in range(table.n_joints) if table.columns[f"q{j + 1}"].unit is None]
+    q, counted = unwrapped(table.block("q", DEGREE), open_ones, table.starts)
+    if not counted:
+        return table
+    joints = ", ".join(str(j + 1) for j in counted)
+    said = f"positions of joint {joints} jump by 360, as degrees do that are wrapped to one turn"
+    for j in set(open_ones) - set(counted):
+        label, far = table.columns[f"q{j + 1}"].label, np.abs(table.columns[f"q{j + 1}"].values).max()
+        if far > 2.0 * np.pi + TUNING.wrap_slack:
+            first = table.columns[f"q{next(iter(counted)) + 1}"].label
+            remedy = f"give `degrees=True`, or say units in the header, as in {first}[deg] and {label}[rad]"
+            raise InputError(f"{said}; {label} reaches {far:.4g}", table.source, remedy)
+    columns = dict(table.columns)
+    for j in counted:
+        columns[f"q{j + 1}"] = replace(columns[f"q{j + 1}"], unit=DEGREE)
+        velocity, step = columns.get(f"dq{j + 1}"), np.median(np.diff(table.t))
+        if velocity is not None and velocity.unit is None:
+            moved = np.median(np.abs(velocity.values)) * step, np.median(np.abs(np.diff(q[:, j])))
+            in_degrees = moved[0] * np.sqrt(DEGREE) > moved[1]  # nearer to 57 times than to once what it moves
+            columns[f"dq{j + 1}"] = replace(velocity, unit=DEGREE if in_degrees else 1.0)
+    return replace(table, columns=columns, mended=(*table.mended, f"{table.source}: {said}; taken as degrees"))
 
 
 def positions_of(table: Table, angle: float) -> tuple[Array, list[str]]:
@@ -57,17 +95,16 @@ def positions_of(table: Table, angle: float) -> tuple[Array, list[str]]:
 
 def remarks_on_time(table: Table, q: Array) -> list[str]:
     """What is to be said of a clock that pauses, or stands while joints move: nothing is known of the time between."""
-    steps = np.diff(table.t)
-    steps[np.array(table.starts[1:], dtype=int) - 1] = 0.0
-    if not (steps > 0.0).any():
-        return []
-    pauses = np.flatnonzero(steps > 2 * TUNING.held_periods * np.median(steps[steps > 0.0]))
+    steps, long = np.diff(table.t), pauses(table.t)
+    long[np.array(table.starts[1:], dtype=int) - 1] = False
+    jumps = np.flatnonzero(long)
     stands = (steps == 0.0) & (np.diff(q, axis=0) != 0.0).any(axis=1)
     stands[np.array(table.starts[1:], dtype=int) - 1] = False
     said = []
-    if len(pauses):
-        when = ", ".join(f"{table.t[k]:.3f}" for k in pauses[:3]) + (" ..." if len(pauses) > 3 else "")
-        said = [f"time jumps {len(pauses)} times, {steps[pauses].sum():.3g} s in all, after {when} s: left out"]
+    if len(jumps):
+        when = ", ".join(f"{table.t[k]:.3f}" for k in jumps[:3]) + (" ..." if len(jumps) > 3 else "")
+        often = f"{len(jumps)} time{'s' * (len(jumps) > 1)}"
+        said = [f"time jumps {often}, {steps[jumps].sum():.3g} s in all, after {when} s: left out"]
     if stands.any():
         said.append(f"{stands.sum():,} rows have the time of the row before while joints move: left out")
     return [f"{table.source}: {one}" for one in said]

@@ -34,6 +34,7 @@ from bayesid.log.mending import (
     mend_velocities,
     positions_of,
     remarks_on_time,
+    wrapped_in_degrees,
 )
 from bayesid.log.tuning import TUNING
 from bayesid.log.velocities import check_speeds
@@ -99,6 +100,7 @@ def read_log(  # noqa: PLR0913  a source, and what may be said of it
     options = replace(options, robot_joints=() if robot is None else joint_names(robot))
     table = at_own_rate(_table_of(source, options))
     angle, made_with = angle_unit(table, degrees), gains_of_table(table, gains)
+    table = wrapped_in_degrees(table) if degrees is None else table
     q, notes = positions_of(table, angle)
     effort = table.block("tau" if "tau1" in table.columns else "i")
     signed = signed_joints(effort, unsigned, table.n_joints)
@@ -301,7 +303,9 @@ def read_motion(
     table = _table_of(path, Options(topic=topic, joints=joints, columns=columns, motion=True, robot_joints=named))
     for note in table.notes:
         warnings.warn(note, stacklevel=2)
-    q, notes = positions_of(table, angle := angle_unit(table, degrees))
+    angle = angle_unit(table, degrees)
+    table = wrapped_in_degrees(table) if degrees is None else table
+    q, notes = positions_of(table, angle)
     motion = _recorded(table, q, angle)
     for note in (*table.mended, *notes):
         warnings.warn(note, stacklevel=2)

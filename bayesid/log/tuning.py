@@ -129,6 +129,8 @@ class Tuning:
     """An effort or velocity this many times all but one of its neighbours is an outlier; nine real logs have 3.9."""
     outlier_steps: float = 10.0
     """A reading that departs from both sides by so many steps of its neighbours is one; nine real logs have 2."""
+    excursion: float = 0.5
+    """s; what leaves by a jump and comes back by another within it was no motion."""
     neighbours: int = 8
     """Runs on either side that an outlier is compared with: a median past a second outlier. Halved, UR10e's log gets
     other segments."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
 
 import numpy as np
 import scipy
@@ -79,27 +78,26 @@ def foreign_velocities(t: Array, q: Array, dq: Array, starts: Sequence[int], sou
 
     InputError where velocities are another multiple of it, or change without it: units, or positions, are wrong.
     """
-    foreign = np.zeros(q.shape[1], dtype=bool)
+    foreign, width = np.zeros(q.shape[1], dtype=bool), min(TUNING.speed_window, len(t) - 1)
+    cut = pauses(t)
+    cut[np.array(starts[1:], dtype=int) - 1] = True
+    cuts, steps = np.append(0, np.cumsum(cut)), np.where(cut, 0.0, np.diff(t))
+    starting = np.flatnonzero(cuts[width:] == cuts[: len(cuts) - width])
     for j in range(q.shape[1]):
-        power, other, both, moved = 0.0, 0.0, 0.0, 0.0
-        for rows in (slice(*ends) for ends in pairwise([*starts, len(t)]) if ends[1] - ends[0] > 2):
-            most = TUNING.burst * float(np.quantile(np.abs(dq[rows, j]), 0.98))
-            speed = np.clip(dq[rows, j], -most, most)
-            turned = np.append(0.0, np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(t[rows])))
-            change, velocity = _over_window(q[rows, j]), _over_window(turned)
-            power += float(change @ change)
-            other += float(velocity @ velocity)
-            both += float(change @ velocity)
-            moved = max(moved, float(np.ptp(turned)))
-        if power == 0.0 and moved > TUNING.stuck:
+        most = TUNING.burst * float(np.quantile(np.abs(dq[:, j]), 0.98))
+        speed = np.clip(dq[:, j], -most, most)
+        turned = np.append(0.0, np.cumsum(0.5 * (speed[1:] + speed[:-1]) * steps))
+        change, velocity = (part[starting + width] - part[starting] for part in (q[:, j], turned))
+        if not change.any() and (moved := float(np.ptp(turned))) > TUNING.stuck:
             said = f"the position of joint {j + 1} is constant, while its velocity moves it by {moved:.3g} rad"
             raise InputError(said, source, "check its encoder, or leave the velocities out if the joint stands still")
-        if power == 0.0 or np.ptp(q[:, j]) <= TUNING.encoder:
+        if not change.any() or np.ptp(q[:, j]) <= TUNING.encoder:
             continue
-        if abs(both) < TUNING.same_motion * np.sqrt(power * other) or other == 0.0:
+        factor = _multiple(change, velocity)
+        factor = _multiple(*_as_a_rule(change, velocity)) if factor is None else factor
+        if factor is None:
             foreign[j] = _is_smooth(q[:, j])
             continue
-        factor = float(both / power)
         if not 1.0 / TUNING.another_unit < factor < TUNING.another_unit:
             said = f"the velocity of joint {j + 1} is {factor:.3g} times the change of its position"
             remedy = "say the units of time, positions and velocities in the header, as in t[ms] or dq1[rpm]"
@@ -109,6 +107,33 @@ def foreign_velocities(t: Array, q: Array, dq: Array, starts: Sequence[int], sou
                 remedy = "if positions are in degrees, name them q1[deg] and so on"
             raise InputError(said, source, f"{remedy}, or leave the velocities out")
     return foreign
+
+
+def _multiple(change: Array, velocity: Array) -> float | None:
+    """How many times the change of the position in each window the velocity moves it; None where it does not."""
+    power, other, both = float(change @ change), float(velocity @ velocity), float(change @ velocity)
+    alike = abs(both) >= TUNING.same_motion * np.sqrt(power * other)
+    return both / power if alike and power * other > 0.0 else None
+
+
+def _as_a_rule(change: Array, velocity: Array) -> tuple[Array, Array]:
+    """Windows in motion without those, few, whose velocities are farthest from a median multiple: local faults."""
+    moved = [np.abs(one) > TUNING.weak * np.quantile(np.abs(one), 0.99) for one in (change, velocity)]
+    change, velocity = (one[(moved[0] | moved[1]) & (change != 0.0)] for one in (change, velocity))
+    if not len(change):
+        return change, velocity
+    off = np.abs(velocity - np.median(velocity / change) * change)
+    kept = off <= np.quantile(off, 1.0 - TUNING.foreign_share)
+    return change[kept], velocity[kept]
+
+
+def pauses(t: Array) -> Mask:
+    """(N - 1,) steps of a clock that are so long that nothing is known of the time between."""
+    steps = np.diff(t)
+    if not (steps > 0.0).any():
+        return np.zeros(len(steps), dtype=bool)
+    long: Mask = steps > 2 * TUNING.held_periods * np.median(steps[steps > 0.0])
+    return long
 
 
 def _is_smooth(position: Array) -> bool:

@@ -83,6 +83,18 @@ def test_an_outlier_leaves_no_trace_in_the_signals(log):
     assert np.abs(signals.motion.ddq - clean.motion.ddq).max() < 1e-3 * np.abs(clean.motion.ddq).max()
 
 
+@pytest.mark.parametrize("rows", [3, 6, 12, 30])
+def test_a_position_that_leaves_and_comes_back_by_jumps(log, rows):
+    q = np.array(log.q)
+    q[40 : 40 + rows, 1] += 0.7
+    q[100:102, 1] = [3.0, -2.0]
+    signals, right = prepare(replace(log, q=q)), prepare(log)
+    assert [(one.joint, one.reading, one.kind) for one in signals.faults] == [(1, "position", "outlier")]
+    assert set(range(40, 40 + rows)) | {100, 101} == set(signals.faults[0].rows.tolist())
+    known = signals.measured[:, 1]
+    np.testing.assert_allclose(signals.motion.dq[known, 1], right.motion.dq[known, 1], atol=0.02)
+
+
 def test_dropouts(log):
     zero = changed(log, "effort", ROWS, 2, 0.0)
     assert named(zero) == [(3, "effort", "zero", list(range(412, 419)))]

@@ -101,6 +101,24 @@ def test_wrapped_angles_are_unwrapped_and_said(least, degrees):
         np.testing.assert_allclose(read_motion({"t": T, "q": wrapped}).q, log.q, atol=1e-9)
 
 
+@pytest.mark.parametrize("least", [-180.0, 0.0])
+@pytest.mark.parametrize("per_second", [1.0, np.rad2deg(1.0)])
+def test_one_joint_that_jumps_by_360_is_in_degrees(least, per_second):
+    q, dq = Q.copy(), DQ.copy()
+    q[:, 1] = (np.rad2deg(2.0 * Q[:, 1]) + 90.0 - least) % 360.0 + least
+    dq[:, 1] *= 2.0 * per_second
+    for source in ({"t": T, "q": q, "tau": TAU}, {"t": T, "q": q, "dq": dq, "tau": TAU}):
+        log, heard = read(source)
+        assert "joint 2 jump by 360" in heard
+        assert "joint 2 (" in heard
+        np.testing.assert_allclose(np.diff(log.q, axis=0), np.diff(Q * [1.0, 2.0, 1.0], axis=0), atol=1e-9)
+        assert log.dq is None or np.allclose(log.dq, DQ * [1.0, 2.0, 1.0])
+    q[:, 2] = np.rad2deg(0.2 * Q[:, 2])
+    said = refusal({"t": T, "q": q, "tau": TAU})
+    assert "jump by 360" in said
+    assert "q3 reaches 11" in said
+
+
 @pytest.mark.parametrize("strange", [np.full(len(T), -3.0), np.zeros(len(T)), DQ[:, 0]])
 def test_velocities_of_something_else_are_left_out(strange):
     dq = DQ.copy()
@@ -123,6 +141,30 @@ def test_local_faults_of_velocities_are_left_out():
     np.testing.assert_allclose(signals.motion.dq, right.motion.dq, atol=0.1)
 
 
+@pytest.mark.parametrize("seconds", [0.3, 1.5, 5.0, 60.0])
+def test_velocities_are_judged_within_what_a_clock_that_jumps_has_recorded(seconds):
+    late = np.where(np.arange(len(T)) < 700, T, T + seconds)
+    log, heard = read({"t": late, "q": Q, "dq": DQ, "tau": TAU})
+    assert "velocit" not in heard
+    np.testing.assert_array_equal(log.dq, DQ)
+    assert not prepare(log).faults
+    derived = np.gradient(Q, late, axis=0)
+    assert "velocit" not in read({"t": late, "q": Q, "dq": derived, "tau": TAU})[1]
+
+
+def test_an_encoder_that_stops_for_a_while_says_nothing_of_its_velocity():
+    q = Q.copy()
+    q[700:880, 1] = q[700, 1]
+    log, heard = read({"t": T, "q": q, "dq": DQ, "tau": TAU})
+    assert not heard
+    np.testing.assert_array_equal(log.dq, DQ)
+    signals = prepare(log)
+    assert [(one.joint, one.reading, one.kind) for one in signals.faults] == [(1, "position", "held")]
+    known = signals.measured.all(axis=1)
+    right = prepare(read_log({"t": T, "q": Q, "dq": DQ, "tau": TAU}))
+    np.testing.assert_allclose(signals.motion.dq[known], right.motion.dq[known], atol=1e-3)
+
+
 def test_a_position_that_stands_while_its_velocity_moves_is_refused():
     q = Q.copy()
     q[:, 0] = 1.0
@@ -140,7 +182,7 @@ def test_logs_of_which_one_has_velocities_are_joined():
 # ---- Time, blanks, no signal ----
 def test_clocks_that_pause_or_are_too_coarse():
     late = np.where(np.arange(len(T)) < 700, T, T + 5.0)
-    assert "time jumps 1 times" in read({"t": late, "q": Q, "tau": TAU})[1]
+    assert "time jumps 1 time" in read({"t": late, "q": Q, "tau": TAU})[1]
     stands = np.where((T > 3.0) & (T < 4.0), 3.0, T)
     log, heard = read({"t": stands, "q": Q, "tau": TAU})
     assert "rows have the time of the row before" in heard
@@ -178,6 +220,9 @@ def test_no_signal_is_refused():
     log, heard = read({"t": T, "q": Q[slow], "tau": TAU})
     assert "positions only change every 10 rows" in heard
     np.testing.assert_allclose(log.q[:-10], Q[:-10], atol=0.02)
+    log, heard = read({"t": T, "q": Q, "dq": DQ[slow], "tau": TAU})
+    assert "velocities only change every 10 rows" in heard
+    np.testing.assert_allclose(log.dq[:-10], DQ[:-10], atol=0.2)
 
 
 @pytest.mark.parametrize("cutoff", [1e-9, 0.001, 0.3, 50.0, float("nan")])

@@ -107,7 +107,7 @@ def decode(table: Table, stated: str | None = None) -> Table:
         said = f"readings such as {first} reach {values.max():.6g}, rounded from numbers of 64 bits that hold a sign"
         raise InputError(said, table.source, "log them as whole numbers, or with their sign")
     if not np.isfinite(values).all() or (values < 0.0).any():
-        if chosen is not None and np.isfinite(values).all():
+        if chosen is not None and chosen.kind != MAGNITUDE and np.isfinite(values).all():
             raise InputError("holds negative efforts already", table.source, "leave `encoding` out")
         return table
     if chosen is not None and chosen.kind == MAGNITUDE:
