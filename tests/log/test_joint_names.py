@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from log_files import Bag, read, save, smooth_recording
+from log_files import Bag, read, refusal, save, smooth_recording
 
 from bayesid.robot.load import load_robot
 
@@ -40,6 +40,27 @@ def test_columns_are_in_the_robots_order(tmp_path, robot, pattern):
     np.testing.assert_array_equal(log.dq, RECORDED["dq"])
     assert not heard
     assert log.read_with["joints"] == NAMES
+
+
+@pytest.mark.parametrize("pattern", ["/joint_states/{name}/{kind}", "{kind}.{name}"])
+def test_names_that_the_robot_has_in_part_are_never_taken_as_they_come(tmp_path, robot, pattern):
+    path = save(tmp_path / "log.csv", named(pattern, ["elbow", "wrist", "gripper"]))
+    said = refusal(path, robot=robot)
+    assert "joints elbow, wrist are the robot's, but not shoulder" in said
+    assert "--joints gripper,elbow,wrist" in said
+    log, _ = read(path, robot=robot, joints=["gripper", "elbow", "wrist"])
+    np.testing.assert_array_equal(log.q[:, 1:], RECORDED["q"][:, 1:])
+    cells = {"t": RECORDED["t"]} | {
+        f"name_{k}": [name] * len(RECORDED["t"]) for k, name in enumerate(("elbow", "wrist", "a"))
+    }
+    cells |= {f"{word}_{k}": RECORDED["q"][:, k] for k in range(3) for word in ("position", "effort")}
+    assert "but not shoulder" in refusal(save(tmp_path / "cells.csv", cells), robot=robot)
+
+
+def test_a_bag_that_names_some_of_the_robots_joints_is_refused(tmp_path, robot):
+    bag = Bag()
+    path = bag.write(tmp_path / "bag", {"/joint_states": bag.states(RECORDED, ["elbow", "wrist", "tool"])})
+    assert "--joints tool,elbow,wrist" in refusal(path, robot=robot)
 
 
 def test_names_that_no_robot_has_are_taken_as_they_come_and_said(tmp_path):

@@ -43,15 +43,32 @@ class ByName(NamedTuple):
 
 def shared_names(wanted: Sequence[str], there: Sequence[str]) -> tuple[str, ...]:
     """Of names that are there, those of all wanted joints, each perhaps with something before it; none if one lacks."""
-    found = []
-    for name in wanted:
-        alike = [one for one in there if one == name] or [
-            one for one in there if name and re.search(rf"(?:^|[/_.]){re.escape(name)}$", one)
-        ]
-        if len(alike) != 1:
-            return ()
-        found += alike
-    return tuple(found) if len(set(found)) == len(found) else ()
+    found = [_alike(name, there) for name in wanted]
+    return tuple(map(str, found)) if None not in found and len(set(found)) == len(found) else ()
+
+
+def names_of_robot(robot_joints: Sequence[str], there: Sequence[str], where: str) -> tuple[str, ...]:
+    """The same of a robot's joints; InputError where some are there, but not all: nobody knows where others belong."""
+    found, chosen = {name: _alike(name, there) for name in robot_joints}, shared_names(robot_joints, there)
+    if chosen or not any(found.values()):
+        return chosen
+    missing = [name for name, one in found.items() if one is None]
+    others = [name for name in there if name not in found.values()]
+    shared = ", ".join(name for name, one in found.items() if one is not None)
+    said = f"joints {shared} are the robot's, but not {', '.join(missing or robot_joints)} among {', '.join(there)}"
+    remedy = "give `joints`, the log's names from base to tip"
+    if len(missing) == len(others) == 1:
+        names = ",".join(one or others[0] for one in found.values())
+        remedy = f"if {others[0]} is {missing[0]}, give `joints` {names}; else those of the log from base to tip"
+    raise InputError(said, where, remedy)
+
+
+def _alike(name: str, there: Sequence[str]) -> str | None:
+    """The only name that is the same, or ends so."""
+    found = [one for one in there if one == name] or [
+        one for one in there if name and re.search(rf"(?:^|[/_.]){re.escape(name)}$", one)
+    ]
+    return found[0] if len(found) == 1 else None
 
 
 def are_numbered(names: Sequence[str]) -> bool:
@@ -86,6 +103,8 @@ def columns_by_name(header: Sequence[str], where: str, options: Options, *, alon
         missing = next((name for name in wanted if name not in names), wanted[0])
         raise InputError(f"no column of positions names joint {missing}", where, f"give `joints` of {', '.join(names)}")
     if not chosen:
+        if alone and options.joints is None:
+            names_of_robot(options.robot_joints, names, where)
         if not alone or len(names) < 2:
             return ByName()
         chosen, assumed = in_order(names), not are_numbered(names)
@@ -167,7 +186,9 @@ def by_cells(
     first = list(cells[0])
     if len(set(first)) < len(first):  # of no joints, then
         return dict(columns), ByName()
-    chosen = shared_names(options.joints or options.robot_joints, first)
+    chosen = (
+        shared_names(options.joints, first) if options.joints else names_of_robot(options.robot_joints, first, where)
+    )
     if options.joints is not None and not chosen:
         raise InputError("names other joints", where, f"give `joints` of {', '.join(first)}")
     names = chosen or in_order(first)

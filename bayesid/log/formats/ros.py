@@ -20,7 +20,7 @@ from bayesid.arrays import Array
 from bayesid.errors import InputError
 from bayesid.files import bounded
 from bayesid.log.formats import Format
-from bayesid.log.formats.joint_names import are_numbered, in_order, shared_names
+from bayesid.log.formats.joint_names import are_numbered, in_order, names_of_robot
 from bayesid.log.formats.table import Column, Options, Table, seconds
 
 _TYPE = "sensor_msgs/msg/JointState"
@@ -70,7 +70,7 @@ class RosBag(Format):
         topic = _choose_topic(topics, options.topic, str(path))
         where = f"{path}, topic {topic}"
         there = list(dict.fromkeys(name for message in topics[topic] for name in message.names))
-        shared = shared_names(options.robot_joints, there) if options.joints is None else ()
+        shared = names_of_robot(options.robot_joints, there, where) if options.joints is None else ()
         names = _names(topics[topic], shared or options.joints, where)
         messages = [message for message in topics[topic] if set(names) <= set(message.names)]
         if not messages:
