@@ -20,6 +20,7 @@ from bayesid.files.writing import check_folder, plain, save_folder
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.model_file import load_model
 from bayesid.log.formats import STANDARD_INPUT, Options
+from bayesid.log.formats.encodings import Encoding
 from bayesid.log.log import Log, check_exact_gains
 from bayesid.log.reading import joint_names
 from bayesid.log.rows import RowReader
@@ -181,6 +182,8 @@ def _follow(options: argparse.Namespace) -> None:
 
 def _reader(options: argparse.Namespace, identified: IdentifiedModel) -> RowReader:
     said = reading_options(options, identified)
+    told_by_result = said["encoding"] is None and identified.encoding is not None
+    said["encoding"] = said["encoding"] or identified.encoding
     gains, unsigned, degrees, correct = (said.pop(name) for name in ("gains", "unsigned", "degrees", "correct"))
     robot = identified.model.robot
     columns = Options(**said, currents=gains is not None, robot_joints=joint_names(robot))
@@ -189,6 +192,8 @@ def _reader(options: argparse.Namespace, identified: IdentifiedModel) -> RowRead
         reader = RowReader(stream, _SOURCE, gains, unsigned, degrees, columns, correct)
     for told in reader.notes:
         warn(told)
+    if told_by_result:
+        warn(f"efforts are decoded as those of the result's log: {Encoding.parse(str(identified.encoding)).said}")
     if reader.n_joints != robot.n_joints:
         other = f"has {reader.n_joints} joints, the model's robot {robot.name} has {robot.n_joints}"
         raise InputError(other, _SOURCE, "give a stream of the same robot")

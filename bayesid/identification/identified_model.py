@@ -64,6 +64,7 @@ class IdentifiedModel:
         logs: by which the logs that it was identified from are known again
             (`bayesid.identification.options.hashes`); none of a model that was written by hand.
         gains: by which readings were made efforts, where they were unknowns; other logs are to be read by the same.
+        encoding: how readings of the log held their sign, where they did in a code: a stream is decoded by the same.
 
     Example:
         >>> stored = bayesid.load_model("result")
@@ -80,6 +81,7 @@ class IdentifiedModel:
     by_gains: Array | None = None
     logs: frozenset[str] = frozenset()
     gains: IdentifiedGains | None = None
+    encoding: str | None = None
 
     def __repr__(self) -> str:
         effects = ", ".join(effect.name for effect in self.model.effects)

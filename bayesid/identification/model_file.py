@@ -21,6 +21,7 @@ from bayesid.effects.model import Model
 from bayesid.errors import InputError, printable
 from bayesid.identification.gains import IdentifiedGains
 from bayesid.identification.identified_model import IdentifiedModel, ParameterDraws
+from bayesid.log.formats.encodings import Encoding
 from bayesid.log.gains import gains_of
 from bayesid.regression.noise import Noise
 from bayesid.robot import robot_from_table, robot_table
@@ -75,7 +76,8 @@ def _stored_model(table: dict[str, Any], where: str, known: Mapping[str, type[Ef
     theta = frozen([table["values"][name] for name in names], (len(names),), "values")
     noise = _stored_noise(table["noise"], robot.n_joints)
     gains = _stored_gains(table["gains"], robot.n_joints) if "gains" in table else None
-    return IdentifiedModel(model, theta, noise, **_stored_knowledge(table, model), gains=gains)
+    encoding = None if "encoding" not in table else str(Encoding.parse(str(table["encoding"])))
+    return IdentifiedModel(model, theta, noise, **_stored_knowledge(table, model), gains=gains, encoding=encoding)
 
 
 def _stored_gains(table: Mapping[str, Any], n: int) -> IdentifiedGains:
@@ -146,6 +148,7 @@ def model_table(stored: IdentifiedModel) -> dict[str, Any]:
             "logs": sorted(stored.logs),
         },
         **({} if stored.gains is None else {"gains": _gains_table(stored.gains)}),
+        **({} if stored.encoding is None else {"encoding": stored.encoding}),
     }
 
 

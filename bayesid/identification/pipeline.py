@@ -365,7 +365,7 @@ def _identification(
     if spread is not None:
         fit = replace(fit, covariance=fit.covariance + spread_by_gains(spread, asked.evidence))
     return Identification(
-        **vars(replace(identified, gains=known, logs=seen | hashes(log))),
+        **vars(replace(identified, gains=known, logs=seen | hashes(log), encoding=log.encoding)),
         coefficients=asked.evidence.coefficients,
         log=log,
         signals=signals,

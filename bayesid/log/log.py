@@ -58,6 +58,8 @@ class Log:
         read_with: options of `read_log` that it was read with, where they were not the usual ones.
         gains: by which its readings were made efforts, where some of them are not exact; None where all are.
         notes: what was decoded, mended or left out when it was read, a sentence each.
+        encoding: how its readings held their sign, as `read_log` takes it, before they were decoded; None where they
+            did not.
 
     Example:
         >>> t = np.arange(200) / 100.0
@@ -76,6 +78,7 @@ class Log:
     read_with: Mapping[str, object] = field(default_factory=dict, compare=False)
     gains: Gains | None = None
     notes: tuple[str, ...] = field(default=(), compare=False)
+    encoding: str | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
         q = frozen(self.q, (None, None), "q")
@@ -203,6 +206,7 @@ def join_logs(logs: Sequence[Log]) -> Log:
         read_with=first.read_with,
         gains=first.gains,
         notes=tuple(dict.fromkeys(note for log in logs for note in (*log.notes, *_without_velocities(log, measured)))),
+        encoding=first.encoding if len({log.encoding for log in logs}) == 1 else None,
     )
 
 

@@ -132,6 +132,7 @@ def read_log(  # noqa: PLR0913  a source, and what may be said of it
             source=name,
             gains=None if made_with.exact.all() else made_with,
             notes=tuple(notes),
+            encoding=table.encoding,
         )
         for name, rows in _recordings(table)
     ]

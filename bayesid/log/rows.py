@@ -12,12 +12,24 @@ import numpy as np
 from bayesid.arrays import Array
 from bayesid.errors import InputError
 from bayesid.log.corrections import corrections
-from bayesid.log.formats.encodings import MAGNITUDE, Encoding
-from bayesid.log.formats.table import DEGREE, Column, Options, SourceColumn, Table, rows_of
+from bayesid.log.formats.encodings import MAGNITUDE, TWOS_64, WIDE, Encoding
+from bayesid.log.formats.labels import kind_part, slides
+from bayesid.log.formats.table import (
+    DEGREE,
+    DIRECTION,
+    FRACTION,
+    Column,
+    Options,
+    SourceColumn,
+    Table,
+    of_64_bits,
+    rows_of,
+)
 from bayesid.log.formats.text import CsvFile, Layout, clock_seconds, look, select_columns
 from bayesid.log.gains import Gains
 from bayesid.log.reading import angle_unit, gains_of_table, signed_joints
 from bayesid.log.tuning import TUNING
+from bayesid.log.velocities import LiveTurns
 
 
 class Stream(Protocol):
@@ -39,7 +51,8 @@ class Row(NamedTuple):
 class RowReader:
     """Samples of a stream of text, one after the other: a header, then one row a line.
 
-    Arguments are as `bayesid.read_log` takes them; all joints are unsigned by default, as nobody knows what is to come.
+    Arguments are as `bayesid.read_log` takes them; all joints are unsigned by default, as nobody knows what is to come,
+    unless an encoding says where the signs are. Angles that are wrapped are unwrapped as they come.
 
     Attributes:
         signed: (n,) which joints are.
@@ -78,9 +91,19 @@ class RowReader:
         for kind, unit in units.items():
             self._blocks[kind] = [names.index(f"{kind}{j}") for j in range(1, n + 1)], unit[0]
         self._encoding = Encoding.parse((options or Options()).encoding or MAGNITUDE)
+        self._directions = self._places_of_directions(names, (options or Options()).encoding)
+        if unsigned is None and self._encoding.kind != MAGNITUDE:
+            self.signed, self.assumed = np.ones(n, dtype=bool), False
         self._corrected = None if correct is None else corrections(correct, n)
-        self._time, self._second, self._effort = names.index("t"), float(one.t[0]), effort
+        self._effort = effort
+        self._clocks = [k for k, name in enumerate(names) if name in ("t", FRACTION)]
+        self._seconds = np.array(
+            [one.columns[names[k]].si(1e-9 if names[k] == FRACTION else 1.0)[0] for k in self._clocks]
+        )
         self._farthest = np.zeros(len(names))
+        self._before = np.full(n, np.nan)
+        self._open = np.array([one.columns[f"q{j}"].unit is None for j in range(1, n + 1)]) & (degrees is None)
+        self._turns = LiveTurns(np.array([not slides(one.columns[f"q{j}"].label) for j in range(1, n + 1)]))
 
     def __iter__(self) -> Iterator[Row | None]:
         """Each sample as soon as its line is there; None in place of a row that is none.
@@ -95,8 +118,10 @@ class RowReader:
                     continue
                 if len(cells) != len(self._layout.header):
                     raise ValueError("another number of cells")
-                values = np.array([self._number(cells[one.place], one) for one in self._columns])
-            except ValueError:  # and letters that are none
+                values = self._decoded(np.array([self._number(cells[one.place], one) for one in self._columns]))
+            except InputError:
+                raise
+            except (OverflowError, ValueError):  # and letters that are none
                 self.bad += 1
                 yield None
                 continue
@@ -106,24 +131,57 @@ class RowReader:
         if column.clock:
             return clock_seconds(cell)
         value = float(cell) if cell else np.nan
-        if "_" in cell or (column.name != "t" and abs(value) >= TUNING.absurd):
-            raise ValueError("no number of this world")
+        if "_" in cell:
+            raise ValueError("no number")
+        if value >= WIDE and self._encoding == TWOS_64 and kind_part(column.name) == self._effort:
+            return float(of_64_bits([int(cell)])[0])
         return value
 
-    def _row(self, values: Array) -> Row:
-        values = np.array(values)
+    def _places_of_directions(self, names: Sequence[str], stated: str | None) -> list[int]:
+        """Where the directions of all joints' efforts stand, if these count; none where they do not."""
+        places = [names.index(f"{DIRECTION}{j}") for j in range(1, self.n_joints + 1) if f"{DIRECTION}{j}" in names]
+        if places and stated is None:
+            remedy = f"say what is negative with `encoding`, as in direction:1 or direction:-1, or {MAGNITUDE}"
+            raise InputError("has columns of directions, which nobody knows beforehand", self._source, remedy)
+        if not places and self._encoding.kind == "direction":
+            remedy = f"name columns direction1, direction2, .., or give `encoding` {MAGNITUDE}"
+            raise InputError("has no columns of directions", self._source, remedy)
+        return places if self._encoding.kind == "direction" else []
+
+    def _decoded(self, values: Array) -> Array:
+        """A row's numbers with the signs of its efforts; ValueError where they are not of this world.
+
+        InputError where efforts that hold a sign in a code are negative already.
+        """
         places = self._blocks[self._effort][0]
-        values[places] = self._encoding.decoded(values[places])
+        if self._directions:
+            values[places] = self._encoding.directed(values[places], values[self._directions])
+        elif self._encoding not in (Encoding(MAGNITUDE), TWOS_64):
+            if (values[places] < 0.0).any():
+                said = f"has negative efforts, which cannot hold {self._encoding.said}"
+                raise InputError(said, self._source, f"correct `encoding`; {MAGNITUDE} is none")
+            values[places] = self._encoding.decoded(values[places])
+        if (np.abs(np.delete(values, self._clocks)) >= TUNING.absurd).any():
+            raise ValueError("no numbers of this world")
+        return values
+
+    def _row(self, values: Array) -> Row:
+        t = float(values[self._clocks] @ self._seconds)
         blocks = {kind: values[places] * unit for kind, (places, unit) in self._blocks.items()}
         if self._degrees is None and np.nanmax(np.abs(blocks["q"]), initial=0.0) > TUNING.few_turns:
             self._farthest = np.fmax(self._farthest, np.abs(values))
             angle_unit(self._table(self._farthest), None)
+        jumped = self._open & (np.abs(DEGREE * np.abs(blocks["q"] - self._before) - 2.0 * np.pi) < TUNING.wrap_slack)
+        if jumped.any():
+            joint = int(np.argmax(jumped)) + 1
+            remedy = f"say the unit in the header, as in q{joint}[deg]"
+            raise InputError(f"positions of joint {joint} jump by 360, as degrees do", self._source, remedy)
+        self._before, blocks["q"] = blocks["q"], self._turns.unwrapped(t, blocks["q"])
         if self._corrected is not None:
             positions, efforts = self._corrected
             for kind, values_of in blocks.items():
                 corrected = efforts if kind == self._effort else positions
                 blocks[kind] = corrected.of(values_of[None], zero=kind == "q")[0]
-        t = float(values[self._time]) * self._second
         return Row(t, blocks["q"], blocks[self._effort], blocks.get("dq"))
 
     def _table(self, values: Array) -> Table:

@@ -38,6 +38,28 @@ def unwrapped(q: Array, turning: Sequence[int], starts: Sequence[int]) -> tuple[
     return q, counted
 
 
+class LiveTurns:
+    """Positions of n joints as they come, without jumps by a whole turn of those that turn.
+
+    A jump by about a turn is one where no joint moves so fast, or where the joint was wrapped before.
+    """
+
+    def __init__(self, turning: Mask) -> None:
+        self._turning, self._wrapped = turning, np.zeros(len(turning), dtype=bool)
+        self._last, self._t, self._turns = np.full(len(turning), np.nan), -np.inf, np.zeros(len(turning))
+
+    def unwrapped(self, t: float, q: Array) -> Array:
+        """(n,) positions, rad, of a row at t, s; rows that come late change nothing."""
+        step = np.nan_to_num(q - self._last)
+        turns = np.rint(step / _TURN) * (np.abs(step - _TURN * np.rint(step / _TURN)) < TUNING.wrap_slack)
+        sure = self._wrapped | (np.abs(step) > TUNING.fastest * max(0.0, t - self._t))
+        turns = np.where(self._turning & sure, self._turns - turns, self._turns)
+        if t > self._t:
+            self._wrapped |= turns != self._turns
+            self._last, self._t, self._turns = np.where(np.isfinite(q), q, self._last), t, turns
+        return q + _TURN * turns
+
+
 def slow_rows(readings: Array, starts: Sequence[int]) -> tuple[Mask, float]:
     """(N,) rows that bring new readings (N, n), and the usual number of rows between them.
 

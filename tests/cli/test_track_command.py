@@ -12,11 +12,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import tomli_w
 from command_line import run
 from matplotlib.figure import Figure
 from payload_cases import PAYLOAD, PayloadCase
 
 import bayesid
+from bayesid.identification.model_file import model_table
 from bayesid.log.log import write_log
 from bayesid.report import stream as stream_folder
 
@@ -207,6 +209,26 @@ def test_units_gains_and_names_count_as_in_files(place, monkeypatch, capfd):
     on_input(monkeypatch, (place / "log.csv").read_bytes())
     assert run(*FOLLOW, "--quiet") == 0
     np.testing.assert_allclose(strange, stream_of(capfd.readouterr().out), rtol=1e-4, atol=1e-4)
+
+
+def test_a_stream_is_decoded_as_the_log_of_the_result_was(place, monkeypatch, capfd):
+    log = bayesid.read_log("signed.csv")
+    step = np.abs(log.effort).max() / 900.0
+    counts = np.rint(log.effort / step)
+    names = ["t", *(f"q{j}" for j in (1, 2, 3)), *(f"i{j}" for j in (1, 2, 3))]
+    coded = np.column_stack([log.t, log.q, np.where(counts < 0, counts + 65536, counts)])
+    np.savetxt("coded.csv", coded, delimiter=",", header=",".join(names), comments="")
+    (place / "of_counts").mkdir()
+    stored = replace(bayesid.load_model("result"), encoding="twos:16")
+    (place / "of_counts" / "model.toml").write_text(tomli_w.dumps(model_table(stored)))
+    assert bayesid.load_model("of_counts").encoding == "twos:16"
+    on_input(monkeypatch, (place / "coded.csv").read_bytes())
+    gains = "--gains", ",".join([repr(float(step))] * 3)
+    assert run("track", "of_counts", *FOLLOW[2:], *gains) == 0
+    out, err = capfd.readouterr()
+    assert "two's complement of 16 bits" in err
+    assert set(np.unique(stream_of(out)[-150:, 4:7])) == {0.0, 1.0}
+    assert bayesid.read_log("coded.csv", [step] * 3).encoding == "twos:16"
 
 
 def test_a_few_rows_at_another_rate_are_answered_with_a_warning(place, monkeypatch, capfd):

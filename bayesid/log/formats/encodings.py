@@ -74,6 +74,10 @@ class Encoding:
             "direction": f"a sign in the column of the direction ({self.number:g} is negative)",
         }[self.kind]
 
+    def directed(self, readings: Array, direction: Array) -> Array:
+        """Readings of any shape with the signs of directions."""
+        return np.where(direction < 0.0 if self.number < 0.0 else direction == self.number, -readings, readings)
+
     def decoded(self, counts: Array) -> Array:
         """Signed readings of any shape, in counts; those of a direction need its column and stay as they are."""
         if self.kind == "twos":
@@ -82,6 +86,10 @@ class Encoding:
             half = 2.0**self.number
             return np.where(counts >= half, half - counts, counts)
         return counts - self.number if self.kind == "offset" else counts
+
+
+TWOS_64 = Encoding("twos", 64)
+"""Which readers decode, as no float holds it."""
 
 
 def decode(table: Table, stated: str | None = None) -> Table:
@@ -282,7 +290,8 @@ def _by_direction(
         return None, values
     signs = kinds[0] < 0.0 < kinds[-1] and kinds[1:-1] in ([], [0.0])
     if signs and (stated is None or stated.number == kinds[0]):
-        return Encoding("direction", kinds[0]), values * np.sign(direction)
+        one = Encoding("direction", kinds[0])
+        return one, one.directed(values, direction)
     if len(kinds) > 2:
         said = f"columns of directions hold {', '.join(f'{one:g}' for one in kinds[:5])}"
         raise InputError(said, table.source, "give them as -1 and 1")
@@ -298,7 +307,7 @@ def _by_direction(
     elif stated.number not in kinds:
         said = f"columns of directions hold {' and '.join(f'{one:g}' for one in kinds)}, not {stated.number:g}"
         raise InputError(said, table.source, "correct `encoding`")
-    return stated, np.where(direction == stated.number, -values, values)
+    return stated, stated.directed(values, direction)
 
 
 def _work(table: Table, effort: Array) -> float | None:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bayesid.errors import InputError
-from bayesid.log.formats.encodings import WIDE, decode
+from bayesid.log.formats.encodings import TWOS_64, WIDE, decode
 from bayesid.log.formats.gaps import without_gaps
 from bayesid.log.formats.labels import kind_of, kind_part, split_brackets, time_among
 from bayesid.log.formats.names import choose
@@ -50,7 +50,7 @@ def table_of_vectors(vectors: Mapping[str, _Vector], source: str, options: Optio
     read = {one.name: _column(one, vectors[one.label], source) for one in chosen}
     wide = [one for one in chosen if kind_part(one.name) in EFFORTS and _is_wide(vectors[one.label])]
     read |= {one.name: replace(read[one.name], values=of_64_bits(vectors[one.label])) for one in wide}
-    return Table(read, source, rows_of(source), notes, joints=joints, encoding="twos:64" if wide else None)
+    return Table(read, source, rows_of(source), notes, joints=joints, encoding=str(TWOS_64) if wide else None)
 
 
 def _is_wide(values: _Vector) -> bool:

@@ -46,7 +46,8 @@ def join_parts(tables: Sequence[Table], columns: Mapping[str, str] | None, *, mo
         said.append(f"{left:,} rows that others do not cover are left out")
     notes = (*(note for table in tables for note in table.notes), "; ".join(said))
     whole, mended = _in_order(joined, source, motion=motion), tuple(one for table in tables for one in table.mended)
-    return Table(whole, source, lambda row: base.place(int(kept[row])), notes, mended)
+    encoding = next((table.encoding for table in tables if table.encoding is not None), None)
+    return Table(whole, source, lambda row: base.place(int(kept[row])), notes, mended, encoding=encoding)
 
 
 def _block(part: Table, kinds: Sequence[str]) -> dict[str, Array]:

@@ -20,7 +20,7 @@ import numpy as np
 from bayesid.arrays import Array
 from bayesid.errors import InputError
 from bayesid.log.formats import Format
-from bayesid.log.formats.encodings import WIDE
+from bayesid.log.formats.encodings import TWOS_64, WIDE
 from bayesid.log.formats.joint_names import by_cells, name_places, order_note
 from bayesid.log.formats.labels import is_unit, kind_part, split_brackets
 from bayesid.log.formats.names import choose
@@ -119,7 +119,7 @@ class CsvFile(Format):
             columns, named = by_cells(columns, cells, str(path), options)
             notes += (order_note(str(path), named.names),) if named.assumed else ()
             joints = () if named.assumed else named.names
-        return Table(columns, str(path), place, notes, joints=joints, encoding="twos:64" if wide else None)
+        return Table(columns, str(path), place, notes, joints=joints, encoding=str(TWOS_64) if wide else None)
 
 
 @dataclass(frozen=True)
