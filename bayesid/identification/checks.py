@@ -71,7 +71,7 @@ def warnings_of(
     checks = (
         *([] if reading is None else [another_robot(reading)]),
         *_of_the_log(log, averaged),
-        *_of_the_fit(averaged.fit, log.n_joints),
+        *_of_the_fit(averaged, log.n_joints),
         *_of_the_signs(averaged, doubt),
         *([] if posterior is None else _of_the_posterior(posterior)),
         *([] if gains is None else _of_the_gains(gains)),
@@ -99,6 +99,14 @@ def not_excited(count: int | str, of: int) -> Check:
     """A log does not show some coefficients."""
     message = f"the log does not excite {count} of {of} coefficients"
     return Check("Excitation", "bad", message, "record a motion that moves more joints at once")
+
+
+def no_effort(joints: Sequence[int], names: Sequence[str]) -> Check:
+    """Joints, from 1, of which no effort in motion is known, and the coefficients, by name, that go with them."""
+    whose = f"joint{'s' * (len(joints) > 1)} {', '.join(map(str, joints))}"
+    what = ", ".join(names) if names else "coefficients of friction, offset and rotor"
+    message = f"{whose} show{'s' * (len(joints) == 1)} no effort in motion: {what} cannot be identified"
+    return Check("Excitation", "bad", message, "check the sensor, and that the joint moves")
 
 
 def not_proven(cost: float, lower_bound: float | None, withheld: str, timed_out: bool) -> Check:
@@ -202,13 +210,20 @@ def _of_the_log(log: Log, averaged: AveragedSigns) -> Iterator[Check]:
         yield low_pass(str(after.low_pass))
 
 
-def _of_the_fit(fit: Fit, n_links: int) -> Iterator[Check]:
+def _of_the_fit(averaged: AveragedSigns, n_links: int) -> Iterator[Check]:
+    fit, evidence = averaged.fit, averaged.asked.evidence
     for j in np.flatnonzero(fit.relative_residual > REGRESSION.poor_fit):
         message = f"joint {j + 1} leaves {fit.relative_residual[j]:.0%} of its effort unexplained"
         remedy = "a term is missing or signs are wrong, whatever their confidence; try a wider beam"
         yield Check("Fit", "bad", message, remedy)
-    if unexcited := int(np.isinf(fit.sd).sum()):
-        yield not_excited(unexcited, len(fit.sd))
+    kept = np.flatnonzero(np.isinf(fit.sd))
+    joint = np.array([evidence.model.parameters[k].joint - 1 for k in evidence.coefficients.kept], dtype=int)[kept]
+    blind = np.flatnonzero(~evidence.used.any(axis=0))
+    of_blind = np.isin(joint, blind)
+    if of_blind.any():
+        yield no_effort((blind + 1).tolist(), [evidence.coefficients.names[k] for k in kept[of_blind]])
+    if not of_blind.all():
+        yield not_excited(int(np.sum(~of_blind)), len(fit.sd))
     yield from on_edge(fit, n_links)
 
 

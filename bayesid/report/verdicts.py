@@ -6,6 +6,7 @@ identification warns of stand in `bayesid.identification.checks`.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -104,13 +105,23 @@ def robot_file(summary: Summary) -> Check:
 
 def _excitation(findings: Findings) -> Check:
     condition, design = findings.summary.fit.condition_number, commands.excite(findings.summary)
-    silent = int(np.isinf(findings.coefficients.sd).sum())
-    if condition is None or silent:
-        found = checks.not_excited(silent or "some", len(findings.coefficients.mean))
+    silent = np.flatnonzero(np.isinf(findings.coefficients.sd))
+    blind = [j for j, left in enumerate(findings.summary.fit.relative_residual, start=1) if left == 0.0]
+    names = [findings.coefficients.name[k] for k in silent]
+    if blind and condition is None and all(_joint_of(name) in blind for name in names):
+        return checks.no_effort(blind, names)
+    if condition is None or len(silent):
+        found = checks.not_excited(len(silent) or "some", len(findings.coefficients.mean))
         return replace(found, remedy=f"{found.remedy}: {design} designs one")
     message = f"the condition number of the regressor is {condition:.0f}"
     remedy = f"some coefficients can hardly be separated: {design} designs a better motion"
     return graded("Excitation", condition, (TUNING.well_conditioned, TUNING.ill_conditioned), message, remedy)
+
+
+def _joint_of(name: str) -> int:
+    """Joint or link of a coefficient, by the last number of its name; 0 of none."""
+    digits = re.findall("[0-9]{1,9}", name)
+    return int(digits[-1]) if digits else 0
 
 
 def _segments(findings: Findings) -> Check:

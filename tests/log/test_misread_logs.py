@@ -210,6 +210,18 @@ def test_rows_with_blank_cells_are_dropped_and_counted(tmp_path):
     np.testing.assert_allclose(log.q, Q[~odd][1:], atol=1e-3)
 
 
+def test_columns_that_were_never_read():
+    tau, dq = TAU.copy(), DQ.copy()
+    tau[:, 1], dq[:, 2] = np.nan, np.nan
+    log, heard = read({"t": T, "q": Q, "dq": dq, "tau": tau})
+    assert "tau2 holds no number in any row" in heard
+    assert "dq3: velocities are left out" in heard
+    assert log.dq is None
+    np.testing.assert_array_equal(log.effort, TAU * [1.0, 0.0, 1.0])
+    assert not prepare(log).measured[:, 1].any()
+    assert "no number" in refusal({"t": T, "q": Q, "tau": TAU * np.nan})
+
+
 def test_no_signal_is_refused():
     for effort, said in ((1e-310 * TAU, "all efforts are zero"), (0.0 * TAU + 3.0, "all efforts are constant")):
         assert said in refusal({"t": T, "q": Q, "tau": effort})

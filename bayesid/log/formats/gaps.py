@@ -10,6 +10,7 @@ from bayesid.arrays import Mask
 from bayesid.errors import InputError
 from bayesid.log.formats.labels import kind_part
 from bayesid.log.formats.parts import join_parts
+from bayesid.log.formats.stated import EFFORTS
 from bayesid.log.formats.table import Options, Table
 from bayesid.log.tuning import TUNING
 
@@ -19,6 +20,7 @@ def without_gaps(table: Table, options: Options) -> Table:
 
     InputError where too few rows are complete.
     """
+    table = _without_dead(table)
     missing = {name: np.isnan(column.values) for name, column in table.columns.items()}
     if not any(part.any() for part in missing.values()):
         return table
@@ -37,6 +39,26 @@ def without_gaps(table: Table, options: Options) -> Table:
         raise _lacking(table, missing, share)
     joined = join_parts(chosen, options.columns, motion=options.motion)
     return replace(joined, source=table.source, notes=table.notes, mended=(*table.mended, *joined.notes))
+
+
+def _without_dead(table: Table) -> Table:
+    """A table without velocities that were never read; an effort that never was, though others were, is zero."""
+    dead = {name for name, one in table.columns.items() if len(one.values) and np.isnan(one.values).all()}
+    efforts = [name for name in table.columns if kind_part(name) in EFFORTS]
+    zero = [name for name in efforts if name in dead] if not dead.issuperset(efforts) else []
+    unread = list(filter(_is_velocity, table.columns)) if any(map(_is_velocity, dead)) else []
+    columns = {name: one for name, one in table.columns.items() if name not in unread}
+    columns |= {name: replace(columns[name], values=np.zeros(len(table.t))) for name in zero}
+    labels = {name: table.columns[name].label for name in dead}
+    said = [f"column {labels[name]} holds no number in any row: taken as zero" for name in zero]
+    if unread:
+        without = ", ".join(labels[name] for name in unread if name in dead)
+        said.append(f"no number in any row of {without}: velocities are left out")
+    return replace(table, columns=columns, mended=(*table.mended, *(f"{table.source}: {one}" for one in said)))
+
+
+def _is_velocity(name: str) -> bool:
+    return kind_part(name) == "dq"
 
 
 _KINDS = "q", "dq", "tau", "i"
@@ -64,4 +86,4 @@ def _lacking(table: Table, missing: dict[str, Mask], share: float) -> InputError
     said = f"column {column.label} holds no number in {gone.mean():.0%} of the rows"
     if gone.mean() < 0.5:
         said = f"only {share:.0%} of the rows have a value in each column"
-    return InputError(said, table.place(int(np.argmax(gone))), "give the values, or leave the joint out by `columns`")
+    return InputError(said, table.place(int(np.argmax(gone))), "give the values")
