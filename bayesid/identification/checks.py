@@ -71,7 +71,8 @@ def warnings_of(
     checks = (
         *([] if reading is None else [another_robot(reading)]),
         *_of_the_log(log, averaged),
-        *_of_the_fit(averaged, log.n_joints),
+        *_of_the_fit(averaged.fit, log.n_joints),
+        *_of_the_excitation(averaged.fit, averaged.asked.evidence),
         *_of_the_signs(averaged, doubt),
         *([] if posterior is None else _of_the_posterior(posterior)),
         *([] if gains is None else _of_the_gains(gains)),
@@ -210,21 +211,23 @@ def _of_the_log(log: Log, averaged: AveragedSigns) -> Iterator[Check]:
         yield low_pass(str(after.low_pass))
 
 
-def _of_the_fit(averaged: AveragedSigns, n_links: int) -> Iterator[Check]:
-    fit, evidence = averaged.fit, averaged.asked.evidence
+def _of_the_fit(fit: Fit, n_links: int) -> Iterator[Check]:
     for j in np.flatnonzero(fit.relative_residual > REGRESSION.poor_fit):
         message = f"joint {j + 1} leaves {fit.relative_residual[j]:.0%} of its effort unexplained"
         remedy = "a term is missing or signs are wrong, whatever their confidence; try a wider beam"
         yield Check("Fit", "bad", message, remedy)
-    kept = np.flatnonzero(np.isinf(fit.sd))
-    joint = np.array([evidence.model.parameters[k].joint - 1 for k in evidence.coefficients.kept], dtype=int)[kept]
-    blind = np.flatnonzero(~evidence.used.any(axis=0))
-    of_blind = np.isin(joint, blind)
-    if of_blind.any():
-        yield no_effort((blind + 1).tolist(), [evidence.coefficients.names[k] for k in kept[of_blind]])
-    if not of_blind.all():
-        yield not_excited(int(np.sum(~of_blind)), len(fit.sd))
     yield from on_edge(fit, n_links)
+
+
+def _of_the_excitation(fit: Fit, evidence: Evidence) -> Iterator[Check]:
+    """Of coefficients that are not known, those of joints without an effort are told from those of a poor motion."""
+    unknown, known = np.flatnonzero(np.isinf(fit.sd)).tolist(), evidence.coefficients
+    blind = (np.flatnonzero(~evidence.used.any(axis=0)) + 1).tolist() if unknown else []
+    of_blind = [known.names[k] for k in unknown if evidence.model.parameters[known.kept[k]].joint in blind]
+    if of_blind:
+        yield no_effort(blind, of_blind)
+    if len(unknown) > len(of_blind):
+        yield not_excited(len(unknown) - len(of_blind), len(fit.sd))
 
 
 def on_edge(fit: Fit, n_links: int) -> list[Check]:

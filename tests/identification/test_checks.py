@@ -35,11 +35,19 @@ def model_of(*names, notes=()):
     return SimpleNamespace(model=model, evidence=read_through(None))
 
 
-def read_through(low_pass):
-    """Evidence of a log whose |effort| has passed a low-pass."""
+def read_through(low_pass, used=(True, True)):
+    """Evidence of a log whose |effort| has passed a low-pass, of which joints have one."""
+    coefficients = SimpleNamespace(names=("mc1x", "Fv2", "Fc2"), kept=np.arange(3))
+    model = SimpleNamespace(parameters=[SimpleNamespace(joint=joint) for joint in (1, 2, 2)])
+    known = {"coefficients": coefficients, "model": model, "used": np.array([used])}
     after = low_pass and AfterRectifier(low_pass, np.zeros((1, 2)), np.zeros(2))
     motion = SimpleNamespace(t=np.arange(2.0), q=np.eye(2))
-    return SimpleNamespace(signals=SimpleNamespace(after_rectifier=after, faults=(), motion=motion))
+    return SimpleNamespace(signals=SimpleNamespace(after_rectifier=after, faults=(), motion=motion), **known)
+
+
+def blind():
+    """No effort of joint 2."""
+    return SimpleNamespace(model=model_of().model, evidence=read_through(None, used=(True, False)))
 
 
 @dataclass
@@ -99,6 +107,7 @@ def test_nothing_wrong_is_nothing_said(log):
 FAULTS = (
     ({"fit": fit_with(relative=(0.1, 0.26))}, ("joint 2", "26%")),
     ({"fit": fit_with(sd=(0.3, np.inf, np.inf))}, ("2 of 3 coefficients",)),
+    ({"fit": fit_with(sd=(0.3, np.inf, np.inf)), "asked": blind()}, ("joint 2 shows no effort", "Fv2, Fc2")),
     ({"fit": fit_with(on_edge=(True, True, False))}, ("links 1, 2", "--nominal")),
     ({"fit": fit_with(tolerance=2e-8)}, ("2e-08",)),
     ({"settled": unproven()}, ("not proven", "30 less than 120", "--search-budget")),
