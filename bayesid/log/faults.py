@@ -45,8 +45,10 @@ class Fault:
     def __str__(self) -> str:
         when = ", ".join(f"{t:.3f}" for t in self.start[:3]) + (" ..." if len(self.start) > 3 else "")
         if self.reading == "row":
-            said = f"all joints: all readings are zero for {self.seconds:.3g} s in all, at {when} s"
-            return f"{said}; these rows are dropped"
+            how = "are zero" if self.kind == "zero" else "are frozen in motion"
+            return (
+                f"all joints: all readings {how} for {self.seconds:.3g} s in all, at {when} s; these rows are dropped"
+            )
         if self.kind == "foreign":
             said = f"its velocity is not the change of its position for {self.seconds:.3g} s in all"
         elif self.kind == "outlier":
@@ -122,25 +124,39 @@ def _of_recording(t: Array, q: Array, effort: Array, dq: Array | None) -> list[F
 
 
 def lost_rows(t: Array, q: Array, effort: Array, dq: Array | None = None) -> tuple[Integers, tuple[Fault, ...]]:
-    """Rows of zeros alone into which or out of which a position jumps, as of a lost packet, and how to name them.
+    """Rows as of lost packets, and how to name them: of zeros alone, or that repeat one until positions jump.
 
-    A robot that rests at zero without any effort gives such rows too, but it comes there slowly.
+    A robot that rests gives such rows too, but it comes there, and goes on, slowly.
     """
-    zero = ~np.any([part.any(axis=1) for part in (q, effort, dq) if part is not None], axis=0)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], zero, [False]]))).reshape(-1, 2)
-    if not len(edges):
+    parts = [part for part in (q, effort, dq) if part is not None]
+    zero = ~np.any([part.any(axis=1) for part in parts], axis=0)
+    same = np.append(False, np.all([(part[1:] == part[:-1]).all(axis=1) for part in parts], axis=0))
+    found = {"zero": _stretches(zero), "held": _stretches(same & ~zero)}
+    first, stop = found["held"].T
+    inner = np.minimum(stop, len(t) - 1)
+    long = (t[inner] - t[first] >= TUNING.dropout) & (stop - first >= TUNING.dropout_rows)
+    found["held"] = found["held"][long & (stop < len(t))]
+    if not any(map(len, found.values())):
         return _NONE, ()
     steps, periods = np.abs(np.diff(q, axis=0)), np.diff(t)
     least = np.maximum(TUNING.outlier_steps * np.percentile(steps, 95, axis=0), TUNING.slight * np.ptp(q, axis=0))
     jumps = (steps > least).any(axis=1)
     beside = periods < 2.0 * np.median(periods)  # else there is a pause, or another log begins
-    sides = [[k for k in (first - 1, stop - 1) if 0 <= k < len(steps) and beside[k]] for first, stop in edges]
-    lost = edges[[bool(both) and bool(jumps[both].all()) for both in sides]]
-    if not len(lost):
-        return _NONE, ()
-    rows = np.concatenate([np.arange(first, stop) for first, stop in lost])
-    seconds = sum(t[min(stop, len(t) - 1)] - t[first] for first, stop in lost)
-    return rows, (Fault(-1, "row", "zero", _NONE, t[lost[:, 0]], float(seconds)),)
+    rows, faults = [_NONE], []
+    for kind, edges in found.items():
+        ends = [((first - 1, stop - 1) if kind == "zero" else (stop - 1,)) for first, stop in edges]
+        inside = [[k for k in both if 0 <= k < len(steps) and beside[k]] for both in ends]
+        lost = [edge for edge, both in zip(edges, inside, strict=True) if both and jumps[both].all()]
+        if lost:
+            rows += [np.arange(first, stop) for first, stop in lost]
+            seconds = sum(t[min(stop, len(t) - 1)] - t[first] for first, stop in lost)
+            faults.append(Fault(-1, "row", kind, _NONE, t[[first for first, _ in lost]], float(seconds)))
+    return np.sort(np.concatenate(rows)), tuple(faults)
+
+
+def _stretches(chosen: Mask) -> Integers:
+    """(K, 2) first rows of stretches, and those behind their last."""
+    return np.flatnonzero(np.diff(np.concatenate([[False], chosen, [False]]))).reshape(-1, 2)
 
 
 def without(t: Array, reading: Array, known: Mask, smooth: bool = True) -> Array:

@@ -127,6 +127,23 @@ def test_rows_of_zeros_are_lost_packets(log):
     assert np.abs(signals.motion.q - clean.motion.q).max() < 1e-3 * np.ptp(log.q)
 
 
+def test_rows_that_repeat_until_positions_jump_are_dropped(log):
+    """All joints in one line; a robot that rests goes on slowly."""
+    held = np.arange(len(log))
+    held[300:360] = 299
+    frozen = replace(log, q=log.q[held], effort=log.effort[held])
+    signals, right = prepare(frozen), prepare(log)
+    assert [str(fault).partition(" for ")[0] for fault in signals.faults] == [
+        "all joints: all readings are frozen in motion"
+    ]
+    known = signals.measured.all(axis=1)
+    assert 0.8 < known.mean() < 0.95
+    np.testing.assert_allclose(signals.motion.dq[known], right.motion.dq[known], atol=0.05)
+    rests = np.maximum(np.arange(len(log)) - 60, np.minimum(np.arange(len(log)), 300))
+    slow = replace(log, q=log.q[rests], effort=log.effort[rests])
+    assert all(fault.reading != "row" for fault in prepare(slow).faults)
+
+
 def test_what_is_no_fault(log):
     """Clipping, a dead zone, a step of friction, and a channel that is read more rarely than the log is written."""
     top = np.quantile(log.effort[:, 0], 0.8)
