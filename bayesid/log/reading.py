@@ -103,7 +103,8 @@ def read_log(  # noqa: PLR0913  a source, and what may be said of it
     table = wrapped_in_degrees(table) if degrees is None else table
     q, notes = positions_of(table, angle)
     effort = table.block("tau" if "tau1" in table.columns else "i")
-    signed = signed_joints(effort, unsigned, table.n_joints)
+    decoded = table.encoding is not None and unsigned is None  # then also joints that are never negative
+    signed = signed_joints(effort, "none" if decoded else unsigned, table.n_joints)
     if not any(TAKEN in one for one in table.mended):
         notes += check_magnitudes(effort, q, signed, table.source, stated=encoding == MAGNITUDE)
     effort *= made_with.value

@@ -81,6 +81,13 @@ def test_directions_by_convention_or_by_the_work_of_all_joints(kinds):
     assert f"{kinds[1]:g} is negative" in heard
 
 
+def test_all_joints_are_signed_where_readings_were_decoded():
+    counts = COUNTS + [0.0, 0.0, 900.0]
+    log, _ = read(log_of(np.where(counts < 0, counts + 65536, counts)), GAINS)
+    assert log.signed.all()
+    assert log.effort[:, 2].min() > 0.0
+
+
 def test_directions_of_efforts_that_do_no_work_are_refused_with_the_option_that_says_which():
     counts = np.rint(100.0 * Q) * [1.0, 1.0, -1.0]
     columns = flat({"t": T, "q": Q, "tau": np.abs(counts)}) | flat({"dir": (counts < 0) * 1.0})

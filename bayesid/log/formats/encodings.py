@@ -311,11 +311,15 @@ def _by_direction(
 
 
 def _work(table: Table, effort: Array) -> float | None:
-    """Mean correlation of efforts (N, n) with velocities: above zero, as drives lose work to friction."""
+    """Mean correlation of efforts (N, n) with velocities: above zero, as drives lose work to friction.
+
+    None where positions are missing, or the work of all joints together has another sign.
+    """
     if not all(f"q{j + 1}" in table.columns for j in range(effort.shape[1])):
         return None
     q = np.column_stack([table.columns[f"q{j + 1}"].values for j in range(effort.shape[1])])
     speed = np.gradient(q, axis=0)
     power = np.linalg.norm(effort, axis=0) * np.linalg.norm(speed, axis=0)
-    moves = power > 0.0
-    return float(np.mean((effort * speed).sum(axis=0)[moves] / power[moves])) if moves.any() else None
+    moves, work = power > 0.0, (effort * speed).sum(axis=0)
+    mean = float(np.mean(work[moves] / power[moves])) if moves.any() else 0.0
+    return mean if mean * work.sum() > 0.0 else None
