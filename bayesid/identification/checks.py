@@ -204,7 +204,8 @@ def _of_the_log(log: Log, averaged: AveragedSigns) -> Iterator[Check]:
         yield _remark(f"{message} or sign", "if it moved, its positions were not read")
     least, most = log.effort.min(axis=0), log.effort.max(axis=0)
     largest = np.maximum(most, -least)
-    for j in np.flatnonzero(log.signed & (least > -TUNING.undershoot * largest)):
+    hardly = log.signed & (least > -TUNING.undershoot * largest) & (log.encoding is None)
+    for j in np.flatnonzero(hardly):
         remedy = f"if it was rectified and then filtered, say --unsigned {j + 1}"
         yield _remark(f"the effort of joint {j + 1} is hardly ever negative", remedy)
     if (after := signals.after_rectifier) is not None:

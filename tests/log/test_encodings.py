@@ -82,7 +82,7 @@ def test_directions_by_convention_or_by_the_work_of_all_joints(kinds):
 
 
 def test_all_joints_are_signed_where_readings_were_decoded():
-    counts = COUNTS + [0.0, 0.0, 900.0]
+    counts = COUNTS + np.array([0.0, 0.0, 900.0])
     log, _ = read(log_of(np.where(counts < 0, counts + 65536, counts)), GAINS)
     assert log.signed.all()
     assert log.effort[:, 2].min() > 0.0
