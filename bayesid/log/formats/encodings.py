@@ -111,7 +111,7 @@ def decode(table: Table, stated: str | None = None) -> Table:
     values, first = np.column_stack([one.values for one in efforts.values()]), next(iter(efforts.values())).label
     if table.encoding is not None:
         return _of_64_bits(table, first, chosen)
-    if (values >= WIDE).any():
+    if ((values >= WIDE) & (values <= 2.0 * WIDE)).any():
         said = f"readings such as {first} reach {values.max():.6g}, rounded from numbers of 64 bits that hold a sign"
         raise InputError(said, table.source, "log them as whole numbers, or with their sign")
     if not np.isfinite(values).all() or (values < 0.0).any():
