@@ -36,8 +36,9 @@ from bayesid.files.writing import (
 from bayesid.identification.identification import Identification
 from bayesid.identification.model_file import model_table
 from bayesid.identification.prediction import Validation
-from bayesid.log.log import Log, write_log
+from bayesid.log.log import Log, Piece, write_log
 from bayesid.log.signals import Signals
+from bayesid.log.velocities import derived
 from bayesid.parallel import one_blas_thread
 from bayesid.progress import SILENT, Progress
 from bayesid.report.findings import FILE as FINDINGS
@@ -444,22 +445,30 @@ def kept_draws(identification: Identification) -> DataTree:
 
 
 def _write_signed_log(path: Path, log: Log, signals: Signals, probability: Array) -> None:
-    """The log's own rows: efforts with their likelier signs, and the probability that the sign is +.
+    """The log's own rows: efforts with their likelier signs, the probability that the sign is +, and the motion.
 
-    Rows of logs that were joined keep their own times, to the last digit.
+    `read_log` reads it. Velocities are measured ones or, where there are none, the change of the positions. Rows of
+    logs that were joined keep their own times, to the last digit.
     """
+    dq = np.concatenate([_velocities(log, piece) for piece in log.pieces]) if log.pieces else _velocities(log)
 
     def rows(some: slice) -> Array:
         nearest = np.rint((log.t[some] - signals.motion.t[0]) * signals.rate).astype(int)
         p = np.round(probability[np.clip(nearest, 0, len(probability) - 1)], 6)
         effort = log.effort[some]
         p = np.where(log.signed, (effort >= 0.0).astype(float), p)
-        return np.hstack([np.where(log.signed | (p >= 0.5), effort, -effort), p])
+        return np.hstack([np.where(log.signed | (p >= 0.5), effort, -effort), p, log.q[some], dq[some]])
 
-    names = ["t", *numbered("tau", log.n_joints), *numbered("p", log.n_joints)]
+    names = ["t", *(name for kind in ("tau", "p", "q", "dq") for name in numbered(kind, log.n_joints))]
     t = np.concatenate([piece.t for piece in log.pieces]) if log.pooled else log.t
     sources = [piece.source for piece in log.pieces for _ in piece.t] if log.pooled else None
     write_columns(path, names, t, rows, sources=sources)
+
+
+def _velocities(log: Log, piece: Piece | None = None) -> Array:
+    """(N, n) of a log, or of one of its pieces, rad/s."""
+    some = slice(None) if piece is None else slice(piece.start_row, piece.stop_row)
+    return derived(log.t[some], log.q[some]) if log.dq is None else log.dq[some]
 
 
 def check_result_folder(folder: str | Path, files: Set[str] = IDENTIFICATION_FILES) -> Path:

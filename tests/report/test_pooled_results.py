@@ -9,6 +9,7 @@ from saved_results import numbers, save, simulated, strict, table
 
 from bayesid.identification.pipeline import identify
 from bayesid.log.log import join_logs
+from bayesid.log.reading import read_log
 
 TERMS = ["rigid_body", "viscous_friction"]
 TOLD = ((4, 5.0, 1.7e9, "a.csv"), (5, 3.0, -7.003, "b, two.csv"), (6, 4.0, 0.0, "c.csv"))
@@ -61,7 +62,7 @@ def test_segments_are_told_on_the_clocks_of_their_logs(recordings, pooled, folde
 def test_signs_are_those_of_each_log(recordings, folder):
     """Looked up in the logs themselves, by their own time."""
     rows, signed = table(folder / "segments.csv"), table(folder / "signed_log.csv")
-    assert list(signed[0]) == ["t", "tau1", "tau2", "tau3", "p1", "p2", "p3", "log"]
+    assert list(signed[0]) == ["t", *(f"{kind}{j}" for kind in ("tau", "p", "q", "dq") for j in (1, 2, 3)), "log"]
     assert [row["log"] for row in signed] == [log.source for log in recordings for _ in log.t]
     np.testing.assert_array_equal(numbers(signed, "t"), np.concatenate([log.t for log in recordings]))
     for log in recordings:
@@ -75,6 +76,13 @@ def test_signs_are_those_of_each_log(recordings, folder):
                 inside = (log.t > float(row["start"]) - 0.005) & (log.t < float(row["end"]) + 0.005)
                 of_segments[inside] = row["sign"]
             assert np.mean(of_segments == np.sign(truth), where=strong) > 0.98
+
+
+def test_the_signed_log_is_read_as_the_logs_that_it_holds(recordings, folder):
+    again = read_log(folder / "signed_log.csv")
+    np.testing.assert_array_equal(again.q, np.concatenate([log.q for log in recordings]))
+    for piece, log in zip(again.pieces, recordings, strict=True):
+        np.testing.assert_array_equal(piece.t, log.t)
 
 
 def test_a_segment_that_spans_a_pause_is_cut_there(pooled):

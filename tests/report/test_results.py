@@ -8,6 +8,7 @@ from saved_results import PROMISED, contents, identified, numbers, save, strict,
 from scipy import linalg, stats
 
 from bayesid.log.reading import read_log
+from bayesid.log.signals import prepare
 from bayesid.motion import Motion
 from bayesid.report.findings import read_findings
 from bayesid.report.folders import inference_data, parameter_rows, save_identification, save_validation
@@ -79,25 +80,30 @@ def test_segments_cover_the_log_and_agree_with_its_signs(result, folder):
     assert all(0.5 <= float(row["confidence"]) <= 1.0 for row in rows)
 
 
-def test_the_signed_log_has_the_rows_of_the_log(result, folder, tmp_path):
-    """Add q, and it is a log of signed efforts."""
+def test_the_signed_log_has_the_rows_of_the_log_and_is_one(result, folder, tmp_path):
+    """`read_log` reads it: efforts with their signs, the same positions, and velocities that suit them."""
     rows, log = table(folder / "signed_log.csv"), result.log
-    assert list(rows[0]) == ["t", "tau1", "tau2", "tau3", "p1", "p2", "p3"]
+    names = [f"{kind}{j}" for kind in ("tau", "p", "q", "dq") for j in (1, 2, 3)]
+    assert list(rows[0]) == ["t", *names]
     values = numbers(rows, *rows[0])
-    t, tau, p = values[:, 0], values[:, 1:4], values[:, 4:]
+    t, tau, p, q, dq = values[:, 0], values[:, 1:4], values[:, 4:7], values[:, 7:10], values[:, 10:]
     np.testing.assert_array_equal(t, log.t)
+    np.testing.assert_array_equal(q, log.q)
     np.testing.assert_array_equal(np.abs(tau), np.abs(log.effort))
     np.testing.assert_array_equal(tau[:, 1], log.effort[:, 1])
     assert (p.min() >= 0.0, p.max() <= 1.0) == (True, True)
     np.testing.assert_array_equal(np.sign(tau), np.where(p >= 0.5, 1.0, -1.0) * (tau != 0.0))
     np.testing.assert_array_equal(p[:, 1], log.effort[:, 1] >= 0.0)
     np.testing.assert_allclose(p, result.probability, atol=1e-6)  # the log is even: its rows are the grid's
-    q = ["q1,q2,q3", *(",".join(map(repr, row)) for row in log.q.tolist())]
-    lines = (folder / "signed_log.csv").read_text().splitlines()
-    (tmp_path / "log.csv").write_text("\n".join(f"{a},{b}" for a, b in zip(lines, q, strict=True)))
-    again = read_log(tmp_path / "log.csv")
+    again = read_log(folder / "signed_log.csv")
     assert again.signed.all()
-    np.testing.assert_array_equal(again.effort, tau)
+    for one, other in ((again.effort, tau), (again.q, q), (again.dq, dq)):
+        np.testing.assert_array_equal(one, other)
+    speed = prepare(again).motion.dq - result.signals.motion.dq
+    assert log.dq is None
+    assert np.sqrt(np.mean(speed[25:-25] ** 2)) < 1e-3 * np.sqrt(np.mean(result.signals.motion.dq**2))
+    measured = save(replace(result, log=replace(log, dq=2.0 * dq)), tmp_path / "r") / "signed_log.csv"
+    np.testing.assert_array_equal(numbers(table(measured), "dq1", "dq2", "dq3"), 2.0 * dq)
 
 
 def test_each_row_of_a_jittered_log_has_the_nearest_probability(result, tmp_path):

@@ -41,6 +41,8 @@ _THOUSANDS = re.compile(r"[-+]?\d{1,3}(?:[.,'\u00a0\u202f ]\d{3})+(?:[.,]\d*)?")
 """What is no number, but would be one without the separators of its thousands."""
 _NO_VALUE = "#", "nan", "NaN", "NULL", "null", "None", "N/A", "n/a", "-", "?"
 """How a cell without a value begins: errors of spreadsheets, and words for nothing."""
+_SIGNED_LOG = "t", "tau1", "p1", "q1", "log"
+"""Names in a `signed_log.csv` of several logs: the last column says which log a row is of."""
 _BOMS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
 
 
@@ -108,6 +110,10 @@ class CsvFile(Format):
             raise InputError("is not text", str(path), "give a CSV log (save a spreadsheet as CSV)") from None
         wide = _widened(path, layout, selected.columns, values)
         columns = {one.name: Column(one.label, values[:, one.place], one.unit) for one in selected.columns}
+        if set(_SIGNED_LOG) <= set(layout.header) and layout.header[-1] == _SIGNED_LOG[-1]:
+            logs = [layout.cells(line)[-1] for _, line in _rows(path, layout)]
+            numbers = {log: number for number, log in enumerate(dict.fromkeys(logs), start=1)}
+            columns["part"] = Column(_SIGNED_LOG[-1], np.array([float(numbers[log]) for log in logs]), 1.0)
 
         def place(row: int) -> str:
             number, _ = next(islice(_rows(path, layout), row, None))
