@@ -228,6 +228,11 @@ _PAYLOAD = Command(
         *_shared("result", "folder that `bayesid identify` wrote, of the robot without the payload"),
         *_shared("log", "log of the same robot with the payload"),
         option("--known-mass KG[~SD]", "of the payload, if it is known: tells how far off all efforts are"),
+        option(
+            "--common-sd SHARE",
+            "sd of what all torques may be off by together, as in 2%% (default: 10%% where no gains are stated, 0 "
+            "where they are exact, or as the result has estimated)",
+        ),
         *_READING,
         *_shared("--cutoff"),
         *_shared("--search-budget", f"{_WORK} (default: 3)"),

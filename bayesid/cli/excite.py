@@ -16,7 +16,7 @@ from bayesid.cli.options import beliefs, finish, numbers, read, reading_options,
 from bayesid.cli.parser import Option, option
 from bayesid.cli.terminal import StageBars, warn
 from bayesid.cli.tuning import TUNING
-from bayesid.discrepancy.workflow import CHANGE_OF
+from bayesid.discrepancy.numbers import CHANGE_OF
 from bayesid.errors import InputError
 from bayesid.excitation.design import Objective, TrajectoryShape, design_excitation
 from bayesid.excitation.judgement import judge_log

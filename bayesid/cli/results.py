@@ -106,6 +106,7 @@ def payload_command(options: argparse.Namespace) -> None:
             identified,
             read(options.log, reading_options(options, identified), identified.model.robot),
             known_mass=known_mass,
+            common_sd=None if options.common_sd is None else _share(options.common_sd),
             search=search,
             posterior=posterior,
             preparation=Preparation(cutoff=options.cutoff),
@@ -118,9 +119,17 @@ def payload_command(options: argparse.Namespace) -> None:
         "",
         table(HEADINGS, payload_rows(result), left=["payload", "unit"]),
         f"centre of mass and inertia are in the frame of {result.frame}, inertia about the centre of mass; mass and "
-        "inertia are in the scale of the efforts",
+        "inertia are in the scale of the efforts, their intervals hold what all of these may be off by",
     ]
     finish(options, *parts, *_written(folder), warnings=result.warnings)
+
+
+def _share(text: str) -> float:
+    """0.02 or 2%."""
+    try:
+        return float(text.removesuffix("%")) * (0.01 if text.endswith("%") else 1.0)
+    except ValueError:
+        raise InputError(f"{text!r} is no share", "--common-sd", "give a share, as in 2% or 0.02") from None
 
 
 def _mass(text: str) -> tuple[float, float]:

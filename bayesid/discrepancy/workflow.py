@@ -12,41 +12,31 @@ import numpy as np
 from bayesid.arrays import Array, Mask
 from bayesid.discrepancy.case import Case, Excess, NoiseFloor, Trial, divide, make_trial, shortened, where_it_shows
 from bayesid.discrepancy.log_checks import check_columns, check_holdout, check_log, check_same_robot, check_unseen
+from bayesid.discrepancy.numbers import with_numbers
 from bayesid.discrepancy.selection import GROWN, HELD_BACK, ON_LOG, Selection, select_effects
-from bayesid.discrepancy.sets import WeighedSet, form_of
+from bayesid.discrepancy.sets import WeighedSet
 from bayesid.discrepancy.timeline import missing_all_along
 from bayesid.discrepancy.tuning import TUNING
+from bayesid.effects.bodies import Payload
 from bayesid.effects.coefficients import base_coefficients
-from bayesid.effects.distortion import Distortion
-from bayesid.effects.formula import Description
-from bayesid.effects.model import Model
+from bayesid.errors import InputError, SolverError
 from bayesid.identification.identification import Identification
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.options import Preparation, call_of, call_of_log
+from bayesid.identification.payload import BRIEF, PayloadReading, identify_payload
 from bayesid.identification.pipeline import QUICK, identify_again
 from bayesid.log.log import Log
 from bayesid.log.reading import LogSource, as_log
 from bayesid.log.signals import prepare
-from bayesid.motion import Motion
 from bayesid.parallel import one_blas_thread
 from bayesid.posterior.sampler import Sampling
 from bayesid.progress import SILENT, Progress
-from bayesid.regression.selection.added_effect import (
-    LARGEST_READING,
-    RATED,
-    AddedEffect,
-    EffortSize,
-    Quantity,
-    not_testable,
-)
+from bayesid.regression.selection.added_effect import AddedEffect, not_testable
 from bayesid.regression.selection.explanation import Explanation, Thresholds
 from bayesid.regression.selection.held_back import HeldBackErrors
-from bayesid.regression.selection.hypotheses import EffectKey, Hypothesis
+from bayesid.regression.selection.hypotheses import EffectKey
 from bayesid.regression.selection.scores import Score, assess
 from bayesid.signs.search.protocol import Search
-
-CHANGE_OF = "change of "
-"""How names of numbers begin that are changes of what the model had."""
 
 
 @dataclass(frozen=True)
@@ -193,7 +183,31 @@ def find_discrepancy(
         progress=progress,
     )
     again = _with_origin(again, known, log, later)
-    return replace(_discrepancy(case, selection, again), seconds=time.perf_counter() - began)
+    body = None
+    if any(isinstance(effect.hypothesis.source, Payload) for effect in selection.added):
+        body = _body(known, log, search, posterior, preparation, progress)
+    return replace(_discrepancy(case, selection, again, body), seconds=time.perf_counter() - began)
+
+
+def _body(
+    known: IdentifiedModel,
+    log: Log,
+    search: Search,
+    posterior: Sampling | bool,
+    preparation: Preparation,
+    progress: Progress,
+) -> PayloadReading | None:
+    """The payload as `identify_payload` reads it, so that it has one number; None where that cannot read it."""
+    brief = (
+        replace(BRIEF, seed=posterior.seed, time_limit=posterior.time_limit)
+        if isinstance(posterior, Sampling)
+        else BRIEF
+    )
+    try:
+        read = identify_payload(known, log, search=search, posterior=brief, preparation=preparation, progress=progress)
+    except (InputError, SolverError):
+        return None
+    return read if read.body.shown else None
 
 
 def _with_origin(again: Identification, known: IdentifiedModel, log: Log, later: Log | None) -> Identification:
@@ -209,14 +223,14 @@ def _with_origin(again: Identification, known: IdentifiedModel, log: Log, later:
 # ---------------------------------------------------------------------------------------------------------------
 # The result
 # ---------------------------------------------------------------------------------------------------------------
-def _discrepancy(case: Case, selection: Selection, again: Identification) -> Discrepancy:
+def _discrepancy(case: Case, selection: Selection, again: Identification, body: PayloadReading | None) -> Discrepancy:
     trial, scoring = case.trial, case.held_back.trial
     scores = assess(selection.before, selection.library)
     before, after = _gaps(case, selection, again)
     predicted = again.model.effort(trial.signals.motion, again.theta)
     floor, on_log = case.floor(predicted), case.unexplained(selection.chosen.explanation, predicted)
     ratios, says = _unexplained_anywhere(on_log, before, after, floor, case.thresholds)
-    added = _with_numbers(case, selection, again)
+    added = with_numbers(case, selection, again, body)
     return Discrepancy(
         status=_status(bool(added), bool(ratios)),
         where=tuple(_where(case, selection.before, floor)),
@@ -306,113 +320,3 @@ def _warnings(case: Case, floor: NoiseFloor, stopped: bool) -> list[str]:
         tried = f"the search for sets of effects ended after {TUNING.most_sets} of them"
         warnings.append(f"{tried}: others might explain the log as well")
     return warnings
-
-
-def _with_numbers(case: Case, selection: Selection, again: Identification) -> tuple[AddedEffect, ...]:
-    numbers = Numbers(case.model, case.knowledge.theta, again)
-    return tuple(
-        replace(
-            effect,
-            parameters={**numbers.parameters(effect.hypothesis), **_own_numbers(case, effect.hypothesis, sd)},
-            readable=numbers.readable(effect.hypothesis),
-            description=numbers.description(effect.hypothesis),
-            size=effort_size(case, effect.hypothesis, again.model, again.theta),
-            cost=cost,
-        )
-        for effect, sd, cost in zip(selection.added, selection.chosen.explanation.sd, selection.costs, strict=True)
-    )
-
-
-def _own_numbers(case: Case, effect: Hypothesis, sd: Array) -> dict[str, Quantity]:
-    numbers = effect.source.numbers(case.model.robot)
-    tuned = not effect.source.linear and len(sd) >= len(numbers)
-    deviations = sd[: len(numbers)] if tuned else np.full(len(numbers), np.nan)
-    named = zip(numbers.items(), deviations, strict=True)
-    return {name: (value, float(deviation), unit) for (name, (value, unit)), deviation in named}
-
-
-# ---------------------------------------------------------------------------------------------------------------
-# The numbers of added effects
-# ---------------------------------------------------------------------------------------------------------------
-class Numbers:
-    """Parameters of the extended model, identified again, beside theta (P,) of the model as it was."""
-
-    def __init__(self, model: Model, theta: Array, again: Identification) -> None:
-        self._again, self._names = again, [parameter.name for parameter in again.model.parameters]
-        self._earlier = {p.name: float(value) for p, value in zip(model.parameters, theta, strict=True)}
-        self._sd, _ = again.parameter_sd
-        draws = None if again.posterior is None else again.posterior.uncertain.theta
-        self._draws = None if draws is None else draws.reshape(-1, draws.shape[-1])
-
-    def parameters(self, effect: Hypothesis) -> dict[str, Quantity]:
-        """Of an added effect, and of what it adds to that the model had: the new value and the change."""
-        quantities: dict[str, Quantity] = {}
-        for parameter in effect.source.parameters(self._again.model.robot):
-            name, unit = parameter.name, parameter.unit
-            quantities[name] = (*self._sum(name), unit)
-            if name in effect.changes:
-                quantities |= self._changed(name, quantities[name])
-            for symbol, other in effect.source.adds_to.items():
-                target = f"{other}{parameter.joint}"
-                if name == f"{symbol}{parameter.joint}" and target in self._earlier:
-                    quantities[target] = (*self._sum(target, name), unit)
-                    quantities |= self._changed(target, quantities[target])
-        return quantities
-
-    def readable(self, effect: Hypothesis) -> dict[str, Quantity]:
-        """What people read in place of these."""
-        place = self._place(effect)
-        values = effect.source.readable(self._again.theta[place])
-        drawn = {} if self._draws is None else effect.source.readable(self._draws[:, place])
-        sd = {name: float(np.std(draws)) for name, (draws, _) in drawn.items()}
-        return {name: (float(value), sd.get(name, np.nan), unit) for name, (value, unit) in values.items()}
-
-    def description(self, effect: Hypothesis) -> Description | None:
-        """Of an effect without a name, in words."""
-        return effect.source.description(self._again.model.robot, self._again.theta[self._place(effect)])
-
-    def _place(self, effect: Hypothesis) -> list[int]:
-        return [self._names.index(p.name) for p in effect.source.parameters(self._again.model.robot)]
-
-    def _sum(self, *names: str) -> tuple[float, float]:
-        """Value and standard deviation of the sum of parameters; NaN where that is not known."""
-        place = [self._names.index(name) for name in names]
-        if self._draws is not None and len(place) > 1:
-            return float(self._again.theta[place].sum()), float(self._draws[:, place].sum(axis=1).std())
-        return float(self._again.theta[place].sum()), float(self._sd[place[0]]) if len(place) == 1 else np.nan
-
-    def _changed(self, name: str, now: Quantity) -> dict[str, Quantity]:
-        value, sd, unit = now
-        return {f"{CHANGE_OF}{name}": (value - self._earlier[name], sd, unit)}
-
-
-def effort_size(case: Case, effect: Hypothesis, extended: Model, theta: Array) -> EffortSize:
-    """How large the own effort of an effect of an extended model with parameters theta (P,) is on held-back data."""
-    trial = case.held_back.trial
-    own = np.where(trial.used, own_effort(case, effect, extended, theta, trial.signals.motion), 0.0)
-    rms = trial.rms(own)
-    joint = int(np.argmax(rms))
-    reference, of = case.model.robot.joints[joint].rated_effort, RATED
-    if reference is None:  # the largest reading of the log, what is held back of it included
-        logs = [case.trial.signals, *([] if case.held_back.another_log else [trial.signals])]
-        read = [one.magnitude[one.measured[:, joint], joint] for one in logs]
-        reference, of = np.concatenate(read).max(initial=0.0), LARGEST_READING
-    return EffortSize(joint + 1, float(rms[joint]), float(np.abs(own[:, joint]).max()), float(reference), of)
-
-
-def own_effort(case: Case, effect: Hypothesis, extended: Model, theta: Array, motion: Motion) -> Array:
-    """(N, n) effort of an extended model less that without the effect, all other parameters kept, N m.
-
-    Of a change of what the model had it is what the change makes.
-    """
-    names = [parameter.name for parameter in extended.parameters]
-    without, kept = extended, theta.copy()
-    if effect.changes:
-        earlier = dict(zip((p.name for p in case.model.parameters), case.knowledge.theta, strict=True))
-        kept[[names.index(name) for name in effect.changes]] = [earlier[name] for name in effect.changes]
-    elif isinstance(effect.source, Distortion):
-        last = max(k for k, one in enumerate(extended.distortions) if (one.name, one.joints) == form_of(effect))
-        without = replace(extended, distortions=extended.distortions[:last] + extended.distortions[last + 1 :])
-    else:
-        kept[[names.index(p.name) for p in effect.source.parameters(extended.robot)]] = 0.0
-    return extended.effort(motion, theta) - without.effort(motion, kept)

@@ -91,9 +91,8 @@ class Payload(BodyOnFlange):
         detail="Its centre of mass lies at ({centre of mass x}, {centre of mass y}, {centre of mass z}) in the last "
         "link's frame. Its inertia about that, along this frame's axes, is xx {inertia xx}, yy {inertia yy}, zz "
         "{inertia zz}, xy {inertia xy}, xz {inertia xz}, yz {inertia yz}. Mass and inertia are in the scale of the "
-        "efforts: where gains are 10 % off, so are they.",
-        brief="a payload of {mass} kg at ({centre of mass x}, {centre of mass y}, {centre of mass z}) m in the last "
-        "link's frame",
+        "efforts, and hold what all of these may be off by: `bayesid payload` says the same.",
+        brief="a payload of {mass}",
     )
     of_links = True
     needs_earlier = True

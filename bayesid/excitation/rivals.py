@@ -26,7 +26,7 @@ import scipy
 from scipy.linalg import cholesky, solve_triangular
 
 from bayesid.arrays import TINY, Array, Integers
-from bayesid.discrepancy.workflow import CHANGE_OF
+from bayesid.discrepancy.numbers import CHANGE_OF
 from bayesid.effects import catalogue
 from bayesid.effects.catalogue import main_forms
 from bayesid.effects.coefficients import base_coefficients

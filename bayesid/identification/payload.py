@@ -14,14 +14,12 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 import numpy as np
 from scipy.special import chdtri, ndtri
 
-from bayesid.arrays import Array, Integers, Mask
+from bayesid.arrays import Array
 from bayesid.effects.bodies import Payload
-from bayesid.effects.coefficients import base_coefficients, embedding
 from bayesid.errors import InputError
 from bayesid.files.bounded import LARGEST
 from bayesid.identification.checks import on_edge
@@ -31,6 +29,7 @@ from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.options import Preparation, call_of, call_of_log
 from bayesid.identification.pipeline import QUICK, identify_again
 from bayesid.identification.tuning import TUNING
+from bayesid.identification.unchanged import UnchangedCheck, check_unchanged, chi_square_of
 from bayesid.log.gains import gains_of
 from bayesid.log.log import Log
 from bayesid.log.reading import LogSource, as_log
@@ -39,8 +38,6 @@ from bayesid.parallel import one_blas_thread
 from bayesid.posterior.inference import Posterior
 from bayesid.posterior.sampler import Sampling
 from bayesid.progress import SILENT, Progress
-from bayesid.regression.knowledge import Knowledge, scale_of
-from bayesid.regression.noise import Noise
 from bayesid.regression.selection.explanation import Thresholds
 from bayesid.robot import check_joints
 from bayesid.robot.inertia import about_centre_of_mass
@@ -50,83 +47,10 @@ AXES = ("xx", "yy", "zz", "xy", "xz", "yz")
 """Order of the six numbers of an inertia matrix."""
 _PLACES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 """Of them in the matrix."""
+STATED, BY_GAINS, ASSUMED = "stated", "gains", "assumed"
+"""Where the standard deviation of the efforts' common factor is from."""
 BRIEF = Sampling(budget=TUNING.payload_budget)
 """Of a payload's posterior."""
-_UNSHOWN = 1e-9
-"""Eigenvalue of a precision with a diagonal of 1 below which a direction is one that no log has shown."""
-
-
-@dataclass(frozen=True)
-class UnchangedCheck:
-    """What a later log leaves of n joints, and how far it moved what was known of the robot."""
-
-    MOST_RESIDUAL: ClassVar[float] = Thresholds().above_blunt_floor
-    """Residual over the earlier noise beyond which a joint has changed, as in `find_discrepancy`. Its rate of false
-    alarms on real robots is not known; docs/how-to/read-a-payload.md tells what it said of logs of one."""
-    FALSE_ALARM: ClassVar[float] = TUNING.unchanged_false_alarm
-    """Largest rate at which any chi-square is too large by chance, where the knowledge's covariance is right."""
-
-    residual: Array  #: (n,) RMS residual of the later log over the noise of the earlier one
-    moved: Array  #: (n,) chi-square of how far each joint's own coefficients (friction, offset) moved
-    moved_freedom: Integers  #: (n,) their degrees of freedom; 0 where none was known
-    chi_square: float  #: the same of all coefficients of the robot together
-    freedom: int  #: its degrees of freedom
-
-    @property
-    def moved_limits(self) -> Array:
-        """(n,) largest chi-square of a joint that chance explains: all of them have half of the false alarms."""
-        limits: Array = chdtri(np.maximum(self.moved_freedom, 1), 0.5 * self.FALSE_ALARM / len(self.moved))
-        return limits
-
-    @property
-    def limit(self) -> float:
-        """Largest chi-square of all coefficients that chance explains: it has the other half."""
-        return float(chdtri(max(self.freedom, 1), 0.5 * self.FALSE_ALARM))
-
-    @property
-    def joints(self) -> tuple[int, ...]:
-        """Joints, from 1, that have changed."""
-        changed = (self.residual > self.MOST_RESIDUAL) | (self.moved > self.moved_limits)
-        return tuple((np.flatnonzero(changed) + 1).tolist())
-
-    @property
-    def passed(self) -> bool:
-        """Whether nothing has changed, as far as the log shows."""
-        return not self.joints and self.chi_square <= self.limit
-
-
-def check_unchanged(knowledge: Knowledge, noise: Noise, later: Identification) -> UnchangedCheck:
-    """Holds a later log, under the same model or an extended one, against what an earlier one has shown of it.
-
-    The move is that of the joint estimate, which both logs pull at: its chi-square is less than that of two separate
-    estimates, so false alarms are no more frequent than `UnchangedCheck.FALSE_ALARM`.
-    """
-    model, known = knowledge.model, base_coefficients(knowledge.model)
-    theta = embedding(model, later.model.before_sensors) @ later.coefficients.lift(later.fit.beta)
-    move = known.project(theta - knowledge.theta)
-    of_term = [0 if term.of_links else one.joint for term in model.terms for one in term.parameters(model.robot)]
-    joint = np.array(of_term)[known.kept]  # whose actuator each is of, as friction; 0 of links
-    of_joints = [_chi_square(knowledge.precision, move, joint == j) for j in range(1, model.robot.n_joints + 1)]
-    chi_square, freedom = _chi_square(knowledge.precision, move, np.ones(len(move), dtype=bool))
-    return UnchangedCheck(
-        residual=later.fit.residual.sigma / noise.sigma,
-        moved=np.array([one for one, _ in of_joints]),
-        moved_freedom=np.array([count for _, count in of_joints]),
-        chi_square=chi_square,
-        freedom=freedom,
-    )
-
-
-def _chi_square(precision: Array, move: Array, which: Mask) -> tuple[float, int]:
-    """Of how far some coefficients moved, whatever the others, and its degrees of freedom."""
-    if not which.any():
-        return 0.0, 0
-    scale = scale_of(precision)
-    precision, move = precision / np.outer(scale, scale), move * scale
-    across, rest = precision[np.ix_(which, ~which)], precision[np.ix_(~which, ~which)]
-    marginal = precision[np.ix_(which, which)] - across @ np.linalg.pinv(rest, _UNSHOWN, hermitian=True) @ across.T
-    freedom = int((np.linalg.eigvalsh(marginal) > _UNSHOWN).sum())
-    return float(move[which] @ marginal @ move[which]), freedom
 
 
 @dataclass(frozen=True)
@@ -170,18 +94,25 @@ class PayloadBody:
         Args:
             draws: (K, 10) as in `bayesid.robot.inertia`, with masses > 0.
             shown: whether the body can be told from none. Draws cannot say so: no mass is ever below zero.
-            common_sd: relative sd of the factor that all efforts have in common (see `with_common_factor`).
+            common_sd: relative sd of the factor that all efforts have in common (see `with_common_factor`): it widens
+                mass and inertia, whose values stay in the scale of the efforts.
         """
-        draws = with_common_factor(evenly_sized(draws), common_sd)
-        mass = Estimate.of_draws(draws[:, 9])
+        draws = evenly_sized(draws)
+        wide = with_common_factor(draws, common_sd)
+        mass = _widened(draws[:, 9], wide[:, 9])
         if not shown:
-            return cls(replace(mass, interval=(0.0, float(np.quantile(draws[:, 9], 0.95)))), None, None)
-        centre, inertia = about_centre_of_mass(draws)
+            return cls(replace(mass, interval=(0.0, float(np.quantile(wide[:, 9], 0.95)))), None, None)
+        (centre, inertia), (_, wide_inertia) = about_centre_of_mass(draws), about_centre_of_mass(wide)
         return cls(
             mass,
             tuple(Estimate.of_draws(axis) for axis in centre.T),
-            tuple(Estimate.of_draws(inertia[:, i, j]) for i, j in _PLACES),
+            tuple(_widened(inertia[:, i, j], wide_inertia[:, i, j]) for i, j in _PLACES),
         )
+
+
+def _widened(draws: Array, wide: Array) -> Estimate:
+    """The mean of draws (K,), with the spread of wider ones (K,)."""
+    return replace(Estimate.of_draws(wide), value=float(draws.mean()))
 
 
 def evenly_sized(draws: Array) -> Array:
@@ -210,6 +141,17 @@ def with_common_factor(draws: Array, common_sd: float) -> Array:
     return draws * factor.reshape(-1, *(1,) * (draws.ndim - 1))
 
 
+def common_factor(gains: IdentifiedGains | None, log: Log) -> tuple[float, str]:
+    """Relative sd of the factor that all efforts of a log have in common, and where it is from.
+
+    It is that of an identification's gains, where these were unknowns, and 0 of gains that were stated as exact. Where
+    nobody has stated gains, as of efforts that were logged as torques, these may be off by `unstated_gains`.
+    """
+    if gains is not None:
+        return gains.factor_sd, BY_GAINS
+    return (0.0, STATED) if log.read_with.get("gains") is not None else (TUNING.unstated_gains, ASSUMED)
+
+
 def gain_factor(mass: Array, known: float, known_sd: float) -> Estimate:
     """What efforts are to be multiplied by so that a body weighs what it does: its known mass over draws (K,), kg."""
     return Estimate.of_draws((known + known_sd * _normal(len(mass))) / mass)
@@ -235,6 +177,9 @@ class PayloadReading:
         identification: of the model with the payload from the log.
         warnings: what the user should know.
         seconds: of wall time.
+        common_sd: relative sd of the efforts' common factor, which mass and inertia hold.
+        common_sd_from: `stated` (by the user, or by exact gains), `gains` (of the earlier result) or `assumed`.
+        mass_sd_by_log: sd of the mass, kg, if all efforts were right: what the log alone leaves open.
 
     Example:
         >>> reading.body.shown, reading.check.joints  # nothing else has changed in any joint
@@ -249,6 +194,9 @@ class PayloadReading:
     identification: Identification
     warnings: tuple[str, ...]
     seconds: float
+    common_sd: float = 0.0
+    common_sd_from: str = STATED
+    mass_sd_by_log: float = np.nan
 
     def __repr__(self) -> str:
         mass, changed = self.body.mass, ", ".join(map(str, self.check.joints)) or "the links"
@@ -273,6 +221,13 @@ class PayloadReading:
     def posterior(self) -> Posterior:
         """Draws of robot and payload."""
         return _posterior_of(self.identification)
+
+    @property
+    def parameters(self) -> tuple[Estimate, ...]:
+        """The body's ten parameters about the frame's origin, in the order of `bayesid.robot.inertia.NAMES`."""
+        draws = evenly_sized(_body_draws(self.identification))
+        wide = with_common_factor(draws, self.common_sd)
+        return tuple(_widened(one, other) for one, other in zip(draws.T, wide.T, strict=True))
 
     @property
     def gains(self) -> tuple[Array, Array] | None:
@@ -302,8 +257,8 @@ def identify_payload(
         earlier: an identification of the robot without the payload, or a stored one.
         log: a log of the robot with the payload, or anything that `bayesid.read_log` reads.
         known_mass: of the payload, kg, or that with its standard deviation: it tells the efforts' common factor.
-        common_sd: relative sd of the efforts' common factor, which mass and inertia share; by default that of the
-            earlier result's gains, where these were unknowns, and 0 else.
+        common_sd: relative sd of the efforts' common factor, which mass and inertia share; by default as
+            `common_factor` says: 0.1 where nobody has stated gains.
         search: how signs are searched.
         posterior: how it is sampled.
         preparation: how the log is made ready.
@@ -321,11 +276,13 @@ def identify_payload(
     """
     began = time.perf_counter()
     known = identified_of(earlier, "earlier")
-    if common_sd is None:
-        common_sd = 0.0 if known.gains is None else known.gains.factor_sd
     stated = None if known_mass is None else _stated(known_mass)
     log = as_log(log, known.model.robot)
     _check(known, log)
+    factor_sd, factor_from = common_factor(known.gains, log) if common_sd is None else (common_sd, STATED)
+    if not factor_sd >= 0.0:
+        remedy = "give a share of 0 or more, as in 0.1 for 10 %"
+        raise InputError(f"{factor_sd:g} is no relative standard deviation", field="common_sd", remedy=remedy)
     again = identify_again(
         known.model.extend(Payload()),
         log,
@@ -341,13 +298,12 @@ def identify_payload(
     again = replace(
         again, logs=again.logs | known.logs, gains=known.gains, provenance=replace(again.provenance, call=call)
     )
-    theta = _posterior_of(again).uncertain.theta  # of all modes together
-    draws = theta.reshape(-1, theta.shape[-1])[:, -10:]
+    draws = _body_draws(again)
     of_payload = again.coefficients.kept >= len(again.model.before_sensors.parameters) - 10
-    evidence, _ = _chi_square(again.fit.information, again.fit.beta, of_payload)
+    evidence, _ = chi_square_of(again.fit.information, again.fit.beta, of_payload)
     shown = evidence > float(chdtri(10, TUNING.payload_false_alarm))
     return PayloadReading(
-        body=PayloadBody.of_draws(draws, shown, common_sd),
+        body=PayloadBody.of_draws(draws, shown, factor_sd),
         check=check_unchanged(known.knowledge, known.noise, again),
         evidence=evidence,
         gain_factor=gain_factor(evenly_sized(draws)[:, 9], *stated) if stated is not None and shown else None,
@@ -358,7 +314,17 @@ def identify_payload(
             *_ratios_warning(known.gains),
         ),
         seconds=time.perf_counter() - began,
+        common_sd=factor_sd,
+        common_sd_from=factor_from,
+        mass_sd_by_log=Estimate.of_draws(evenly_sized(draws)[:, 9]).sd,
     )
+
+
+def _body_draws(again: Identification) -> Array:
+    """(K, 10) of the payload, the last term of the model, by the draws of all modes together."""
+    theta = _posterior_of(again).uncertain.theta
+    draws: Array = theta.reshape(-1, theta.shape[-1])[:, -10:]
+    return draws
 
 
 def _ratios_warning(gains: IdentifiedGains | None) -> list[str]:

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from bayesid.files.writing import save_folder, write_json
 from bayesid.identification.checks import Check, convergence
-from bayesid.identification.payload import AXES, Estimate, PayloadReading
+from bayesid.identification.payload import ASSUMED, AXES, BY_GAINS, Estimate, PayloadReading
 from bayesid.report.summary import as_object, taken
-from bayesid.report.words import joints_in_words, quantity, rounded
+from bayesid.report.words import in_percent, joints_in_words, quantity, rounded
 
 PAYLOAD = "payload.json"
 PAYLOAD_FILES = frozenset({PAYLOAD})
@@ -35,9 +34,11 @@ def save_payload(reading: PayloadReading, folder: str | Path) -> Path:
 def _payload_summary(reading: PayloadReading) -> dict[str, Any]:
     """payload.json: SI units, joints from 1; null where there is nothing to say."""
     body, check, known, gains = reading.body, reading.check, reading.known_mass, reading.gains
+    doubts = [one for one in payload_checks(reading) if one.state != "good"]
     return as_object(
         {
-            **taken(reading, "frame", "gain_factor", "seconds", "warnings"),
+            **taken(reading, "frame", "gain_factor", "seconds"),
+            "warnings": [*reading.warnings, *(f"{one.name}: {one.message}" for one in doubts)],
             **taken(body, "shown", "mass", com=body.centre, inertia=body.inertia),
             "check": {
                 **taken(check, "passed", "joints", "chi_square"),
@@ -49,6 +50,8 @@ def _payload_summary(reading: PayloadReading) -> dict[str, Any]:
                 "most_chi_square": check.limit,
                 "false_alarm": check.FALSE_ALARM,
             },
+            "common_factor": {"sd": reading.common_sd, "from": reading.common_sd_from},
+            "mass_sd_by_log": reading.mass_sd_by_log,
             "known_mass": None if known is None else {"value": known[0], "sd": known[1]},
             "gains": None if gains is None else {"read_with": gains[0], "corrected": gains[1]},
             "posterior": taken(reading.posterior, "converged", "max_rhat", "min_ess"),
@@ -74,13 +77,16 @@ def _row(name: str, one: Estimate, unit: str) -> tuple[str, ...]:
 
 def payload_checks(reading: PayloadReading, result: str = "RESULT") -> tuple[Check, ...]:
     """How far the payload can be trusted; `result` is the folder of the earlier log's result, for the remedy."""
-    return (_mass(reading), _unchanged(reading, result), _sampling(reading), *_gains(reading))
+    return (_gains(reading), _mass(reading), _unchanged(reading, result), _sampling(reading))
 
 
 def _mass(reading: PayloadReading) -> Check:
     mass = reading.body.mass
     if reading.body.shown:
-        return Check("Payload", "good", f"{quantity(mass.value, mass.sd, 'kg')} in the frame of {reading.frame}")
+        low, high = (rounded(end) for end in mass.interval)
+        said = f"{quantity(mass.value, mass.sd, 'kg')} (95 %: {low} to {high}) in the frame of {reading.frame}"
+        by_log = f"; by the log alone +- {rounded(reading.mass_sd_by_log, 1)} kg" if reading.common_sd else ""
+        return Check("Payload", "good", f"{said}{by_log}")
     said = f"none that can be told from zero: less than {rounded(mass.interval[1], 2)} kg (95 %)"
     return Check("Payload", "look", said)
 
@@ -89,11 +95,12 @@ def _unchanged(reading: PayloadReading, result: str) -> Check:
     name, check = "Besides the payload", reading.check
     worst = int(check.residual.argmax())
     seen = (
-        f"the residual is at most {check.residual[worst]:.2f} times the earlier log's noise (joint {worst + 1}), the "
-        f"robot's own coefficients moved by a chi-square of {check.chi_square:.0f} with {check.freedom} degrees"
+        f"residual at most {check.residual[worst]:.2f} times the earlier log's noise (joint {worst + 1}; limit "
+        f"{check.MOST_RESIDUAL:g}), chi-square of the robot's own coefficients {check.chi_square:.0f} (limit "
+        f"{check.limit:.0f})"
     )
     if check.passed:
-        return Check(name, "good", f"nothing has changed: {seen}")
+        return Check(name, "good", f"no change is seen: {seen}")
     which = joints_in_words(check.joints) if check.joints else "the links"
     said = f"something else has changed in {which}, and the payload may be wrong by it: {seen}"
     command = shlex.join(["bayesid", "discrepancy", result, reading.identification.log.source])
@@ -107,13 +114,24 @@ def _sampling(reading: PayloadReading) -> Check:
     return Check("Sampling", "look", f"has not converged ({figures})", "give a larger --posterior-budget")
 
 
-def _gains(reading: PayloadReading) -> Iterator[Check]:
+def _gains(reading: PayloadReading) -> Check:
+    """What all efforts may be off by, which mass and inertia share; with a known mass, what they are off by."""
+    if reading.known_mass is not None:
+        return _gains_by_mass(reading)
+    off = in_percent(reading.common_sd)
+    if reading.common_sd_from == ASSUMED:
+        said = f"not stated, so all torques may be {off} off (sd), and mass and inertia with them"
+        return Check("Gains", "look", said, "weigh the payload and give --known-mass, or state --common-sd")
+    if reading.common_sd_from == BY_GAINS:
+        return Check("Gains", "good", f"the result knows their common factor to {off} (sd), as mass and inertia hold")
+    exact = f"all torques may be {off} off (sd), as mass and inertia hold" if reading.common_sd else "exact"
+    return Check("Gains", "good", f"stated: {exact}")
+
+
+def _gains_by_mass(reading: PayloadReading) -> Check:
     factor, passed, known = reading.gain_factor, reading.check.passed, reading.identification.identified.gains
-    if reading.known_mass is None:
-        return
     if factor is None:
-        yield Check("Gains", "bad", "without a payload that the log shows, its known mass says nothing of them")
-        return
+        return Check("Gains", "bad", "without a payload that the log shows, its known mass says nothing of them")
     times, which = (1.0 / factor.value, "large") if factor.value < 1.0 else (factor.value, "small")
     low, high = factor.interval
     said = (
@@ -127,4 +145,4 @@ def _gains(reading: PayloadReading) -> Iterator[Check]:
         remedy = f"read logs with --gains {','.join(f'{gain:.4g}' for gain in reading.gains[1])}"
         if known is not None and known.stated.of_torques:
             remedy += ' --columns i="tau{}"'  # exact gains are for currents
-    yield Check("Gains", "good" if passed else "look", said, remedy)
+    return Check("Gains", "good" if passed else "look", said, remedy)

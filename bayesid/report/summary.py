@@ -17,7 +17,7 @@ from bayesid.files.writing import plain, typed
 from bayesid.identification.identification import Identification
 from bayesid.identification.misread import Misreading
 from bayesid.identification.options import Provenance
-from bayesid.identification.payload import Estimate, PayloadBody
+from bayesid.identification.payload import Estimate, PayloadBody, common_factor
 from bayesid.log.log import Log
 from bayesid.posterior.inference import Posterior
 from bayesid.regression.selection.unseen import TooNarrow
@@ -378,11 +378,11 @@ def _payloads(identification: Identification) -> dict[str, dict[str, Any]] | Non
     """Bodies by the posterior's draws; without a posterior those of the model's parameters, of unknown sd.
 
     The draws are those that were sampled, which are bodies: moved by what the model may lack they need not be. A factor
-    common to all gains scales them, unless their mass is stated.
+    common to all efforts widens them, unless their mass is stated.
     """
     model, posterior, theta = identification.model, identification.posterior, identification.theta
     every = theta[None] if posterior is None else posterior.draws.theta.reshape(-1, len(theta))
-    factor_sd = 0.0 if posterior is None or identification.gains is None else identification.gains.factor_sd
+    factor_sd = 0.0 if posterior is None else common_factor(identification.gains, identification.log)[0]
     carried: dict[str, dict[str, Any]] = {}
     first = 0
     for term in model.terms:

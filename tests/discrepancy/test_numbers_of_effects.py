@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from conftest import small_robot
 
-from bayesid.discrepancy.workflow import Numbers
+from bayesid.discrepancy.numbers import Numbers
 from bayesid.effects.bodies import Payload
 from bayesid.effects.friction import CoulombFriction, ThermalDrift
 from bayesid.effects.model import Model

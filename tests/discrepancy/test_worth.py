@@ -8,8 +8,8 @@ from conftest import small_robot, smooth_motion
 from made_trials import RATE, made_trial
 
 from bayesid.discrepancy.case import Case, HeldBack
+from bayesid.discrepancy.numbers import effort_size, own_effort
 from bayesid.discrepancy.sets import costs
-from bayesid.discrepancy.workflow import effort_size, own_effort
 from bayesid.effects.drive import GainError, TorqueOffset
 from bayesid.effects.friction import CoulombFriction
 from bayesid.effects.model import Model

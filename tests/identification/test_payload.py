@@ -16,11 +16,11 @@ from bayesid.identification.payload import (
     AXES,
     Estimate,
     PayloadBody,
-    UnchangedCheck,
     evenly_sized,
     identify_payload,
     with_common_factor,
 )
+from bayesid.identification.unchanged import UnchangedCheck
 from bayesid.report.payload import payload_checks
 from bayesid.robot.inertia import pseudo_inertia
 
@@ -35,7 +35,7 @@ def case(seed):
 
 @cache
 def reading(seed, loaded=True, friction=None):
-    return identify_payload(case(seed).result, case(seed).later(PAYLOAD if loaded else None, friction))
+    return identify_payload(case(seed).result, case(seed).later(PAYLOAD if loaded else None, friction), common_sd=0.0)
 
 
 def numbers(body):
@@ -67,7 +67,7 @@ def test_a_common_factor_moves_mass_and_inertia_alike_and_no_centre():
     draws = PAYLOAD * (1.0 + 0.01 * rng.standard_normal((4000, 1)))
     plain, wide = PayloadBody.of_draws(draws), PayloadBody.of_draws(draws, common_sd=0.05)
     for before, after in zip((plain.mass, *plain.inertia), (wide.mass, *wide.inertia), strict=True):
-        assert after.value == pytest.approx(before.value, rel=0.005)
+        assert after.value == before.value
         assert after.sd / abs(after.value) == pytest.approx(np.hypot(0.01, 0.05), rel=0.05)
     assert [one.sd for one in wide.centre] == pytest.approx([0.0] * 3, abs=1e-12)
     assert with_common_factor(draws, 0.0) is draws
@@ -107,7 +107,7 @@ def test_changed_friction_is_marked():
     assert not read.check.passed
     assert read.check.joints == (2,)
     assert "CHANGED: joint 2" in repr(read)
-    unchanged = payload_checks(read, "before")[1]
+    (unchanged,) = (one for one in payload_checks(read, "before") if one.name == "Besides the payload")
     assert (unchanged.state, "joint 2" in unchanged.message) == ("bad", True)
     assert "`bayesid discrepancy before " in unchanged.remedy
 
@@ -125,7 +125,16 @@ def test_gains_that_are_off_by_a_tenth():
     assert read.gain_factor.sd < 0.03
     given, corrected = read.gains
     np.testing.assert_allclose(corrected, read.gain_factor.value * given)
-    assert identify_payload(result, log).gain_factor is None
+    exact = identify_payload(result, log)
+    assert exact.gain_factor is None
+    assert exact.body.mass.interval[0] > MASS, "gains that are stated are taken as exact"
+    nobody_knows = identify_payload(result, replace(log, read_with={}))
+    assert (exact.common_sd, nobody_knows.common_sd) == (0.0, 0.1)
+    assert nobody_knows.body.mass.value == exact.body.mass.value
+    low, high = nobody_knows.body.mass.interval
+    assert low < MASS < 1.2 * MASS < high
+    assert nobody_knows.mass_sd_by_log == exact.mass_sd_by_log == pytest.approx(exact.body.mass.sd)
+    assert [payload_checks(one)[0].state for one in (nobody_knows, exact, read)] == ["look", "good", "good"]
 
 
 def test_limits_keep_the_false_alarms_and_name_what_has_changed():
@@ -166,6 +175,9 @@ def test_what_cannot_be_used_is_refused():
     ):
         with pytest.raises(bayesid.InputError, match=says):
             identify_payload(earlier, given)
+    for sd in (-0.1, np.nan):
+        with pytest.raises(bayesid.InputError, match="standard deviation"):
+            identify_payload(result, log, common_sd=sd)
     for mass in (0.0, -1.0, np.nan, np.inf, (1.0, -0.1), (1.0, 0.5), (1.0, 2.0, 3.0), "heavy"):
         with pytest.raises(bayesid.InputError, match="mass"):
             identify_payload(result, log, known_mass=mass)
