@@ -14,7 +14,9 @@ from bayesid.discrepancy.tuning import TUNING as DISCREPANCY
 from bayesid.effects import RigidBody
 from bayesid.effects.catalogue import forms
 from bayesid.effects.effect import Effect, Phrase, ReadableUnit
+from bayesid.identification.checks import Check
 from bayesid.identification.identification import KNOWN
+from bayesid.report.brief import in_brief as last_in_brief
 from bayesid.report.discrepancy import added_summary, discrepancy_checks, discrepancy_summary, people_unit
 from bayesid.report.summary import as_json, as_object, taken
 from bayesid.report.tuning import TUNING
@@ -126,15 +128,25 @@ def columns(comparison: LogComparison) -> dict[str, list[str]]:
     }
 
 
-def changes_lead(comparison: LogComparison) -> str:
-    """The same in short: as many as a sentence holds."""
-    parts = []
-    for which, lines in columns(comparison).items():
-        more = len(lines) - TUNING.most_listed
-        few = [*lines[: TUNING.most_listed], *([f"{more} more"] if more > 0 else [])]
-        parts += [f"{SECTIONS[which]}: {'; '.join(few)}"] if lines and which != UNDECIDED else []
-    nothing = "Nothing has changed since the first log, and nothing was missing, as far as these logs show"
-    return f"{'. '.join(parts) or nothing}."
+def in_brief(comparison: LogComparison) -> tuple[Check, ...]:
+    """What changed, what all logs have beyond the terms asked for; gap, rest and next step of the last one."""
+    changed = [effect_name(one.effect) for one in _new(comparison)]
+    changed += [f"{effect_name(one.effect)} is gone" for one in comparison.of(GONE)]
+    rows = _other_changes(comparison)
+    changed += [row.text for row in rows if not row.of_links]
+    if links := [row for row in rows if row.of_links]:
+        changed.append(counted(len(links), "link coefficient"))
+    along = [effect_name(one.effect) for one in comparison.of(ALL_ALONG)]
+    return (
+        Check("Changed", "look" if changed else "good", _few(changed) or "nothing that these logs show"),
+        Check("In all logs", "good", _few(along) or "no effect beyond the terms asked for"),
+        *(one for one in last_in_brief(comparison.found[-1]) if one.name in ("Gap", "Left", "Next")),
+    )
+
+
+def _few(texts: list[str]) -> str:
+    more = len(texts) - TUNING.most_listed
+    return "; ".join([*texts[: TUNING.most_listed], *([f"{more} more"] if more > 0 else [])])
 
 
 def _new(comparison: LogComparison) -> list[EffectHistory]:

@@ -1,4 +1,4 @@
-"""A discrepancy: a sentence that says it all, a check for each finding, and what discrepancy.json holds."""
+"""A discrepancy: a check for each finding, and what discrepancy.json holds."""
 
 from __future__ import annotations
 
@@ -29,73 +29,6 @@ CHANGE = "change of "
 """Begins the names of what a parameter has changed by."""
 
 
-# ---------------------------------------------------------------------------------------------------------------
-# In one sentence
-# ---------------------------------------------------------------------------------------------------------------
-def lead(discrepancy: Discrepancy) -> str:
-    """What was found, what it explains, and what is left."""
-    left, unexplained = _left(discrepancy), {joint for joint, _ in discrepancy.unexplained}
-    if not discrepancy.added:
-        return " ".join([_nothing_found(discrepancy), *left])
-    whole = {excess.joint for excess in discrepancy.where} - unexplained
-    explained = [f"This explains what showed in {joints_in_words(whole)}."] if whole else []
-    ratios = discrepancy.after / discrepancy.floor.rms
-    worst = int(ratios.argmax()) + 1
-    remains = f"{_effort(discrepancy, discrepancy.after[worst - 1], worst)} in joint {worst}"
-    left = left or [f"What remains is at most {ratios.max():.2f} times the noise floor ({remains})."]
-    return " ".join([f"Found: {'; '.join(_in_brief(discrepancy))}.", *explained, *left])
-
-
-def _in_brief(discrepancy: Discrepancy) -> Iterator[str]:
-    """A payload of 3.05 kg at (0.030, 0.164, 0.036) m; changed load-dependent friction in joints 2 and 3."""
-    groups: dict[tuple[str, bool], list[AddedEffect]] = {}
-    for added in discrepancy.added:
-        groups.setdefault((added.effect, bool(added.hypothesis.changes)), []).append(added)
-    for (effect, changed), alike in groups.items():
-        brief, readable = alike[0].hypothesis.source.phrase.brief, alike[0].readable
-        joints = {joint for added in alike for joint in added.joints}
-        if brief and readable and not changed:
-            yield brief.format(**{name: _known_digits(value, sd) for name, (value, sd, _) in readable.items()})
-        else:
-            where = f" in {joints_in_words(joints)}" if joints else ""
-            yield f"{'changed ' if changed else ''}{label(effect)}{where}"
-
-
-def _known_digits(value: float, sd: float) -> str:
-    """A value to the digits that its deviation leaves, without it."""
-    return quantity(value, sd, "").split(" +- ")[0].lstrip("(")
-
-
-def _left(discrepancy: Discrepancy) -> list[str]:
-    """What nothing explains: the root of the mean square above the floor's, and joints that got worse."""
-    above, worse = [], []
-    for joint, ratio in discrepancy.unexplained:
-        if set(discrepancy.unexplained_on[joint]) == {GROWN}:
-            worse.append(joint)
-        else:
-            size = float(discrepancy.floor.rms[joint - 1]) * math.sqrt(max(ratio**2 - 1.0, 0.0))
-            above.append(f"joint {joint}: {rounded(size, 2)} {unit_of(discrepancy, joint)}")
-    said = [f"Left above the noise floor: {', '.join(above)}."] if above else []
-    if worse:
-        said.append(f"Predicted worse than before on {_data(discrepancy)}: {joints_in_words(worse)}.")
-    return said
-
-
-def _nothing_found(discrepancy: Discrepancy) -> str:
-    if discrepancy.unexplained:
-        return "Something is missing from the model, but no effect of the catalogue explains it."
-    if discrepancy.where:
-        joints = joints_in_words(excess.joint for excess in discrepancy.where)
-        said = f"No effect is missing from the model, but its parameters do not quite fit {joints}"
-        return f"{said}. Gap with these identified again, {_gap(discrepancy)}."
-    ratios = discrepancy.before / discrepancy.floor.rms
-    worst = int(ratios.argmax()) + 1
-    gap, floor = (_effort(discrepancy, of[worst - 1], worst) for of in (discrepancy.before, discrepancy.floor.rms))
-    largest = f"The largest gap on {_data(discrepancy)} is {rounded(ratios.max())} times the noise floor"
-    where = f"in joint {worst} ({gap}; noise floor {floor})"
-    return f"{nothing_missing(discrepancy)}: the model explains this log as it is. {largest}, {where}."
-
-
 def nothing_missing(discrepancy: Discrepancy) -> str:
     """As much as can be said: below a floor that is a model's own error something may be."""
     return "Nothing is missing" + (" above the noise floor" if discrepancy.floor.lasting.any() else "")
@@ -118,7 +51,6 @@ def discrepancy_checks(discrepancy: Discrepancy) -> tuple[Check, ...]:
     """What was found (good, or to be looked at), what is left (bad), and what the log cannot tell (not done)."""
     return (
         *(_found(discrepancy, added) for added in discrepancy.added),
-        *([Check("Gap", "good", _gap(discrepancy))] if discrepancy.added else []),
         *(_unexplained(discrepancy, joint, ratio) for joint, ratio in discrepancy.unexplained),
         *(_not_learned(discrepancy, refused) for refused in discrepancy.refused if refused.description is not None),
         *_all_along(discrepancy),
@@ -129,7 +61,7 @@ def discrepancy_checks(discrepancy: Discrepancy) -> tuple[Check, ...]:
 
 def _found(discrepancy: Discrepancy, added: AddedEffect) -> Check:
     name, would = upper(label(added.effect, added.joints)), distinguishing_motions(added)
-    if impossible := _below_zero(added):
+    if impossible := below_zero(added):
         message = f"by itself it would make {listed(impossible)} negative: it stands for something else that acts alike"
         return Check(name, "look", message, f"{would} would show what it is")
     changes, detail, n = bool(added.hypothesis.changes), added.hypothesis.source.phrase.detail, len(discrepancy.before)
@@ -139,7 +71,7 @@ def _found(discrepancy: Discrepancy, added: AddedEffect) -> Check:
     elif added.readable and detail and not changes:
         parts.append(detail.format(**{symbol: quantity(*number) for symbol, number in added.readable.items()}))
     if (size := added.size) is not None:
-        largest = _effort(discrepancy, size.largest, size.joint)
+        largest = effort_in_words(discrepancy, size.largest, size.joint)
         parts.append(f"Its largest effort is {largest}, {in_percent(size.share)} of joint {size.joint}'s {size.of}.")
     unsure, alike = added.probability < TUNING.sure, equivalents(added, noun)
     if unsure:
@@ -155,11 +87,11 @@ def _found(discrepancy: Discrepancy, added: AddedEffect) -> Check:
 def _not_learned(discrepancy: Discrepancy, refused: AddedEffect) -> Check:
     assert refused.description is not None
     learned = f"a function learned in {joints_in_words(refused.joints)} that {refused.description.sentence}"
-    message = f"{learned} was not added: not borne out by {_data(discrepancy)}"
+    message = f"{learned} was not added: not borne out by {data_in_words(discrepancy)}"
     return Check("Effect without a name", "look", message, f"{distinguishing_motions(refused)} would show it")
 
 
-def _below_zero(added: AddedEffect) -> list[str]:
+def below_zero(added: AddedEffect) -> list[str]:
     """What an effect would make negative that cannot be: the friction that it adds to."""
     impossible = []
     for symbol, other in added.hypothesis.source.adds_to.items():
@@ -188,36 +120,18 @@ def _percent(share: float) -> str:
     return "under 1 %" if share < 0.01 else "over 99 %" if share > 0.99 else f"{100.0 * share:.0f} %"
 
 
-def _gap(discrepancy: Discrepancy) -> str:
-    """On the holdout: 2.4 -> 0.31 N m in joint 3 (noise floor 0.30 N m)."""
-    parts = []
-    for joint in _worth_naming(discrepancy)[: TUNING.joints_named]:
-        before, j = rounded(float(discrepancy.before[joint - 1])), joint - 1
-        after, floor = (_effort(discrepancy, of[j], joint) for of in (discrepancy.after, discrepancy.floor.rms))
-        parts.append(f"{before} -> {after} in joint {joint} (noise floor {floor})")
-    return f"on {_data(discrepancy)}: {', '.join(parts)}"
-
-
-def _worth_naming(discrepancy: Discrepancy) -> list[int]:
-    """Joints whose gap is worth naming, the largest first: above the floor before, and not named as unexplained."""
-    unexplained = {joint for joint, _ in discrepancy.unexplained}
-    acting = {joint for added in discrepancy.added for joint in added.joints}
-    above = {excess.joint for excess in discrepancy.where}
-    preferred = above - unexplained, acting - unexplained, above, acting, set(range(1, len(discrepancy.before) + 1))
-    chosen = next(joints for joints in preferred if joints)
-    return sorted(chosen, key=lambda j: -float(discrepancy.before[j - 1] / discrepancy.floor.rms[j - 1]))
-
-
-def _data(discrepancy: Discrepancy) -> str:
+def data_in_words(discrepancy: Discrepancy) -> str:
+    """Those that were held back."""
     return "the stretches held back" if discrepancy.holdout.startswith("stretches ") else "the holdout"
 
 
-def _effort(discrepancy: Discrepancy, value: float, joint: int) -> str:
+def effort_in_words(discrepancy: Discrepancy, value: float, joint: int) -> str:
+    """An effort of a joint (from 1) with its unit."""
     return f"{rounded(float(value))} {unit_of(discrepancy, joint)}"
 
 
 def _unexplained(discrepancy: Discrepancy, joint: int, ratio: float) -> Check:
-    says, data, reasons = discrepancy.unexplained_on[joint], _data(discrepancy), list[str]()
+    says, data, reasons = discrepancy.unexplained_on[joint], data_in_words(discrepancy), list[str]()
     if ON_LOG in says or HELD_BACK in says:
         reasons.append(f"{rounded(ratio, 2)} times the noise floor is left on {'the log' if ON_LOG in says else data}")
         for shown in (excess for excess in discrepancy.where if excess.joint == joint):
@@ -225,7 +139,7 @@ def _unexplained(discrepancy: Discrepancy, joint: int, ratio: float) -> Check:
             reasons[-1] += f", most over {shown.variable} ({rounded(low, 2)} to {rounded(high, 2)} {unit})"
     if GROWN in says:
         before, after = rounded(float(discrepancy.before[joint - 1])), discrepancy.after[joint - 1]
-        reasons.append(f"its gap on {data} rises from {before} to {_effort(discrepancy, after, joint)}")
+        reasons.append(f"its gap on {data} rises from {before} to {effort_in_words(discrepancy, after, joint)}")
     message = f"Joint {joint} stays unexplained: {'; '.join(reasons)}"
     return Check("What is left", "bad", message, "see its residual: no effect of the catalogue has its shape")
 
@@ -241,11 +155,11 @@ def _lasting_floor(discrepancy: Discrepancy) -> Iterator[Check]:
 
 
 def _all_along(discrepancy: Discrepancy) -> Iterator[Check]:
-    """What the earlier model has beyond the standard terms, and this log shows by itself too."""
-    if discrepancy.all_along:
-        named = listed([label(effect, joints) for effect, joints in discrepancy.all_along])
-        message = f"{named}: the earlier model has it, and this log bears it out by itself; it is no change"
-        yield Check("Missing all along", "good", message)
+    """What the earlier model has beyond the standard terms, and this log shows by itself too, unchanged."""
+    changed = {added.hypothesis.key for added in discrepancy.added}
+    if same := [label(effect, joints) for effect, joints in discrepancy.all_along if (effect, joints) not in changed]:
+        message = f"{'; '.join(same)}: in the earlier model already, and seen in this log too"
+        yield Check("Not new", "good", message)
 
 
 def testable_groups(discrepancy: Discrepancy) -> list[tuple[str, tuple[int, ...]]]:
@@ -304,6 +218,14 @@ def _numbers(added: AddedEffect, n: int) -> dict[str, str]:
         total = f"{source.adds_to.get(symbol, symbol)}{name[len(symbol) :]}"
         texts[symbol.rstrip("_")] = told(added, total if total in added.parameters else name)
     return texts
+
+
+def main_number(added: AddedEffect, n: int) -> str:
+    """The one that says how strong an effect of one joint is, or of the whole robot; nothing where several do."""
+    numbers, size = _numbers(added, n), added.hypothesis.source.phrase.size
+    if added.readable or len(added.joints) > 1 or added.description is not None:
+        return ""
+    return numbers.get(size, "") if size or len(numbers) != 1 else next(iter(numbers.values()))
 
 
 def _need(added: AddedEffect, n: int) -> str:

@@ -49,6 +49,8 @@ class Tuning:
     # Verdicts of a discrepancy
     joints_named: int = 3
     """Joints whose gaps are named one by one: more make a sentence that nobody reads."""
+    effects_named: int = 3
+    """Effects that the line on top of a discrepancy names: more make one that nobody reads."""
     sure: float = 0.9
     """Probability below which it is mentioned."""
     set_listed: float = 0.01

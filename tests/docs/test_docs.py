@@ -185,7 +185,7 @@ def test_method_names_every_file_column_and_key(tmp_path):
         assert f"`{path.name}`" in text, path.name
         if path.suffix == ".csv":
             header = path.read_text().splitlines()[0].split(",")
-            unnumbered = {re.sub(r"^(tau|p|predicted|lower|upper)\d+$", r"\g<1>1", name) for name in header}
+            unnumbered = {re.sub(r"^(tau|p|q|dq|predicted|lower|upper)\d+$", r"\g<1>1", name) for name in header}
             missing = {name for name in unnumbered if f"`{name}`" not in text} - named
             assert not missing, f"{path.name}: {missing}"
     summary = as_json(summarise(result))

@@ -16,7 +16,8 @@ from bayesid.effects.friction import CoulombFriction, ThermalDrift
 from bayesid.effects.kinematic_errors import BaseTilt
 from bayesid.effects.learned_effect import LearnedEffect
 from bayesid.regression.selection.added_effect import Cost, EffortSize
-from bayesid.report.discrepancy import discrepancy_checks, lead
+from bayesid.report.brief import in_brief
+from bayesid.report.discrepancy import discrepancy_checks
 from bayesid.report.words import quantity, rounded
 
 BODY = {
@@ -45,6 +46,11 @@ def holds(text, *parts):
 def checks_of(result, name=None):
     """Of one name, or all."""
     return [one for one in discrepancy_checks(result) if name in (None, one.name)]
+
+
+def line(result, name):
+    """What one of the lines on top says; nothing where there is none."""
+    return next((one.message for one in in_brief(result) if one.name == name), "")
 
 
 def test_numbers_keep_the_digits_that_are_known():
@@ -127,15 +133,12 @@ def test_what_an_effect_is_worth_is_told():
 
 
 def test_the_gap_is_told_before_and_after_beside_the_floor():
-    (gap,) = checks_of(make(), "Gap")
-    assert gap.state == "good"
-    assert holds(gap.message, "2.41", "0.312 N m", "joint 2", "0.300 N m")
-    (gap,) = checks_of(make(identification=made_of(sliding=(2,))), "Gap")
-    assert holds(gap.message, "0.312 N in joint 2")
+    assert holds(line(make(), "Gap"), "2.41", "0.312 N m", "joint 2", "0.300 N m")
+    assert holds(line(make(identification=made_of(sliding=(2,))), "Gap"), "0.312 N in joint 2")
     sizes = {"before": np.arange(1.0, 6.0), "after": np.array([0.9, 1.1, 3.0, 0.5, 6.0]), "floor": floor_of(np.ones(5))}
     where = tuple(Excess(j, 1.0, "load", (0.0, 1.0)) for j in range(1, 6))
-    (gap,) = checks_of(make(**sizes, where=where, identification=made_of(n=5)), "Gap")
-    assert holds(gap.message, "5.00", "6.00", "joint 5", "4.00", "0.500", "joint 4", "3.00", "joint 3")
+    gap = line(make(**sizes, where=where, identification=made_of(n=5)), "Gap")
+    assert holds(gap, "5.00", "6.00", "joint 5", "4.00", "0.500", "joint 4", "3.00", "joint 3")
 
 
 def test_joints_that_stay_unexplained_are_named_with_what_is_left():
@@ -143,7 +146,8 @@ def test_joints_that_stay_unexplained_are_named_with_what_is_left():
     (check,) = discrepancy_checks(result)
     assert check.state == "bad"
     assert holds(check.message, "Joint 2", "5.2", "velocity (-1.2 to 0.75 rad/s)")
-    assert holds(lead(result), "oint 2", "1.5 N m")
+    assert holds(line(result, "Left"), "1.5 N m", "joint 2")
+    assert "residual of joint 2" in line(result, "Next")
 
 
 def test_which_data_say_that_a_joint_is_unexplained_is_said():
@@ -153,15 +157,19 @@ def test_which_data_say_that_a_joint_is_unexplained_is_said():
         (check,) = discrepancy_checks(result)
         grown = "gap grew on held-back data" in says
         assert holds(check.message, "Joint 3", *(("0.313", "0.496 N m") if grown else ("1.6",)))
-        assert ("0.39 N m" in lead(result)) != grown, "what is left, 0.31 N m times the root of 1.6 squared less one"
+        assert ("0.39 N m" in line(result, "Left")) != grown, "0.31 N m times the root of 1.6 squared less one"
 
 
 def test_nothing_missing_is_told_by_the_worst_joint():
     result = make(status="no_discrepancy", **NOTHING, before=np.array([0.292, 0.312, 0.313]))
     assert discrepancy_checks(result) == ()
-    assert holds(lead(result), "1.04", "joint 2", "0.312 N m", "0.300 N m")
-    moved = lead(make(status="no_discrepancy", added=(), holdout="stretches 3 and 6 of 8 of log.csv"))
-    assert holds(moved, "No effect", "joint 2", "2.41", "0.312 N m", "0.300")
+    assert [one.name for one in in_brief(result)] == ["Missing", "Gap", "Left", "Next"]
+    assert {one.state for one in in_brief(result)} == {"good"}
+    assert line(result, "Missing") == "nothing"
+    assert holds(line(result, "Left"), "1.04", "0.312 N m", "joint 2")
+    moved = make(status="no_discrepancy", added=(), holdout="stretches 3 and 6 of 8 of log.csv")
+    assert holds(line(moved, "Missing"), "no effect", "joint 2")
+    assert holds(line(moved, "Gap"), "2.41", "0.312 N m", "0.300")
 
 
 def test_a_floor_that_is_a_models_own_error_is_to_be_looked_at():
@@ -171,7 +179,7 @@ def test_a_floor_that_is_a_models_own_error_is_to_be_looked_at():
     (check,) = discrepancy_checks(result)
     assert check.state == "look"
     assert holds(check.message, "joints 1 and 3", "earlier model's own error")
-    assert holds(lead(result), "above the noise floor")
+    assert holds(line(result, "Missing"), "above the noise floor")
     refit = floor_of(rms, "refit with standard effects", lasting=[1], white=0.5)
     (check,) = discrepancy_checks(replace(result, floor=refit))
     assert holds(check.message, "joint 2", "refitted model")
@@ -187,16 +195,44 @@ def partly_explained():
 
 def test_what_was_found_and_what_is_left_leads():
     result = partly_explained()
-    brief = "payload", "2.80 kg", "(0.030, -0.200, 0.1104) m", "Coulomb friction", "joint 1"
-    left = "joint 1", "oint 2", "1.5 N m", "oint 3", "0.35 N m"
-    assert holds(lead(result), *brief, *left)
-    assert [(check.name, check.state) for check in discrepancy_checks(result)[:5]] == [
+    assert holds(line(result, "Missing"), "payload of 2.80 +- 0.04 kg", "change of Coulomb friction", "joint 1")
+    assert holds(line(result, "Left"), "1.5 N m in joint 2", "0.35 N m in joint 3")
+    assert [(check.name, check.state) for check in discrepancy_checks(result)[:4]] == [
         ("Payload", "good"),
         ("Coulomb friction, joint 1", "good"),
-        ("Gap", "good"),
         ("What is left", "bad"),
         ("What is left", "bad"),
     ]
+
+
+def test_five_lines_say_it_all():
+    """What cannot be told apart, or would be impossible, is no sure finding, and the next step is what would tell."""
+    worth = {"size": EffortSize(2, 1.5, 2.25, 45.0, "rated effort")}
+    alike = found(friction(), FRICTION, equivalent=["torque_offset"], **worth)
+    weak = [found(TorqueOffset(joints=(joint,))) for joint in (1, 2, 3)]
+    impossible = found(DRIFT, OWN | {"Fc2": (-0.3, 0.5, "N m"), "change of Fc2": (-1.8, 0.5, "N m")})
+    result = make(added=(impossible, PAYLOAD, weak[0], found(Delay(lag=(0.004,))), alike))
+    lines = in_brief(result)
+    assert [one.name for one in lines] == ["Missing", "Size", "Gap", "Left", "Next"]
+    assert max(len(one.message.split()) for one in lines) <= 40
+    assert lines[0].state == "look"
+    said = lines[0].message
+    assert said.startswith("Coulomb friction in joint 2 (or torque offset); ")
+    assert "what acts like thermal drift in joint 2" in said
+    assert "2 smaller effects" in said
+    assert holds(lines[1].message, "2.25 N m in joint 2", "5.0 %", "rated effort")
+    assert ThermalDrift.shown_by in lines[4].message
+    assert CoulombFriction.shown_by in line(make(added=(PAYLOAD, alike)), "Next")
+    assert "extended model" in line(make(added=(PAYLOAD,)), "Next")
+
+
+def test_what_has_changed_is_not_called_known():
+    changed = found(friction(), {"Fc2": (2.3, 0.1, "N m"), "change of Fc2": (0.4, 0.1, "N m")}, changes=("Fc2",))
+    known = (("coulomb_friction", (2,)), ("coulomb_friction", (3,)))
+    (check,) = checks_of(make(added=(changed,), all_along=known), "Not new")
+    assert "joint 3" in check.message
+    assert "joint 2" not in check.message
+    assert checks_of(make(added=(changed,), all_along=known[:1]), "Not new") == []
 
 
 def numbers_of(kind):

@@ -16,22 +16,15 @@ from bayesid.regression.selection.added_effect import AddedEffect
 from bayesid.regression.selection.explanation import LN10
 from bayesid.regression.selection.hypotheses import Hypothesis
 from bayesid.regression.selection.scores import Score
-from bayesid.report.comparison import (
-    SECTIONS,
-    changes_lead,
-    log_names,
-    moved_parameters,
-    says,
-    timeline_rule,
-    tracked_name,
-)
+from bayesid.report.brief import in_brief
+from bayesid.report.comparison import SECTIONS, log_names, moved_parameters, says, timeline_rule, tracked_name
 from bayesid.report.comparison import columns as told_columns
+from bayesid.report.comparison import in_brief as changes_in_brief
 from bayesid.report.discrepancy import (
     CHANGE,
     discrepancy_checks,
     distinguishing_motions,
     equivalents,
-    lead,
     listed_sets,
     nothing_missing,
     set_in_words,
@@ -70,7 +63,7 @@ def discrepancy_page(discrepancy: Discrepancy) -> str:
         "What the model lacks",
         f"{robot}, {log}",
         (discrepancy.status, _STATUS.get(discrepancy.status, nothing_missing(discrepancy))),
-        lead(discrepancy),
+        html.lines(in_brief(discrepancy)),
         [("Robot", robot), ("Log", log), ("Scored on", discrepancy.holdout)],
         discrepancy.warnings,
         _sections(discrepancy),
@@ -299,12 +292,12 @@ def comparison_page(comparison: LogComparison) -> str:
     last, logs = comparison.found[-1], log_names(comparison)
     robot = comparison.earlier.model.robot.name
     basis = [("Order", comparison.dates.basis), ("Last one scored on", last.holdout)]
-    first = html.section("last", f"{logs[-1]} against the first log's model", html.paragraph(lead(last)))
+    first = html.section("last", f"{logs[-1]} against the first log's model", html.lines(in_brief(last)))
     return html.page(
         "What changed since the first log",
         f"{robot}, {last.identification.log.source}",
         ("", _status(comparison)),
-        changes_lead(comparison),
+        html.lines(changes_in_brief(comparison)),
         [("Robot", robot), ("Logs", "; ".join(logs)), *basis],
         comparison.warnings,
         [_changes(comparison), _timeline(comparison), first, *_sections(last)],

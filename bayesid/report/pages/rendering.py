@@ -73,6 +73,11 @@ def lights(checks: Iterable[Check], words: Mapping[str, str], places: Mapping[st
     return _parts().lights([(one, COLOURS[one.state], words.get(one.state, one.state)) for one in checks], places)
 
 
+def lines(checks: Iterable[Check]) -> Markup:
+    """Checks in one line each, with the colour of their state."""
+    return _parts().lines([(one, COLOURS[one.state]) for one in checks])
+
+
 def table(caption: str, headings: Sequence[str], rows: Iterable[Sequence[str]]) -> Markup:
     """A table; cells are text, or what `number` and the like make of a number."""
     return _parts().table(caption, headings, list(rows))
@@ -97,14 +102,15 @@ def page(
     title: str,
     subject: str,
     status: tuple[str, str],
-    lead: str,
+    lead: str | Markup,
     about: Sequence[tuple[str, str]],
     warnings: Sequence[str],
     sections: Sequence[Section],
 ) -> str:
     """A whole page that opens from anywhere, light or dark, and prints; nothing is fetched, text is escaped.
 
-    The status is a class and a few words, the lead says the same in a sentence or two, and `about` names and values.
+    The status is a class and a few words, the lead says the same in a sentence or two, or as `lines` does,
+    and `about` names and values.
     """
     styles = {"style": _read("uPlot.min.css") + _read("style.css"), "script": _script(), "version": version("bayesid")}
     content = {"title": title, "subject": subject, "status": status, "lead": lead, "about": about}

@@ -1,0 +1,150 @@
+"""A discrepancy in five lines: what was missing, how large, the gap before and after, what is left, what to do."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+from bayesid.discrepancy.selection import GROWN
+from bayesid.discrepancy.workflow import Discrepancy
+from bayesid.effects.catalogue import noun
+from bayesid.identification.checks import Check
+from bayesid.regression.selection.added_effect import AddedEffect
+from bayesid.report.discrepancy import (
+    below_zero,
+    data_in_words,
+    effort_in_words,
+    equivalents,
+    main_number,
+    nothing_missing,
+)
+from bayesid.report.tuning import TUNING
+from bayesid.report.words import counted, in_percent, joints_in_words, label, listed, quantity, rounded, unit_of
+
+
+def in_brief(discrepancy: Discrepancy) -> tuple[Check, ...]:
+    """What was missing, how large it is, the gap before and after, what is left, and what to do."""
+    return (
+        _missing(discrepancy),
+        *_how_large(discrepancy),
+        Check("Gap", "good" if discrepancy.added else "look" if discrepancy.where else "good", _gap(discrepancy)),
+        _left(discrepancy),
+        Check("Next", "good", _next(discrepancy)),
+    )
+
+
+def _missing(discrepancy: Discrepancy) -> Check:
+    name, named = "Missing", _named_effects(discrepancy)
+    if named:
+        more = len(named) - TUNING.effects_named
+        few = [*named[: TUNING.effects_named], *([f"{counted(more, 'smaller effect')}"] if more > 0 else [])]
+        unsure = any(_is_open(added) for added in discrepancy.added)
+        return Check(name, "look" if unsure else "good", "; ".join(few))
+    if discrepancy.unexplained:
+        return Check(name, "bad", "something, but no effect of the catalogue explains it")
+    if discrepancy.where:
+        joints = joints_in_words(excess.joint for excess in discrepancy.where)
+        return Check(name, "look", f"no effect, but the parameters do not quite fit {joints}")
+    return Check(name, "good", nothing_missing(discrepancy).replace("Nothing is missing", "nothing"))
+
+
+def _named_effects(discrepancy: Discrepancy) -> list[str]:
+    """A payload of 3.1 +- 0.3 kg; a change of load-dependent friction in joints 2 and 3; the largest first."""
+    groups: dict[tuple[str, bool, bool], list[AddedEffect]] = {}
+    for added in sorted(discrepancy.added, key=lambda one: 0.0 if one.size is None else -one.size.share):
+        impossible = bool(below_zero(added))
+        groups.setdefault((added.effect, bool(added.hypothesis.changes), impossible), []).append(added)
+    named = []
+    for (effect, changed, impossible), alike in groups.items():
+        brief, readable = alike[0].hypothesis.source.phrase.brief, alike[0].readable
+        if brief and readable and not changed:
+            named.append(brief.format(**{symbol: quantity(*number) for symbol, number in readable.items()}))
+            continue
+        joints = {joint for added in alike for joint in added.joints}
+        where = f" in {joints_in_words(joints)}" if joints else ""
+        how = "what acts like " if impossible else "a change of " if changed else ""
+        named.append(f"{how}{label(effect)}{where}{_or(alike)}")
+    return named
+
+
+def _or(alike: Sequence[AddedEffect]) -> str:
+    """What else effects that are named together could be; of several motions that look alike two are named."""
+    names = list(dict.fromkeys(name for added in alike for name in equivalents(added, label)))
+    more = ", .." if len(names) > 2 else ""
+    return f" (or {listed(names[:2], 'or')}{more})" if names else ""
+
+
+def _is_open(added: AddedEffect) -> bool:
+    """Whether it is not sure what it is."""
+    return bool(added.probability < TUNING.sure or equivalents(added, noun) or below_zero(added))
+
+
+def _how_large(discrepancy: Discrepancy) -> Iterator[Check]:
+    sizes = [(added.size, added) for added in discrepancy.added if added.size is not None]
+    if sizes:
+        size, added = max(sizes, key=lambda one: one[0].share)
+        largest = effort_in_words(discrepancy, size.largest, size.joint)
+        share = f"{in_percent(size.share)} of its {size.of}"
+        what = f"{label(added.effect)} {main_number(added, len(discrepancy.before))}".rstrip()
+        yield Check("Size", "good", f"{what}: up to {largest} in joint {size.joint}, {share}")
+    elif discrepancy.where:
+        worst = max(discrepancy.where, key=lambda one: one.excess / discrepancy.floor.rms[one.joint - 1])
+        excess = effort_in_words(discrepancy, worst.excess, worst.joint)
+        yield Check("Size", "look", f"{excess} (RMS above the noise floor) in joint {worst.joint}")
+
+
+def _left(discrepancy: Discrepancy) -> Check:
+    """What nothing explains: the root of the mean square above the floor's, and joints that got worse."""
+    above, worse = [], []
+    for joint, ratio in discrepancy.unexplained:
+        if set(discrepancy.unexplained_on[joint]) == {GROWN}:
+            worse.append(joint)
+        else:
+            size = float(discrepancy.floor.rms[joint - 1]) * math.sqrt(max(ratio**2 - 1.0, 0.0))
+            above.append(f"{rounded(size, 2)} {unit_of(discrepancy, joint)} in joint {joint}")
+    said = [f"{listed(above)} above the noise floor, unexplained"] if above else []
+    if worse:
+        said.append(f"{joints_in_words(worse)} predicted worse than before on {data_in_words(discrepancy)}")
+    if said:
+        return Check("Left", "bad", "; ".join(said))
+    ratios = discrepancy.after / discrepancy.floor.rms
+    worst = int(ratios.argmax()) + 1
+    remains = f"{effort_in_words(discrepancy, discrepancy.after[worst - 1], worst)} in joint {worst}"
+    return Check("Left", "good", f"at most {rounded(ratios.max())} times the noise floor ({remains})")
+
+
+def _next(discrepancy: Discrepancy) -> str:
+    """The one thing that helps most."""
+    if discrepancy.unexplained:
+        joints = joints_in_words(joint for joint, _ in discrepancy.unexplained)
+        return f"look at the residual of {joints} in discrepancy.html"
+    for added in discrepancy.added:
+        if _is_open(added):
+            others = equivalents(added, label)
+            what = f"it tells {label(added.effect, added.joints)} from {others[0]}" if others else "it shows what it is"
+            return f"record another log ({added.hypothesis.source.shown_by}): {what}"
+    if discrepancy.added:
+        return "use the extended model of this result, after a look at discrepancy.html"
+    if discrepancy.where:
+        return "identify again from this log, or from both"
+    return "nothing: the model explains this log as it is"
+
+
+def _gap(discrepancy: Discrepancy) -> str:
+    """On the holdout: 2.4 -> 0.31 N m in joint 3 (noise floor 0.30 N m)."""
+    parts = []
+    for joint in _worth_naming(discrepancy)[: TUNING.joints_named]:
+        before, j = rounded(float(discrepancy.before[joint - 1])), joint - 1
+        after, floor = (effort_in_words(discrepancy, of[j], joint) for of in (discrepancy.after, discrepancy.floor.rms))
+        parts.append(f"{before} -> {after} in joint {joint} (noise floor {floor})")
+    return f"on {data_in_words(discrepancy)}: {', '.join(parts)}"
+
+
+def _worth_naming(discrepancy: Discrepancy) -> list[int]:
+    """Joints whose gap is worth naming, the largest first: above the floor before, and not named as unexplained."""
+    unexplained = {joint for joint, _ in discrepancy.unexplained}
+    acting = {joint for added in discrepancy.added for joint in added.joints}
+    above = {excess.joint for excess in discrepancy.where}
+    preferred = above - unexplained, acting - unexplained, above, acting, set(range(1, len(discrepancy.before) + 1))
+    chosen = next(joints for joints in preferred if joints)
+    return sorted(chosen, key=lambda j: -float(discrepancy.before[j - 1] / discrepancy.floor.rms[j - 1]))
