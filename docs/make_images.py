@@ -38,7 +38,7 @@ def main() -> None:
         monday, tuesday = (bayesid.read_log(f"{day}.csv", gains=GAINS) for day in ("monday", "tuesday"))
         os.chdir(DOCS)
     search, sampling = bayesid.Certified(), bayesid.Sampling()
-    result = bayesid.identify("kr5", monday, search=search, posterior=sampling)
+    result = bayesid.identify("kr5r650", monday, search=search, posterior=sampling)
     found = findings.find_findings(result).with_validation(result.validate(tuesday))
     pictures = {
         "signs": plot.torques(found, joints=[2, 6]),

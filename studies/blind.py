@@ -24,7 +24,7 @@ from scipy.interpolate import PchipInterpolator
 from scipy.optimize import brentq
 from scipy.signal import butter, lfilter, sosfiltfilt
 
-KR5 = Path(str(files("bayesid.robot") / "robots" / "kr5.toml"))
+KR5 = Path(str(files("bayesid.robot") / "robots" / "kr5-paper.toml"))
 GRAVITY = np.array([0.0, 0.0, -9.81])
 RATE, SAMPLES, BEFORE = 100, 2400, 100  # Hz; samples of a log, and those before it that a delayed effort needs
 DURATION = SAMPLES / RATE

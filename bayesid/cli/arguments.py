@@ -138,7 +138,7 @@ _IDENTIFY = Command(
         "bayesid identify 'week/*.csv' --each --robot ur10e --workers 2 --out week-by-day",
         "bayesid identify unloaded.csv --robot ur10e --payload 2.8~0.005@loaded.csv",
         "bayesid identify currents.csv --robot my_robot.toml --gains 12~20%,16~20%,10~20%,unknown,11,11",
-        "bayesid identify messung.csv --robot kr5 --columns 't=Zeit [ms],q=Achse{} [Grad],tau=Moment{}'",
+        "bayesid identify messung.csv --robot kr5r650 --columns 't=Zeit [ms],q=Achse{} [Grad],tau=Moment{}'",
         "bayesid identify my_bag --robot robot.urdf --topic /joint_states",
         "bayesid identify left.csv --robot two_arms.urdf --tip left_flange --hold lift=0.2",
     ],
@@ -338,7 +338,7 @@ _SIMULATE = Command(
     "a log of |effort| from a robot with random feasible parameters",
     [
         "bayesid simulate --robot panda --duration 20 --noise 0.05 --out log.csv",
-        "bayesid simulate --robot kr5 --effect coulomb_friction:2:0.2 --out log.csv",
+        "bayesid simulate --robot kr5-paper --effect coulomb_friction:2:0.2 --out log.csv",
     ],
     [
         *_shared(f"{ROBOT} --duration --rate --noise"),

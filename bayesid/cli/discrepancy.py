@@ -91,7 +91,7 @@ def _compare_logs(options: argparse.Namespace) -> None:
         raise InputError("is one log; a comparison takes two or more", str(paths[0]), remedy)
     folder, reading = _folder(options, paths), reading_options(options)
     terms = term_names(argparse.Namespace(terms=TERMS if options.terms is None else options.terms))
-    robot = robot_of(options)
+    robot = robot_of(options, of_log=True)
     with StageBars(options.quiet) as bars:
         bars.show("read", 0, 1)
         logs = [read(path, reading, robot) for path in paths]

@@ -67,7 +67,8 @@ def identify_command(options: argparse.Namespace) -> None:
     folder = check_result_folder(options.out or _usual_folder(options, logs, "bayesid"))
     if any(folder.resolve() in (one.path.resolve(), one.path.resolve().parent) for one in logs):  # a bag is a folder
         raise InputError("holds the log, which the result would replace", str(folder), "give --out a new folder")
-    robot, reading, replaced = robot_of(options), reading_options(options), folder.is_dir() and any(folder.iterdir())
+    robot, reading = robot_of(options, of_log=True), reading_options(options)
+    replaced = folder.is_dir() and any(folder.iterdir())
     with StageBars(options.quiet) as bars:
         bars.show("read", 0, 1)
         read_logs = [_read(one, reading, robot) for one in logs]
@@ -105,7 +106,8 @@ def _identify_each(options: argparse.Namespace, logs: Sequence[Recording], setti
         if one.payload:
             said = f"{one.path} carries a payload, which only a log without it tells from the last link"
             raise InputError(said, "--each", "leave --each out, or name the log without its payload")
-    folder, robot = options.out or _usual_folder(options, logs, "bayesid-each"), robot_of(options)
+    folder = options.out or _usual_folder(options, logs, "bayesid-each")
+    robot = robot_of(options, of_log=True)
     with CountBar("logs", options.quiet) as bar:
         settings = {**settings, "reading": reading_options(options), "report": not options.no_report}
         settings |= {"workers": options.workers, "scheduler": options.scheduler, "progress": bar.show}

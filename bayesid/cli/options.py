@@ -27,6 +27,7 @@ from bayesid.log.reading import read_log
 from bayesid.posterior.sampler import Sampling
 from bayesid.regression.knowledge import Beliefs, KinematicTolerance, Links, read_nominal
 from bayesid.robot import Robot, load_robot
+from bayesid.robot.load import alias_note
 
 _UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "deg": math.pi / 180.0, "mrad": 1e-3, "rad": 1.0}
 
@@ -36,8 +37,14 @@ def command_line() -> str:
     return printable(shlex.join(["bayesid", *sys.argv[1:]]))
 
 
-def robot_of(options: argparse.Namespace, notes: bool = False) -> Robot:
-    """The robot, with the joints that are to be identified, and warnings of what there is to note of it."""
+def robot_of(options: argparse.Namespace, notes: bool = False, of_log: bool = False) -> Robot:
+    """The robot, with the joints that are to be identified, and warnings of what there is to note of it.
+
+    Args:
+        options: of the command.
+        notes: whether what there is to note is said.
+        of_log: whether it is the robot of a log, whose positions somebody has counted.
+    """
     gravity = numbers(options.gravity, "--gravity", "give three numbers, m/s^2, as in 0,0,9.81")
     held = None if options.hold is None else _positions(options.hold)
     robot = load_robot(options.robot, options.tip, held, gravity)
@@ -45,6 +52,8 @@ def robot_of(options: argparse.Namespace, notes: bool = False) -> Robot:
         warn(f"{options.robot} is not built in: it is {robot.origin.urdf}, of an installed package")
     for note in robot.notes if notes else ():
         warn(note)
+    if of_log and (said := alias_note(options.robot)):
+        warn(said)
     return robot
 
 

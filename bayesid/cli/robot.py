@@ -25,7 +25,7 @@ from bayesid.log.tuning import TUNING
 from bayesid.report.plot.robots import positions_text, skeleton_figure
 from bayesid.robot import Robot
 from bayesid.robot.kinematics import Pose, pose, reach
-from bayesid.robot.load import BUILT_IN, built_in_table
+from bayesid.robot.load import BUILT_IN, built_in_table, is_built_in
 
 _PICTURES = ".png", ".svg", ".pdf"
 
@@ -80,7 +80,7 @@ def _show(options: argparse.Namespace) -> None:
         figure = skeleton_figure(robot, here.q)
         kind = out.suffix[1:].lower()
         replace_file(out, lambda aside: figure.savefig(aside, format=kind, dpi=150, facecolor="white"))
-    about = built_in_table(options.robot) if options.robot in BUILT_IN else {}
+    about = built_in_table(options.robot) if is_built_in(options.robot) else {}
     finish(options, *_pose_parts(here, about), *([] if out is None else [f"written to {out}"]))
 
 

@@ -36,6 +36,7 @@ from bayesid.regression.evidence import Evidence
 from bayesid.regression.gains import likely_gains
 from bayesid.regression.least_squares import Fit
 from bayesid.robot import BUILT_IN, Joint, Robot, load_robot
+from bayesid.robot.load import CONTROLLERS
 
 _DECISIVE = np.log(1000.0)
 """Nats, for each reading being as likely beforehand as all others together: three times the digits of a decisive Bayes
@@ -87,6 +88,8 @@ def _remedy(reading: Reading) -> str:
     }
     if reading.kind == "mounting":
         return f"if so, give `gravity`={','.join(f'{g + 0.0:.6g}' for g in reading.robot.gravity)}"
+    if reading.kind == "robot" and reading.robot.origin is not None:
+        return f"if so, give `robot` {reading.robot.origin.source}"
     return remedies.get(reading.kind, "check the robot file, and the order and directions of its joints")
 
 
@@ -389,6 +392,14 @@ def _other_robots(robot: Robot) -> _Changes:
         yield "a table drawn at random", {"robot": _random_table(robot, rng)}
 
 
+def _controllers_table(robot: Robot) -> _Changes:
+    """The same arm with its controller's zeros and directions, for a table with others, and the other way round."""
+    for own, of_controller in CONTROLLERS.items():
+        for given, other in ((own, of_controller), (of_controller, own)):
+            if robot.same_kinematics(_built_in()[given]):
+                yield f"the built-in table of {other}", {"robot": _built_in()[other]}
+
+
 @cache
 def _built_in() -> dict[str, Robot]:
     """By name."""
@@ -417,6 +428,7 @@ EARLY = (
     Hypothesis("units", _units_of_one),
     Hypothesis("mounting", _mountings),
     _ZEROS,
+    Hypothesis("robot", _controllers_table),
 )
 """Kinds of wrong readings, and how a log would have to be read; first those that are easily put right: of equal ones
 the first counts."""

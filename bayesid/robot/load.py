@@ -40,6 +40,10 @@ from bayesid.robot.urdf import robot_from_urdf
 _FOLDER = resources.files("bayesid.robot") / "robots"
 BUILT_IN = tuple(sorted(file.name.removesuffix(".toml") for file in _FOLDER.iterdir() if file.name.endswith(".toml")))
 """Names of all robots that come with bayesid."""
+CONTROLLERS = {"kr5-paper": "kr5r650"}
+"""Of a table with zeros of its own, the one that takes positions as the controller counts them."""
+ALIASES = {"kr5": "kr5-paper"}
+"""Other names of built-in robots."""
 _DATA, _DESCRIPTIONS = "example-robot-data", "robot_descriptions"
 # Names of example-robot-data's loaders (`ROBOTS`, in a package of their own since 4.4) that are not those of files.
 _LOADERS_NAMES = """
@@ -82,7 +86,7 @@ def load_robot(
         raise InputError(f"{gravity!r} is no acceleration", field="gravity", remedy=remedy)
     of_base = None if gravity is None else tuple(map(float, gravity))
     chosen = Origin(str(source), tip=tip, hold=dict(hold or {}), gravity=of_base)
-    if str(source) in BUILT_IN:
+    if is_built_in(str(source)):
         return _from_table(built_in_table(str(source)), f"built-in robot {source}", chosen)
     path = Path(source) if os.path.isfile(source) else installed_urdf(str(source))
     if path is None:
@@ -113,7 +117,7 @@ def _unknown(name: str) -> InputError:
     files = "a DH file (.toml) or a URDF file"
     if Path(name).suffix or len(Path(name).parts) > 1:
         return InputError("no such file", name, f"give {files}, or a built-in name (`bayesid robot list`)")
-    known = list(dict.fromkeys([*BUILT_IN, *installed_names()]))
+    known = list(dict.fromkeys([*ALIASES, *BUILT_IN, *installed_names()]))
     plain = re.sub(r"[\s-]+", "", name.lower())
     nearest = get_close_matches(plain, known, n=3, cutoff=TUNING.near_name)
     nearest = nearest or [other for other in known if plain in other][:3]
@@ -123,12 +127,25 @@ def _unknown(name: str) -> InputError:
     return InputError(f"no such robot{suggestion}", name, remedy)
 
 
+def is_built_in(name: str) -> bool:
+    """Whether a robot of this name comes with bayesid."""
+    return name in BUILT_IN or name in ALIASES
+
+
 def built_in_table(name: str) -> dict[str, Any]:
     """What the file of a built-in robot holds."""
-    return tomllib.loads((_FOLDER / f"{name}.toml").read_text(encoding="utf-8"))
+    return tomllib.loads((_FOLDER / f"{ALIASES.get(name, name)}.toml").read_text(encoding="utf-8"))
 
 
 # ---- Robots of installed packages ----
+def alias_note(name: str) -> str | None:
+    """What to know of a robot that goes by another name: whose zeros it has; None of all others."""
+    own = ALIASES.get(name)
+    if own is None:
+        return None
+    return f"{name} is {own}, with zeros of its own; for positions of the controller give {CONTROLLERS[own]}"
+
+
 def installed_urdf(name: str) -> Path | None:
     """The file of a robot of an installed package; None if no package knows the name.
 

@@ -133,7 +133,7 @@ def simulate_log(
         raise InputError(f"{duration * rate:g} samples", field="duration", remedy="ask for at most 1e+07")
     rng = np.random.default_rng(seed)
     model = Model(robot, (RigidBody(),))
-    known = robot.same_kinematics(load_robot("kr5"))
+    known = robot.same_kinematics(load_robot("kr5-paper"))
     theta = nominal_parameters() if known else random_parameters(model, rng)
     trajectory = exciting_trajectory(model, base_coefficients(model), duration, seed=seed)
     motion = trajectory.motion(np.arange(int(duration * rate) + 1) / rate)

@@ -1,8 +1,8 @@
 """The robot of Gaz and De Luca, "Identification of Robot Dynamics from Motor Currents/Torques with Unknown Signs".
 
-Table I, the Denavit-Hartenberg table of a KUKA KR5 Sixx R650, is the built-in robot `kr5`. Table II lists 27 dynamic
-coefficients of it, with the values simulated and those estimated without signs. Each of the 27 lies in the row space of
-the robot's regressor.
+Table I, the Denavit-Hartenberg table of a KUKA KR5 Sixx R650, is the built-in robot `kr5-paper`. Table II lists 27
+dynamic coefficients of it, with the values simulated and those estimated without signs. Each of the 27 lies in the row
+space of the robot's regressor.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ TABLE_II: tuple[TableRow, ...] = tuple(TableRow(k, *row) for k, row in enumerate
 
 def paper_model() -> Model:
     """The paper's model: the KR5's rigid bodies, without friction; 60 parameters, 36 coefficients."""
-    return Model(load_robot("kr5"), (RigidBody(),))
+    return Model(load_robot("kr5-paper"), (RigidBody(),))
 
 
 def nominal_parameters() -> Array:

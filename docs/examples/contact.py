@@ -49,7 +49,7 @@ class Recording:
 
 def make_arm(seed: int = 2) -> Arm:
     """A KR5 with random bodies, friction and rotors, a ball at its flange and one that can be put in its way."""
-    robot = bayesid.load_robot("kr5")
+    robot = bayesid.load_robot("kr5-paper")
     motion = bayesid.random_trajectory(robot.n_joints, 20.0, seed=1).motion(np.arange(0.0, 20.0, 0.01))
     model = bayesid.Model(robot, bayesid.make_terms(TERMS, robot, motion))
     theta = bayesid.random_parameters(model, np.random.default_rng(seed))

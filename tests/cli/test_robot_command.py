@@ -128,6 +128,16 @@ def test_list_has_all_built_in_robots(capfd):
         assert table["source"] in line
 
 
+def test_a_controllers_log_read_with_the_papers_zeros_is_told_the_robot(tmp_path, capfd):
+    log = str(tmp_path / "log.csv")
+    assert run("simulate", "--robot", "kr5r650", "--duration", "5", "--rate", "50", "--seed", "3", "--out", log) == 0
+    assert run("identify", log, "--robot", "kr5", "--out", str(tmp_path / "out")) == 2
+    alias, refused = capfd.readouterr().err.splitlines()
+    assert "kr5-paper" in alias
+    assert "--robot kr5r650" in refused
+    assert not (tmp_path / "out").exists()
+
+
 def test_show_says_where_the_flange_is(capfd):
     """KR 6 R900 in the side view of its data sheet: 525 mm forwards, 890 mm up; reach 901.5 mm."""
     assert run("robot", "show", "kr6r900", "--q", "0,-90,90,0,0,0", "--degrees") == 0

@@ -111,7 +111,7 @@ def test_citations_lead_to_equations():
 
 def test_the_page_lists_all_built_in_robots():
     text = text_of(DOCS / "logs-and-robots.md")
-    rows = re.findall(r"^\| `(\w+)` \| (.*?) \| (.*?) \|$", text[text.index("| built-in | robot |") :], re.M)
+    rows = re.findall(r"^\| `([\w-]+)` \| (.*?) \| (.*?) \|$", text[text.index("| built-in | robot |") :], re.M)
     tables = {name: built_in_table(name) for name in BUILT_IN}
     assert {name: tuple(said) for name, *said in rows[: len(BUILT_IN)]} == {
         name: (table["description"], table["source"]) for name, table in tables.items()

@@ -138,7 +138,7 @@ def test_a_joint_counted_the_other_way():
 
 def test_another_robot_or_mounting_is_named():
     found = reading_of("ur10e", signed_log())
-    assert (found.kind, found.change) == ("robot", "the built-in table of kr5")
+    assert (found.kind, found.change) == ("robot", "the built-in table of kr5-paper")
     robot = load_robot("kr5")
     assert reading_of(replace(robot, gravity=-robot.gravity), signed_log()).change == "gravity along -z of the base"
     millimetres, metres = three_joints(1.0), three_joints(1e-3)
@@ -258,6 +258,23 @@ def test_a_base_upside_down_and_efforts_without_weight(gravity, kind, rectified)
     assert (found.kind, found.sure) == (kind, True)
     assert f"`gravity`={','.join(f'{g:g}' for g in gravity)}" in found.remedy
     assert before(log.rectified() if rectified else log, hung(gravity)) is None
+
+
+@pytest.mark.parametrize("rectified", [True, False])
+@pytest.mark.parametrize("seed", [3, 11])
+def test_a_table_with_other_zeros_than_the_controllers_is_named(rectified, seed):
+    """Joint 1 turns the other way, and two zeros are off: no correction of one joint mends that."""
+    log = signed_log("kr5r650", noise=0.05, seed=seed)
+    log = log.rectified() if rectified else log
+    found = before(log, "kr5")
+    assert (found.kind, found.sure) == ("robot", True)
+    assert "kr5r650" in found.said
+    assert "`robot` kr5r650" in found.remedy
+    assert before(log, "kr5r650") is None
+    paper = times(log, {1: -1.0}, {1: 1.0 if rectified else -1.0})
+    paper = replace(paper, q=paper.q + np.array([0.0, 0.5, -0.5, 0.0, 0.0, 0.0]) * np.pi)
+    assert before(paper, "kr5-paper") is None
+    assert before(paper, "kr5r650").remedy == "if so, give `robot` kr5-paper"
 
 
 @pytest.mark.parametrize("joints", [range(1, 7), [3]])

@@ -71,8 +71,8 @@ KNOWN = {
 """
 COEFFICIENTS = {"panda": 43}
 """Where a robot has not 36 base coefficients of its links."""
-EARLIER = {"kr5", "panda", "tx40"}
-"""Tables with zeros of their own; tested by their logs and, kr5, by the paper's coefficients."""
+EARLIER = {"kr5-paper", "panda", "tx40"}
+"""Tables with zeros of their own; tested by their logs and, kr5-paper, by the paper's coefficients."""
 
 
 def home(name):

@@ -18,6 +18,7 @@ from oracles import (
 
 from bayesid.errors import InputError
 from bayesid.robot import load_robot, robot_from_table, robot_from_urdf, robot_table
+from bayesid.robot.load import alias_note
 
 DIFFERENT = ("kr5", "panda", "tx40")  # standard, modified, coupled wrist
 TABLES = {
@@ -75,6 +76,9 @@ def test_tables_of_chains_that_cannot_be_used():
 
 def test_another_geometry_mounting_or_gear_is_not_the_same():
     kr5 = load_robot("kr5")
+    assert kr5.same_kinematics(load_robot("kr5-paper"))
+    assert "kr5r650" in alias_note("kr5")
+    assert alias_note("kr5-paper") is alias_note("kr5r650") is None
     assert kr5.same_kinematics(robot_from_table(built_in_table("kr5"), "test"))
     for joint, key, value in ((0, "a", 0.1), (5, "alpha", 0.1), (2, "d", 0.1), (5, "theta", 0.1), (2, "type", "")):
         table = built_in_table("kr5")
