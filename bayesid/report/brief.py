@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 
 from bayesid.discrepancy.selection import GROWN
 from bayesid.discrepancy.workflow import Discrepancy
@@ -60,11 +60,14 @@ def _named_effects(discrepancy: Discrepancy) -> list[str]:
         if brief and readable and not changed:
             named.append(brief.format(**{symbol: quantity(*number) for symbol, number in readable.items()}))
             continue
-        joints = {joint for added in alike for joint in added.joints}
-        where = f" in {joints_in_words(joints)}" if joints else ""
+        where = _where({joint for added in alike for joint in added.joints})
         how = "what acts like " if impossible else "a change of " if changed else ""
         named.append(f"{how}{label(effect)}{where}{_or(alike)}")
     return named
+
+
+def _where(joints: Collection[int]) -> str:
+    return f" in {joints_in_words(joints)}" if joints else ""
 
 
 def _or(alike: Sequence[AddedEffect]) -> str:
@@ -121,7 +124,8 @@ def _next(discrepancy: Discrepancy) -> str:
     for added in discrepancy.added:
         if _is_open(added):
             others = equivalents(added, label)
-            what = f"it tells {label(added.effect, added.joints)} from {others[0]}" if others else "it shows what it is"
+            named = f"{label(added.effect)}{_where(added.joints)}"
+            what = f"it tells {named} from {others[0]}" if others else f"it shows what acts like {named}"
             return f"record another log ({added.hypothesis.source.shown_by}): {what}"
     if discrepancy.added:
         return "use the extended model of this result, after a look at discrepancy.html"
