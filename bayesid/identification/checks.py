@@ -71,8 +71,9 @@ def warnings_of(
     checks = (
         *([] if reading is None else [another_robot(reading)]),
         *_of_the_log(log, averaged),
-        *_of_the_fit(averaged.fit, log.n_joints),
+        *_of_the_fit(averaged.fit, hidden=not log.signed.all()),
         *_of_the_excitation(averaged.fit, averaged.asked.evidence),
+        *([] if nominal is None or not _of_links(nominal, log.n_joints) else on_edge(averaged.fit, log.n_joints)),
         *_of_the_signs(averaged, doubt),
         *([] if posterior is None else _of_the_posterior(posterior)),
         *([] if gains is None else _of_the_gains(gains)),
@@ -110,6 +111,14 @@ def no_effort(joints: Sequence[int], names: Sequence[str]) -> Check:
     return Check("Excitation", "bad", message, "check the sensor, and that the joint moves")
 
 
+def poor_fit(relative_residual: Sequence[float], *, hidden: bool) -> Check:
+    """A model leaves much of the effort of some joints, (n,) shares, of a log with hidden signs or without."""
+    left = [f"{share:.0%} in joint {j}" for j, share in enumerate(relative_residual, 1) if share > REGRESSION.poor_fit]
+    message = f"much of the effort is unexplained: {', '.join(left)}"
+    remedy = f"a term is missing{', or signs are wrong whatever their confidence' * hidden}"
+    return Check("Fit", "bad", message, remedy)
+
+
 def not_proven(cost: float, lower_bound: float | None, withheld: str, timed_out: bool) -> Check:
     """A proof was tried, and no search has excluded every other assignment; numbers as in `SearchResult`."""
     if withheld:
@@ -134,9 +143,9 @@ def contradiction(share: float) -> Check:
 
 def confidences_lowered(doubt: Sequence[float]) -> str:
     """That (n,) signs are guesses with a probability, because the model is not the robot's."""
-    joints = ", ".join(str(j) for j, share in enumerate(doubt, start=1) if share >= TUNING.shown_doubt)
-    lowered = f"confidences of joint {joints} are lowered, to {1.0 - 0.5 * max(doubt):.2f} at worst"
-    return f"the model's own error is large: {lowered}"
+    shown = [(j, share) for j, share in enumerate(doubt, start=1) if share >= TUNING.shown_doubt]
+    most = ", ".join(f"{1.0 - 0.5 * share:.2f} in joint {j}" for j, share in shown)
+    return f"the model's own error is large: no confidence is above {most}"
 
 
 def convergence(max_rhat: float | None, min_ess: float | None) -> str:
@@ -146,15 +155,29 @@ def convergence(max_rhat: float | None, min_ess: float | None) -> str:
     return f"R-hat {rhat}, effective sample size {size}"
 
 
-def sampling(converged: bool, max_rhat: float | None, min_ess: float | None, timed_out: bool) -> Check:
-    """Whether the draws have converged."""
-    name, message = "Sampling", f"{convergence(max_rhat, min_ess)}, at worst"
+def sampling(
+    converged: bool, timed_out: bool, rhat: tuple[float | None, float | None], ess: tuple[float | None, float | None]
+) -> Check:
+    """Whether the draws have converged: R-hat and effective sample size, each with what is wanted of it, if known."""
+    name, (worst_rhat, most), (size, least) = "Sampling", rhat, ess
     if converged:
-        return Check(name, "good", f"converged: {message}")
-    message += "; wanted are at most 1.01, and at least 400 and four a walker"
+        return Check(name, "good", f"converged: {convergence(worst_rhat, size)}, at worst")
+    unmet = []
+    if most is not None and (worst_rhat is None or not worst_rhat <= most):
+        is_now = "unknown" if worst_rhat is None else _above(worst_rhat, most)
+        unmet.append(f"R-hat is {is_now}, at most {most:g} is good")
+    if least is not None and (size is None or not size >= least):
+        has = "an unknown number" if size is None else f"{math.floor(size):,}"
+        unmet.append(f"needs {math.ceil(least):,} effective samples, has {has}")
+    message = ", and ".join(unmet) or convergence(worst_rhat, size)
     if timed_out:
         return Check(name, "bad", f"the time limit ended sampling: {message}", _MORE_TIME)
     return Check(name, "bad", f"not converged: {message}", "give more --posterior-budget")
+
+
+def _above(value: float, limit: float) -> str:
+    """A number to as many digits as show that it is above a limit: 1.0102 where 1.01 is good."""
+    return next((text for digits in range(2, 6) if float(text := f"{value:.{digits}f}") > limit), repr(value))
 
 
 def pressed_windows(pressed: Mapping[str, float | None]) -> Check:
@@ -212,12 +235,14 @@ def _of_the_log(log: Log, averaged: AveragedSigns) -> Iterator[Check]:
         yield low_pass(str(after.low_pass))
 
 
-def _of_the_fit(fit: Fit, n_links: int) -> Iterator[Check]:
-    for j in np.flatnonzero(fit.relative_residual > REGRESSION.poor_fit):
-        message = f"joint {j + 1} leaves {fit.relative_residual[j]:.0%} of its effort unexplained"
-        remedy = "a term is missing or signs are wrong, whatever their confidence; try a wider beam"
-        yield Check("Fit", "bad", message, remedy)
-    yield from on_edge(fit, n_links)
+def _of_the_fit(fit: Fit, *, hidden: bool) -> Iterator[Check]:
+    if (fit.relative_residual > REGRESSION.poor_fit).any():
+        yield poor_fit(fit.relative_residual.tolist(), hidden=hidden)
+
+
+def _of_links(nominal: Nominal, n_links: int) -> bool:
+    """Whether something is stated of single parameters of links, the first ten times as many."""
+    return bool(np.isfinite(nominal.mean[: 10 * n_links]).any())
 
 
 def _of_the_excitation(fit: Fit, evidence: Evidence) -> Iterator[Check]:
@@ -232,7 +257,7 @@ def _of_the_excitation(fit: Fit, evidence: Evidence) -> Iterator[Check]:
 
 
 def on_edge(fit: Fit, n_links: int) -> list[Check]:
-    """Bodies beyond the links are what the last one carries: gravity shows its mass and centre of mass."""
+    """Said where single parameters were asked for: bodies beyond the links are what the last one carries."""
     bodies = (np.flatnonzero(fit.on_edge) + 1).tolist()
     if not bodies:
         return []
@@ -241,7 +266,7 @@ def on_edge(fit: Fit, n_links: int) -> list[Check]:
     parts += ["of what the last link carries"] if bodies[-1] > n_links else []
     message = f"single inertial parameters {' and '.join(parts)} cannot be trusted: the fit is at the edge of what is "
     message += "physically possible; coefficients and predicted efforts are not affected"
-    return [_remark(message, "state what is known of them by --nominal")]
+    return [_remark(message, "state more of what is known of them by --nominal")]
 
 
 def _of_the_signs(averaged: AveragedSigns, doubt: Array) -> Iterator[Check]:
@@ -264,7 +289,9 @@ def _of_the_signs(averaged: AveragedSigns, doubt: Array) -> Iterator[Check]:
 
 
 def _of_the_posterior(posterior: Posterior) -> Iterator[Check]:
-    yield sampling(posterior.converged, posterior.max_rhat, posterior.min_ess, posterior.timed_out)
+    wanted = posterior.sampling
+    rhat, ess = (posterior.max_rhat, wanted.max_rhat), (posterior.min_ess, wanted.wanted_ess)
+    yield sampling(posterior.converged, posterior.timed_out, rhat, ess)
     if posterior.pressed:
         yield pressed_windows(dict(posterior.pressed))
     weights, asked = [mode.weight for mode in posterior.modes], posterior.sampling.mode

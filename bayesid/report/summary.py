@@ -182,6 +182,8 @@ class PosteriorSummary:
     excluded: Number = None  # share of the worst joint's squared effort with signs that the search excludes
     pressed_windows: Mapping[str, Number] = field(default_factory=dict)  # to the share of draws near their edges
     timed_out: bool = False  # whether the time limit on the clock ended the sampling before it converged
+    wanted_rhat: Number = None  # up to which the draws count as converged; None in results of earlier versions
+    wanted_ess: Number = None  # from which on they do
 
 
 @dataclass(frozen=True)
@@ -462,6 +464,8 @@ def _posterior(identification: Identification) -> PosteriorSummary | None:
         assignments_elsewhere=posterior.elsewhere,
         mode=posterior.chosen + 1,
         pressed_windows=dict(posterior.pressed),
+        wanted_rhat=posterior.sampling.max_rhat,
+        wanted_ess=posterior.sampling.wanted_ess,
     )
 
 

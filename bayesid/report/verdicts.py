@@ -187,7 +187,8 @@ def sampling(summary: Summary) -> Check:
     if posterior is None:
         remedy = f"leave out --no-posterior{commands.again(summary, without=('--no-posterior',))}"
         return Check("Sampling", "not done", "not sampled: standard deviations leave physical feasibility out", remedy)
-    found = checks.sampling(posterior.converged, posterior.max_rhat, posterior.min_ess, posterior.timed_out)
+    rhat, ess = (posterior.max_rhat, posterior.wanted_rhat), (posterior.min_ess, posterior.wanted_ess)
+    found = checks.sampling(posterior.converged, posterior.timed_out, rhat, ess)
     return commands.with_more(summary, found, "posterior")
 
 
@@ -213,11 +214,14 @@ def _modes(findings: Findings) -> list[Check]:
 # The model
 # ---------------------------------------------------------------------------------------------------------------
 def _fit(findings: Findings) -> Check:
-    share = np.array(findings.summary.fit.relative_residual, dtype=float)
-    joint, names_it = int(share.argmax()), _names_it(findings)
-    message = f"the model leaves {share.min():.1%} to {share.max():.1%} of a joint's effort, most in joint {joint + 1}"
-    limits, bad = (IDENTIFICATION.suspicious, REGRESSION.poor_fit), f"a term is missing, or signs are wrong: {names_it}"
-    return graded("Fit", share.max(), limits, message, names_it, bad)
+    summary, names_it = findings.summary, _names_it(findings)
+    share = np.array(summary.fit.relative_residual, dtype=float)
+    if share.max() > REGRESSION.poor_fit:
+        found = checks.poor_fit(share.tolist(), hidden=summary.hidden_joints > 0)
+        return replace(found, remedy=f"{found.remedy}: {names_it}", value=share.max(), limit=IDENTIFICATION.suspicious)
+    shares = f"{share.min():.1%} to {share.max():.1%}"
+    message = f"the model leaves {shares} of a joint's effort, most in joint {int(share.argmax()) + 1}"
+    return graded("Fit", share.max(), (IDENTIFICATION.suspicious, REGRESSION.poor_fit), message, names_it)
 
 
 def _names_it(findings: Findings, log: str = "") -> str:

@@ -11,6 +11,7 @@ from bayesid.identification.checks import warnings_of
 from bayesid.identification.misread import Misreading
 from bayesid.log.log import Log
 from bayesid.log.low_pass import AfterRectifier, LowPass
+from bayesid.regression.knowledge import Nominal
 
 
 def fit_with(relative=(0.1, 0.2), sd=(0.3, 0.5, 0.1), on_edge=(False, False, False), tolerance=1e-10):
@@ -37,12 +38,13 @@ def model_of(*names, notes=()):
 
 def read_through(low_pass, used=(True, True)):
     """Evidence of a log whose |effort| has passed a low-pass, of which joints have one."""
-    coefficients = SimpleNamespace(names=("mc1x", "Fv2", "Fc2"), kept=np.arange(3))
+    coefficients = SimpleNamespace(names=("mc1x", "Fv2", "Fc2"), kept=np.arange(3), projection=np.zeros((0, 20)))
     model = SimpleNamespace(parameters=[SimpleNamespace(joint=joint) for joint in (1, 2, 2)])
     known = {"coefficients": coefficients, "model": model, "used": np.array([used])}
     after = low_pass and AfterRectifier(low_pass, np.zeros((1, 2)), np.zeros(2))
     motion = SimpleNamespace(t=np.arange(2.0), q=np.eye(2))
-    return SimpleNamespace(signals=SimpleNamespace(after_rectifier=after, faults=(), motion=motion), **known)
+    signals = SimpleNamespace(after_rectifier=after, faults=(), motion=motion)
+    return SimpleNamespace(signals=signals, **known)
 
 
 def blind():
@@ -82,14 +84,15 @@ def posterior_with(converged=True, weights=(1.0,), chosen=0, asked=1, excluded=N
         modes=[SimpleNamespace(weight=weight) for weight in weights],
         turned_joints=lambda mode: ((), (2, 3), ())[mode],
         chosen=chosen,
-        sampling=SimpleNamespace(mode=asked),
+        sampling=SimpleNamespace(mode=asked, max_rhat=1.01, wanted_ess=1024.0),
         pressed=pressed,
         timed_out=timed_out,
     )
 
 
-def warnings(log, doubt=(0.0, 0.0), posterior=None, reading=None, **changes):
-    return warnings_of(log, Averaged(**changes), np.array(doubt), posterior, reading)
+def warnings(log, doubt=(0.0, 0.0), posterior=None, reading=None, nominal=None, **changes):
+    averaged = Averaged(**changes)
+    return warnings_of(log, averaged, np.array(doubt), posterior, reading, nominal=nominal)
 
 
 def test_nothing_wrong_is_nothing_said(log):
@@ -100,6 +103,8 @@ def test_nothing_wrong_is_nothing_said(log):
         {"posterior": posterior_with(weights=(0.995, 0.005))},
         {"posterior": posterior_with(excluded=0.008)},
         {"settled": unproven(lower_bound=None)},
+        {"fit": fit_with(on_edge=(True, True, False))},  # of single parameters, which nobody asked for
+        {"fit": fit_with(on_edge=(True, True, False)), "nominal": Nominal(*np.full((2, 20), np.nan))},
     ):
         assert warnings(log, **changes) == ()
 
@@ -108,7 +113,10 @@ FAULTS = (
     ({"fit": fit_with(relative=(0.1, 0.26))}, ("joint 2", "26%")),
     ({"fit": fit_with(sd=(0.3, np.inf, np.inf))}, ("2 of 3 coefficients",)),
     ({"fit": fit_with(sd=(0.3, np.inf, np.inf)), "asked": blind()}, ("joint 2 shows no effort", "Fv2, Fc2")),
-    ({"fit": fit_with(on_edge=(True, True, False))}, ("links 1, 2", "--nominal")),
+    (
+        {"fit": fit_with(on_edge=(True, True, False)), "nominal": Nominal(*np.full((2, 20), 0.5))},
+        ("links 1, 2", "--nominal"),
+    ),
     ({"fit": fit_with(tolerance=2e-8)}, ("2e-08",)),
     ({"settled": unproven()}, ("not proven", "30 less than 120", "--search-budget")),
     ({"settled": unproven(lower_bound=120.0, withheld="pull")}, ("not proven",)),
@@ -122,7 +130,7 @@ FAULTS = (
     ({"posterior": posterior_with(weights=(0.7, 0.3))}, ("mode 1 (0.7)", "0.3 for mode 2", "joint 2, 3", "--mode")),
     ({"posterior": posterior_with(weights=(0.7, 0.28, 0.02), chosen=1)}, ("mode 2 (0.28)", "0.7 for mode 1")),
     ({"posterior": posterior_with(asked=3)}, ("no mode 3", "of 1")),
-    ({"posterior": posterior_with(converged=False)}, ("1.051", "73", "--posterior-budget")),
+    ({"posterior": posterior_with(converged=False)}, ("1.05,", "1.01 ", "needs 1,024", "has 73", "--posterior-budget")),
     (
         {"posterior": posterior_with(pressed=(("mass of all links, from above", 0.87),))},
         ("mass of all", "87%", "--links"),

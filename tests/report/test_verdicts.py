@@ -115,7 +115,12 @@ CASES = {  # of each check: state, findings, and what the message contains, in t
     "Sampling": [
         ("good", GOOD, "1.004|812"),
         ("not done", summary(posterior=None), ""),
-        ("bad", posterior(converged=False, max_rhat=1.37, min_ess=12.0), "1.37|12"),
+        ("bad", posterior(converged=False, max_rhat=1.37, min_ess=12.0), "1.37|12"),  # of an earlier version
+        (
+            "bad",
+            posterior(converged=False, max_rhat=1.0062, min_ess=523.9, wanted_rhat=1.01, wanted_ess=1024.0),
+            "needs 1,024 effective samples, has 523",
+        ),
     ],
     "Modes": [
         ("good", GOOD, "1%"),
@@ -127,7 +132,7 @@ CASES = {  # of each check: state, findings, and what the message contains, in t
         ("good", GOOD, "2.3|2.6|joint 2"),
         ("good", fit(links_on_edge=[2, 3]), "2.3|2.6"),
         ("look", fit(relative_residual=[0.11, 0.04]), "4.0|11.0|joint 1"),
-        ("bad", fit(relative_residual=[0.04, 0.26]), "26.0|joint 2"),
+        ("bad", fit(relative_residual=[0.04, 0.26]), "26%|joint 2"),
     ],
     "Beyond the terms": [("good", GOOD, "")],
     "Gains": [

@@ -37,7 +37,7 @@ from bayesid.report.verdicts import (
     sure_share,
     worst,
 )
-from bayesid.report.words import joints_in_words, quantity, upper
+from bayesid.report.words import joints_in_words, listed, quantity, upper
 
 _NOTEBOOK: Mapping[State, str] = {"good": "#1f7a3d", "look": "#8a5a00", "bad": "#b3261e", "not done": "#59636e"}
 """Colours as in style.css; a notebook has no style of ours."""
@@ -212,7 +212,14 @@ def _coefficients(findings: Findings) -> list[Markup]:
     headings += ["Decided by", "From -1 to 1", "Expression"]
     names = ", ".join(findings.prior_parameters)
     by_prior = html.paragraph(f"Single parameters that the prior decides, not the data: {names}.", note=True)
-    return [html.table(caption, headings, rows), *([by_prior] if names else [])]
+    notes = [by_prior] if names else []
+    if on_edge := findings.summary.fit.links_on_edge:
+        links = f"link{'s' * (len(on_edge) > 1)} {listed([str(link) for link in on_edge])}"
+        said = (
+            f"Do not read single parameters of {links} as measurements: the fit is at the edge of what is physically "
+        )
+        notes.append(html.paragraph(f"{said}possible. Coefficients and predicted efforts are not affected.", note=True))
+    return [html.table(caption, headings, rows), *notes]
 
 
 def _nominal(value: float, mean: float) -> Markup:
