@@ -1,7 +1,7 @@
 """The command line: every command is a thin layer over the Python interface.
 
-Exit codes: 0 done, 2 bad input (one line on stderr), 1 a fault of ours, 130 interrupted, 143 terminated, 141
-nobody reads on. Nothing that computes is imported before the arguments are understood.
+Exit codes: 0 done, 2 bad input (one line on stderr), 1 a fault of ours, 3 a bad verdict with --strict, 130
+interrupted, 143 terminated, 141 nobody reads on. Nothing that computes is imported before the arguments are understood.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from importlib import import_module
 
 from bayesid.errors import BayesidError, InputError
 
-__all__ = ["UsageError", "main"]
+__all__ = ["RedVerdictError", "UsageError", "main"]
 
 _MODULES = dict.fromkeys(("validate", "predict", "report", "payload"), "results") | {
     "completion": "arguments",
@@ -32,6 +32,10 @@ _ENDS = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(sign
 
 class UsageError(Exception):
     """The words of a command cannot be understood: its name, and why not."""
+
+
+class RedVerdictError(Exception):
+    """The command has done its work, its verdict is bad, and --strict makes that an exit code."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -79,6 +83,8 @@ def _run(arguments: Sequence[str] | None, terminated: Sequence[int]) -> int:
     except UsageError as error:
         name, message = error.args
         return _complain(message, 2, name)
+    except RedVerdictError as verdict:
+        return _complain(f"{verdict} (--strict)", 3)
     except InputError as error:
         return _complain(str(error), 2)
     except (OSError, BayesidError) as error:

@@ -89,6 +89,8 @@ _SHARED = dict(
         option("--duration S", "s", default=20.0),
         option("--rate HZ", "of the file", default=100.0),
         path("--out", ""),
+        flag("--force", "replace what is there"),
+        flag("--strict", "exit code 3 where the verdict is bad"),
         flag("--quiet", "print nothing but warnings and errors"),
     ]
 )
@@ -102,7 +104,7 @@ def _shared(names: str, help: str | None = None, **changes: Any) -> list[Option]
 
 
 def _out(help: str, **changes: Any) -> list[Option]:
-    return [*_shared("--out", help, **changes), *_shared("--quiet")]
+    return [*_shared("--out", help, **changes), *_shared("--force --quiet")]
 
 
 _READING = [
@@ -166,6 +168,7 @@ _IDENTIFY = Command(
         flag("--each", "identify each log by itself, and say whether the results agree"),
         *_shared("--workers --scheduler"),
         flag("--no-report", "do not make report.html, which takes some seconds"),
+        *_shared("--strict"),
         *_out("result folder (default: bayesid-LOG; with --each bayesid-each-LOG)"),
     ],
 )
@@ -177,6 +180,7 @@ _VALIDATE = Command(
         *_shared("result log"),
         *_READING,
         *_shared("--cutoff"),
+        *_shared("--strict"),
         *_out("folder for summary, signed log and prediction (default: none)"),
     ],
 )
@@ -217,6 +221,7 @@ _DISCREPANCY = Command(
         *_shared("--search-budget", f"{_WORK} (default: 3 with a result, 30 in the first of several logs)"),
         *_shared("--no-posterior", "skip sampling of the extended model, and of the first log's"),
         *_shared("--posterior-budget --seed --time-limit"),
+        *_shared("--strict"),
         *_out("folder of the extended model (default: bayesid-discrepancy-LOG, of the last log)"),
     ],
 )
@@ -238,6 +243,7 @@ _PAYLOAD = Command(
         *_shared("--search-budget", f"{_WORK} (default: 3)"),
         *_shared("--posterior-budget", default=10.0),
         *_shared("--seed --time-limit"),
+        *_shared("--strict"),
         *_out("folder for payload.json (default: none)"),
     ],
 )
@@ -364,7 +370,6 @@ _ROBOT_NEW = Command(
         option("table", _TABLE, nargs="?"),
         option("--convention", _CONVENTION, choices=("standard", "modified")),
         option("--name", "of the robot (default: the file's)"),
-        flag("--force", "replace an earlier file"),
         *_out("file to write", required=True, metavar="FILE.toml"),
     ],
 )
@@ -399,9 +404,9 @@ _DEMO = Command(
     "the paper's experiment, simulated, end to end",
     ["bayesid demo --out demo"],
     [
-        *_shared("--out", "result folder (default: %(default)s)", default=Path("bayesid-demo")),
         *_shared("--seed", "of trajectory and noise (default: 0)"),
-        *_shared("--posterior-budget --quiet"),
+        *_shared("--posterior-budget --strict"),
+        *_out("result folder (default: %(default)s)", default=Path("bayesid-demo")),
     ],
 )
 _FLOOR = "of real: all logs, each figure beside the least it may be; exit code 1 where one is worse (8 minutes)"
@@ -441,7 +446,9 @@ BAYESID = Command(
         *(_IDENTIFY, _VALIDATE, _PREDICT, _DISCREPANCY, _PAYLOAD, _TRACK, _REPORT, _EXCITE, _SIMULATE),
         *(_ROBOT_FILES, _DEMO, _STUDY, _COMPLETION),
     ],
-    more="`bayesid COMMAND --help` says more, with examples.",
+    more="`bayesid COMMAND --help` says more, with examples.\n\n"
+    "exit codes: 0 done, 1 failed, 2 bad input or a file that would be replaced, 3 a bad verdict with --strict,\n"
+    "  130 interrupted, 143 terminated",
 )
 """The whole command line; each command is run by the function that `bayesid.cli` names."""
 

@@ -13,7 +13,7 @@ import numpy as np
 from rich.console import RenderableType
 
 from bayesid.arrays import Array
-from bayesid.cli.options import check_file, command_line, finish, robot_of
+from bayesid.cli.options import check_file, check_new, check_taken, command_line, finish, robot_of
 from bayesid.cli.terminal import CountBar, StageBars, table
 from bayesid.effects.coefficients import base_coefficients
 from bayesid.errors import InputError
@@ -24,7 +24,10 @@ from bayesid.posterior.sampler import Sampling
 from bayesid.progress import SILENT, Progress
 from bayesid.regression.knowledge import Beliefs
 from bayesid.regression.noise import relative_rms
-from bayesid.report.folders import check_result_folder, collect_incomplete, save_identification
+from bayesid.report.conclusion import conclude
+from bayesid.report.findings import find_findings
+from bayesid.report.folders import IDENTIFICATION_FILES, MARKER, collect_incomplete, save_identification
+from bayesid.report.verdicts import check_findings, unsaid
 from bayesid.signs.search.certified import Certified
 from bayesid.signs.search.protocol import Search
 from bayesid.simulation.logs import parse_effect, simulate, simulate_log
@@ -110,7 +113,7 @@ def _truth(result: Identification, effort: Array) -> tuple[Array, Array]:
 
 def demo_command(options: argparse.Namespace) -> None:
     """The experiment, its result folder with the log, and what there is to say of it."""
-    folder = check_result_folder(options.out)
+    folder = check_new(options, options.out, IDENTIFICATION_FILES, MARKER)
     truth = nominal_parameters()  # for the report to show beside the estimates; identification knew nothing of it
     with StageBars(options.quiet) as bars, collect_incomplete() as incomplete:
         progress = Progress(bars.show)
@@ -123,8 +126,17 @@ def demo_command(options: argparse.Namespace) -> None:
         validation = result.validate(experiment.new_log)
         save_identification(result, folder, with_log=True, validation=validation, progress=progress)
     errors = _error_lines(experiment, validation.relative_residual)
-    parts = *_signs_lines(experiment), _coefficient_table(experiment), *errors, f"written to {folder}/"
-    finish(options, *parts, incomplete=incomplete)
+    parts = *_signs_lines(experiment), _coefficient_table(experiment), *errors
+    checks = check_findings(replace(find_findings(result), folder=str(folder)).with_validation(validation))
+    conclusion = conclude(checks)
+    finish(
+        options,
+        *parts,
+        conclusion=conclusion,
+        last=f"open {folder}/report.html",
+        warnings=unsaid(result.warnings, checks),
+        incomplete=incomplete,
+    )
 
 
 def _signs_lines(experiment: Experiment) -> list[str]:
@@ -165,15 +177,15 @@ def _error_lines(experiment: Experiment, of_measured: Array) -> list[str]:
 
 def simulate_command(options: argparse.Namespace) -> None:
     """A log without signs, and beside it the same with its signs."""
-    check_file(options.out)
+    check_file(options, options.out)
+    truth = options.out.with_name(f"{options.out.stem}_signed.csv")
+    check_file(options, truth)
     robot = robot_of(options, notes=True)
     effects = [parse_effect(text, robot) for text in options.effect]
     unsigned, signed = simulate_log(robot, options.duration, options.rate, options.noise, effects, options.seed)
-    truth = options.out.with_name(f"{options.out.stem}_signed.csv")
-    options.out.parent.mkdir(parents=True, exist_ok=True)
     write_log(options.out, unsigned)
     write_log(truth, signed)
-    finish(options, f"written to {options.out}, with the signs in {truth}")
+    finish(options, last=f"written to {options.out}, with the signs in {truth}")
 
 
 def study_command(options: argparse.Namespace) -> None:
@@ -185,6 +197,8 @@ def study_command(options: argparse.Namespace) -> None:
 
     study, folder = load(options.name, floor=options.floor), options.out or Path(f"bayesid-study-{options.name}")
     check_results(folder)
+    if not options.resume:
+        check_taken(options, folder)
     with CountBar("trials", options.quiet) as bar:
         finished = run_study(
             study,
@@ -199,4 +213,4 @@ def study_command(options: argparse.Namespace) -> None:
         text = save_results(finished, folder)
     failed = [f"trial {row['trial']} failed: {row['error']}" for row in finished.failed]
     said = f"{options.name}: {len(finished.short)} figures are below their floor: see {folder}/report.txt"
-    finish(options, text, f"written to {folder}/", warnings=failed, incomplete=[said] * bool(finished.short))
+    finish(options, text, last=f"written to {folder}/", warnings=failed, incomplete=[said] * bool(finished.short))

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from bayesid.cli.arguments import TERMS
-from bayesid.cli.options import command_line, finish, read, reading_options, robot_of, sampling, term_names
+from bayesid.cli.options import check_new, command_line, finish, read, reading_options, robot_of, sampling, term_names
 from bayesid.cli.terminal import StageBars, line_of
 from bayesid.discrepancy.comparison import LogComparison, compare_logs
 from bayesid.discrepancy.workflow import Discrepancy, find_discrepancy
@@ -20,9 +20,12 @@ from bayesid.log.formats import is_log_folder
 from bayesid.log.reading import find_logs
 from bayesid.progress import Progress
 from bayesid.report.brief import in_brief
+from bayesid.report.comparison import comparison_conclusion
 from bayesid.report.comparison import in_brief as changes_in_brief
+from bayesid.report.discrepancy import discrepancy_conclusion
 from bayesid.report.folders import (
-    check_result_folder,
+    IDENTIFICATION_FILES,
+    MARKER,
     collect_incomplete,
     save_comparison,
     save_discrepancy,
@@ -113,12 +116,12 @@ def _compare_logs(options: argparse.Namespace) -> None:
 
 def _folder(options: argparse.Namespace, given: Sequence[Path]) -> Path:
     """Where the result goes; it replaces nothing that it is made from."""
-    folder = check_result_folder(options.out or Path(f"bayesid-discrepancy-{given[-1].stem}"))
+    folder = options.out or Path(f"bayesid-discrepancy-{given[-1].stem}")
     for path in (*given, *([] if options.holdout is None else [options.holdout])):
         if path.resolve() == folder.resolve() or path.resolve().parent == folder.resolve():
             said = f"holds {path.name}, which the result would replace"
             raise InputError(said, str(folder), "give --out a new folder")
-    return folder
+    return check_new(options, folder, IDENTIFICATION_FILES, MARKER)
 
 
 def _search(options: argparse.Namespace, usual: float) -> Certified:
@@ -140,6 +143,11 @@ def _save(save: Callable[[Path], object], folder: Path) -> list[str]:
 
 
 def _end(options: argparse.Namespace, result: Discrepancy | LogComparison, folder: Path, incomplete: list[str]) -> None:
-    lines = in_brief(result) if isinstance(result, Discrepancy) else changes_in_brief(result)
-    written = f"written to {folder}/; discrepancy.html there says more"
-    finish(options, *map(line_of, lines), written, warnings=result.warnings, incomplete=incomplete)
+    if isinstance(result, Discrepancy):
+        lines, said = in_brief(result), discrepancy_conclusion(result).in_brief()
+    else:
+        lines, said = changes_in_brief(result), comparison_conclusion(result)
+    last = f"open {folder}/discrepancy.html"
+    finish(
+        options, *map(line_of, lines), conclusion=said, last=last, warnings=result.warnings, incomplete=incomplete
+    )

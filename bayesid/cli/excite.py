@@ -12,7 +12,17 @@ import numpy as np
 
 from bayesid.arrays import Array
 from bayesid.cli.arguments import FOR_RESULT, FOR_ROBOT
-from bayesid.cli.options import beliefs, finish, numbers, read, reading_options, robot_of, term_names
+from bayesid.cli.options import (
+    beliefs,
+    check_new,
+    check_taken,
+    finish,
+    numbers,
+    read,
+    reading_options,
+    robot_of,
+    term_names,
+)
 from bayesid.cli.parser import Option, option
 from bayesid.cli.terminal import StageBars, warn
 from bayesid.cli.tuning import TUNING
@@ -23,7 +33,7 @@ from bayesid.excitation.judgement import judge_log
 from bayesid.excitation.limits import read_limits
 from bayesid.excitation.next_motion import RunSettings, design_next
 from bayesid.excitation.rivals import Hypotheses, equivalent_classes, hypotheses_of
-from bayesid.files.writing import check_folder, read_json
+from bayesid.files.writing import read_json
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.model_file import load_model
 from bayesid.motion import Motion
@@ -97,7 +107,7 @@ def _judge(robot: Robot, options: argparse.Namespace, bars: StageBars) -> str:
 
 
 def _design(robot: Robot, options: argparse.Namespace, bars: StageBars) -> str:
-    folder = check_folder(options.out, DESIGN_FILES, DESIGN_MARKER)
+    folder = check_new(options, options.out, DESIGN_FILES, DESIGN_MARKER)
     design = design_excitation(
         robot,
         term_names(options),
@@ -117,6 +127,7 @@ def _design(robot: Robot, options: argparse.Namespace, bars: StageBars) -> str:
 def _design_for_result(options: argparse.Namespace) -> str:
     """The next motion's folder; what there is to say of it."""
     folder = check_next_folder(options.out)
+    check_taken(options, folder)
     with StageBars(options.quiet) as bars:
         bars.show("read", 0, 1)
         identified = load_model(options.result)

@@ -14,12 +14,23 @@ import numpy as np
 from rich.console import RenderableType
 from rich.text import Text
 
-from bayesid.cli.options import beliefs, command_line, finish, read, reading_options, robot_of, sampling, term_names
+from bayesid.cli.options import (
+    beliefs,
+    check_new,
+    check_taken,
+    command_line,
+    finish,
+    read,
+    reading_options,
+    robot_of,
+    sampling,
+    term_names,
+)
 from bayesid.cli.terminal import COLOURS, CountBar, StageBars, complain, table, warn
 from bayesid.cli.tuning import TUNING
 from bayesid.errors import BayesidError, InputError, near_names, printable
 from bayesid.files.bounded import LARGEST, read_source, toml_of
-from bayesid.identification.checks import Check
+from bayesid.identification.checks import Check, State
 from bayesid.identification.identification import KNOWN, SURE, Identification
 from bayesid.identification.options import Preparation
 from bayesid.identification.pipeline import identify
@@ -28,9 +39,11 @@ from bayesid.log.reading import find_logs
 from bayesid.motion import check_label
 from bayesid.progress import Progress
 from bayesid.report import verdicts
-from bayesid.report.folders import check_result_folder, collect_incomplete, save_identification, save_or_rescue
-from bayesid.report.summary import Summary, summarise
-from bayesid.report.words import quantity
+from bayesid.report.conclusion import Conclusion, conclude
+from bayesid.report.findings import find_findings
+from bayesid.report.folders import IDENTIFICATION_FILES, MARKER, collect_incomplete, save_identification, save_or_rescue
+from bayesid.report.summary import Summary
+from bayesid.report.words import counted, quantity
 from bayesid.robot import Robot
 from bayesid.signs.search.beam import Beam
 from bayesid.signs.search.certified import Certified
@@ -41,6 +54,12 @@ from bayesid.study.separate_logs import Separate, identify_separately
 _PAYLOAD = re.compile(r"(?:(?P<label>[^:~@]*):)?(?P<mass>[^:~@]*)(?:~(?P<sd>[^:~@]*))?@(?P<file>.+)")
 _PAYLOAD_REMEDY = "give [LABEL:]KG[~SD]@LOG, as in 2.8~0.005@loaded.csv"
 _LOG_REMEDY = "give LOG:payload=LABEL, as in loaded.csv:payload=tool1"
+_SEPARATE: Mapping[State, str] = {
+    "good": "Nothing speaks against these results",
+    "look": "Usable with care",
+    "bad": "Do not rely on all of these results yet",
+}
+_WIDEST = {"log10 Bayes factor": 12, "size and sd": 40, "not told from": 20, "ratio to others known to": 14}
 _LIST_REMEDY = (
     'give tables [[logs]] with file = "loaded.csv" and, if it carries something, payload = "tool1", mass = 2.8'
 )
@@ -64,9 +83,10 @@ def identify_command(options: argparse.Namespace) -> None:
     if options.workers is not None or options.scheduler is not None:
         said = "one identification runs in one process"
         raise InputError(said, "--workers or --scheduler", "leave it out, or add --each for one result a log")
-    folder = check_result_folder(options.out or _usual_folder(options, logs, "bayesid"))
+    folder = options.out or _usual_folder(options, logs, "bayesid")
     if any(folder.resolve() in (one.path.resolve(), one.path.resolve().parent) for one in logs):  # a bag is a folder
         raise InputError("holds the log, which the result would replace", str(folder), "give --out a new folder")
+    check_new(options, folder, IDENTIFICATION_FILES, MARKER)
     robot, reading = robot_of(options, of_log=True), reading_options(options)
     replaced = folder.is_dir() and any(folder.iterdir())
     with StageBars(options.quiet) as bars:
@@ -79,9 +99,13 @@ def identify_command(options: argparse.Namespace) -> None:
         with collect_incomplete() as incomplete:
             shown, progress = not options.no_report, Progress(bars.show)
             save_or_rescue(lambda place: save_identification(result, place, report=shown, progress=progress), folder)
-    written = f"written to {folder}/{', in place of an earlier result' * replaced}"
-    later = [said for said in result.warnings if said not in notes]  # the reader has said those
-    finish(options, *_identification_parts(result), written, warnings=later, incomplete=incomplete)
+    findings = replace(find_findings(result), folder=str(folder))
+    checks = verdicts.check_findings(findings)
+    last = f"open {folder}/report.html" if shown else f"written to {folder}/; its page: bayesid report {folder}"
+    told = [] if options.quiet else [one for one in checks if one.name != "Warnings"]  # nothing is told twice
+    later = [said for said in verdicts.unsaid(result.warnings, told) if said not in notes]  # the reader has said those
+    parts, last = _identification_parts(result, findings.summary), f"{last}{' (an earlier one is replaced)' * replaced}"
+    finish(options, *parts, conclusion=conclude(checks), last=last, warnings=later, incomplete=incomplete)
 
 
 def _usual_folder(options: argparse.Namespace, logs: Sequence[Recording], kind: str) -> Path:
@@ -107,6 +131,7 @@ def _identify_each(options: argparse.Namespace, logs: Sequence[Recording], setti
             said = f"{one.path} carries a payload, which only a log without it tells from the last link"
             raise InputError(said, "--each", "leave --each out, or name the log without its payload")
     folder = options.out or _usual_folder(options, logs, "bayesid-each")
+    check_taken(options, folder)
     robot = robot_of(options, of_log=True)
     with CountBar("logs", options.quiet) as bar:
         settings = {**settings, "reading": reading_options(options), "report": not options.no_report}
@@ -121,7 +146,8 @@ def _identify_each(options: argparse.Namespace, logs: Sequence[Recording], setti
             complain(f"{result.log}: {result.error.removeprefix(f'{result.log}: ')}")
     if refused and len(failed) == len(separate.runs):
         raise InputError("none of the logs can be used", str(folder), "see above; nothing was written")
-    finish(options, *_separate_parts(separate), f"written to {folder}/")
+    verdict = None if failed else _worst_of(separate)  # of logs without a result there is more to say
+    finish(options, *_separate_parts(separate), conclusion=verdict, last=f"written to {folder}/")
     if failed:
         said = f"{len(failed)} of {len(separate.runs)} logs have no result"
         if refused:
@@ -132,8 +158,8 @@ def _identify_each(options: argparse.Namespace, logs: Sequence[Recording], setti
 # ---------------------------------------------------------------------------------------------------------------
 # What there is to say
 # ---------------------------------------------------------------------------------------------------------------
-def _identification_parts(result: Identification) -> list[RenderableType]:
-    fit, search, summary = result.fit, result.search, summarise(result)
+def _identification_parts(result: Identification, summary: Summary) -> list[RenderableType]:
+    fit, search = result.fit, result.search
     segments, _, confidence = result.recorded_segments
     recorded = result.log.clock(result.signals.motion.t)[0] >= 0  # the pause between joined logs is not
     sure = np.maximum(result.probability, 1.0 - result.probability)[recorded] >= SURE
@@ -152,18 +178,25 @@ def _identification_parts(result: Identification) -> list[RenderableType]:
         f"number {fit.condition:.0f}",
         *_payloads(summary),
         _verdict(f"search: {search.method}, {search.solves} cone problems, {seconds:.1f} s; ", proof, settled),
-        *(f"beyond the terms asked for: {check.message}" for check in verdicts.beyond_the_terms(summary)),
+        *(f"beyond the terms asked for: {said}" for said in _beyond(summary)),
         *_table_of(verdicts.EFFECT_HEADINGS, verdicts.effect_rows(summary)),
         *(_verdict("gains: ", check) for check in verdicts.gains(summary)),
         *_table_of(verdicts.GAIN_HEADINGS, verdicts.gain_rows(summary)),
         _verdict("posterior: ", verdicts.sampling(summary), _sampling_effort(result)),
-        *([_verdict("intervals: ", check)] if (check := verdicts.intervals(summary)).state == "look" else []),
         table(["joint", "segments", "least sure", f"|effort| sure to {100 * SURE:g} %", "relative residual"], rows),
     ]
 
 
+def _beyond(summary: Summary) -> list[str]:
+    """What entered in short: a table has its names."""
+    complete = summary.complete
+    if complete is None or not complete.effects:
+        return [check.message for check in verdicts.beyond_the_terms(summary)]
+    return [f"{counted(len(complete.effects), 'effect')} added; {verdicts.held_back_error(complete)}"]
+
+
 def _table_of(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> list[RenderableType]:
-    return [table(headings, rows)] if rows else []
+    return [table(headings, rows, left=["beyond the terms", "size and sd"], widest=_WIDEST)] if rows else []
 
 
 def _payloads(summary: Summary) -> list[str]:
@@ -194,13 +227,21 @@ def _sampling_effort(result: Identification) -> str:
     return f"{modes}; {posterior.seconds:.1f} s"
 
 
+def _worst_of(separate: Separate) -> Conclusion:
+    """The worst verdict of all logs."""
+    runs = [(str(run.log), run.figures["verdict"], str(run.folder)) for run in separate.runs]
+    return conclude(
+        [Check(log, state, "", f"see {folder}/report.html") for log, state, folder in runs], _SEPARATE, "logs"
+    )
+
+
 def _separate_parts(separate: Separate) -> list[RenderableType]:
     rows = []
     for log, figures in ((run.log, run.figures) for run in separate.runs if run.figures):
         proven, converged = ({"": "-", True: "yes", False: "NO"}[figures[key]] for key in ("certified", "converged"))
         counts, worst = (str(figures[key]) for key in ("n_samples", "n_segments")), figures["worst_relative_residual"]
-        rows.append([str(log), *counts, proven, converged, f"{worst:.1%}"])
-    headings = ["log", "samples", "segments", "proven", "converged", "worst relative residual"]
+        rows.append([str(log), *counts, proven, converged, f"{worst:.1%}", figures["verdict"]])
+    headings = ["log", "samples", "segments", "proven", "converged", "worst relative residual", "verdict"]
     few = "fewer than two results: nothing to compare"
     agreement = few if separate.agreement is None else agreement_text(separate.agreement)
     return [table(headings, rows, left=["log"]), "", agreement]

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import itertools
 import math
 import re
 import shlex
 import sys
 import warnings
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Set
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import MappingProxyType
@@ -16,16 +17,18 @@ from typing import Any
 
 from rich.console import RenderableType
 
-from bayesid.cli.terminal import show, warn
+from bayesid.cli import RedVerdictError
+from bayesid.cli.terminal import show, verdict_parts, warn
 from bayesid.effects import RigidBody
 from bayesid.errors import BayesidError, InputError, printable
-from bayesid.files.writing import check_place
+from bayesid.files.writing import check_folder, check_place
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.log.formats.stated import parse_columns
 from bayesid.log.log import Log
 from bayesid.log.reading import read_log
 from bayesid.posterior.sampler import Sampling
 from bayesid.regression.knowledge import Beliefs, KinematicTolerance, Links, read_nominal
+from bayesid.report.conclusion import Conclusion
 from bayesid.robot import Robot, load_robot
 from bayesid.robot.load import alias_note
 
@@ -78,15 +81,44 @@ def numbers(
     return found
 
 
-def check_file(out: Path) -> None:
-    """Checks that `--out` names a file that can be written.
+def check_file(options: argparse.Namespace, out: Path) -> None:
+    """Checks that a file can be written, in a folder that is there, and takes no other's place.
 
     Raises:
-        InputError: it does not.
+        InputError: it cannot, or there is one and --force was not given.
     """
     if out.is_dir():
         raise InputError("is a folder", str(out), "give --out the name of a file")
     check_place(out)
+    if not out.parent.is_dir():
+        raise InputError(f"cannot be written (there is no folder {out.parent})", str(out), "make it, or mend --out")
+    if out.exists():
+        _keep(options, out, "is there already")
+
+
+def check_new(options: argparse.Namespace, folder: Path, files: Set[str], marker: str) -> Path:
+    """The folder, as `bayesid.files.writing.check_folder` has it, if it takes no other's place.
+
+    Raises:
+        InputError: it cannot be written, or holds an earlier result and --force was not given.
+    """
+    folder = check_folder(folder, files, marker)
+    check_taken(options, folder)
+    return folder
+
+
+def check_taken(options: argparse.Namespace, folder: Path) -> None:
+    """Raises InputError where a folder holds something and --force was not given."""
+    if folder.is_dir() and any(folder.iterdir()):
+        _keep(options, folder, "holds an earlier result")
+
+
+def _keep(options: argparse.Namespace, path: Path, said: str) -> None:
+    """Nothing is replaced unless it was asked for."""
+    if not options.force:
+        names = (path.with_name(f"{path.stem}-{k}{path.suffix}") for k in itertools.count(2))
+        free = next(name for name in names if not name.exists())
+        raise InputError(said, str(path), f"give --out {shlex.quote(str(free))}, or --force to replace it")
 
 
 def reading_options(options: argparse.Namespace, identified: IdentifiedModel | None = None) -> dict[str, Any]:
@@ -140,19 +172,27 @@ def read(path: Path, reading: Mapping[str, Any], robot: Robot) -> Log:
 
 
 def finish(
-    options: argparse.Namespace, *parts: RenderableType, warnings: Iterable[str] = (), incomplete: Iterable[str] = ()
+    options: argparse.Namespace,
+    *parts: RenderableType,
+    conclusion: Conclusion | None = None,
+    last: str = "",
+    warnings: Iterable[str] = (),
+    incomplete: Iterable[str] = (),
 ) -> None:
-    """Ends a command: warnings, and what there is to say.
+    """Ends a command: warnings, what there is to say, and last the verdict, what to do, and what to open.
 
     Raises:
         BayesidError: the result is `incomplete`: it is shown like any other, but the command has failed.
+        RedVerdictError: the verdict is bad, and --strict was given.
     """
     for warning in warnings:
         warn(warning)
     if not options.quiet:
-        show(*parts)
+        show(*parts, *([] if conclusion is None else verdict_parts(conclusion)), *([printable(last)] if last else []))
     for said in incomplete:
         raise BayesidError(said)
+    if conclusion is not None and conclusion.state == "bad" and getattr(options, "strict", False):
+        raise RedVerdictError(conclusion.sentence)
 
 
 def term_names(options: argparse.Namespace) -> list[str]:

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import argparse
+import shlex
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from rich.console import RenderableType
-from rich.text import Text
 
-from bayesid.cli.options import check_file, finish, motion_options, read, reading_options, warned
-from bayesid.cli.terminal import COLOURS, StageBars, line_of, table
+from bayesid.cli.options import check_file, check_new, finish, motion_options, read, reading_options, warned
+from bayesid.cli.terminal import StageBars, line_of, table
 from bayesid.errors import InputError
-from bayesid.files.writing import check_folder
 from bayesid.identification.model_file import load_model
 from bayesid.identification.options import Preparation
 from bayesid.identification.payload import identify_payload
@@ -21,23 +21,38 @@ from bayesid.identification.prediction import Validation
 from bayesid.log.reading import read_motion
 from bayesid.posterior.sampler import Sampling
 from bayesid.progress import Progress
-from bayesid.report.folders import VALIDATION_FILES, check_result_folder, make_report, save_validation
+from bayesid.report.conclusion import VALIDATED, Conclusion, conclude, sentence
+from bayesid.report.findings import FILE, read_findings
+from bayesid.report.folders import MARKER, REPORT, VALIDATION_FILES, make_report, save_validation
 from bayesid.report.payload import HEADINGS, PAYLOAD, PAYLOAD_FILES, payload_checks, payload_rows, save_payload
+from bayesid.report.verdicts import check_findings, validation
 from bayesid.signs.search.certified import Certified
 
 
 def validate_command(options: argparse.Namespace) -> None:
     """The model against another log: a table, and a folder where one is asked for."""
-    folder = None if options.out is None else check_result_folder(options.out, VALIDATION_FILES)
+    folder = None if options.out is None else check_new(options, options.out, VALIDATION_FILES, MARKER)
     with StageBars(options.quiet) as bars:
         result = _validation(options, options.log, bars)
     if folder is not None:
         save_validation(result, folder)
-    finish(options, *_validation_parts(result), *_written(folder))
+    words = [options.result, "--validation", options.log]
+    last = _written(folder) or f"put it into the report: bayesid report {shlex.join(map(str, words))}"
+    finish(options, *_validation_parts(result), conclusion=_validated(result, options.result), last=last)
 
 
-def _written(folder: Path | None) -> list[str]:
-    return [] if folder is None else [f"written to {folder}/"]
+def _written(folder: Path | None) -> str:
+    return "" if folder is None else f"written to {folder}/"
+
+
+def _validated(result: Validation, folder: Path) -> Conclusion | None:
+    """How well the model predicts another log; None beside a result without findings."""
+    if result.seen:
+        return Conclusion("look", sentence("look", "No validation: the model was identified from this log"))
+    if not (folder / FILE).exists():
+        return None
+    findings = replace(read_findings(folder), folder=str(folder)).with_validation(result)
+    return conclude([validation(findings)], VALIDATED)
 
 
 def _validation(options: argparse.Namespace, path: Path, bars: StageBars) -> Validation:
@@ -55,19 +70,14 @@ def _validation_parts(result: Validation) -> list[RenderableType]:
         for j, (error, relative, inside) in enumerate(figures, start=1)
     ]
     headings = ["joint", "RMS error, N m", "relative residual", "in the 95 % band"]
-    seen = "no validation: the model was identified from this log"
-    return [
-        *([Text(seen, COLOURS["bad"])] if result.seen else []),
-        table(headings, rows),
-        f"the band holds {result.band}",
-    ]
+    return [table(headings, rows), f"the band holds {result.band}"]
 
 
 def predict_command(options: argparse.Namespace) -> None:
     """A file with the efforts of a motion, and how uncertain they are."""
-    check_file(options.out)
     if options.out.resolve() == options.motion.resolve():
         raise InputError("is the motion itself", str(options.out), "give --out another place")
+    check_file(options, options.out)
     with StageBars(options.quiet) as bars:
         bars.show("read", 0, 1)
         identified = load_model(options.result)
@@ -80,21 +90,25 @@ def predict_command(options: argparse.Namespace) -> None:
     figures = zip(result.units, largest, half, strict=True)
     rows = [[str(j), f"{most:.4g}", f"{width:.3g}", unit] for j, (unit, most, width) in enumerate(figures, start=1)]
     headings = ["joint", "largest effort", "95 % band: +-, in the middle", "unit"]
-    finish(options, table(headings, rows), f"the band holds {result.holds}", f"written to {options.out}")
+    finish(options, table(headings, rows), f"the band holds {result.holds}", last=f"written to {options.out}")
 
 
 def report_command(options: argparse.Namespace) -> None:
     """The report of a result folder, anew or with a validation."""
+    if options.out is not None and options.out.resolve() != (options.result / REPORT).resolve():
+        check_file(options, options.out)
     with StageBars(options.quiet) as bars:
-        validation = None if options.validation is None else _validation(options, options.validation, bars)
+        tried = None if options.validation is None else _validation(options, options.validation, bars)
         bars.show("report", 0, 1)
-        path = make_report(options.result, validation, options.out, Progress(bars.show))
-    finish(options, *([] if validation is None else _validation_parts(validation)), f"written to {path}")
+        path = make_report(options.result, tried, options.out, Progress(bars.show))
+    parts = [] if tried is None else _validation_parts(tried)
+    conclusion = conclude(check_findings(replace(read_findings(options.result), folder=str(options.result))))
+    finish(options, *parts, conclusion=conclusion, last=f"open {path}")
 
 
 def payload_command(options: argparse.Namespace) -> None:
     """What the robot carries, from a log with it: a table, and a folder where one is asked for."""
-    folder = None if options.out is None else check_folder(options.out, PAYLOAD_FILES, PAYLOAD)
+    folder = None if options.out is None else check_new(options, options.out, PAYLOAD_FILES, PAYLOAD)
     known_mass = None if options.known_mass is None else _mass(options.known_mass)
     budget = QUICK.budget if options.search_budget is None else options.search_budget
     search = Certified(budget=budget, time_limit=options.time_limit)
@@ -114,14 +128,16 @@ def payload_command(options: argparse.Namespace) -> None:
         )
     if folder is not None:
         save_payload(result, folder)
+    checks = payload_checks(result, str(options.result))
     parts: list[RenderableType] = [
-        *map(line_of, payload_checks(result, str(options.result))),
+        *map(line_of, checks),
         "",
         table(HEADINGS, payload_rows(result), left=["payload", "unit"]),
         f"centre of mass and inertia are in the frame of {result.frame}, inertia about the centre of mass; mass and "
         "inertia are in the scale of the efforts, their intervals hold what all of these may be off by",
     ]
-    finish(options, *parts, *_written(folder), warnings=result.warnings)
+    conclusion = conclude(checks).in_brief()
+    finish(options, *parts, conclusion=conclusion, last=_written(folder), warnings=result.warnings)
 
 
 def _share(text: str) -> float:

@@ -37,11 +37,9 @@ def robot_command(options: argparse.Namespace) -> None:
 
 def _new(options: argparse.Namespace) -> None:
     out: Path = options.out
-    check_file(out)
+    check_file(options, out)
     if out.suffix != ".toml":
         raise InputError("does not end in .toml", str(out), "robot files are known by it: give --out FILE.toml")
-    if out.exists() and not options.force:
-        raise InputError("is there already", str(out), "give --out another place, or --force to replace it")
     name = options.name or out.stem
     fill = ""
     if options.table is None:
@@ -71,7 +69,7 @@ def _table_of(source: str) -> tuple[str, str]:
 def _show(options: argparse.Namespace) -> None:
     out: Path | None = options.out
     if out is not None:
-        check_file(out)
+        check_file(options, out)
         if out.suffix.lower() not in _PICTURES:
             raise InputError("is no picture by its name", str(out), f"let it end in {', '.join(_PICTURES)}")
     robot = robot_of(options, notes=True)

@@ -6,12 +6,14 @@ import os
 import re
 import sys
 import time
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from datetime import timedelta
 from functools import cache
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Self
 
 from rich.console import Console, RenderableType
+from rich.padding import Padding
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 from rich.text import Text
@@ -23,6 +25,7 @@ from bayesid.parallel import onlookers
 
 if TYPE_CHECKING:
     from bayesid.identification.checks import Check
+    from bayesid.report.conclusion import Conclusion
 
 COLOURS = {"good": "green", "look": "yellow", "bad": "bold red", "not done": "yellow"}
 """Of the states of a check."""
@@ -68,11 +71,21 @@ def show(*parts: RenderableType) -> None:
         console().print(part, soft_wrap=isinstance(part, str | Text))
 
 
-def table(headings: Sequence[str], rows: Iterable[Sequence[str]], left: Collection[str] = ()) -> Table:
-    """A table without rules, numbers to the right; columns `left`, by their headings, hold words."""
+def table(
+    headings: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    left: Collection[str] = (),
+    widest: Mapping[str, int] = MappingProxyType({}),
+) -> Table:
+    """A table without rules, numbers to the right; columns `left`, by their headings, hold words.
+
+    Cells of the `widest` columns fold at so many characters.
+    """
     drawn = Table(box=None, pad_edge=False, padding=(0, 3, 0, 0), header_style="bold")
     for heading in headings:
-        drawn.add_column(heading, justify="left" if heading in left else "right", overflow="fold")
+        drawn.add_column(
+            heading, justify="left" if heading in left else "right", overflow="fold", max_width=widest.get(heading)
+        )
     for row in rows:
         drawn.add_row(*row)
     return drawn
@@ -82,6 +95,17 @@ def line_of(check: Check) -> Text:
     """A check in its colour, with its remedy."""
     remedy = f"; {check.remedy}" if check.remedy else ""
     return Text.assemble((f"  {check.name}: ", COLOURS[check.state]), check.message, remedy)
+
+
+def verdict_parts(conclusion: Conclusion) -> list[RenderableType]:
+    """The verdict in its colour, then what to do: on a terminal wrapped, elsewhere a line each."""
+    parts: list[RenderableType] = ["", Text(conclusion.sentence, COLOURS[conclusion.state])]
+    for one in conclusion.actions:
+        said = in_options(one.message)
+        parts.append(Padding(Text(f"{one.name}{f': {said}' if said else ''}"), (0, 0, 0, 2), expand=False))
+        if one.remedy:
+            parts.append(Padding(Text(f"-> {in_options(one.remedy)}"), (0, 0, 0, 4), expand=False))
+    return parts
 
 
 def in_options(text: str) -> str:

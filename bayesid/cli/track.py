@@ -12,11 +12,11 @@ from typing import BinaryIO, TextIO
 
 import numpy as np
 
-from bayesid.cli.options import finish, read, reading_options, warned
+from bayesid.cli.options import check_new, finish, read, reading_options, warned
 from bayesid.cli.terminal import StageBars, in_options, line_of, note, table, warn
 from bayesid.cli.tuning import TUNING
 from bayesid.errors import BayesidError, InputError
-from bayesid.files.writing import check_folder, plain, save_folder
+from bayesid.files.writing import plain, save_folder
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.model_file import load_model
 from bayesid.log.formats import STANDARD_INPUT, Options
@@ -69,7 +69,7 @@ def track_command(options: argparse.Namespace) -> None:
 def _replay(options: argparse.Namespace) -> None:
     from_input = str(options.log) == STANDARD_INPUT
     folder = options.out or Path(f"bayesid-track-{'stream' if from_input else options.log.stem}")
-    folder = check_folder(folder, STREAM_FILES, STREAM)
+    folder = check_new(options, folder, STREAM_FILES, STREAM)
     with StageBars(options.quiet) as bars:
         bars.show("read", 0, 1)
         identified = load_model(options.result)
@@ -119,7 +119,7 @@ def _replay(options: argparse.Namespace) -> None:
         "",
         *_alarm_lines(result, options, float(log.t[-1])),
         count_line(result.counts, result.figures, result.lag, result.bad),
-        f"written to {folder}/",
+        last=f"written to {folder}/",
     )
 
 
@@ -167,7 +167,7 @@ def _follow(options: argparse.Namespace) -> None:
         if getattr(options, name):
             remedy = "leave it out, and track the recording afterwards"
             raise InputError("takes a whole recording", f"--{name}", remedy)
-    folder = None if options.out is None else check_folder(options.out, STREAM_FILES, STREAM)
+    folder = None if options.out is None else check_new(options, options.out, STREAM_FILES, STREAM)
     identified = load_model(options.result)
     _tracker(options, identified, options.rate)  # bad options need no rows
     try:

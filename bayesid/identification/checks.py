@@ -24,6 +24,7 @@ from bayesid.regression.knowledge import Nominal
 from bayesid.regression.least_squares import Fit
 from bayesid.regression.tuning import TUNING as REGRESSION
 from bayesid.signs.averaging import AveragedSigns
+from bayesid.signs.tuning import TUNING as SIGNS
 
 State = Literal["good", "look", "bad", "not done"]
 
@@ -274,7 +275,7 @@ def _of_the_signs(averaged: AveragedSigns, doubt: Array) -> Iterator[Check]:
     search = signs.search
     if not search.certified and (search.lower_bound is not None or search.timed_out):  # a beam proves nothing
         yield not_proven(search.cost, search.lower_bound, search.withheld, search.timed_out)
-    if signs.unsplit:
+    if signs.unsplit and not (search.certified and signs.rounds < SIGNS.search_rounds):  # else a few samples near zero
         segments = "1 segment still crosses" if signs.unsplit == 1 else f"{signs.unsplit} segments still cross"
         yield _remark(f"{segments} zero after {signs.rounds} searches")
     if fit.tolerance > TUNING.solver_gap:

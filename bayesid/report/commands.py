@@ -43,13 +43,17 @@ def excite(summary: Summary) -> str:
 
 
 def again(summary: Summary, added: str = "", without: Sequence[str] = ()) -> str:
-    """The command that was run, with an option more, or without an option and its value; empty if none was run."""
+    """The command that was run, with an option more, or without an option and its value; empty if none was run.
+
+    What it makes takes the earlier result's place.
+    """
     words = _words(summary)
     for k in range(len(words) - len(without) + 1) if without else ():
         if words[k : k + len(without)] == list(without):
             words = words[:k] + words[k + len(without) :]
             break
-    return f": `{shlex.join(words)}{f' {added}' if added else ''}`" if words else ""
+    more = [*added.split(), *(["--force"] if "--force" not in words else [])]
+    return f": `{shlex.join([*words, *more])}`" if words else ""
 
 
 def with_more(summary: Summary, check: Check, budget: str) -> Check:
@@ -58,6 +62,11 @@ def with_more(summary: Summary, check: Check, budget: str) -> Check:
     if f"give more {option}" not in check.remedy or not isinstance(given, float):
         return check
     return replace(check, remedy=check.remedy + again(summary, f"{option} {TUNING.larger * given:g}"))
+
+
+def program(summary: Summary) -> str:
+    """The command that was run, as in identify; empty if none was."""
+    return next(iter(_words(summary)[1:]), "")
 
 
 def _as_read(summary: Summary) -> str:

@@ -14,9 +14,10 @@ from bayesid.discrepancy.tuning import TUNING as DISCREPANCY
 from bayesid.effects import RigidBody
 from bayesid.effects.catalogue import forms
 from bayesid.effects.effect import Effect, Phrase, ReadableUnit
-from bayesid.identification.checks import Check
+from bayesid.identification.checks import Check, State
 from bayesid.identification.identification import KNOWN
 from bayesid.report.brief import in_brief as last_in_brief
+from bayesid.report.conclusion import Conclusion, sentence
 from bayesid.report.discrepancy import added_summary, discrepancy_checks, discrepancy_summary, people_unit
 from bayesid.report.summary import as_json, as_object, taken
 from bayesid.report.tuning import TUNING
@@ -147,6 +148,16 @@ def in_brief(comparison: LogComparison) -> tuple[Check, ...]:
 def _few(texts: list[str]) -> str:
     more = len(texts) - TUNING.most_listed
     return "; ".join([*texts[: TUNING.most_listed], *([f"{more} more"] if more > 0 else [])])
+
+
+def comparison_conclusion(comparison: LogComparison) -> Conclusion:
+    """The verdict: whether something has changed, or was missing."""
+    moved = bool(comparison.of(CHANGED) or comparison.timeline.moved.any() or comparison.of(GONE))
+    missing = bool(comparison.of(ALL_ALONG))
+    along = "something was missing all along" if missing else "nothing is known to be missing"
+    said = f"{'Something has changed' if moved else 'Nothing has surely changed'}, {along}"
+    state: State = "look" if moved or missing else "good"
+    return Conclusion(state, sentence(state, said))
 
 
 def _new(comparison: LogComparison) -> list[EffectHistory]:

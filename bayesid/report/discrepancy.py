@@ -15,12 +15,14 @@ from bayesid.discrepancy.sets import WeighedSet
 from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.effects.catalogue import forms, noun, owner
 from bayesid.effects.effect import Effect, Phrase, ReadableUnit
-from bayesid.identification.checks import Check
+from bayesid.identification.checks import Check, State
 from bayesid.regression.selection.added_effect import AddedEffect, Quantity
 from bayesid.regression.selection.explanation import LN10
 from bayesid.regression.selection.scores import Score
+from bayesid.report.conclusion import Conclusion, first, sentence
 from bayesid.report.summary import as_object, taken
 from bayesid.report.tuning import TUNING
+from bayesid.report.verdicts import failed
 from bayesid.report.words import in_percent, joints_in_words, label, listed, quantity, rounded, unit_of, upper
 
 _WHOSE = {MODELS_RESIDUAL: "earlier model's", REFIT: "refitted model's"}
@@ -32,6 +34,21 @@ CHANGE = "change of "
 def nothing_missing(discrepancy: Discrepancy) -> str:
     """As much as can be said: below a floor that is a model's own error something may be."""
     return "Nothing is missing" + (" above the noise floor" if discrepancy.floor.lasting.any() else "")
+
+
+_VERDICTS: Mapping[str, tuple[State, str]] = {
+    "explained": ("good", "What was missing is found"),
+    "partly_explained": ("look", "Something was found, something is left"),
+    "unexplained": ("bad", "Something is missing, and nothing that was tried explains it"),
+}
+"""By status."""
+
+
+def discrepancy_conclusion(discrepancy: Discrepancy) -> Conclusion:
+    """The verdict, with what to do first."""
+    state, said = _VERDICTS.get(discrepancy.status, ("good", nothing_missing(discrepancy)))
+    reasons = [one for one in failed(discrepancy_checks(discrepancy)) if one.remedy and one.state != "not done"]
+    return Conclusion(state, sentence(state, said), first(reasons))
 
 
 def listed_sets(discrepancy: Discrepancy) -> list[WeighedSet]:

@@ -52,7 +52,7 @@ if TYPE_CHECKING:
     from bayesid.discrepancy.comparison import LogComparison
     from bayesid.discrepancy.workflow import Discrepancy
 
-MARKER, _REPORT = "summary.json", "report.html"
+MARKER, REPORT = "summary.json", "report.html"
 IDENTIFICATION_FILES = frozenset(
     (
         *("summary.json", "segments.csv", "signed_log.csv", "coefficients.csv", "parameters.csv", "model.toml"),
@@ -218,7 +218,7 @@ def _save_result(
 
     folder = save_folder(folder, IDENTIFICATION_FILES, MARKER, write)
     pages = {} if page is None else {"discrepancy.html": page}
-    pages |= {_REPORT: lambda: _report(findings, progress)} if report else {}
+    pages |= {REPORT: lambda: _report(findings, progress)} if report else {}
     written = dict(missing)
     for name, text in pages.items():
         try:
@@ -271,7 +271,7 @@ def make_report(
         'report.html'
     """
     findings = read_findings(folder)
-    path = Path(folder) / _REPORT if out is None else Path(out)
+    path = Path(folder) / REPORT if out is None else Path(out)
     if path.is_dir():
         raise InputError("is a folder", str(path), "give `folder` the name of a file")
     check_place(path)
@@ -284,7 +284,7 @@ def make_report(
         replace_file(Path(folder) / FINDINGS, lambda aside: write_findings(findings, aside))
     _write_page(path, lambda: _report(findings, progress))
     missing = _summary(Path(folder)).get("not_written") or {}
-    if path == Path(folder) / _REPORT and path.name in missing:
+    if path == Path(folder) / REPORT and path.name in missing:
         _note_missing(path.parent, {name: why for name, why in missing.items() if name != path.name})
     return path
 

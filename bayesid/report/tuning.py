@@ -46,6 +46,9 @@ class Tuning:
     """Times as far off as believed from which on a geometry is another robot's: a centimetre where a millimetre was
     stated."""
 
+    actions: int = 3
+    """Things to do that a verdict names: more are not read at once; the report has all."""
+
     # Verdicts of a discrepancy
     joints_named: int = 3
     """Joints whose gaps are named one by one: more make a sentence that nobody reads."""

@@ -23,7 +23,7 @@ from bayesid.identification.tuning import TUNING as IDENTIFICATION
 from bayesid.regression.tuning import TUNING as REGRESSION
 from bayesid.report import commands
 from bayesid.report.findings import Findings
-from bayesid.report.summary import Numbers, Summary
+from bayesid.report.summary import CompletionSummary, Numbers, Summary
 from bayesid.report.tuning import TUNING
 from bayesid.report.words import counted, in_percent, joints_in_words, label, listed, quantity, rounded
 
@@ -60,32 +60,41 @@ def check_findings(findings: Findings) -> tuple[Check, ...]:
         _fit(findings),
         *beyond_the_terms(summary),
         *gains(summary),
-        intervals(summary),
+        *intervals(summary),
         _whiteness(findings),
         _decided(findings),
-        _validation(findings),
-        _warnings(summary),
+        validation(findings),
     )
+    others = (*others, _warnings(unsaid(summary.warnings, (reading, *others))))
     if reading.state == "bad":
         others = tuple(replace(one, remedy="fix the robot file first") if one.remedy else one for one in others)
     return (reading, *others)
 
 
 def worst(checks: Iterable[Check]) -> State:
-    """The worst state among them; what was not done counts as to be looked at only."""
+    """The worst state among them; what was not done speaks neither for nor against."""
     states = {check.state for check in checks}
-    return "bad" if "bad" in states else "look" if states & {"look", "not done"} else "good"
+    return "bad" if "bad" in states else "look" if "look" in states else "good"
+
+
+def failed(checks: Iterable[Check]) -> list[Check]:
+    """Those that are not good, the worst ones first."""
+    order: tuple[State, ...] = ("bad", "look", "not done")
+    return sorted((check for check in checks if check.state in order), key=lambda check: order.index(check.state))
 
 
 def verdict(checks: Sequence[Check]) -> dict[str, object]:
     """For summary.json: the worst state of the checks, and those that are not good, the worst ones first."""
-    order: tuple[State, ...] = ("bad", "look", "not done")
-    failed = sorted((check for check in checks if check.state in order), key=lambda check: order.index(check.state))
     reasons = [
         {"check": check.name, "state": check.state, "message": check.message, "remedy": check.remedy}
-        for check in failed
+        for check in failed(checks)
     ]
     return {"state": worst(checks), "reasons": reasons}
+
+
+def unsaid(warnings: Sequence[str], told: Sequence[Check]) -> list[str]:
+    """The warnings that no check tells: each begins with what was seen, as a check's message does or holds."""
+    return [said for said in warnings if not any(said.partition("; ")[0] in check.message for check in told)]
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -238,10 +247,15 @@ def beyond_the_terms(summary: Summary) -> list[Check]:
         return [Check(name, "not done", message, "leave out --complete to add detected effects")]
     if not complete.effects:
         return [Check(name, "good", "no additional effects detected")]
-    errors, named = complete.held_back_error, [label(one.form, one.joints) for one in complete.effects]
+    named = [label(one.form, one.joints) for one in complete.effects]
+    return [Check(name, "good", f"added: {'; '.join(named)}; {held_back_error(complete)}")]
+
+
+def held_back_error(complete: CompletionSummary) -> str:
+    """What the effects that entered make of the error on blocks that had no say."""
+    errors = complete.held_back_error
     before, after = (_relative(values, errors.effort) for values in (errors.before, errors.after))
-    fall = f"held-back torque error {100 * before:.1f} -> {100 * after:.1f} % of the effort"
-    return [Check(name, "good", f"added: {'; '.join(named)}; {fall}")]
+    return f"held-back torque error {100 * before:.1f} -> {100 * after:.1f} % of the effort"
 
 
 def _relative(error: Numbers, effort: Numbers) -> float:
@@ -328,16 +342,18 @@ def gain_rows(summary: Summary) -> list[tuple[str, ...]]:
     ]
 
 
-def intervals(summary: Summary) -> Check:
-    """Which intervals do not allow for what may be there besides."""
+def intervals(summary: Summary) -> list[Check]:
+    """Which intervals do not allow for what may be there besides; nothing of a command that never asks."""
     name = "Intervals"
     if summary.complete is None:
-        return Check(name, "not done", "not checked (`--complete off`)", "leave out --complete off")
+        remedy = f"leave out --complete off{commands.again(summary, without=('--complete', 'off'))}"
+        unasked = Check(name, "not done", "not checked (`--complete off`)", remedy)
+        return [unasked] if commands.program(summary) in ("", "identify") else []
     if max(share or 0.0 for share in summary.fit.relative_residual) > REGRESSION.poor_fit:
-        return Check(name, "not done", "not judged: the fit is too poor", "mend the fit first")
+        return [Check(name, "not done", "not judged: the fit is too poor", "mend the fit first")]
     found = summary.complete.too_narrow
     if not found:
-        return Check(name, "good", "no effect of the catalogue would look like the links' own coefficients")
+        return [Check(name, "good", "no effect of the catalogue would look like the links' own coefficients")]
     parts, remedies = [], []
     for one in found:
         narrow = f"these intervals are too narrow: {listed(one.coefficients)}"
@@ -349,7 +365,7 @@ def intervals(summary: Summary) -> Check:
             there = listed([noun(effect) for effect in one.effects], "or")
             parts.append(f"if {joints_in_words(one.joints) if one.joints else 'the robot'} has {there}, {narrow}")
             remedies.append("if it has one, state what is known of these links by `--nominal`")
-    return Check(name, "look", "; ".join(parts), " and ".join(dict.fromkeys(remedies)))
+    return [Check(name, "look", "; ".join(parts), " and ".join(dict.fromkeys(remedies)))]
 
 
 def _whiteness(findings: Findings) -> Check:
@@ -382,7 +398,8 @@ def _decided(findings: Findings) -> Check:
     return graded("Data or prior", by_data, limits, message, remedy)
 
 
-def _validation(findings: Findings) -> Check:
+def validation(findings: Findings) -> Check:
+    """How well the model predicts a log that it has not seen."""
     name, prediction = "Validation", findings.prediction
     if prediction is None or prediction.seen:
         seen = "" if prediction is None else f": it was identified from {prediction.source}"
@@ -403,7 +420,7 @@ def _validation(findings: Findings) -> Check:
     return Check(name, "look", message, f"other loads, speeds or temperatures than in the log? {lacks}")
 
 
-def _warnings(summary: Summary) -> Check:
-    count = len(summary.warnings)
-    message = "none" if not count else f"{count}, listed above" if count > 1 else "one, above"
-    return graded("Warnings", count, (0, np.inf), message, "read them: some say what to do")
+def _warnings(others: Sequence[str]) -> Check:
+    count = len(others)
+    message = "none" if not count else f"{count}, listed above: some say what to do" if count > 1 else others[0]
+    return graded("Warnings", count, (0, np.inf), message, "see whether it matters to you")

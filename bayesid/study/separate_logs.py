@@ -20,7 +20,9 @@ from bayesid.identification.identification import Identification
 from bayesid.identification.pipeline import identify
 from bayesid.log.formats import is_stream
 from bayesid.log.reading import read_log
+from bayesid.report.findings import find_findings
 from bayesid.report.folders import check_result_folder, coefficient_rows, collect_incomplete, save_identification
+from bayesid.report.verdicts import check_findings, worst
 from bayesid.robot import Robot, load_robot
 from bayesid.study.agreement import Agreement, agreement
 from bayesid.study.agreement import rows as agreement_rows
@@ -142,6 +144,7 @@ def _figures(result: Identification) -> dict[str, Any]:
         "condition_number": float(result.fit.condition),
         "worst_relative_residual": float(result.fit.relative_residual.max()),
         "seconds": float(sum(result.timings.values())),
+        "verdict": worst(check_findings(find_findings(result))),
     }
 
 

@@ -71,11 +71,11 @@ def test_identify_leaves_what_is_promised(arm_place, capfd):
     assert names(arm_place) == HERE | {"out"}
     assert "arm: 601 rows" in out
     assert "posterior: not converged: R-hat " in out
-    (warning,) = [line for line in err.splitlines() if "converged" in line]
-    assert warning.startswith("warning: ")
-    assert "--posterior-budget" in warning
+    assert "converged" not in err, "the verdict says it"
+    assert "Verdict: bad. " in out
+    assert "--posterior-budget" in out.partition("Verdict: ")[2]
     assert summary(arm_place / "out")["posterior"]["converged"] is False
-    assert out.endswith("written to out/\n")
+    assert out.endswith("\nopen out/report.html\n")
 
 
 def test_several_logs_count_as_one(arm_place, capfd):
@@ -161,10 +161,12 @@ def test_currents_need_gains(arm_place, capfd):
 
 
 def test_an_earlier_result_is_replaced_whole(arm_shop, arm_place, capfd):
-    """Quietly, but for warnings, which are those of the summary."""
+    """Where --force asks for it: quietly, but for warnings, which are those of the summary."""
     shutil.copytree(arm_shop / "result", "out")
     (arm_place / "out" / "report.html").write_text("of the earlier result")
-    assert run(*identify(), "--terms", "rigid_body, viscous_friction", "--cutoff", 12, *QUICK) == 0
+    quick = "--terms", "rigid_body, viscous_friction", "--cutoff", 12, *QUICK
+    assert_refused(capfd, (*identify(), *quick), ["out", "--force", "out-2"])
+    assert run(*identify(), *quick, "--force") == 0
     out, err = capfd.readouterr()
     said = summary(arm_place / "out")
     assert (out, err) == ("", "".join(f"warning: {warning}\n" for warning in said["warnings"]))
@@ -173,12 +175,54 @@ def test_an_earlier_result_is_replaced_whole(arm_shop, arm_place, capfd):
     assert names(arm_place) == HERE | {"out"}
 
 
+def test_nothing_is_replaced_before_it_is_asked_for(arm_result, arm_place, capfd):
+    """By any command: refused at once, with a name that is free."""
+    for name in ("taken.csv", "free_signed.csv", "taken.toml", "taken.png", "taken.html"):
+        (arm_place / name).touch()
+    for folder, marker in (("payload", "payload.json"), ("stream", "stream.json"), ("motion", "design.json")):
+        (arm_place / folder).mkdir()
+        (arm_place / folder / marker).touch()
+    robot = "--robot", "arm.toml"
+    for command, free in (
+        (identify(out="result"), "result-2"),
+        (("discrepancy", "log.csv", "log_2.csv", *robot, "--out", "result"), "result-2"),
+        (("payload", "result", "log.csv", "--out", "payload"), "payload-2"),
+        (("track", "result", "log.csv", "--out", "stream"), "stream-2"),
+        (("excite", *robot, "--out", "motion"), "motion-2"),
+        (("predict", "result", "log.csv", "--out", "taken.csv"), "taken-2.csv"),
+        (("simulate", *robot, "--out", "taken.csv"), "taken-2.csv"),
+        (("simulate", *robot, "--out", "free.csv"), "free_signed-2.csv"),
+        (("report", "result", "--out", "taken.html"), "taken-2.html"),
+        (("robot", "new", "--out", "taken.toml"), "taken-2.toml"),
+        (("robot", "show", "arm.toml", "--out", "taken.png"), "taken-2.png"),
+        (("study", "noise", "--out", "motion"), "motion-2"),
+    ):
+        if command[0] == "discrepancy":
+            shutil.copy("log.csv", "log_2.csv")
+        assert_refused(capfd, command, ["--force", free] if command[0] != "study" else [])
+
+
+def test_a_bad_verdict_is_an_exit_code_where_that_is_asked_for(arm_result, arm_place, capfd):
+    """After all has been written; the model does not predict a log of another arm's efforts."""
+    table = bayesid.read_log("log.csv")
+    other = bayesid.Log(table.t, table.q, 3.0 * table.effort + 1.0, table.signed)
+    bayesid.write_log("other.csv", other)
+    command = "validate", "result", "other.csv"
+    for options, code in (((), 0), (("--strict", "--out", "checked"), 3), (("--strict", "--quiet"), 3)):
+        assert run(*command, *options) == code
+        out, err = capfd.readouterr()
+        assert ("Verdict: bad. " in out) != ("--quiet" in options)
+        assert err.count("Verdict: bad. ") == (code == 3)
+    assert (arm_place / "checked" / "summary.json").is_file()
+    assert run("validate", "result", "log.csv", "--strict") == 0
+
+
 def test_a_run_that_fails_leaves_the_earlier_result(arm_result, arm_place, capfd):
     (arm_result / "report.html").write_text("an old one")
     for command in (identify("nowhere.csv", out="result"), (*identify(out="result"), "--cutoff", "900")):
-        assert_refused(capfd, command, [])
+        assert_refused(capfd, (*command, "--force"), [])
     before = everything(arm_place)
-    for command in ((*identify(out="result"), *QUICK), ("report", "result")):
+    for command in ((*identify(out="result"), *QUICK, "--force"), ("report", "result")):
         with no_large_files(20_000):
             assert run(*command) == 2
         assert "File too large" in capfd.readouterr().err
@@ -211,7 +255,9 @@ def test_validate_prints_a_table_and_agrees_with_identify(arm_shop, arm_place, c
     assert run("validate", arm_shop / "result", arm_shop / "log_signed.csv") == 0
     out, err = capfd.readouterr()
     assert err == ""
-    *figures, held = out.splitlines()
+    figures, said = out.split("\n\n")
+    *figures, held = figures.splitlines()
+    assert said.startswith("Verdict: good. ")
     assert "in the 95 % band" in figures[0]
     assert "by the posterior" in held
     assert [line.split()[0] for line in figures[1:]] == ["1", "2", "3"]
@@ -227,10 +273,12 @@ def test_validate_prints_a_table_and_agrees_with_identify(arm_shop, arm_place, c
 def test_report_is_made_anew_with_a_validation(arm_result, arm_place, capfd):
     """A page with the new log in it; the folder keeps what it shows, and the next report shows it again."""
     others = everything(arm_result)
+    assert_refused(capfd, ("report", "result", "--out", "to/send.html"), ["folder to"])
+    (arm_place / "to").mkdir()
     assert run("report", "result", "--validation", "log.csv", "--out", "to/send.html") == 0
     out, err = capfd.readouterr()
     assert "in the 95 % band" in out
-    assert out.endswith("written to to/send.html\n")
+    assert out.endswith("open to/send.html\n")
     assert err == ""
     text = (arm_place / "to" / "send.html").read_text(encoding="utf-8")
     assert text.startswith("<!DOCTYPE html>")
@@ -246,6 +294,7 @@ def test_report_is_made_anew_with_a_validation(arm_result, arm_place, capfd):
 
 def test_simulate_leaves_the_log_and_its_signs(arm_place, capfd):
     options = "--duration", 2, "--rate", 50, "--noise", 0, "--effect", "coulomb_friction:2:0.2"
+    (arm_place / "new").mkdir()
     for name, seed in (("new/s", 4), ("same", 4), ("other", 5)):
         assert run("simulate", "--robot", "arm.toml", "--out", f"{name}.csv", *options, "--seed", seed) == 0
     assert names(arm_place / "new") == {"s.csv", "s_signed.csv"}
@@ -285,15 +334,18 @@ def test_a_urdf_robot_in_a_process_of_its_own(tmp_path, monkeypatch, capfd):
 
 
 def test_demo_is_the_papers_experiment(arm_shop, arm_place, capfd):
-    """With as few draws as there can be; the result of an earlier demo is replaced."""
+    """With as few draws as there can be; the result of an earlier demo is replaced if that is asked for."""
     shutil.copytree(arm_shop / "result", "bayesid-demo")
     (arm_place / "bayesid-demo" / "log.csv").write_text("of the earlier demo")
-    assert run("demo", "--seed", 1, "--posterior-budget", 0) == 0
+    assert_refused(capfd, ("demo",), ["bayesid-demo", "--force"])
+    assert run("demo", "--seed", 1, "--posterior-budget", 0, "--force", "--strict") == 3
     out, _ = capfd.readouterr()
     assert names(arm_place / "bayesid-demo") == RESULT | {"log.csv", "posterior.nc", "report.html"}
     assert bayesid.load_model("bayesid-demo").model.robot.name != "arm"
     assert len(bayesid.read_log("bayesid-demo/log.csv")) == 667
     assert "0 of " in out
+    shown = json.loads((arm_place / "bayesid-demo" / "summary.json").read_text())["verdict"]
+    assert {reason["check"] for reason in shown["reasons"]} == {"Sampling"}, "of a demo that is perfect but for draws"
     true, measured = (
         next(x for x in out.splitlines() if x.startswith(f"  against {what}")) for what in ("the", "meas")
     )

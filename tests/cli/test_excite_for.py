@@ -6,7 +6,7 @@ import os
 
 import numpy as np
 import pytest
-from command_line import run
+from command_line import assert_refused, run
 from payload_cases import PayloadCase
 
 import bayesid
@@ -63,10 +63,11 @@ def test_a_motion_is_written_with_what_it_will_tell_and_what_nobody_checked(here
 
 
 def test_what_a_discrepancy_could_not_tell_apart_is_told_by_default(here, capsys):
-    """In place of an earlier motion, without a word."""
+    """In place of an earlier motion only if that is asked for, then without a word."""
     (here / "next").mkdir()
     (here / "next" / "next_motion.json").touch()
-    assert run("excite", "--for", "found", *QUICK, "--out", "next", "--quiet") == 0
+    assert_refused(capsys, ("excite", "--for", "found", *QUICK, "--out", "next"), ["next", "--force"])
+    assert run("excite", "--for", "found", *QUICK, "--out", "next", "--quiet", "--force") == 0
     told = json.loads((here / "next" / "next_motion.json").read_text())
     pairs = {(one["true"], one["against"]) for one in told["log10_bayes_factors"]}
     assert pairs == {("torque_offset:1", "joint_spring:1"), ("joint_spring:1", "torque_offset:1")}

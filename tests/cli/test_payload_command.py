@@ -46,7 +46,7 @@ def written(place, folder="out"):
 
 
 def test_a_payload_is_shown_and_written(place, capfd):
-    assert run("payload", "result", "loaded.csv", "--out", "out") == 0
+    assert run("payload", "result", "loaded.csv", "--out", "out", "--force") == 0
     out, err = capfd.readouterr()
     assert err == ""
     for said in ("Payload: 2.0", "link 3", "Besides the payload", "converged", "centre of mass x", "inertia yz"):
@@ -72,7 +72,10 @@ def test_a_payload_is_shown_and_written(place, capfd):
 
 def test_a_known_mass_corrects_the_gains(place, capfd):
     gains = ",".join(map(str, GAINS))
-    assert run("payload", "result", "currents.csv", "--gains", gains, "--known-mass", "2~0.01", "--out", "out") == 0
+    assert (
+        run("payload", "result", "currents.csv", "--gains", gains, "--known-mass", "2~0.01", "--out", "out", "--force")
+        == 0
+    )
     out, read = capfd.readouterr().out, written(place)
     factor = read["gain_factor"]
     assert read["known_mass"] == {"value": 2.0, "sd": 0.01}
@@ -85,7 +88,7 @@ def test_a_known_mass_corrects_the_gains(place, capfd):
 
 
 def test_without_a_payload_null_stands_in_place_of_numbers(place, capfd):
-    assert run("payload", "result", "empty.csv", "--known-mass", 2, "--out", "out", *QUICK) == 0
+    assert run("payload", "result", "empty.csv", "--known-mass", 2, "--out", "out", "--force", *QUICK) == 0
     out = capfd.readouterr().out
     assert "none that can be told from zero" in out
     assert "centre of mass x" not in out

@@ -4,7 +4,7 @@ import shutil
 
 import numpy as np
 import pytest
-from command_line import run
+from command_line import assert_refused, run
 from conftest import small_robot, smooth_motion
 
 import bayesid
@@ -45,7 +45,10 @@ def table(path):
 
 @pytest.mark.parametrize(("options", "noise"), [((), True), (("--without-noise",), False)])
 def test_the_file_holds_what_python_gives(made, place, capfd, options, noise):
-    assert run("predict", "result", "motion.csv", "--out", "new/torques.csv", *options) == 0
+    command = "predict", "result", "motion.csv", "--out", "new/torques.csv", *options
+    assert_refused(capfd, command, ["no folder new"])
+    (place / "new").mkdir()
+    assert run(*command) == 0
     header, values = table(place / "new" / "torques.csv")
     predicted = made[1].predict(place / "motion.csv", noise=noise)
     assert header == COLUMNS
@@ -61,3 +64,4 @@ def test_the_file_holds_what_python_gives(made, place, capfd, options, noise):
     assert predicted.holds in out
     assert "written to new/torques.csv" in out
     assert err == ""
+    assert_refused(capfd, command, ["is there already", "--force", "new/torques-2.csv"])

@@ -102,7 +102,7 @@ def test_a_recording_is_signed_as_it_would_have_been_live(place, monkeypatch, ca
     assert (place / "bayesid-track-log" / "stream.svg").stat().st_size > 0
     kept = (place / "bayesid-track-log" / "signed_stream.csv").read_text()
     on_input(monkeypatch, (place / "log.csv").read_bytes())  # read to its end first; an earlier folder is replaced
-    assert run("track", "result", "-", "--lag", 0.04, "--out", "bayesid-track-log", "--quiet") == 0
+    assert run("track", "result", "-", "--lag", 0.04, "--out", "bayesid-track-log", "--quiet", "--force") == 0
     assert (place / "bayesid-track-log" / "signed_stream.csv").read_text() == kept
     assert sorted(path.name for path in (place / "bayesid-track-log").iterdir()) == FILES
     assert run("track", "result", "log.csv", "--out", "result") == 2
@@ -116,7 +116,7 @@ def test_signs_that_the_log_has_count_where_it_is_said(place, monkeypatch, capfd
     assert summary["smoothing"]["share"] is None
     assert summary["known_signs"]["share"] > 0.95
     assert "Signs that are known" in capfd.readouterr().out
-    assert run("track", "result", "signed.csv", "--out", "out", "--unsigned", "all", "--quiet") == 0
+    assert run("track", "result", "signed.csv", "--out", "out", "--unsigned", "all", "--quiet", "--force") == 0
     assert read(place / "out")[2]["known_signs"] is None
     for options, said in ((("--unsigned", "none"), ""), ((), "without their signs"), (("--unsigned", "all"), "")):
         on_input(monkeypatch, (place / "signed.csv").read_bytes())
@@ -144,7 +144,7 @@ def test_a_payload_is_an_alarm_with_the_way_to_go_on(place, monkeypatch, capfd):
         raise bayesid.InputError("is too short", "log", "record more")
 
     monkeypatch.setattr("bayesid.discrepancy.workflow.find_discrepancy", refuse)
-    assert run("track", "result", "taken.csv", "--out", "out", "--lag", 0.1, "--explain", "--quiet") == 0
+    assert run("track", "result", "taken.csv", "--out", "out", "--lag", 0.1, "--explain", "--quiet", "--force") == 0
     change = next(one for one in read(place / "out")[1] if one["kind"] != "contact")
     assert change["named"] == []
     assert "is too short" in change["named_status"]

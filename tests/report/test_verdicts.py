@@ -223,10 +223,10 @@ def test_remedies_are_commands_with_the_result_and_its_robot():
     one_arm = told(with_summary(silent_one, "provenance", options=arm), "Excitation").remedy
     assert "`bayesid excite --robot 'two arms.urdf' --tip left_hand --hold lift=0.25,waist=-1.0`" in one_arm
     unsampled = with_summary(found, posterior=None)
-    assert "`bayesid identify 'a log.csv' --robot ur10e --out x`" in told(unsampled, "Sampling").remedy
+    assert "`bayesid identify 'a log.csv' --robot ur10e --out x --force`" in told(unsampled, "Sampling").remedy
     unproven = with_summary(found, "search", certified=False, gap=2.0)
     unproven = with_summary(unproven, "provenance", options={"search.budget": 10.0})
-    assert " --out x --search-budget 40`" in told(unproven, "Proof").remedy
+    assert " --out x --search-budget 40 --force`" in told(unproven, "Proof").remedy
     seen = told(replace(GOOD, prediction=replace(GOOD.prediction, seen=True), folder="un"), "Validation")
     assert seen.state == "not done", "the log of the identification is no validation"
     assert "`bayesid report un --validation ANOTHER_LOG.csv`" in seen.remedy
@@ -241,4 +241,4 @@ def test_a_wrong_robot_leads_the_verdict_and_the_first_remedy_is_its_file():
         assert [found["state"], *(one["check"] for one in reasons[:2])] == ["bad", "Robot file", "Fit"]
         assert "robot file" in reasons[0]["remedy"]
     assert verdict([Check("One", "good", "seen")]) == {"state": "good", "reasons": []}
-    assert worst([Check("One", "good", "seen"), Check("Two", "not done", "seen")]) == "look"
+    assert worst([Check("One", "good", "seen"), Check("Two", "not done", "seen")]) == "good"

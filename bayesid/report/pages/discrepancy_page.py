@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 import numpy as np
 from markupsafe import Markup
 
-from bayesid.discrepancy.comparison import ALL_ALONG, CHANGED, GONE, LogComparison
+from bayesid.discrepancy.comparison import ALL_ALONG, CHANGED, LogComparison
 from bayesid.discrepancy.selection import GROWN, HELD_BACK, ON_LOG
 from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.effects.catalogue import forms
@@ -17,16 +17,24 @@ from bayesid.regression.selection.explanation import LN10
 from bayesid.regression.selection.hypotheses import Hypothesis
 from bayesid.regression.selection.scores import Score
 from bayesid.report.brief import in_brief
-from bayesid.report.comparison import SECTIONS, log_names, moved_parameters, says, timeline_rule, tracked_name
+from bayesid.report.comparison import (
+    SECTIONS,
+    comparison_conclusion,
+    log_names,
+    moved_parameters,
+    says,
+    timeline_rule,
+    tracked_name,
+)
 from bayesid.report.comparison import columns as told_columns
 from bayesid.report.comparison import in_brief as changes_in_brief
 from bayesid.report.discrepancy import (
     CHANGE,
     discrepancy_checks,
+    discrepancy_conclusion,
     distinguishing_motions,
     equivalents,
     listed_sets,
-    nothing_missing,
     set_in_words,
     testable_groups,
     told,
@@ -44,11 +52,6 @@ from bayesid.report.plot.discrepancy import (
 from bayesid.report.tuning import TUNING
 from bayesid.report.words import best_first, form_label, joints_in_words, label, quantity, score_label, unit_of
 
-_STATUS = {
-    "explained": "Explained: what was missing is found",
-    "partly_explained": "Partly explained: something was found, something is left",
-    "unexplained": "Not explained: something is missing",
-}
 _SAID = {ON_LOG: "on the log", HELD_BACK: "on what scores", GROWN: "the gap grew"}
 """Which data say that a joint is unexplained, in a cell."""
 _WORDS = {"good": "found", "look": "look at", "bad": "unexplained", "not done": "not shown"}
@@ -62,7 +65,7 @@ def discrepancy_page(discrepancy: Discrepancy) -> str:
     return html.page(
         "What the model lacks",
         f"{robot}, {log}",
-        (discrepancy.status, _STATUS.get(discrepancy.status, nothing_missing(discrepancy))),
+        (discrepancy.status, discrepancy_conclusion(discrepancy).sentence),
         html.lines(in_brief(discrepancy)),
         [("Robot", robot), ("Log", log), ("Scored on", discrepancy.holdout)],
         discrepancy.warnings,
@@ -296,19 +299,12 @@ def comparison_page(comparison: LogComparison) -> str:
     return html.page(
         "What changed since the first log",
         f"{robot}, {last.identification.log.source}",
-        ("", _status(comparison)),
+        ("", comparison_conclusion(comparison).sentence),
         html.lines(changes_in_brief(comparison)),
         [("Robot", robot), ("Logs", "; ".join(logs)), *basis],
         comparison.warnings,
         [_changes(comparison), _timeline(comparison), first, *_sections(last)],
     )
-
-
-def _status(comparison: LogComparison) -> str:
-    """In a few words."""
-    moved = bool(comparison.of(CHANGED) or comparison.timeline.moved.any() or comparison.of(GONE))
-    along = "something was missing all along" if comparison.of(ALL_ALONG) else "nothing is known to be missing"
-    return f"Something has changed, {along}" if moved else f"Nothing has surely changed, {along}"
 
 
 def _changes(comparison: LogComparison) -> html.Section:

@@ -13,6 +13,7 @@ from bayesid.identification.identification import SURE, Identification
 from bayesid.parallel import one_at_a_time
 from bayesid.progress import SILENT, Progress
 from bayesid.report import commands
+from bayesid.report.conclusion import conclude
 from bayesid.report.findings import Alternatives, Findings, SegmentTable, find_findings
 from bayesid.report.pages import rendering as html
 from bayesid.report.plot.drawing import draw, svg_of
@@ -28,24 +29,11 @@ from bayesid.report.plot.identification import (
 from bayesid.report.plot.posterior import forest_figure, pair_figure, rank_figure, trace_figure
 from bayesid.report.summary import shown_rows
 from bayesid.report.tuning import TUNING
-from bayesid.report.verdicts import (
-    EFFECT_HEADINGS,
-    GAIN_HEADINGS,
-    check_findings,
-    effect_rows,
-    gain_rows,
-    sure_share,
-    worst,
-)
+from bayesid.report.verdicts import EFFECT_HEADINGS, GAIN_HEADINGS, check_findings, effect_rows, gain_rows, sure_share
 from bayesid.report.words import joints_in_words, listed, quantity, upper
 
 _NOTEBOOK: Mapping[State, str] = {"good": "#1f7a3d", "look": "#8a5a00", "bad": "#b3261e", "not done": "#59636e"}
 """Colours as in style.css; a notebook has no style of ours."""
-_VERDICT: Mapping[State, str] = {
-    "good": "Nothing speaks against this result",
-    "look": "Usable; look at what is marked",
-    "bad": "Do not rely on this result yet",
-}
 _SHOWS = {
     "run": ("Robot file",),
     "coefficients": ("Excitation", "Intervals", "Data or prior"),
@@ -77,11 +65,11 @@ def identification_page(findings: Findings, progress: Progress = SILENT) -> str:
         progress("report", done, len(_PARTS))
     there = {*(one.name for one in sections), *(["warnings"] if summary.warnings else [])}
     places = {check: place for place, names in _SHOWS.items() if place in there for check in names}
-    state = worst(checks)
+    conclusion = conclude(checks)
     return html.page(
         "Identification",
         f"{summary.robot}, {summary.log}",
-        (html.COLOURS[state], _VERDICT[state]),
+        (html.COLOURS[conclusion.state], conclusion.sentence),
         _lead(findings),
         _about(findings),
         summary.warnings,
