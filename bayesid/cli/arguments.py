@@ -393,11 +393,7 @@ _ROBOT_FILES = Command(
     "robot",
     "robot files: make one from a data sheet, look at one, list the built-in ones",
     ["bayesid robot list", "bayesid robot new --out arm.toml", "bayesid robot show arm.toml --out arm.png"],
-    commands=[
-        _ROBOT_NEW,
-        _ROBOT_SHOW,
-        Command("list", "the built-in robots and where their tables are published", _LISTED),
-    ],
+    commands=[_ROBOT_NEW, _ROBOT_SHOW, Command("list", "the built-in robots", _LISTED)],
 )
 _DEMO = Command(
     "demo",

@@ -102,6 +102,9 @@ class Parser(argparse.ArgumentParser):
                     return self.parse_args(arguments)  # there is no such command, whatever its options
                 break
             parser = parser.commands[word]
+        if parser.commands and not arguments[1:] and (not arguments or arguments[0] in self.commands):
+            parser.print_help()  # nothing was asked for
+            parser.exit()
         given: set[str] = set()
         words = takewhile(lambda word: word != "--", arguments)
         for name in [word.partition("=")[0] for word in words if word.startswith("--")]:

@@ -118,5 +118,6 @@ def _positions(text: str, degrees: bool | None, robot: Robot) -> Array:
 
 def _list(_options: argparse.Namespace) -> None:
     tables = {name: built_in_table(name) for name in BUILT_IN}
-    rows = [(name, str(len(one["joints"])), one["description"], one["source"]) for name, one in tables.items()]
-    show(table(["name", "joints", "robot", "source"], rows, left=["name", "robot", "source"]))
+    rows = [(name, str(len(one["joints"])), one["description"]) for name, one in tables.items()]
+    said = "where a table is published: bayesid robot show NAME"
+    show(table(["name", "joints", "robot"], rows, left=["name", "robot"]), said)

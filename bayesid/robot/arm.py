@@ -69,6 +69,12 @@ class Robot:
         frames = [inertia.change_of_frame(joint.link_frame[:3, :3], joint.link_frame[:3, 3]) for joint in self.joints]
         object.__setattr__(self, "_link_to_joint", np.stack(frames)[:, _TO_PINOCCHIO, :])
 
+    def __repr__(self) -> str:
+        slides = sum(joint.prismatic for joint in self.joints)
+        parts = [f"{self.n_joints} joints", *([f"{slides} of them sliding"] if slides else [])]
+        parts += [] if self.transmission is None else ["coupled motors"]
+        return f"Robot {self.name}: {', '.join(parts)}, gravity {', '.join(f'{g:g}' for g in self.gravity)} m/s^2"
+
     @property
     def n_joints(self) -> int:
         """Number of joints n."""

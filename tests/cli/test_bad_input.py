@@ -126,7 +126,6 @@ def test_an_option_that_is_none_is_named(arm_result, refused):
 
 
 BAD_COMMANDS = [
-    ("", ["COMMAND"]),
     ("identify", ["log"]),
     ("identify log.csv", ["--robot"]),
     ("validate result", ["log"]),

@@ -55,6 +55,13 @@ def test_examples_of_the_help_can_be_typed(command, capfd):
         assert " ".join(words[1:]).startswith(command)
 
 
+@pytest.mark.parametrize("command", [(), ("robot",)])
+def test_a_program_alone_shows_its_help(command, capfd):
+    assert run(*command) == 0
+    out, err = capfd.readouterr()
+    assert (out.startswith("usage: bayesid"), "examples:" in out, err) == (True, True, "")
+
+
 def test_completion_names_every_command(capfd):
     for shell in ("zsh", "tcsh", "bash"):
         assert run("completion", shell) == 0
