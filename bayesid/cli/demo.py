@@ -134,7 +134,7 @@ def demo_command(options: argparse.Namespace) -> None:
         *parts,
         conclusion=conclusion,
         last=f"open {folder}/report.html",
-        warnings=unsaid(result.warnings, checks),
+        warnings=unsaid(result.warnings, () if options.quiet else conclusion.actions),
         incomplete=incomplete,
     )
 

@@ -102,10 +102,12 @@ def identify_command(options: argparse.Namespace) -> None:
     findings = replace(find_findings(result), folder=str(folder))
     checks = verdicts.check_findings(findings)
     last = f"open {folder}/report.html" if shown else f"written to {folder}/; its page: bayesid report {folder}"
-    told = [] if options.quiet else [one for one in checks if one.name != "Warnings"]  # nothing is told twice
+    conclusion, summary = conclude(checks), findings.summary
+    lines = (verdicts.proof(summary), verdicts.sampling(summary), *verdicts.gains(summary))
+    told = () if options.quiet else (*lines, *conclusion.actions)  # what is seen below is not told twice
     later = [said for said in verdicts.unsaid(result.warnings, told) if said not in notes]  # the reader has said those
-    parts, last = _identification_parts(result, findings.summary), f"{last}{' (an earlier one is replaced)' * replaced}"
-    finish(options, *parts, conclusion=conclude(checks), last=last, warnings=later, incomplete=incomplete)
+    parts, last = _identification_parts(result, summary), f"{last}{' (an earlier one is replaced)' * replaced}"
+    finish(options, *parts, conclusion=conclusion, last=last, warnings=later, incomplete=incomplete)
 
 
 def _usual_folder(options: argparse.Namespace, logs: Sequence[Recording], kind: str) -> Path:

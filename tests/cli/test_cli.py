@@ -7,6 +7,7 @@ import shlex
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -83,6 +84,21 @@ def test_identify_leaves_what_is_promised(arm_place, capfd):
     assert "--posterior-budget" in out.partition("Verdict: ")[2]
     assert summary(arm_place / "out")["posterior"]["converged"] is False
     assert out.endswith("\nopen out/report.html\n")
+
+
+def test_a_warning_that_the_verdict_has_no_room_for_is_printed(arm_place, capfd, monkeypatch):
+    """Only what the terminal shows is not told twice: the page may say more than three things."""
+    told = [bayesid.identification.checks.Check(f"Bad {k}", "bad", f"fault {k}", f"do {k}") for k in range(5)]
+    monkeypatch.setattr("bayesid.report.verdicts.check_findings", lambda _: tuple(told))
+    real = bayesid.identify
+
+    def warned(*arguments, **named):
+        return replace(real(*arguments, **named), warnings=tuple(map(str, told)))
+
+    monkeypatch.setattr("bayesid.cli.identify.identify", warned)
+    assert run(*identify(), "--no-posterior", "--no-report", "--complete", "off") == 0
+    out, err = capfd.readouterr()
+    assert [(out + err).count(f"fault {k}") for k in range(5)] == [1] * 5
 
 
 def test_several_logs_count_as_one(arm_place, capfd):

@@ -58,6 +58,7 @@ def test_an_earlier_result_makes_room_for_a_new_one(folder, tmp_path, monkeypatc
     (tmp_path / "other.toml").write_text(OTHER)
     assert main(["simulate", "--robot", "other.toml", "--duration", "4", "--out", "log.csv", "--quiet"]) == 0
     run = "identify log.csv --robot other.toml --no-posterior --no-report --complete off --search beam --out result"
-    assert main([*run.split(), "--quiet"]) == 0
+    assert main([*run.split(), "--quiet"]) == 2, "nothing is replaced unless that is asked for"
+    assert main([*run.split(), "--quiet", "--force"]) == 0
     assert bayesid.load_model("result").model.robot.name == "another"
     assert not (tmp_path / "result" / "posterior.nc").exists()

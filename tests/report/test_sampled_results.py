@@ -21,6 +21,7 @@ KEYS = {
     *("prior", "prior_sd", "noise_scale", "mode", "assignments", "assignments_elsewhere", "excluded"),
     "pressed_windows",
     "timed_out",
+    *("wanted_rhat", "wanted_ess"),
 }
 
 
