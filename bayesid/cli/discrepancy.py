@@ -148,6 +148,4 @@ def _end(options: argparse.Namespace, result: Discrepancy | LogComparison, folde
     else:
         lines, said = changes_in_brief(result), comparison_conclusion(result)
     last = f"open {folder}/discrepancy.html"
-    finish(
-        options, *map(line_of, lines), conclusion=said, last=last, warnings=result.warnings, incomplete=incomplete
-    )
+    finish(options, *map(line_of, lines), conclusion=said, last=last, warnings=result.warnings, incomplete=incomplete)
