@@ -198,7 +198,7 @@ def study_command(options: argparse.Namespace) -> None:
     study, folder = load(options.name, floor=options.floor), options.out or Path(f"bayesid-study-{options.name}")
     check_results(folder)
     if not options.resume:
-        check_taken(options, folder)
+        check_taken(options, folder, "--resume to go on, ")
     with CountBar("trials", options.quiet) as bar:
         finished = run_study(
             study,

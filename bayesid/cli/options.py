@@ -107,18 +107,18 @@ def check_new(options: argparse.Namespace, folder: Path, files: Set[str], marker
     return folder
 
 
-def check_taken(options: argparse.Namespace, folder: Path) -> None:
-    """Raises InputError where a folder holds something and --force was not given."""
+def check_taken(options: argparse.Namespace, folder: Path, go_on: str = "") -> None:
+    """Raises InputError where a folder holds something and --force was not given; `go_on` names what else helps."""
     if folder.is_dir() and any(folder.iterdir()):
-        _keep(options, folder, "holds an earlier result")
+        _keep(options, folder, "holds an earlier result", go_on)
 
 
-def _keep(options: argparse.Namespace, path: Path, said: str) -> None:
+def _keep(options: argparse.Namespace, path: Path, said: str, go_on: str = "") -> None:
     """Nothing is replaced unless it was asked for."""
     if not options.force:
         names = (path.with_name(f"{path.stem}-{k}{path.suffix}") for k in itertools.count(2))
         free = next(name for name in names if not name.exists())
-        raise InputError(said, str(path), f"give --out {shlex.quote(str(free))}, or --force to replace it")
+        raise InputError(said, str(path), f"give {go_on}--out {shlex.quote(str(free))}, or --force to replace it")
 
 
 def reading_options(options: argparse.Namespace, identified: IdentifiedModel | None = None) -> dict[str, Any]:

@@ -137,9 +137,10 @@ def not_proven(cost: float, lower_bound: float | None, withheld: str, timed_out:
 
 
 def contradiction(share: float) -> Check:
-    """Search and posterior do not agree."""
+    """Search and posterior do not agree: confidences hold both signs for possible, unless most of a joint is meant."""
     message = f"search and posterior disagree on signs carrying up to {share:.0%} of a joint's effort"
-    return Check("Proof", "bad", message, f"{TELL_APART}; or validate on a log with known signs")
+    state: State = "bad" if share > 0.5 else "look"
+    return Check("Proof", state, message, f"{TELL_APART}; or validate on a log with known signs")
 
 
 def confidences_lowered(doubt: Sequence[float]) -> str:

@@ -47,7 +47,7 @@ sys.modules |= dict.fromkeys(("pyarrow", "rosbags", "shtab", "distributed", "muj
 import bayesid.cli.demo, bayesid.cli.discrepancy, bayesid.cli.excite, bayesid.cli.identify, bayesid.cli.results
 import bayesid.cli.robot, bayesid.cli.track
 from bayesid.cli import main
-for words in ("completion bash", "study noise", "identify {tmp_path}/log.parquet --robot kr5 --out {tmp_path}/out"):
+for words in ("completion bash", "study noise", "identify {tmp_path}/log.parquet --robot ur10e --out {tmp_path}/out"):
     assert main(words.split()) == 2
 """
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, cwd=tmp_path)

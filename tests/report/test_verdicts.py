@@ -110,6 +110,7 @@ CASES = {  # of each check: state, findings, and what the message contains, in t
         ("look", search(**NO_PROOF), "beam"),
         ("look", search(certified=False, withheld="pull"), "not proven"),
         ("bad", posterior(excluded=0.83), "83"),
+        ("look", posterior(excluded=0.14), "14"),
         ("look", search(certified=False, lower_bound=800.25, gap=12.25), "not proven|12.2|812"),
     ],
     "Sampling": [
