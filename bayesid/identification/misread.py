@@ -214,7 +214,8 @@ def _of_another_size(evidence: Evidence) -> Misreading | None:
     if abs(power) == 3:
         remedy += f", or `correct` {name}={10.0**-power:g}*{name}"
     odds = 0.5 * (abs(factor) / TUNING.size_sd) ** 2 / np.log(10.0)
-    return Misreading("scale", said, 0.0, 0.0, float(odds), remedy)
+    sure = name != "tau" and abs(factor) > TUNING.surely_another_size
+    return Misreading("scale", said, 0.0, 0.0, float(odds), remedy, sure)
 
 
 def _told_apart(readings: Iterable[Reading], excerpt: Excerpt) -> Iterator[Reading]:

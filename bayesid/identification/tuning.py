@@ -112,6 +112,8 @@ class Tuning:
     which on that is said: it is at most 2.8 for ten real robots, and N mm are off by 6.9."""
     another_size_of_one: float = 5.0
     """The same of one joint beside the median: at most 4.4 for ten real robots."""
+    surely_another_size: float = 6.0
+    """The same from which on no search is made: four of its standard deviations; N mm are off by 6.9."""
     joints_compared: int = 4
     """Joints that a robot needs for one to be compared with the others."""
     size_sd: float = 1.5

@@ -365,6 +365,7 @@ def test_misread_logs_of_real_robots_whose_signs_are_hidden(name, how):
     robot, log = load_robot(next(path.parent.glob("robot.*"))), read_log(path)
     found = before(misread(log).rectified(), robot)
     assert correct in found.remedy
+    assert found.sure or how == "zeros" or (name, how) == ("tx40/a", "N mm")
 
 
 @pytest.mark.real

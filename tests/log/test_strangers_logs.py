@@ -202,6 +202,10 @@ REFUSED = {
         text(without(flat(RECORDED), "t") | {"time": RECORDED["t"], "timestamp": RECORDED["t"]}),
         ["time and timestamp may both be the time", "--columns t="],
     ),
+    "measured ones beside plain names": (
+        text(flat(RECORDED) | {f"actual_q_{j}": RECORDED["q"][:, j] for j in range(RECORDED["q"].shape[1])}),
+        ["q1 and actual_q_", "may both be q", '--columns q="actual_q_{}"'],
+    ),
     "one joint missing": (text(without(flat(NO_DQ), "q2")), ["column q2 is missing", "q1..q3 are there"]),
     "no time": (text(without(flat(RECORDED), "t")), ["q{} (q), dq{} (dq), tau{} (tau)", '--columns t="NAME"']),
     "a wild clock": (

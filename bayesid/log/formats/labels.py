@@ -90,6 +90,12 @@ def is_wanted(label: str) -> bool:
     return _WANTED.search(spaced) is not None and "torqueref" not in _plain(spaced)  # of ABB, and measured
 
 
+def is_measured(label: str) -> bool:
+    """Whether a label says of itself that it is measured, as `actual_q_1` does."""
+    words = re.split(r"[\W_]+", _CAMEL.sub("_", split_brackets(label).name).casefold())
+    return any(re.fullmatch(_MEASURED, word) for word in words)
+
+
 def _kind_of_word(word: str) -> str | None:
     """The kind of a word without separators, perhaps with one more that says that it is measured."""
     if word in _KIND_OF:

@@ -19,6 +19,7 @@ from bayesid.log.formats.labels import (
     WORDS,
     Reading,
     factor_of,
+    is_measured,
     kind_of,
     kind_part,
     last_word,
@@ -75,6 +76,7 @@ def choose(header: Sequence[str], where: str, options: Options) -> Chosen:
     found |= {one.name: one for one in named.columns}
     families = [] if named.columns and options.part else _families(header, columns, found, where, options)
     _check_start(families, where)
+    _check_measured(families, header, where)
     for one, zero in ((one, 0 in family) for family in families for one in family.values()):
         name = one.kind if one.kind == "t" else f"{one.kind}{one.number + zero}"
         found.setdefault(name, SourceColumn(name, one.place, one.label, one.factor))
@@ -256,6 +258,19 @@ def _others_beside(readings: Sequence[Reading], kind: str, joints: Set[int]) -> 
     if len({one.word for one in those}) != 1 or len(family) < len(those) or (1 in joints and 0 not in family):
         return {}
     return family
+
+
+def _check_measured(families: Sequence[_Family], header: Sequence[str], where: str) -> None:
+    """Raises InputError where plain names stand beside others that say that they are the measured ones."""
+    readings = read_labels(header)
+    for family in families:
+        plain = next(iter(family.values()))
+        measured = [one for one in readings if one.kind == plain.kind and is_measured(one.label)]
+        if plain.rank >= OTHER or plain.kind == "t" or len({one.number for one in measured}) < len(family):
+            continue
+        first = next((one for one in measured if one.number == plain.number), measured[0])
+        said = f"columns {plain.label} and {first.label} may both be {plain.kind}"
+        raise InputError(said, where, f'say which with {OPTION} {plain.kind}="{pattern_of(first.label)}"')
 
 
 def _check_start(families: Sequence[_Family], where: str) -> None:
