@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 Steps = Callable[[int, int], None]  # called as steps(done, total) by one stage
@@ -18,29 +19,42 @@ def _silent(stage: str, done: int, total: int) -> None:
 
 @dataclass(frozen=True)
 class Progress:
-    """What long stages call as progress(stage, done, total), and what that calls to show it.
+    """What long stages tell, and what is called as show(stage, done, total) with it.
+
+    A stage begins with done = 0 and ends with done = total, where a proof made further steps needless too. A stage
+    without steps is one step.
 
     Example:
         >>> stages = []
-        >>> progress = bayesid.Progress(lambda stage, done, total: stages.append(stage))
+        >>> progress = bayesid.Progress(lambda stage, done, total: stages.append((stage, done, total)))
         >>> result = bayesid.identify(robot, log, terms, posterior=False, progress=progress)
-        >>> stages[:2]
-        ['prepare', 'search, round 1']
+        >>> stages[:3]
+        [('prepare', 0, 1), ('prepare', 1, 1), ('check before the search', 0, 1)]
     """
 
     show: Callable[[str, int, int], None] = _silent
 
-    def __call__(self, stage: str, done: int, total: int) -> None:
-        """A stage has come so far; a stage without steps is one step that is not done yet."""
-        self.show(stage, done, total)
+    @contextmanager
+    def stage(self, name: str) -> Iterator[Steps]:
+        """One stage: what is inside may call the steps that this gives, as steps(done, total).
+
+        That it has ended is told once, where the block ends; not where an exception ends it.
+        """
+        whole = 1
+
+        def steps(done: int, total: int) -> None:
+            nonlocal whole
+            whole = total
+            if done < total:
+                self.show(name, done, total)
+
+        self.show(name, 0, whole)
+        yield steps
+        self.show(name, whole, whole)
 
     def under(self, heading: str) -> Progress:
         """The same, stages named under a heading: `monday: search`."""
         return Progress(lambda stage, done, total: self.show(f"{heading}: {stage}", done, total))
-
-    def steps(self, stage: str) -> Steps:
-        """One stage's own callback."""
-        return lambda done, total: self.show(stage, done, total)
 
 
 SILENT = Progress()  # the default: nobody looks

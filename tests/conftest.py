@@ -7,6 +7,7 @@ import os
 import shutil
 import signal
 from contextlib import redirect_stdout
+from dataclasses import replace
 from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # matrices are small: BLAS threads only get into each other's way
@@ -16,6 +17,7 @@ import numpy as np
 import pytest
 import source_tree  # noqa: F401
 
+from bayesid.cli import bars
 from bayesid.motion import Motion
 from bayesid.robot import Robot, robot_from_table
 from bayesid.simulation import logs
@@ -65,6 +67,14 @@ def smooth_motion(n: int, duration: float, rate: float, seed: int = 0) -> Motion
             dq[:, j] += a * w * np.cos(w * t + phase)
             ddq[:, j] -= a * w**2 * np.sin(w * t + phase)
     return Motion(t, q, dq, ddq)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def no_lines_of_progress():
+    """However busy the machine, so that tests can tell what else a command says on stderr."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(bars, "TUNING", replace(bars.TUNING, between_lines=1e6))
+        yield
 
 
 @pytest.fixture(scope="module")

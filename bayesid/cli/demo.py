@@ -13,8 +13,9 @@ import numpy as np
 from rich.console import RenderableType
 
 from bayesid.arrays import Array
+from bayesid.cli.bars import counts, stages
 from bayesid.cli.options import check_file, check_new, check_taken, command_line, finish, robot_of
-from bayesid.cli.terminal import CountBar, StageBars, table
+from bayesid.cli.terminal import table
 from bayesid.effects.coefficients import base_coefficients
 from bayesid.errors import InputError
 from bayesid.identification.identification import Identification
@@ -78,8 +79,9 @@ def run_experiment(
     model, theta = paper_model(), nominal_parameters()
     coefficients = base_coefficients(model)
     t = np.linspace(0.0, _DURATION, _SAMPLES)
-    motion = exciting_trajectory(model, coefficients, _DURATION, seed=seed).motion(t)
-    log = simulate(model, theta, motion, rng=np.random.default_rng(seed), noise=noise)
+    with progress.stage("simulate"):
+        motion = exciting_trajectory(model, coefficients, _DURATION, seed=seed).motion(t)
+        log = simulate(model, theta, motion, rng=np.random.default_rng(seed), noise=noise)
     terms = ["rigid_body"]  # as in the paper; the catalogue would find nothing to add
     result = identify(model.robot, log, terms, complete="off", search=search, posterior=posterior, progress=progress)
     true_signs, strong = _truth(result, model.effort(motion, theta))
@@ -115,15 +117,15 @@ def demo_command(options: argparse.Namespace) -> None:
     """The experiment, its result folder with the log, and what there is to say of it."""
     folder = check_new(options, options.out, IDENTIFICATION_FILES, MARKER)
     truth = nominal_parameters()  # for the report to show beside the estimates; identification knew nothing of it
-    with StageBars(options.quiet) as bars, collect_incomplete() as incomplete:
-        progress = Progress(bars.show)
+    with stages(options) as progress, collect_incomplete() as incomplete:
         sampling = Sampling(budget=options.posterior_budget, seed=options.seed)
         experiment = run_experiment(options.seed, posterior=sampling, progress=progress)
         parameters = zip(experiment.result.model.parameters, truth.tolist(), strict=True)
         stated = Beliefs(nominal={parameter.name: (value, np.nan) for parameter, value in parameters})
         run_by = replace(experiment.result.provenance, command=command_line())
         result = replace(experiment.result, beliefs=stated, provenance=run_by)
-        validation = result.validate(experiment.new_log)
+        with progress.stage("validate"):
+            validation = result.validate(experiment.new_log)
         save_identification(result, folder, with_log=True, validation=validation, progress=progress)
     errors = _error_lines(experiment, validation.relative_residual)
     parts = *_signs_lines(experiment), _coefficient_table(experiment), *errors
@@ -199,7 +201,7 @@ def study_command(options: argparse.Namespace) -> None:
     check_results(folder)
     if not options.resume:
         check_taken(options, folder, "--resume to go on, ")
-    with CountBar("trials", options.quiet) as bar:
+    with counts(options, "trials") as show:
         finished = run_study(
             study,
             options.trials,
@@ -208,7 +210,7 @@ def study_command(options: argparse.Namespace) -> None:
             scheduler=options.scheduler,
             out=folder,
             resume=options.resume,
-            progress=bar.show,
+            progress=show,
         )
         text = save_results(finished, folder)
     failed = [f"trial {row['trial']} failed: {row['error']}" for row in finished.failed]

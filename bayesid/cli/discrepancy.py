@@ -8,8 +8,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from bayesid.cli.arguments import TERMS
+from bayesid.cli.bars import stages
 from bayesid.cli.options import check_new, command_line, finish, read, reading_options, robot_of, sampling, term_names
-from bayesid.cli.terminal import StageBars, line_of
+from bayesid.cli.terminal import line_of
 from bayesid.discrepancy.comparison import LogComparison, compare_logs
 from bayesid.discrepancy.workflow import Discrepancy, find_discrepancy
 from bayesid.errors import InputError
@@ -18,7 +19,6 @@ from bayesid.identification.options import Preparation
 from bayesid.identification.pipeline import QUICK
 from bayesid.log.formats import is_log_folder
 from bayesid.log.reading import find_logs
-from bayesid.progress import Progress
 from bayesid.report.brief import in_brief
 from bayesid.report.comparison import comparison_conclusion
 from bayesid.report.comparison import in_brief as changes_in_brief
@@ -63,9 +63,9 @@ def _compare_with_result(options: argparse.Namespace) -> None:
     identified = load_model(options.result)
     reading = reading_options(options, identified)
     logs = [path] if options.holdout is None else [path, options.holdout]
-    with StageBars(options.quiet) as bars:
-        bars.show("read", 0, 1)
-        log, *holdout = [read(path, reading, identified.model.robot) for path in logs]
+    with stages(options) as progress:
+        with progress.stage("read"):
+            log, *holdout = [read(path, reading, identified.model.robot) for path in logs]
         result = find_discrepancy(
             identified,
             log,
@@ -73,11 +73,10 @@ def _compare_with_result(options: argparse.Namespace) -> None:
             search=_search(options, QUICK.budget),
             posterior=sampling(options),
             preparation=Preparation(cutoff=options.cutoff),
-            progress=Progress(bars.show),
+            progress=progress,
         )
         result = _with_command(result)
-        bars.show("write", 0, 1)
-        incomplete = _save(lambda place: save_discrepancy(result, place, progress=Progress(bars.show)), folder)
+        incomplete = _save(lambda place: save_discrepancy(result, place, progress=progress), folder)
     _end(options, result, folder, incomplete)
 
 
@@ -95,22 +94,22 @@ def _compare_logs(options: argparse.Namespace) -> None:
     folder, reading = _folder(options, paths), reading_options(options)
     terms = term_names(argparse.Namespace(terms=TERMS if options.terms is None else options.terms))
     robot = robot_of(options, of_log=True)
-    with StageBars(options.quiet) as bars:
-        bars.show("read", 0, 1)
-        logs = [read(path, reading, robot) for path in paths]
+    with stages(options) as progress:
+        with progress.stage("read"):
+            logs = [read(path, reading, robot) for path in paths]
+            holdout = None if options.holdout is None else read(options.holdout, reading, robot)
         result = compare_logs(
             robot,
             logs,
             terms,
-            None if options.holdout is None else read(options.holdout, reading, robot),
+            holdout,
             search=_search(options, Certified().budget),
             posterior=sampling(options),
             preparation=Preparation(cutoff=options.cutoff),
-            progress=Progress(bars.show),
+            progress=progress,
         )
         result = replace(result, found=(*result.found[:-1], _with_command(result.found[-1])))
-        bars.show("write", 0, 1)
-        incomplete = _save(lambda place: save_comparison(result, place, progress=Progress(bars.show)), folder)
+        incomplete = _save(lambda place: save_comparison(result, place, progress=progress), folder)
     _end(options, result, folder, incomplete)
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from bayesid.arrays import Array
 from bayesid.cli.arguments import FOR_RESULT, FOR_ROBOT
+from bayesid.cli.bars import stages
 from bayesid.cli.options import (
     beliefs,
     check_new,
@@ -24,7 +25,7 @@ from bayesid.cli.options import (
     term_names,
 )
 from bayesid.cli.parser import Option, option
-from bayesid.cli.terminal import StageBars, warn
+from bayesid.cli.terminal import warn
 from bayesid.cli.tuning import TUNING
 from bayesid.discrepancy.numbers import CHANGE_OF
 from bayesid.errors import InputError
@@ -88,8 +89,8 @@ def excite_command(options: argparse.Namespace) -> None:
     if options.robot is None:
         raise InputError("no robot and no result", "excite", "give --robot R, or --for RESULT_DIR")
     robot = robot_of(options, notes=True)
-    with StageBars(options.quiet) as bars:
-        text = _design(robot, options, bars) if options.log is None else _judge(robot, options, bars)
+    with stages(options) as progress:
+        text = _design(robot, options, progress) if options.log is None else _judge(robot, options, progress)
     finish(options, text)
 
 
@@ -99,14 +100,15 @@ def _refuse(options: argparse.Namespace, refused: Sequence[Option], said: str, r
             raise InputError(said, name, remedy)
 
 
-def _judge(robot: Robot, options: argparse.Namespace, bars: StageBars) -> str:
-    log = read(options.log, reading_options(options), robot)
-    bars.show("judge", 0, 1)
-    terms = term_names(options)
-    return judgement_text(judge_log(robot, log, terms, noise=options.noise, cutoff=options.cutoff, seed=options.seed))
+def _judge(robot: Robot, options: argparse.Namespace, progress: Progress) -> str:
+    with progress.stage("read"):
+        log = read(options.log, reading_options(options), robot)
+    with progress.stage("judge"):
+        settings = {"noise": options.noise, "cutoff": options.cutoff, "seed": options.seed}
+        return judgement_text(judge_log(robot, log, term_names(options), **settings))
 
 
-def _design(robot: Robot, options: argparse.Namespace, bars: StageBars) -> str:
+def _design(robot: Robot, options: argparse.Namespace, progress: Progress) -> str:
     folder = check_new(options, options.out, DESIGN_FILES, DESIGN_MARKER)
     design = design_excitation(
         robot,
@@ -118,9 +120,10 @@ def _design(robot: Robot, options: argparse.Namespace, bars: StageBars) -> str:
         objective=Objective(noise=options.noise),
         beliefs=beliefs(options),
         seed=options.seed,
-        progress=Progress(bars.show),
+        progress=progress,
     )
-    save_design(design, folder)
+    with progress.stage("write"):
+        save_design(design, folder)
     return f"{design_text(design)}\nwritten to {folder}/"
 
 
@@ -128,12 +131,12 @@ def _design_for_result(options: argparse.Namespace) -> str:
     """The next motion's folder; what there is to say of it."""
     folder = check_next_folder(options.out)
     check_taken(options, folder)
-    with StageBars(options.quiet) as bars:
-        bars.show("read", 0, 1)
-        identified = load_model(options.result)
-        recorded = _recorded_motion(options.result)
-        robot = _robot_with_shapes(options, identified)
-        clearance = _clearance(options, robot, _poses(options, identified.model.robot, recorded))
+    with stages(options) as progress:
+        with progress.stage("read"):
+            identified = load_model(options.result)
+            recorded = _recorded_motion(options.result)
+            robot = _robot_with_shapes(options, identified)
+            clearance = _clearance(options, robot, _poses(options, identified.model.robot, recorded))
         run = RunSettings(
             duration=options.duration,
             rate=options.rate,
@@ -157,10 +160,10 @@ def _design_for_result(options: argparse.Namespace) -> str:
             recorded=recorded,
             criterion=options.criterion,
             changes=options.changes,
-            progress=Progress(bars.show),
+            progress=progress,
         )
-        bars.show("write", 0, 1)
-        save_next_motion(design, folder)
+        with progress.stage("write"):
+            save_next_motion(design, folder)
     return f"{next_motion_text(design)}\nwritten to {folder}/"
 
 

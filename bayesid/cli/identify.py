@@ -14,6 +14,7 @@ import numpy as np
 from rich.console import RenderableType
 from rich.text import Text
 
+from bayesid.cli.bars import counts, stages
 from bayesid.cli.options import (
     beliefs,
     check_new,
@@ -26,7 +27,7 @@ from bayesid.cli.options import (
     sampling,
     term_names,
 )
-from bayesid.cli.terminal import COLOURS, CountBar, StageBars, complain, table, warn
+from bayesid.cli.terminal import COLOURS, complain, table, warn
 from bayesid.cli.tuning import TUNING
 from bayesid.errors import BayesidError, InputError, near_names, printable
 from bayesid.files.bounded import LARGEST, read_source, toml_of
@@ -37,7 +38,6 @@ from bayesid.identification.pipeline import identify
 from bayesid.log.log import Log, join_logs
 from bayesid.log.reading import find_logs
 from bayesid.motion import check_label
-from bayesid.progress import Progress
 from bayesid.report import verdicts
 from bayesid.report.conclusion import Conclusion, conclude
 from bayesid.report.findings import find_findings
@@ -89,15 +89,14 @@ def identify_command(options: argparse.Namespace) -> None:
     check_new(options, folder, IDENTIFICATION_FILES, MARKER)
     robot, reading = robot_of(options, of_log=True), reading_options(options)
     replaced = folder.is_dir() and any(folder.iterdir())
-    with StageBars(options.quiet) as bars:
-        bars.show("read", 0, 1)
-        read_logs = [_read(one, reading, robot) for one in logs]
-        log, notes = join_logs(read_logs), {note for one in read_logs for note in one.notes}
-        result = identify(robot, log, **settings, progress=Progress(bars.show))
+    with stages(options) as progress:
+        with progress.stage("read"):
+            read_logs = [_read(one, reading, robot) for one in logs]
+            log, notes = join_logs(read_logs), {note for one in read_logs for note in one.notes}
+        result = identify(robot, log, **settings, progress=progress)
         result = replace(result, provenance=replace(result.provenance, command=command_line()))
-        bars.show("write", 0, 1)
         with collect_incomplete() as incomplete:
-            shown, progress = not options.no_report, Progress(bars.show)
+            shown = not options.no_report
             save_or_rescue(lambda place: save_identification(result, place, report=shown, progress=progress), folder)
     findings = replace(find_findings(result), folder=str(folder))
     checks = verdicts.check_findings(findings)
@@ -135,9 +134,9 @@ def _identify_each(options: argparse.Namespace, logs: Sequence[Recording], setti
     folder = options.out or _usual_folder(options, logs, "bayesid-each")
     check_taken(options, folder)
     robot = robot_of(options, of_log=True)
-    with CountBar("logs", options.quiet) as bar:
+    with counts(options, "logs") as show:
         settings = {**settings, "reading": reading_options(options), "report": not options.no_report}
-        settings |= {"workers": options.workers, "scheduler": options.scheduler, "progress": bar.show}
+        settings |= {"workers": options.workers, "scheduler": options.scheduler, "progress": show}
         separate = identify_separately(robot, [one.path for one in logs], folder, **settings)
     failed = [result for result in separate.runs if result.error]
     refused = all(result.bad_input for result in failed)

@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 from rich.console import RenderableType
 
+from bayesid.cli.bars import stages
 from bayesid.cli.options import check_file, check_new, finish, motion_options, read, reading_options, warned
-from bayesid.cli.terminal import StageBars, line_of, table
+from bayesid.cli.terminal import line_of, table
 from bayesid.errors import InputError
 from bayesid.identification.model_file import load_model
 from bayesid.identification.options import Preparation
@@ -32,10 +33,11 @@ from bayesid.signs.search.certified import Certified
 def validate_command(options: argparse.Namespace) -> None:
     """The model against another log: a table, and a folder where one is asked for."""
     folder = None if options.out is None else check_new(options, options.out, VALIDATION_FILES, MARKER)
-    with StageBars(options.quiet) as bars:
-        result = _validation(options, options.log, bars)
-    if folder is not None:
-        save_validation(result, folder)
+    with stages(options) as progress:
+        result = _validation(options, options.log, progress)
+        if folder is not None:
+            with progress.stage("write"):
+                save_validation(result, folder)
     words = [options.result, "--validation", options.log]
     last = _written(folder) or f"put it into the report: bayesid report {shlex.join(map(str, words))}"
     finish(options, *_validation_parts(result), conclusion=_validated(result, options.result), last=last)
@@ -55,12 +57,12 @@ def _validated(result: Validation, folder: Path) -> Conclusion | None:
     return conclude([validation(findings)], VALIDATED)
 
 
-def _validation(options: argparse.Namespace, path: Path, bars: StageBars) -> Validation:
-    bars.show("read", 0, 1)
-    identified = load_model(options.result)
-    log = read(path, reading_options(options, identified), identified.model.robot)
-    bars.show("validate", 0, 1)
-    return identified.validate(log, options.cutoff)
+def _validation(options: argparse.Namespace, path: Path, progress: Progress) -> Validation:
+    with progress.stage("read"):
+        identified = load_model(options.result)
+        log = read(path, reading_options(options, identified), identified.model.robot)
+    with progress.stage("validate"):
+        return identified.validate(log, options.cutoff)
 
 
 def _validation_parts(result: Validation) -> list[RenderableType]:
@@ -78,14 +80,15 @@ def predict_command(options: argparse.Namespace) -> None:
     if options.out.resolve() == options.motion.resolve():
         raise InputError("is the motion itself", str(options.out), "give --out another place")
     check_file(options, options.out)
-    with StageBars(options.quiet) as bars:
-        bars.show("read", 0, 1)
-        identified = load_model(options.result)
-        with warned():
-            motion = read_motion(options.motion, **motion_options(options), robot=identified.model.robot)
-        bars.show("predict", 0, 1)
-        result = identified.predict(motion, noise=not options.without_noise, cutoff=options.cutoff)
-    result.save(options.out)
+    with stages(options) as progress:
+        with progress.stage("read"):
+            identified = load_model(options.result)
+            with warned():
+                motion = read_motion(options.motion, **motion_options(options), robot=identified.model.robot)
+        with progress.stage("predict"):
+            result = identified.predict(motion, noise=not options.without_noise, cutoff=options.cutoff)
+        with progress.stage("write"):
+            result.save(options.out)
     largest, half = np.abs(result.mean).max(axis=0), np.median(result.upper - result.mean, axis=0)
     figures = zip(result.units, largest, half, strict=True)
     rows = [[str(j), f"{most:.4g}", f"{width:.3g}", unit] for j, (unit, most, width) in enumerate(figures, start=1)]
@@ -97,10 +100,9 @@ def report_command(options: argparse.Namespace) -> None:
     """The report of a result folder, anew or with a validation."""
     if options.out is not None and options.out.resolve() != (options.result / REPORT).resolve():
         check_file(options, options.out)
-    with StageBars(options.quiet) as bars:
-        tried = None if options.validation is None else _validation(options, options.validation, bars)
-        bars.show("report", 0, 1)
-        path = make_report(options.result, tried, options.out, Progress(bars.show))
+    with stages(options) as progress:
+        tried = None if options.validation is None else _validation(options, options.validation, progress)
+        path = make_report(options.result, tried, options.out, progress)
     parts = [] if tried is None else _validation_parts(tried)
     conclusion = conclude(check_findings(replace(read_findings(options.result), folder=str(options.result))))
     finish(options, *parts, conclusion=conclusion, last=f"open {path}")
@@ -113,21 +115,23 @@ def payload_command(options: argparse.Namespace) -> None:
     budget = QUICK.budget if options.search_budget is None else options.search_budget
     search = Certified(budget=budget, time_limit=options.time_limit)
     posterior = Sampling(budget=options.posterior_budget, time_limit=options.time_limit, seed=options.seed)
-    with StageBars(options.quiet) as bars:
-        bars.show("read", 0, 1)
-        identified = load_model(options.result)
+    with stages(options) as progress:
+        with progress.stage("read"):
+            identified = load_model(options.result)
+            log = read(options.log, reading_options(options, identified), identified.model.robot)
         result = identify_payload(
             identified,
-            read(options.log, reading_options(options, identified), identified.model.robot),
+            log,
             known_mass=known_mass,
             common_sd=None if options.common_sd is None else _share(options.common_sd),
             search=search,
             posterior=posterior,
             preparation=Preparation(cutoff=options.cutoff),
-            progress=Progress(bars.show),
+            progress=progress,
         )
-    if folder is not None:
-        save_payload(result, folder)
+        if folder is not None:
+            with progress.stage("write"):
+                save_payload(result, folder)
     checks = payload_checks(result, str(options.result))
     parts: list[RenderableType] = [
         *map(line_of, checks),

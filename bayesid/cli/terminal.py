@@ -5,23 +5,18 @@ from __future__ import annotations
 import os
 import re
 import sys
-import time
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from datetime import timedelta
 from functools import cache
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING
 
 from rich.console import Console, RenderableType
 from rich.padding import Padding
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 from rich.text import Text
 
 from bayesid.cli.arguments import BAYESID
-from bayesid.cli.tuning import TUNING
 from bayesid.errors import printable
-from bayesid.parallel import onlookers
 
 if TYPE_CHECKING:
     from bayesid.identification.checks import Check
@@ -135,63 +130,3 @@ def complain(message: str, name: str = "bayesid") -> None:
 
 def _print_message(head: str, message: str, style: str) -> None:
     console(stderr=True).print(Text.assemble((f"{head}:", style), " ", printable(message)), soft_wrap=True)
-
-
-class _Bar(Progress):
-    """One bar at a time, shown once it has taken a while; none where nobody watches, or wants to."""
-
-    def __init__(self, quiet: bool, *columns: ProgressColumn) -> None:
-        drawn = TextColumn("{task.description}"), BarColumn(), *columns
-        watched = not quiet and sys.stderr.isatty()
-        super().__init__(
-            *drawn, console=console(stderr=True), transient=True, refresh_per_second=4.0, disable=not watched
-        )
-
-    def __enter__(self) -> Self:
-        with onlookers():
-            return super().__enter__()
-
-    def get_renderables(self) -> Iterable[RenderableType]:
-        """What is drawn."""
-        yield self.make_tasks_table([task for task in self.tasks if (task.elapsed or 0.0) > TUNING.patience])
-
-    def draw(self, stage: str, done: int, total: int | None, **notes: Any) -> None:
-        """A new stage takes the place of the one before."""
-        for task in self.tasks:
-            if task.description != stage:
-                self.remove_task(task.id)
-        if not self.tasks:
-            self.add_task(stage, **notes)
-        (task,) = self.tasks
-        task.total = total  # `update` cannot say that there is none
-        self.update(task.id, completed=done, **notes)
-
-
-class StageBars(_Bar):
-    """A bar for each stage of a computation; `show` is what a `bayesid.progress.Progress` calls."""
-
-    def __init__(self, quiet: bool) -> None:
-        super().__init__(quiet, TextColumn("{task.fields[steps]}"), TimeElapsedColumn())
-
-    def show(self, stage: str, done: int, total: int) -> None:
-        """How far a stage has come; the bar of one without steps, one step that is not done yet, runs to and fro."""
-        endless = total == 1 and done == 0
-        self.draw(stage, done, None if endless else total, steps="" if endless else f"{done}/{total}")
-
-
-class CountBar(_Bar):
-    """A bar for many alike, with their rate since it began and the time left at it: steps may take minutes."""
-
-    def __init__(self, unit: str, quiet: bool) -> None:
-        self._unit, self._began, self._first = unit, time.monotonic(), 0
-        failed = TextColumn("{task.fields[failed]}", style="bold red")
-        super().__init__(quiet, MofNCompleteColumn(), TextColumn("{task.fields[pace]}"), failed)
-
-    def show(self, done: int, total: int, failed: int) -> None:
-        """How many are done, and how many of them failed."""
-        if not self.tasks:
-            self._began, self._first = time.monotonic(), done  # what was done before counts for no rate
-        seconds, new = time.monotonic() - self._began, done - self._first
-        left = timedelta(seconds=(total - done) * seconds // max(new, 1))
-        pace = f"{new / seconds:.3g}/s, {left} left" if new and seconds else ""
-        self.draw(self._unit, done, total, pace=pace, failed=f"{failed} failed" if failed else "")

@@ -12,8 +12,9 @@ from typing import BinaryIO, TextIO
 
 import numpy as np
 
+from bayesid.cli.bars import stages
 from bayesid.cli.options import check_new, finish, read, reading_options, warned
-from bayesid.cli.terminal import StageBars, in_options, line_of, note, table, warn
+from bayesid.cli.terminal import in_options, line_of, note, table, warn
 from bayesid.cli.tuning import TUNING
 from bayesid.errors import BayesidError, InputError
 from bayesid.files.writing import plain, save_folder
@@ -29,7 +30,6 @@ from bayesid.monitor.replay import StreamFigures, agreement, contradicts, known_
 from bayesid.monitor.tracker import SignTracker
 from bayesid.monitor.tuning import TUNING as MONITOR
 from bayesid.parallel import one_blas_thread
-from bayesid.progress import Progress
 from bayesid.report.stream import (
     HEADINGS,
     NOTE,
@@ -70,29 +70,32 @@ def _replay(options: argparse.Namespace) -> None:
     from_input = str(options.log) == STANDARD_INPUT
     folder = options.out or Path(f"bayesid-track-{'stream' if from_input else options.log.stem}")
     folder = check_new(options, folder, STREAM_FILES, STREAM)
-    with StageBars(options.quiet) as bars:
-        bars.show("read", 0, 1)
-        identified = load_model(options.result)
-        log = read(options.log, reading_options(options, identified), identified.model.robot)
+    with stages(options) as progress:
+        with progress.stage("read"):
+            identified = load_model(options.result)
+            log = read(options.log, reading_options(options, identified), identified.model.robot)
         log = log.carrying(options.payload) if options.payload else log
         check_joints(identified.model.robot, log.n_joints, log.source)
         check_exact_gains(log)
         rate = round(1.0 / log.period, 3) if options.rate is None else options.rate
         tracker = _tracker(options, identified, rate, log.signed.tolist())
-        streamed = replay(tracker, log, Progress(bars.show))
-        bars.show("smooth", 0, 1)
+        streamed = replay(tracker, log, progress)
         offline, known, status = None, None, "done"
-        try:
-            offline = identified.validate(log)
-        except InputError as error:
-            status = in_options(str(error))
+        with progress.stage("smooth"):
+            try:
+                offline = identified.validate(log)
+            except InputError as error:
+                status = in_options(str(error))
         if offline is not None and log.signed.any():  # of which another stream is not told
-            known = known_signs(replay(_tracker(options, identified, rate), log.rectified()), offline)
+            again = _tracker(options, identified, rate)
+            known = known_signs(replay(again, log.rectified(), progress.under("without signs")), offline)
         named = None
         if options.explain:
-            bars.show("explain", 0, 1)
-            changes = [(k, alarm) for k, alarm in enumerate(streamed.alarms) if alarm.kind != CONTACT]
-            named = {k: _name(identified, log, alarm) for k, alarm in changes}
+            changes, named = [(k, alarm) for k, alarm in enumerate(streamed.alarms) if alarm.kind != CONTACT], {}
+            with progress.stage("explain") as steps:
+                for done, (k, alarm) in enumerate(changes):
+                    steps(done, len(changes))
+                    named[k] = _name(identified, log, alarm)
         result = StreamResult(
             log=log.source,
             rate=streamed.rate,
@@ -106,8 +109,8 @@ def _replay(options: argparse.Namespace) -> None:
             known=known,
             named=named,
         )
-        bars.show("write", 0, 1)
-        save_replay(folder, result, streamed, options.plot)
+        with progress.stage("write"):
+            save_replay(folder, result, streamed, options.plot)
     seen = offline is not None and offline.seen
     said = track_lines(result.smoothing, result.smoothing_status, result.known, seen, signed=bool(log.signed.all()))
     finish(

@@ -19,6 +19,8 @@ class Tuning:
     """Factor between the two from which on the time is not in seconds, or the rate another stream's."""
     patience: float = 1.0
     """s; what ends sooner is not worth a progress bar."""
+    between_lines: float = 10.0
+    """s from one line of progress to the next where no terminal shows a bar: six a minute of a log that others read."""
 
 
 TUNING = Tuning()

@@ -14,7 +14,7 @@ from bayesid.discrepancy.case import Case
 from bayesid.discrepancy.sets import EffectSet, EffectSets, Forms, WeighedSet, costs, form_of, score, weighed
 from bayesid.discrepancy.tuning import TUNING
 from bayesid.discrepancy.unnamed import learn_effects
-from bayesid.progress import SILENT, Progress
+from bayesid.progress import SILENT, Progress, Steps
 from bayesid.regression.selection.added_effect import AddedEffect, Cost, all_along, was_there, weigh
 from bayesid.regression.selection.error_model import ErrorModel
 from bayesid.regression.selection.explanation import LN10, Explanation, Observations
@@ -73,6 +73,11 @@ class Selection:
 
 def select_effects(case: Case, progress: Progress = SILENT) -> Selection:
     """Effects that explain the log and are borne out by the data that are held back."""
+    with progress.stage("naming effects") as steps:
+        return _selected(case, steps)
+
+
+def _selected(case: Case, steps: Steps) -> Selection:
     data, library = _begin(case)
     before = explain(data, ())
     old = all_along(before, library)
@@ -80,7 +85,7 @@ def select_effects(case: Case, progress: Progress = SILENT) -> Selection:
     nothing = EffectSet(case, before)
     sets = EffectSets(case, library, {nothing.forms: nothing})
     sharp = bool(data.sharp.all())
-    likeliest, idle = (_likeliest(sets, nothing, progress), []) if sharp else _helping(sets, nothing)
+    likeliest, idle = (_likeliest(sets, nothing, steps), []) if sharp else _helping(sets, nothing)
     stopped = sharp and sets.looked_at > TUNING.most_sets
     minimal = _borne_out(sets, likeliest) if sharp else [likeliest]
     chosen, not_learned = learn_effects(_without_stand_ins(sets, minimal[0]), sets.log_prior)
@@ -111,17 +116,16 @@ def _begin(case: Case) -> tuple[Observations, Library]:
 # ---------------------------------------------------------------------------------------------------------------
 # On the log
 # ---------------------------------------------------------------------------------------------------------------
-def _likeliest(sets: EffectSets, nothing: EffectSet, progress: Progress) -> EffectSet:
+def _likeliest(sets: EffectSets, nothing: EffectSet, steps: Steps) -> EffectSet:
     """The likeliest set: from what one effect after the other leads to, and from effects of the whole robot."""
-    progress("naming effects", 0, 3)
     best = _improved(sets, _one_by_one(sets, nothing))
-    progress("naming effects", 1, 3)
+    steps(1, 3)
     for effect in _of_several_joints(sets, nothing):
         if effect.key not in best.keys and sets.looked_at <= TUNING.most_sets:
             tried = [sets.settled([*some, effect], best.data) for some in ((), best.effects)]
             other = polished(sets, max(tried, key=lambda one: one.log_posterior))
             best = _improved(sets, other) if other.log_posterior > best.log_posterior else best
-    progress("naming effects", 2, 3)
+    steps(2, 3)
     return best
 
 

@@ -179,5 +179,6 @@ def best_motion(
 ) -> tuple[SplineTrajectory, SplineTrajectory]:
     """The better motion of some searches from different starts, and the start that it comes from, which is first."""
     seeds = range(TUNING.searches * seed, TUNING.searches * (seed + 1))
-    found = in_parallel([partial(search.run, changes, one) for one in seeds], progress.steps("design"))
+    with progress.stage("design") as steps:
+        found = in_parallel([partial(search.run, changes, one) for one in seeds], steps)
     return min(found, key=lambda pair: search.cost(pair[1]))

@@ -284,16 +284,16 @@ def _prepared(
     run: _Run, robot: Robot, log: LogSource, terms: Sequence[str | Term]
 ) -> tuple[Log, Model, Signals, Segments]:
     """Log, model, signals and segments; what cannot be used is refused before the search."""
-    run.progress("prepare", 0, 1)
-    log = as_log(log, robot)
-    check_memory(log, run.preparation.max_memory)
-    _check(robot, log)
-    signals = prepare(log, run.preparation.cutoff)
-    payloads = (one for one in carried_payloads(signals.motion) if one not in terms)
-    model = Model(robot, catalogue.make_terms((*terms, *payloads), robot, signals.motion))
-    segments = find_segments(signals, robot.actuators(signals.motion), run.preparation.cutting)
-    _check_amount(segments, base_coefficients(model), log)
-    run.beliefs.of(model.parameters)
+    with run.progress.stage("prepare"):
+        log = as_log(log, robot)
+        check_memory(log, run.preparation.max_memory)
+        _check(robot, log)
+        signals = prepare(log, run.preparation.cutoff)
+        payloads = (one for one in carried_payloads(signals.motion) if one not in terms)
+        model = Model(robot, catalogue.make_terms((*terms, *payloads), robot, signals.motion))
+        segments = find_segments(signals, robot.actuators(signals.motion), run.preparation.cutting)
+        _check_amount(segments, base_coefficients(model), log)
+        run.beliefs.of(model.parameters)
     run.lap("prepare")
     return log, model, signals, segments
 
@@ -303,7 +303,8 @@ def _misread(
 ) -> Misreading | None:
     """What is wrong with the log, as far as that shows before the search; what is sure is refused."""
     evidence = Evidence.of(model, signals, segments.per_sample(segments.moving, *signals.effort.shape) > 0)
-    found = misread_before(evidence)
+    with run.progress.stage("check before the search"):
+        found = misread_before(evidence)
     run.lap("other readings")
     if found is None or not found.sure or anyway:
         return found
@@ -348,8 +349,8 @@ def _identification(
     settled, asked = averaged.settled, averaged.asked
     if spread is not None and posterior is not None:
         posterior = with_gains(posterior, spread)
-    run.progress("other readings", 0, 1)
-    reading = misread_after(asked.evidence, averaged.fit, probability)
+    with run.progress.stage("other readings"):
+        reading = misread_after(asked.evidence, averaged.fit, probability)
     if run.misread is not None and (reading is None or run.misread.log10_odds > reading.log10_odds):
         reading = run.misread
     run.lap("other readings")

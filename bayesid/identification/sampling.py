@@ -83,8 +83,8 @@ def average_over_draws(averaged: AveragedSigns, posterior: Posterior, progress: 
         )
         predicted = evidence.model.effort(signals.motion, draws.T)
         noise = averaged.asked.fit.noise.scaled(np.exp(log_scale.mean(axis=0)))
-        steps = progress.steps("signs of samples")
-        probability += sampled.weight * sign_probabilities(signals, predicted, known, noise, steps)
+        with progress.stage("signs of samples") as steps:
+            probability += sampled.weight * sign_probabilities(signals, predicted, known, noise, steps)
     return probability
 
 

@@ -107,7 +107,7 @@ def replay(tracker: SignTracker, log: Log, progress: Progress = SILENT) -> Repla
     Args:
         tracker: of the log's robot.
         log: its rows go in as they are: with repeated instants and gaps, and not at an even rate.
-        progress: called as progress("track", rows done, rows).
+        progress: of the rows.
 
     Raises:
         InputError: the tracker's rate contradicts the log.
@@ -119,13 +119,15 @@ def replay(tracker: SignTracker, log: Log, progress: Progress = SILENT) -> Repla
     figures, seen, rows = StreamFigures.of_joints(log.n_joints), 0, len(log)
     names = "probability", "effort", "predicted", "predicted_sd", "external", "threshold"
     t, told = np.empty(rows), np.empty((len(names), rows, log.n_joints))
-    for k in range(rows):
-        if k % 1000 == 0:
-            progress("track", k, rows)
-        now = timed(tracker, figures, float(log.t[k]), log.q[k], log.effort[k], None if log.dq is None else log.dq[k])
-        if now.known:
-            t[seen], told[:, seen] = now.t, [getattr(now, name) for name in names]
-            seen += 1
+    with progress.stage("track") as steps:
+        for k in range(rows):
+            if k % 1000 == 0:
+                steps(k, rows)
+            velocity = None if log.dq is None else log.dq[k]
+            now = timed(tracker, figures, float(log.t[k]), log.q[k], log.effort[k], velocity)
+            if now.known:
+                t[seen], told[:, seen] = now.t, [getattr(now, name) for name in names]
+                seen += 1
     parts = dict(zip(names, told[:, :seen], strict=True))
     whole = {name: getattr(tracker, name) for name in ("alarms", "counts", "lag", "rate")}
     return Replay(t[:seen], **parts, **whole, figures=figures)

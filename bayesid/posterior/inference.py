@@ -289,14 +289,14 @@ def infer(
     began = time.perf_counter()
     problem = problem.with_least_noise()
     target = problem.target
-    progress("modes", 0, 1)
-    modes = find_modes(target, problem.scaled_moments, problem.solver, search)
+    with progress.stage("modes"):
+        modes = find_modes(target, problem.scaled_moments, problem.solver, search)
     weighed = sample_modes(target, modes, sampling, began, progress)
-    progress("signs of segments", 0, 1)
-    draws = pool(weighed)
-    theta, log_scale = target.split(draws.spread(TUNING.sign_draws))
-    mass = _branch_mass(target, theta, log_scale, search)
-    plus = target.likelihood.plus_probability(theta, log_scale).mean(axis=0)
+    with progress.stage("signs of segments"):
+        draws = pool(weighed)
+        theta, log_scale = target.split(draws.spread(TUNING.sign_draws))
+        mass = _branch_mass(target, theta, log_scale, search)
+        plus = target.likelihood.plus_probability(theta, log_scale).mean(axis=0)
     return Posterior(
         target=target,
         blocks=problem.blocks,

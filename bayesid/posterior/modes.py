@@ -328,12 +328,12 @@ def sample_modes(
         on_the_clock = max(0.0, sampling.time_limit - (time.perf_counter() - began)) / left
         share = replace(sampling, budget=max(0.0, remaining / left), time_limit=on_the_clock)
         of_all = f" of mode {k + 1} of {len(modes)}" if several else ""
-        progress(f"warm-up{of_all}", 0, 1)
-        draws.append(sample(target, mode.theta, share, progress.steps(f"posterior{of_all}"), mass))
+        with progress.stage(f"posterior{of_all}") as steps:
+            draws.append(sample(target, mode.theta, share, steps, mass))
         remaining -= draws[-1].spent + mass
         if several:
-            progress(f"weight{of_all}", 0, 1)
-            masses.append(integrate(target, draws[-1], sampling.seed))
+            with progress.stage(f"weight{of_all}"):
+                masses.append(integrate(target, draws[-1], sampling.seed))
     if not masses:
         return (SampledMode(modes[0], draws[0], None, 1.0),)
     weights = mode_weights(np.array([mass.log_value for mass in masses])).tolist()

@@ -126,7 +126,7 @@ def save_identification(
         with_log: whether the log itself goes in too, as log.csv.
         report: whether report.html is made too, which takes some seconds; `bayesid.make_report` makes it later.
         validation: of another log, for the report.
-        progress: called as progress("report", done, total).
+        progress: of the report.
 
     Raises:
         InputError: the folder cannot be written, or holds other files than an earlier result.
@@ -164,7 +164,8 @@ def save_discrepancy(
     def page() -> str:
         from bayesid.report.pages.discrepancy_page import discrepancy_page  # jinja2, for pages alone
 
-        return discrepancy_page(discrepancy)
+        with progress.stage("report of the discrepancy"):
+            return discrepancy_page(discrepancy)
 
     def write(place: Path) -> None:
         write_json(place / "discrepancy.json", discrepancy_summary(discrepancy))
@@ -189,7 +190,8 @@ def save_comparison(
     def page() -> str:
         from bayesid.report.pages.discrepancy_page import comparison_page
 
-        return comparison_page(comparison)
+        with progress.stage("report of the discrepancy"):
+            return comparison_page(comparison)
 
     def write(place: Path) -> None:
         write_json(place / "discrepancy.json", comparison_summary(comparison))
@@ -216,7 +218,8 @@ def _save_result(
         write_more(place)
         _write_identification(place, findings, identification, missing)
 
-    folder = save_folder(folder, IDENTIFICATION_FILES, MARKER, write)
+    with progress.stage("write"):
+        folder = save_folder(folder, IDENTIFICATION_FILES, MARKER, write)
     pages = {} if page is None else {"discrepancy.html": page}
     pages |= {REPORT: lambda: _report(findings, progress)} if report else {}
     written = dict(missing)
@@ -257,7 +260,7 @@ def make_report(
         folder: a result of `save_identification`.
         validation: of another log; the folder keeps what its report shows of it, in place of an earlier one.
         out: the file; report.html in the folder by default. A file that is there is replaced.
-        progress: called as progress("report", done, total).
+        progress: of the report.
 
     Returns:
         The file.

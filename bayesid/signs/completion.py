@@ -158,7 +158,8 @@ def complete(
 
         effects, wanted = rounds.effects, rounds.wanted
         settled, entered = rounds.averaged(averaged, first), {effect.key for effect in effects}
-        summed_out, narrow = _summed_out(settled, entered, wanted, how.kinematics)
+        with progress.stage("what the model may lack"):
+            summed_out, narrow = _summed_out(settled, entered, wanted, how.kinematics)
         after, sizes = wanted.after if effects else wanted.before, _sizes(summed_out)
         completion = Completion(
             (*lifted, *effects), wanted.before.rms, after.rms, wanted.effort, may_enter, sizes, narrow
@@ -228,11 +229,11 @@ class _Rounds:
         """One more round; whether another one may change anything."""
         if enter and (better := _with_proposals(self.signs, self._tried, searching, progress)) is not self.signs:
             self._follow(better)
-        progress("completing the model", 0, 1)
         start = [effect for effect in self.signs.model.effects if effect not in self.plain.model.effects]
         evidence = self.plain.settled.evidence
-        wanted = what_is_wanted(evidence, self.fit, self.probability, [] if self._turned else start, enter=enter)
-        wanted = self._by_all_signs(wanted)
+        with progress.stage("completing the model"):
+            wanted = what_is_wanted(evidence, self.fit, self.probability, [] if self._turned else start, enter=enter)
+            wanted = self._by_all_signs(wanted)
         before, self._last = self._last, wanted
         if before is None:
             self.wanted = wanted
@@ -251,7 +252,8 @@ class _Rounds:
         """Leaves out of the completed model what how friction turns round near standstill would explain as well."""
         if self.completed is self.plain:
             return
-        wanted = still_wanted(self.plain.settled.evidence, self.fit, self.probability, self.wanted)
+        with progress.stage("checking the completed model"):
+            wanted = still_wanted(self.plain.settled.evidence, self.fit, self.probability, self.wanted)
         if wanted.keys != self.wanted.keys:
             self._reduced(wanted, searching, progress)
 

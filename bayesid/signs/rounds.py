@@ -55,7 +55,7 @@ class SignSearch:
     coefficients: BaseCoefficients  # the model's r base coefficients
     signals: Signals  # the log
     search: Search  # how signs are searched
-    progress: Progress = SILENT  # called as progress(stage, done, total)
+    progress: Progress = SILENT  # of the stages
     likely: Sequence[Array] = ()  # (N, n) each, signs that are likely beforehand, between -1 and 1
     unseen: float = 0.5  # `SearchResult.unseen` of the search that these are from
 
@@ -67,9 +67,9 @@ class SignSearch:
             fitted = segments[segments.fitted]
             raw = self._moments(fitted)
             sigma = TUNING.first_noise * raw.rms_effort(self._n) if sigma is None else sigma
-            steps = self.progress.steps(f"search, round {rounds}")
-            searched.append(self.search.find(self._problem(fitted, raw.scaled(sigma), searched), steps))
-            cuts, sigma = self._cuts_and_noise(fitted, raw, searched[-1])
+            with self.progress.stage(f"search, round {rounds} of at most {TUNING.search_rounds}") as steps:
+                searched.append(self.search.find(self._problem(fitted, raw.scaled(sigma), searched), steps))
+                cuts, sigma = self._cuts_and_noise(fitted, raw, searched[-1])
             last = rounds == TUNING.search_rounds
             if last or not cuts:
                 searched.append(self.search.conclude(self._problem(fitted, raw.scaled(sigma), searched), self.progress))
@@ -93,7 +93,8 @@ class SignSearch:
             return searched
         raw = self._moments(fitted)
         problem = self._problem(fitted, raw.scaled(weights), [result])
-        found = rivals(problem, result, self.progress.steps("proof by the noise of the fit"))
+        with self.progress.stage("proof by the noise of the fit") as steps:
+            found = rivals(problem, result, steps)
         searched = replace(searched, near=found.near)
         if result.settled is None:
             if not found.changed:

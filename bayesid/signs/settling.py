@@ -127,12 +127,12 @@ def settle_signs(
         likely = (2.0 * begun.probability - 1.0, *also)
         sign_search = replace(sign_search, likely=likely, unseen=begun.signs.search.unseen)
     searched = sign_search.run(segments)
-    progress("fit", 0, 1)
-    settled = _fitted_to(plain, model, signals, searched)
-    searched = sign_search.reweighted(settled.signs, _weights(settled.fit))
-    progress("fit", 0, 1)
-    if not np.array_equal(searched.search.signs, settled.signs.search.signs) or searched.proofs > settled.signs.proofs:
+    with progress.stage("fit"):
         settled = _fitted_to(plain, model, signals, searched)
+    searched = sign_search.reweighted(settled.signs, _weights(settled.fit))
+    if not np.array_equal(searched.search.signs, settled.signs.search.signs) or searched.proofs > settled.signs.proofs:
+        with progress.stage("fit"):
+            settled = _fitted_to(plain, model, signals, searched)
         searched = sign_search.reweighted(searched, _weights(settled.fit), repeat=False)
     settled = replace(settled, signs=searched)
     if earlier is None:

@@ -56,13 +56,14 @@ def identification_page(findings: Findings, progress: Progress = SILENT) -> str:
 
     Args:
         findings: what there is to show.
-        progress: called as progress("report", done, total).
+        progress: of the sections.
     """
     checks, summary = check_findings(findings), findings.summary
     sections: list[html.Section] = []
-    for done, ((name, title), part) in enumerate(_PARTS.items(), start=1):
-        sections += [html.section(name, title, *content)] if (content := part(findings)) else []
-        progress("report", done, len(_PARTS))
+    with progress.stage("report") as steps:
+        for done, ((name, title), part) in enumerate(_PARTS.items(), start=1):
+            sections += [html.section(name, title, *content)] if (content := part(findings)) else []
+            steps(done, len(_PARTS))
     there = {*(one.name for one in sections), *(["warnings"] if summary.warnings else [])}
     places = {check: place for place, names in _SHOWS.items() if place in there for check in names}
     conclusion = conclude(checks)

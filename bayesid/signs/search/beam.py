@@ -107,8 +107,9 @@ class Beam(Search):
         result = super().conclude(problem, progress)
         if self.node_cost is not None:
             return result
-        progress("local search", 0, 1)
-        return searched_locally(problem, [result], TUNING.failures, max(self.time_limit - result.seconds, 0.0))
+        left = max(self.time_limit - result.seconds, 0.0)
+        with progress.stage("local search") as steps:
+            return searched_locally(problem, [result], TUNING.failures, left, steps)
 
     def _search(self, problem: SignProblem, width: int, budget: Budget, steps: Steps) -> SearchResult:
         """A beam with its joints turned where that helps; the signs of an earlier search are not lost."""

@@ -83,7 +83,7 @@ class Certified(Search):
         result = self._search(problem, 0.0, steps)
         if problem.starts or not problem.is_poor(result):
             return result
-        return searched_locally(problem, [result], TUNING.failures_on_the_way, self._left(result))
+        return searched_locally(problem, [result], TUNING.failures_on_the_way, self._left(result), steps)
 
     def conclude(self, problem: SignProblem, progress: Progress = SILENT) -> SearchResult:
         """The proof; where it does not end, the cheapest signs of a local search, a beam, and a local search from its.
@@ -91,17 +91,22 @@ class Certified(Search):
         Raises:
             SolverError: an optimisation failed.
         """
-        result = self._search(problem, TUNING.proof_share * self.budget, progress.steps("proof"))
+        with progress.stage("proof") as steps:
+            result = self._search(problem, TUNING.proof_share * self.budget, steps)
         if result.certified:
             return result
-        progress("local search", 0, 1)
+        failures = TUNING.failures_on_the_way if problem.starts else TUNING.failures
+        with progress.stage("local search") as steps:
+            result = searched_locally(problem, [result], failures, self._left(result), steps)
         if problem.starts:
-            return searched_locally(problem, [result], TUNING.failures_on_the_way, self._left(result))
-        result = searched_locally(problem, [result], TUNING.failures, self._left(result))
+            return result
         left = max(min(TUNING.fallback_share * self.budget, self.budget - result.spent), 0.0)
         fallback = self.fallback.limited(left, self._left(result))
-        other = fallback.find(replace(problem, earlier=result), progress.steps("search, beam"))
-        return searched_locally(problem, [result, other], TUNING.failures_on_the_way, self._left(result, other))
+        with progress.stage("search, beam") as steps:
+            other = fallback.find(replace(problem, earlier=result), steps)
+        left, failures = self._left(result, other), TUNING.failures_on_the_way
+        with progress.stage("local search") as steps:
+            return searched_locally(problem, [result, other], failures, left, steps)
 
     def _left(self, *results: SearchResult) -> float:
         return max(self.time_limit - sum(result.seconds for result in results), 0.0)

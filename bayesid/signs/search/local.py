@@ -22,6 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bayesid.arrays import Integers
+from bayesid.progress import Steps, no_steps
 from bayesid.signs.search.problem import Problem
 from bayesid.signs.search.protocol import (
     Branch,
@@ -45,15 +46,19 @@ class LocalOptima(NamedTuple):
     starts: int  #: all
 
 
-def local_search(problem: Problem, begun: Iterable[Branch], failures: int, seed: int = 0) -> LocalOptima:
+def local_search(
+    problem: Problem, begun: Iterable[Branch], failures: int, seed: int = 0, steps: Steps = no_steps
+) -> LocalOptima:
     """Local optima about the best of some assignments, at least one.
 
-    It ends after so many starts without a better assignment (`failures`).
+    It ends after so many starts without a better assignment (`failures`). `steps` is called as steps(starts, starts at
+    most).
     """
     met = {branch.signs.tobytes(): branch for branch in begun}
     best, failed, rng = min(met.values(), key=lambda branch: branch.cost), 0, np.random.default_rng(seed)
-    starts, tried = _starts(problem, best, rng), 0
-    while failed < failures and tried < TUNING.most_starts * failures and not problem.budget.over:
+    starts, tried, most = _starts(problem, best, rng), 0, TUNING.most_starts * failures
+    while failed < failures and tried < most and not problem.budget.over:
+        steps(tried, most)
         start = next(starts)
         branch = problem.settle_from(start)
         met.setdefault(branch.signs.tobytes(), branch)
@@ -79,7 +84,11 @@ def _starts(problem: Problem, best: Branch, rng: np.random.Generator) -> Iterato
 
 
 def searched_locally(
-    problem: SignProblem, results: Sequence[SearchResult], failures: int, time_limit: float = np.inf
+    problem: SignProblem,
+    results: Sequence[SearchResult],
+    failures: int,
+    time_limit: float = np.inf,
+    steps: Steps = no_steps,
 ) -> SearchResult:
     """The best of some results, searched further; the local optima that come near are its branches.
 
@@ -89,7 +98,7 @@ def searched_locally(
     known, first = problem.moments.known, results[0]
     thetas = [[one.theta, *(branch.theta for branch in one.branches[: TUNING.most_begun])] for one in results]
     begun = [inner.settle(known, theta) for theta in itertools.chain(*thetas)]
-    found = local_search(inner, begun, failures)
+    found = local_search(inner, begun, failures, steps=steps)
     best, work = found.met[0], inner.budget.spent
     ways = (way for one in results for way in one.ways or (Way(one.method, one.cost, one.spent),))
     worked = first.with_work_of(results[1:])

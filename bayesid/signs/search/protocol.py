@@ -261,7 +261,7 @@ class Search(ABC):
         Args:
             problem: the sign problem of the last round; its `earlier` is that round's result, its noise has been
                 estimated with it.
-            progress: called as progress(stage, done, total).
+            progress: of its stages.
 
         Returns:
             The result; its `nodes` and `solves` count the work of this step only.
