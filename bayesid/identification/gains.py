@@ -157,15 +157,29 @@ class UnknownGains:
         """
         if self._prior is None:
             return False
-        moments = signed_moments(evidence, 2.0 * probability - 1.0)
-        links, nominal = links_of(self._beliefs, evidence, moments), self._beliefs.of(evidence.model.parameters)
-        self.fit = fit_gains(evidence, moments, noise, self._prior, links, nominal)
-        if self._off(self.fit) > TUNING.still_gains and self._moves < TUNING.gain_moves:
-            self.log, self._prior = self.log.rescaled(np.exp(self.fit.log)), self._prior.moved(self.fit.log)
+        fit = self._fit(self._prior, evidence, noise, probability)
+        if self._off(fit) > TUNING.still_gains and self._moves < TUNING.gain_moves:
+            self.log, self._prior = self.log.rescaled(np.exp(fit.log)), self._prior.moved(fit.log)
             self._moves += 1
             return True
-        self._like_friction = _like_friction(evidence, noise, self.fit)
+        self._keep(fit, evidence, noise)
         return False
+
+    def settle(self, evidence: Evidence, noise: Noise, probability: Array) -> None:
+        """What is known of the gains under a model, which is the one of the result; the log's efforts stay.
+
+        Arguments are those of `moved`.
+        """
+        if self._prior is not None:
+            self._keep(self._fit(self._prior, evidence, noise, probability), evidence, noise)
+
+    def _fit(self, prior: GainPrior, evidence: Evidence, noise: Noise, probability: Array) -> GainFit:
+        moments = signed_moments(evidence, 2.0 * probability - 1.0)
+        links, nominal = links_of(self._beliefs, evidence, moments), self._beliefs.of(evidence.model.parameters)
+        return fit_gains(evidence, moments, noise, prior, links, nominal)
+
+    def _keep(self, fit: GainFit, evidence: Evidence, noise: Noise) -> None:
+        self.fit, self._like_friction = fit, _like_friction(evidence, noise, fit)
 
     @staticmethod
     def _off(fit: GainFit) -> float:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -125,7 +126,7 @@ def identify(  # noqa: PLR0913  robot, log, terms, and six groups of options by 
         completing = Completing(complete == "auto", beliefs.kinematics, preparation.cutting)
     plain = True
     while True:  # until gains and signs agree, first under the terms asked for, then under the completed model
-        search = OneBudget(run.search)  # what was spent on signs by other gains proves nothing of these
+        search = run.budget()  # what was spent on signs by other gains proves nothing of these
         asked, found = settle_unfiltered(model, signals, segments, search, preparation.cutting, progress)
         run.lap("search")
         plain = plain and gains.moved(asked.evidence, asked.fit.noise, asked.mixed)
@@ -136,12 +137,14 @@ def identify(  # noqa: PLR0913  robot, log, terms, and six groups of options by 
         if not gains.moved(completed.averaged.asked.evidence, asked.fit.noise, completed.averaged.mixed):
             break
         signals, segments = _cut(run, model, gains.log)
-    completed, result = _by_posterior(run, log, completed, gains)
+    completed, result = _by_posterior(run, log, asked, completed, gains)
     if _turned(result):  # effects that were chosen under other signs than the posterior's are chosen anew under these
-        search, begun = OneBudget(run.search), replace(asked, probability=result.probability)
+        search, begun = run.budget(), replace(asked, probability=result.probability)
         asked = settle_signs(model, asked.evidence.signals, found, search, progress, begun=begun)
         run.lap("search")
-        completed, result = _by_posterior(run, log, _completed(run, asked, found, search, completing), gains)
+        completed = _completed(run, asked, found, search, completing)
+        gains.settle(completed.averaged.asked.evidence, asked.fit.noise, completed.averaged.mixed)
+        completed, result = _by_posterior(run, log, asked, completed, gains)
     return replace(result, signals=asked.evidence.signals, completion=completed.completion)
 
 
@@ -159,7 +162,7 @@ def _completed(
 
 
 def _by_posterior(
-    run: _Run, log: Log, completed: CompletedSigns, gains: UnknownGains
+    run: _Run, log: Log, asked: Settled, completed: CompletedSigns, gains: UnknownGains
 ) -> tuple[CompletedSigns, Identification]:
     """The result, without effects whose numbers are consistent with zero under the posterior."""
     while True:
@@ -170,6 +173,8 @@ def _by_posterior(
             return completed, _identification(run, log, completed.signals, completed.model, sampled, gains)
         completed = completed.without(doubtful)
         run.lap("complete")
+        gains.settle(completed.averaged.asked.evidence, asked.fit.noise, completed.averaged.mixed)
+        run.lap("gains")
 
 
 def _turned(result: Identification) -> bool:
@@ -221,7 +226,7 @@ def identify_again(
         size = len(base_coefficients(rows))
         earlier = Knowledge(rows, theta, np.zeros((size, size)))
     asked, segments = settle_unfiltered(
-        rows, signals, segments, OneBudget(search), preparation.cutting, progress, Earlier(earlier, theta)
+        rows, signals, segments, run.budget(), preparation.cutting, progress, Earlier(earlier, theta)
     )
     run.lap("search")
     settled, averaged, completion = asked.evidence.signals, AveragedSigns.alone(asked), None
@@ -229,7 +234,7 @@ def identify_again(
     if knowledge is None:
         averaged = AveragedSigns.alone(replace(asked, evidence=replace(asked.evidence, information=None)))
         completing = Completing(False, run.beliefs.kinematics, preparation.cutting)
-        completed = complete_model(averaged, segments, OneBudget(search), completing, progress)
+        completed = complete_model(averaged, segments, run.budget(), completing, progress)
         averaged, signals, completion = completed.averaged, completed.signals, completed.completion
         run.lap("complete")
     result = _identification(run, log, signals, model, _sampled(run, averaged))
@@ -273,6 +278,18 @@ class _Run:
         """All that was asked for, by name, as plain values."""
         objects = {"search": self.search, "posterior": self.sampling, "preparation": self.preparation}
         return plain_options({**self.subject, **objects, "beliefs": self.beliefs})
+
+    @cached_property
+    def _searching_since(self) -> float:
+        return time.perf_counter()
+
+    def budget(self) -> OneBudget:
+        """A budget for all searches by the same gains; the time limit is one for all, whatever the gains."""
+        return OneBudget(self.search, self._searching_since)
+
+    def left(self, sampling: Sampling) -> Sampling:
+        """The same with what is left of its time limit after the posteriors of models that were given up."""
+        return replace(sampling, time_limit=max(sampling.time_limit - self.laps.get("posterior", 0.0), 0.0))
 
     def lap(self, stage: str) -> None:
         """A stage has ended, for the first time or once more."""
@@ -395,7 +412,7 @@ def _identification(
 def _sampled(run: _Run, averaged: AveragedSigns) -> _Sampled:
     if run.sampling is None:
         return averaged, None, averaged.mixed
-    posterior = sample(averaged, run.sampling, run.beliefs, run.progress)
+    posterior = sample(averaged, run.left(run.sampling), run.beliefs, run.progress)
     run.lap("posterior")
     averaged = replace(averaged, fit=fit_of_mode(averaged, posterior))
     probability = averaged.mixed

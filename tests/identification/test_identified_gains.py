@@ -18,6 +18,7 @@ from bayesid.motion import Motion
 from bayesid.posterior.sampler import Sampling
 from bayesid.regression.knowledge import Beliefs
 from bayesid.report.folders import save_identification
+from bayesid.signs.completion import CompletedSigns
 from bayesid.signs.search.certified import Certified
 from bayesid.simulation.trajectories import random_trajectory
 
@@ -47,6 +48,26 @@ def known(arm):
 @pytest.fixture(scope="module")
 def found(arm):
     return settle(arm, wrong(arm.log(noise=0.03)), Sampling(budget=20.0))
+
+
+def test_gains_are_those_of_the_model_that_effects_are_left_out_of(arm, monkeypatch):
+    """The posterior finds one of three effects consistent with nothing; a time limit for all searches is kept."""
+    asked, limits = [], []
+
+    def doubtful(self, theta, covariance):
+        asked.append([effect.key for effect in self.completion.effects])
+        return set(asked[-1][-1:]) if len(asked) == 2 else set()
+
+    monkeypatch.setattr(CompletedSigns, "consistent_with_nothing", doubtful)
+    limited = Certified.limited
+    monkeypatch.setattr(Certified, "limited", lambda *given: (limits.append(given[-1]), limited(*given))[1])
+    terms, brief = ("rigid_body", "viscous_friction"), Sampling(budget=0.0)
+    result = identify(arm.robot, wrong(arm.log(noise=0.03)), terms, search=SEARCH, posterior=brief)
+    assert (len(asked[1]), len(result.completion.effects)) == (3, 2)
+    assert result.posterior.log_gain.shape[-1] == 3
+    assert np.abs(ratio_errors(result.gains, 1.0)).max() < 5.0
+    assert limits == sorted(limits, reverse=True)
+    assert len(set(limits)) > 4
 
 
 def ratio_errors(gains, true):

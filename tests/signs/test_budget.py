@@ -1,5 +1,7 @@
 """Every budget bounds every search, and one budget all searches of an identification."""
 
+import time
+
 import numpy as np
 import pytest
 from sign_problems import synthetic
@@ -19,8 +21,8 @@ class Spends(Search):
 
     budget, time_limit = 10.0, np.inf
 
-    def __init__(self, noted, budget=10.0, takes=4.0):
-        self.noted, self.budget, self.takes = noted, budget, takes
+    def __init__(self, noted, budget=10.0, takes=4.0, time_limit=np.inf):
+        self.noted, self.budget, self.takes, self.time_limit = noted, budget, takes, time_limit
 
     def limited(self, budget, time_limit):
         return Spends(self.noted, budget, self.takes)
@@ -32,11 +34,24 @@ class Spends(Search):
 
 def test_all_searches_share_one_budget():
     noted = []
-    shared = OneBudget(Spends(noted))
+    shared = OneBudget(Spends(noted), time.perf_counter())
     for _ in range(6):
         shared.find(None)
     assert noted == pytest.approx([10.0, 6.0, 2.0, 2.0, 0.0, 0.0])
     assert sum(min(4.0, given) for given in noted) == (1.0 + TUNING.budget_afterwards) * 10.0
+
+
+def test_the_time_limit_counts_from_the_first_search_whatever_the_budget():
+    limits = []
+
+    class Notes(Spends):
+        def limited(self, budget, time_limit):
+            limits.append(round(time_limit))
+            return self
+
+    for ago in (0.0, 500.0, 700.0):
+        OneBudget(Notes([], time_limit=600.0), time.perf_counter() - ago).find(None)
+    assert limits == [600, 100, 0]
 
 
 def test_a_beam_ends_with_its_budget_and_says_so():

@@ -344,11 +344,12 @@ class Budget:
 class OneBudget(Search):
     """A search whose runs share one budget, for all rounds and models of an identification.
 
-    What follows once it is spent shares a fifth of it: the sum stays within what was asked for and that.
+    What follows once it is spent shares a fifth of it: the sum stays within what was asked for and that. The time limit
+    counts from `began`, on the clock of `time.perf_counter`.
     """
 
-    def __init__(self, search: Search) -> None:
-        self._search, self._spent, self._began = search, 0.0, time.perf_counter()
+    def __init__(self, search: Search, began: float) -> None:
+        self._search, self._spent, self._began = search, 0.0, began
 
     @property
     def any_model(self) -> bool:
