@@ -44,6 +44,9 @@ from bayesid.signs.search.protocol import Search
 from bayesid.signs.settling import Reading, Settled, restored, settle_signs
 from bayesid.signs.tuning import TUNING
 
+_PROPOSING = "proposals for what the model explains poorly"
+"""Stage in which models are proposed, each of which takes a search."""
+
 
 @dataclass(frozen=True)
 class Completion:
@@ -318,7 +321,8 @@ def _with_bounds_lifted(plain: _Opinion, searching: _Searching, progress: Progre
 
     Those that are not clearly negative keep their bounds.
     """
-    proposal = _poor_robot(plain).without_bounds()
+    with progress.stage(_PROPOSING):
+        proposal = _poor_robot(plain).without_bounds()
     while proposal is not None:
         lifted = _best_of(plain, [proposal], searching, progress.under("bounds lifted"))
         kept = tuple(effect for effect in proposal.effects if _clearly_negative(effect, lifted.settled))
@@ -341,7 +345,8 @@ def _with_proposals(opinion: _Opinion, tried: dict[int, float], searching: _Sear
     A joint for which nothing was better is not tried again while it is explained about as it was.
     """
     if _poor(opinion.settled).any():
-        proposals = _poor_robot(opinion).propose()
+        with progress.stage(_PROPOSING):
+            proposals = _poor_robot(opinion).propose()
         opinion = _best_of(opinion, proposals, searching, progress, needed=TUNING.needed_of_robot)
     for joint in np.flatnonzero(_poor(opinion.settled))[::-1].tolist():  # from the tip, whose effects stay there
         for _ in range(TUNING.most_proposed):
@@ -359,10 +364,12 @@ def _with_proposals(opinion: _Opinion, tried: dict[int, float], searching: _Sear
 def _with_proposal(opinion: _Opinion, joint: int, searching: _Searching, progress: Progress) -> _Opinion:
     if not _poor(opinion.settled)[joint]:
         return opinion
-    log, known = _signed_log(opinion), {_key(effect) for effect in opinion.model.effects}
-    poor = PoorJoint.of(log, opinion.settled.signs.segments, joint)
-    proposed = (one for one in propose(poor, log.library(joint)) if _key(one.effects[0]) not in known)
-    return _best_of(opinion, list(islice(proposed, TUNING.most_rivals)), searching, progress)
+    with progress.stage(_PROPOSING):
+        log, known = _signed_log(opinion), {_key(effect) for effect in opinion.model.effects}
+        poor = PoorJoint.of(log, opinion.settled.signs.segments, joint)
+        proposed = (one for one in propose(poor, log.library(joint)) if _key(one.effects[0]) not in known)
+        proposals = list(islice(proposed, TUNING.most_rivals))
+    return _best_of(opinion, proposals, searching, progress)
 
 
 def _best_of(
