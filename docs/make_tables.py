@@ -56,13 +56,14 @@ def signs(rows: Sequence[Row]) -> str:
 
 
 def signs_in_short(rows: Sequence[Row]) -> str:
-    """Real logs: the shares that matter, beside what needs no model."""
-    head = ["log", "right signs", "sign of the velocity alone", "proven best"]
-    lines = [
-        [NAMES[row["log"]], f"{row['motion']:.2%}", f"{row['velocity']:.1%}", "yes" if row["certified"] else "no"]
-        for row in _with_friction(rows)
-    ]
-    return markdown(head, lines)
+    """Real logs: the shares that matter, beside what needs no model; below, why a verdict is not good."""
+    head = ["log", "right signs", "sign of the velocity alone", "proven best", "verdict"]
+    lines, why = [], []
+    for row in _with_friction(rows):
+        name, proven = NAMES[row["log"]], "yes" if row["certified"] else "no"
+        lines.append([name, f"{row['motion']:.2%}", f"{row['velocity']:.1%}", proven, row["verdict"]])
+        why += [f"\n{name}: {row['why']}.\n"] if row["why"] else []
+    return "".join([markdown(head, lines), *why])
 
 
 def confidences(rows: Sequence[Row]) -> str:

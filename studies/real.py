@@ -5,7 +5,7 @@ sensor noise and all. `smooth` is the share against the sign of the logged effor
 sensor's noise flips single samples. How much that costs is printed below the table: what the sign of that low-passed
 true effort scores by itself against the logged samples in motion. What is missing beyond it is ours. `settled` is the
 share of the strong samples in motion on whose sign all assignments agree that still matter
-(docs/certified-search.md).
+(docs/certified-search.md). The verdict, and why it is not good, are those that `bayesid identify` ends with.
 
 Then what the confidences are worth: of the samples given 0.99 and more how many there are and how many are wrong, and
 how well a segment's confidence parts the wrong segments from the right ones (area under the curve, AUC): also with a
@@ -38,6 +38,9 @@ from bayesid.log.signals import lowpass, prepare
 from bayesid.posterior.sampler import Sampling
 from bayesid.regression.evidence import Evidence
 from bayesid.regression.least_squares import fit_signed
+from bayesid.report.conclusion import conclude
+from bayesid.report.findings import find_findings
+from bayesid.report.verdicts import check_findings
 from bayesid.robot import load_robot
 from bayesid.signs.search.certified import Certified
 from bayesid.studies.record import Row
@@ -116,7 +119,10 @@ def _scored(result: Identification, log: Log) -> Row:
     wrong = _wrong_segments(result, log.effort, rows)
     posterior = result.posterior
     assert posterior is not None
+    conclusion = conclude(check_findings(find_findings(result)))
     return {
+        "verdict": conclusion.state,
+        "why": "; ".join(one.message.partition("; ")[0] for one in conclusion.actions if one.state == conclusion.state),
         "segments": len(result.segments),
         "all": _share(signs, log.effort, strong),
         "motion": _share(signs, log.effort, strong & moving),
@@ -231,6 +237,7 @@ def report(rows: Sequence[Row]) -> str:
         proven = f"{certified} of {len(ordinary)} logs certified"
         right = f"of strong samples in motion at least {least['motion']:.2%} have the right sign ({least['log']})"
         parts.append(f"{proven}; {right}")
+        parts.append("\n".join(f"{row['log']:<17} {row['verdict']} {row['why']}".rstrip() for row in ordinary))
     return "\n\n".join(parts)
 
 

@@ -123,12 +123,12 @@ def _mix_ups(n: int) -> Iterator[_MixUp]:
     for j in range(n):
         sides = np.where(own == j, -1.0, 1.0)
         said = f"the positions of joint {j + 1} look reversed"
-        yield _MixUp(said, f"multiply column q{j + 1} (and dq{j + 1}) by -1", own, sides, own)
+        yield _MixUp(said, f"give `correct` q{j + 1}=-q{j + 1}", own, sides, own)
     for i, j in combinations(range(n), 2):
         other, ones = own.copy(), np.ones(n)
         other[[i, j]] = j, i
         pair = f"joints {i + 1} and {j + 1}"
-        q, tau = (f"columns {symbol}{i + 1} and {symbol}{j + 1}" for symbol in ("q", "tau"))
-        yield _MixUp(f"{pair} look swapped", f"exchange {q}, and {tau}", other, ones, other)
-        yield _MixUp(f"the positions of {pair} look swapped", f"exchange {q} (and dq)", other, ones, own)
-        yield _MixUp(f"the efforts of {pair} look swapped", f"exchange {tau}", own, ones, other)
+        q, tau = (f"{symbol}{i + 1}={symbol}{j + 1},{symbol}{j + 1}={symbol}{i + 1}" for symbol in ("q", "tau"))
+        yield _MixUp(f"{pair} look swapped", f"give `correct` {q},{tau}", other, ones, other)
+        yield _MixUp(f"the positions of {pair} look swapped", f"give `correct` {q}", other, ones, own)
+        yield _MixUp(f"the efforts of {pair} look swapped", f"give `correct` {tau}", own, ones, other)

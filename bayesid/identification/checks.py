@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from bayesid.arrays import Array
+from bayesid.arrays import TINY, Array
 from bayesid.identification.gains import BY_PRIOR, IdentifiedGains
 from bayesid.identification.misread import Misreading
 from bayesid.identification.tuning import TUNING
@@ -88,8 +88,7 @@ def warnings_of(
 # ---------------------------------------------------------------------------------------------------------------
 def another_robot(reading: Misreading) -> Check:
     """A log is explained better if it is read otherwise than it was given."""
-    odds = f", odds {reading.odds}" if reading.log10_odds else ""  # earlier results have none
-    return Check("Robot file", "bad", f"{reading.said}{odds}", reading.remedy or "check the robot file")
+    return Check("Robot file", "bad", reading.told, reading.remedy or "check the robot file")
 
 
 def low_pass(cutoff: str) -> Check:
@@ -131,7 +130,7 @@ def not_proven(cost: float, lower_bound: float | None, withheld: str, timed_out:
     if timed_out or lower_bound is None:
         return Check("Proof", "look", "not proven (the time limit ended the search)", _MORE_TIME)
     gap = cost - lower_bound
-    found = f"a better assignment may cost up to {gap:.3g} less than {cost:.4g}"
+    found = f"other signs may leave a squared residual that is up to {gap / max(cost, TINY):.1%} smaller"
     message = f"not proven ({found if gap < cost else 'no lower bound was found'})"
     return Check("Proof", "look", message, "give more --search-budget, or a longer log")
 
@@ -276,7 +275,8 @@ def _of_the_signs(averaged: AveragedSigns, doubt: Array) -> Iterator[Check]:
     search = signs.search
     if not search.certified and (search.lower_bound is not None or search.timed_out):  # a beam proves nothing
         yield not_proven(search.cost, search.lower_bound, search.withheld, search.timed_out)
-    if signs.unsplit and not (search.certified and signs.rounds < SIGNS.search_rounds):  # else a few samples near zero
+    few = signs.unsplit < TUNING.shown_doubt * len(search.signs) or signs.rounds < SIGNS.search_rounds
+    if signs.unsplit and not (search.certified and few):  # else a few samples near zero, whose signs are smoothed
         segments = "1 segment still crosses" if signs.unsplit == 1 else f"{signs.unsplit} segments still cross"
         yield _remark(f"{segments} zero after {signs.rounds} searches")
     if fit.tolerance > TUNING.solver_gap:

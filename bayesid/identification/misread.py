@@ -65,12 +65,16 @@ class Misreading:
         """What was seen, as a sentence."""
         if self.kind in ("motion", "scale"):
             return self.change
-        return f"with {self.change} the model leaves {self.leaves:.1%} of the effort instead of {self.given:.1%}"
+        left = f"leaves {self.leaves:.1%} of the RMS effort, all joints together, instead of {self.given:.1%}"
+        return f"with {self.change} the model {left}"
 
     @property
-    def odds(self) -> str:
-        """How likely it is against the given reading, in words."""
-        return "above 1e6" if self.log10_odds > 6.0 else f"{10.0**self.log10_odds:.0e}".replace("e+0", "e")
+    def told(self) -> str:
+        """The same with how much likelier it is than the log as given."""
+        if not self.log10_odds:  # earlier results have none
+            return self.said
+        odds = "more than 1e6" if self.log10_odds > 6.0 else f"{10.0**self.log10_odds:.0e}".replace("e+0", "e")
+        return f"{self.said}; this reading is {odds} times as likely as the log as given"
 
 
 def _misreading(reading: Reading, leaves: float, given: float, nats: float, sure: bool = False) -> Misreading:
@@ -78,18 +82,32 @@ def _misreading(reading: Reading, leaves: float, given: float, nats: float, sure
     return Misreading(reading.kind, reading.change, leaves, given, odds, _remedy(reading), sure)
 
 
+_TRIED_BY = {
+    "joint order": "move one joint alone and see which columns change",
+    "direction": "move that joint alone towards plus and see whether its position rises",
+    "zeros": "compare a pose on the controller's display with the log",
+    "mounting": "look which way the base is mounted",
+    "weight": "see whether efforts are near zero where the arm is held out at rest",
+    "robot": "compare the type plate with the robot given",
+}
+"""How to see on the robot whether a kind of reading is right."""
+
+
 def _remedy(reading: Reading) -> str:
+    given = {"weight": "`gravity`=0,0,0"}.get(reading.kind, "")
     if reading.corrections:
-        return f"if so, give `correct` {reading.corrections}"
+        given = f"`correct` {reading.corrections}"
+    elif reading.kind == "mounting":
+        given = f"`gravity`={','.join(f'{g + 0.0:.6g}' for g in reading.robot.gravity)}"
+    elif reading.kind == "robot" and reading.robot.origin is not None:
+        given = f"`robot` {reading.robot.origin.source}"
+    if given:
+        how = _TRIED_BY.get(reading.kind, "compare positions and efforts with the controller's display")
+        return f"{how}; if so, give {given}"
     remedies = {
-        "weight": "if so, give `gravity`=0,0,0",
         "units": "check the robot file for its units",
         "motion": "check that efforts are those of the drives, of the same time and robot as the positions",
     }
-    if reading.kind == "mounting":
-        return f"if so, give `gravity`={','.join(f'{g + 0.0:.6g}' for g in reading.robot.gravity)}"
-    if reading.kind == "robot" and reading.robot.origin is not None:
-        return f"if so, give `robot` {reading.robot.origin.source}"
     return remedies.get(reading.kind, "check the robot file, and the order and directions of its joints")
 
 

@@ -325,8 +325,8 @@ def _misread(
     run.lap("other readings")
     if found is None or not found.sure or anyway:
         return found
-    remedy = f"{found.remedy}, or `anyway` to search signs all the same"
-    raise InputError(f"the log looks misread: {found.said}, odds {found.odds}", log.source, remedy)
+    remedy = f"{found.remedy}, or `anyway` to search signs all the same; other faults may appear once this is corrected"
+    raise InputError(f"the log looks misread: {found.told}", log.source, remedy)
 
 
 def _cut(run: _Run, model: Model, log: Log) -> tuple[Signals, Segments]:

@@ -19,9 +19,9 @@ from bayesid.log.tuning import TUNING
 _NUMBER = r"[0-9]+(?:\.[0-9]*)?(?:[eE][+-]?[0-9]+)?|\.[0-9]+"
 _ENTRY = re.compile(
     rf"(?P<kind>q|tau|i)(?P<joint>[1-9][0-9]{{0,2}})?\s*=\s*(?P<sign>[+-]?)\s*(?:(?P<factor>{_NUMBER})\s*\*\s*)?"
-    rf"(?P<of>q|tau|i)(?P<other>[1-9][0-9]{{0,2}})?\s*(?:(?P<shift>[+-])\s*(?P<zero>{_NUMBER}))?"
+    rf"(?P<of>q|tau|i)(?P<other>[1-9][0-9]{{0,2}})?\s*(?:(?P<shift>[+-])\s*(?P<zero>{_NUMBER})\s*(?P<unit>deg|rad)?)?"
 )
-_REMEDY = "give entries as in q1=q3,q3=q1,tau2=-tau2,q5=q5+1.5708 (rad) or tau3=0.001*tau3"
+_REMEDY = "give entries as in q1=q3,q3=q1,tau2=-tau2,q5=q5+1.5708 (rad), q5=q5+90deg or tau3=0.001*tau3"
 
 
 @dataclass(frozen=True)
@@ -61,6 +61,7 @@ def corrections(text: str, n: int) -> tuple[Corrected, Corrected]:
             raise InputError(f"{entry.strip()!r:.60} shifts an effort", field="correct", remedy=_REMEDY)
         factor = (-1.0 if found["sign"] == "-" else 1.0) * float(found["factor"] or 1.0)
         zero = (-1.0 if found["shift"] == "-" else 1.0) * float(found["zero"] or 0.0)
+        zero = math.radians(zero) if found["unit"] == "deg" else zero
         if not (0.0 < abs(factor) < TUNING.absurd and math.isfinite(zero)):
             raise InputError(f"{entry.strip()!r:.60} cannot be used", field="correct", remedy=_REMEDY)
         pairs = [(j, j) for j in range(n)]
@@ -75,4 +76,17 @@ def corrections(text: str, n: int) -> tuple[Corrected, Corrected]:
                 raise InputError(f"{kinds[0]}{joint + 1} is given twice", field="correct", remedy="give it once")
             seen.add((kinds[0], joint))
             one.order[joint], one.factor[joint], one.zero[joint] = other, factor, zero
+    for kind, one in made.items():
+        _check_exchange(kind, one.order.tolist(), {joint for of, joint in seen if of == kind})
     return made["q"], made["tau"]
+
+
+def _check_exchange(kind: str, order: list[int], given: set[int]) -> None:
+    """Each recorded joint is one joint's: half of an exchange would use one twice, and another not at all."""
+    lost = [j for j in range(len(order)) if j not in order]
+    if lost:
+        twice = [j for j in range(len(order)) if j not in given and order.count(j) > 1]
+        rest = [(joint, order[joint]) for joint in sorted(given)] + list(zip(twice, lost, strict=False))
+        whole = ",".join(f"{kind}{joint + 1}={kind}{of + 1}" for joint, of in rest if joint != of)
+        said = f"{kind}{order[min(given)] + 1} would be of two joints, and {kind}{lost[0] + 1} of none"
+        raise InputError(said, field="correct", remedy=f"give the whole exchange, as in {whole}")

@@ -44,20 +44,20 @@ class Fault:
 
     def __str__(self) -> str:
         when = ", ".join(f"{t:.3f}" for t in self.start[:3]) + (" ..." if len(self.start) > 3 else "")
+        lasting = f"{self.seconds:.3g} s in all, from {when} s on"
         if self.reading == "row":
             how = "are zero" if self.kind == "zero" else "are frozen in motion"
-            return (
-                f"all joints: all readings {how} for {self.seconds:.3g} s in all, at {when} s; these rows are dropped"
-            )
+            return f"all joints: all readings {how} for {lasting}; these rows are dropped"
         if self.kind == "foreign":
-            said = f"its velocity is not the change of its position for {self.seconds:.3g} s in all"
+            said = f"its velocity is not the change of its position for {lasting}"
         elif self.kind == "outlier":
-            said = f"{len(self.rows)} sample{'s' * (len(self.rows) > 1)} of its {self.reading} far off their neighbours"
+            count = f"{len(self.rows)} sample{'s' * (len(self.rows) > 1)}"
+            said = f"{count} of its {self.reading} far off their neighbours, at {when} s"
         else:
             how = "reads exactly zero" if self.kind == "zero" else "is frozen"
             often = f"{len(self.start)} times, " if len(self.start) > 1 else ""
-            said = f"its {self.reading} {how} in motion, {often}{self.seconds:.3g} s in all"
-        return f"joint {self.joint + 1}: {said}, at {when} s; what is in fault is left out"
+            said = f"its {self.reading} {how} in motion, {often}{lasting}"
+        return f"joint {self.joint + 1}: {said}; these readings are not used"
 
 
 @dataclass(frozen=True)

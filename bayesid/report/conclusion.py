@@ -47,9 +47,10 @@ def conclude(checks: Sequence[Check], says: Mapping[State, str] = _RESULT, of: s
     said = says[state]
     if of_state and len(checks) > 1:
         which = ("fails", "fail") if state == "bad" else ("needs a look", "need a look")
-        said += f": {len(of_state)} of {len(checks)} {of} {which[len(of_state) > 1]}"
+        names = listed([one.name for one in of_state])
+        said += f": {len(of_state)} of {len(checks)} {of} {which[len(of_state) > 1]} ({names})"
     elif not_done:
-        said += f"; not done: {listed([one.name for one in not_done])}"
+        said += f"; not checked: {listed([one.name for one in not_done])}"
     return Conclusion(state, sentence(state, said), first(of_state if state == "bad" else [*of_state, *not_done]))
 
 

@@ -26,8 +26,6 @@ class Tuning:
     """Such a share below which too much is guessed."""
     ambiguous: float = 0.95
     """Confidence below which a segment's sign is called ambiguous: the custom of 95 %."""
-    white: float = 0.3
-    """Share of the residual's variance that may last longer than sensor noise does."""
     decided: float = 0.9
     """Share of the coefficients that the data should decide."""
     half_decided: float = 0.5

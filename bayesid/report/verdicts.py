@@ -175,8 +175,11 @@ def proof(summary: Summary) -> Check:
         if not others:
             message = f"proven: every alternative is at least {np.exp(0.5 * within):.0f} times less likely"
             return Check(name, "good", message)
-        also = "one other costs" if others == 1 else f"{others} others cost"
-        return Check(name, "look", f"proven: no assignment costs less; {also} up to {within:.1f} more", ALTERNATIVES)
+        agreed = search.settled_share or 0.0  # confidences allow for what is left
+        odds = np.exp(0.5 * within)
+        also = f"{counted(others, 'other')} at most {odds:.0f} times less likely {'turns' if others == 1 else 'turn'}"
+        message = f"proven: no assignment costs less, but {also} {1.0 - agreed:.1%} of samples"
+        return graded(name, agreed, (TUNING.mostly_sure, 0.0), message, ALTERNATIVES)
     if search.lower_bound is None:
         message = "not proven (a beam search proves nothing)"
         if undecided := (search.beam_nodes or {}).get("undecided", 0):
@@ -215,7 +218,7 @@ def _modes(findings: Findings) -> list[Check]:
     values = of_log[other].coefficients.items()
     differs = [f"{label} {value:.3g} instead of {first[label]:.3g}" for label, value in values if value is not None]
     more = f"; in mode {other + 1}: {', '.join(differs)}" if differs else ""
-    state: State = "look" if weights[written] >= TUNING.mostly_sure else "bad"
+    state: State = "look" if weights[written] >= TUNING.unsure else "bad"  # confidences and draws hold the others too
     return [replace(found, state=state, message=found.message + more)]
 
 
@@ -355,31 +358,33 @@ def intervals(summary: Summary) -> list[Check]:
     if not found:
         return [Check(name, "good", "no effect of the catalogue would look like the links' own coefficients")]
     parts, remedies = [], []
+    state: State = "not done"  # whether such an effect is there the user knows, and no log tells
     for one in found:
         narrow = f"these intervals are too narrow: {listed(one.coefficients)}"
         if one.times is not None:
             looks = f"the residual looks like a geometry {one.times:.1f} times as far off its table as believed"
             parts.append(f"{looks}, so {narrow}")
+            state = "look"
             remedies.append("check the robot file's geometry")
         else:
             there = listed([noun(effect) for effect in one.effects], "or")
             parts.append(f"if {joints_in_words(one.joints) if one.joints else 'the robot'} has {there}, {narrow}")
             remedies.append("if it has one, state what is known of these links by `--nominal`")
-    return [Check(name, "look", "; ".join(parts), " and ".join(dict.fromkeys(remedies)))]
+    return [Check(name, state, "; ".join(parts), " and ".join(dict.fromkeys(remedies)))]
 
 
 def _whiteness(findings: Findings) -> Check:
-    noise = findings.summary.noise
+    """Whether enough samples are left once those that a lasting residual ties together count as one."""
+    noise, count = findings.summary.noise, len(findings.coefficients.mean)
     lasting = (np.array(noise.coloured_sd, dtype=float) / np.array(noise.sd, dtype=float)) ** 2
-    joint, counts = int(lasting.argmax()), np.array(noise.samples_that_count_as_one, dtype=float)
+    joint, independent = int(lasting.argmax()), float(np.sum(np.array(noise.effective_samples, dtype=float)))
     message = (
-        f"up to {lasting.max():.0%} of the residual's variance lasts longer than sensor noise (joint {joint + 1}); "
-        f"residual correlation time: {counts.max():.0f} samples (joint {int(counts.argmax()) + 1})"
+        f"up to {lasting.max():.0%} of the residual's variance lasts longer than sensor noise (joint {joint + 1}), so "
+        f"samples count as {independent:,.0f} independent ones for {count} coefficients; intervals allow for it"
     )
-    shown = (np.flatnonzero(lasting > TUNING.white) + 1).tolist()
-    remedy = f"intervals of what shows in {joints_in_words(shown)} may be too narrow: {_names_it(findings)}"
-    limits = TUNING.white, np.inf  # how large it is, the fit says
-    return graded("Whiteness of the residual", lasting.max(), limits, message, remedy)
+    limits = float(IDENTIFICATION.samples_a_coefficient * count), float(count)
+    remedy = "intervals of so short a log are not reliable: record a longer one, or join several"
+    return graded("Whiteness of the residual", independent, limits, message, remedy)
 
 
 def _decided(findings: Findings) -> Check:

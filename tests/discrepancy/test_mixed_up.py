@@ -31,10 +31,10 @@ def mixed(positions=(0, 1, 2), efforts=(0, 1, 2), sides=(1, 1, 1), model=effort_
 
 def test_what_is_mixed_up_is_said_with_what_mends_it():
     for what, said, remedy in (
-        ({"positions": [0, 2, 1], "efforts": [0, 2, 1]}, "joints 2 and 3", "columns q2 and q3, and"),
-        ({"positions": [1, 0, 2]}, "positions of joints 1 and 2", "columns q1 and q2"),
-        ({"efforts": [2, 1, 0]}, "efforts of joints 1 and 3", "columns tau1 and tau3"),
-        ({"sides": [1, -1, 1]}, "positions of joint 2", "column q2"),
+        ({"positions": [0, 2, 1], "efforts": [0, 2, 1]}, "joints 2 and 3", "`correct` q2=q3,q3=q2,tau2=tau3,tau3=tau2"),
+        ({"positions": [1, 0, 2]}, "positions of joints 1 and 2", "`correct` q1=q2,q2=q1"),
+        ({"efforts": [2, 1, 0]}, "efforts of joints 1 and 3", "`correct` tau1=tau3,tau3=tau1"),
+        ({"sides": [1, -1, 1]}, "positions of joint 2", "`correct` q2=-q2"),
     ):
         with pytest.raises(InputError) as caught:
             mixed(**what)

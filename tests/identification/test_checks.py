@@ -22,7 +22,13 @@ def fit_with(relative=(0.1, 0.2), sd=(0.3, 0.5, 0.1), on_edge=(False, False, Fal
 
 def signs_with(certified=True, lower_bound=90.0, unsplit=0, withheld="", timed_out=False):
     search = SimpleNamespace(
-        certified=certified, lower_bound=lower_bound, cost=120.0, seconds=9.0, withheld=withheld, timed_out=timed_out
+        certified=certified,
+        lower_bound=lower_bound,
+        cost=120.0,
+        seconds=9.0,
+        withheld=withheld,
+        timed_out=timed_out,
+        signs=np.ones(200),
     )
     return SimpleNamespace(search=search, unsplit=unsplit, rounds=4)
 
@@ -102,6 +108,7 @@ def test_nothing_wrong_is_nothing_said(log):
         {"posterior": posterior_with()},
         {"posterior": posterior_with(weights=(0.995, 0.005))},
         {"posterior": posterior_with(excluded=0.008)},
+        {"settled": SimpleNamespace(signs=signs_with(unsplit=1))},  # of 200 segments
         {"settled": unproven(lower_bound=None)},
         {"fit": fit_with(on_edge=(True, True, False))},  # of single parameters, which nobody asked for
         {"fit": fit_with(on_edge=(True, True, False)), "nominal": Nominal(*np.full((2, 20), np.nan))},
@@ -118,7 +125,7 @@ FAULTS = (
         ("links 1, 2", "--nominal"),
     ),
     ({"fit": fit_with(tolerance=2e-8)}, ("2e-08",)),
-    ({"settled": unproven()}, ("not proven", "30 less than 120", "--search-budget")),
+    ({"settled": unproven()}, ("not proven", "25.0% smaller", "--search-budget")),
     ({"settled": unproven(lower_bound=120.0, withheld="pull")}, ("not proven",)),
     ({"settled": unproven(lower_bound=120.0, withheld="noise")}, ("noise",)),
     ({"posterior": posterior_with(excluded=0.83)}, ("83%",)),
@@ -137,7 +144,7 @@ FAULTS = (
     ),
     (
         {"reading": Misreading("joint order", "joints 2 and 3 exchanged", 0.041, 0.213, 4.0, "give `correct` q2=q3")},
-        ("odds 1e4", "`correct`", "joints 2 and 3 exchanged", "4.1%", "21.3%"),
+        ("1e4 times as likely", "`correct`", "joints 2 and 3 exchanged", "4.1%", "21.3%"),
     ),
     (
         {"asked": SimpleNamespace(model=model_of().model, evidence=read_through(LowPass(2, 7.934, zero_phase=False)))},

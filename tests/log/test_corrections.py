@@ -41,10 +41,39 @@ def test_a_motion_has_its_positions_corrected():
 
 @pytest.mark.parametrize(
     "wrong",
-    ["", "q1", "q1=tau1", "q=q1", "q1=q", "q4=q1", "q1=q9", "tau1=tau1+2", "q1=q2,q1=q3", "q1=0*q1", "dq1=-dq1"],
+    [
+        "",
+        "q1",
+        "q1=tau1",
+        "q=q1",
+        "q1=q",
+        "q4=q1",
+        "q1=q9",
+        "tau1=tau1+2",
+        "q1=q2,q1=q3",
+        "q1=0*q1",
+        "dq1=-dq1",
+        "q2=q2+90grad",
+    ],
 )
 def test_what_cannot_be_understood_is_refused(wrong):
     with pytest.raises(InputError) as refused:
         read_log(LOG, correct=wrong)
     assert refused.value.field == "correct"
     assert refused.value.remedy
+
+
+def test_a_shift_may_be_in_degrees():
+    shifted, plain = (read_log(LOG, correct=f"q2=q2-{zero}").q for zero in ("90deg", repr(0.5 * np.pi)))
+    np.testing.assert_allclose(shifted, plain)
+
+
+@pytest.mark.parametrize(
+    ("half", "whole"),
+    [("q2=q3", "q2=q3,q3=q2"), ("q1=q2,q2=q3", "q1=q2,q2=q3,q3=q1"), ("q1=q3,q3=q1,tau1=tau3", "tau1=tau3,tau3=tau1")],
+)
+def test_half_of_an_exchange_is_refused_with_the_whole(half, whole):
+    with pytest.raises(InputError) as refused:
+        read_log(LOG, correct=half)
+    assert refused.value.remedy.endswith(whole)
+    read_log(LOG, correct=whole)

@@ -100,7 +100,9 @@ def test_dropouts(log):
     assert named(zero) == [(3, "effort", "zero", list(range(412, 419)))]
     held = changed(log, "effort", ROWS, 0, log.effort[411, 0])
     assert named(held) == [(1, "effort", "held", list(range(412, 419)))]
-    assert str(prepare(held).faults[0]).startswith("joint 1: its effort is frozen in motion, 0.07 s in all, at 4.120 s")
+    assert str(prepare(held).faults[0]).startswith(
+        "joint 1: its effort is frozen in motion, 0.07 s in all, from 4.120 s"
+    )
     held = changed(log, "q", ROWS, 0, log.q[411, 0])
     assert named(held) == [(1, "position", "held", list(range(412, 419)))]
     assert np.abs(prepare(held).motion.q - prepare(log).motion.q).max() < 1e-3 * np.ptp(log.q[:, 0])
@@ -123,7 +125,7 @@ def test_rows_of_zeros_are_lost_packets(log):
     there = np.isin(np.arange(len(log)), np.arange(len(log))[ROWS], invert=True)[:, None]
     lost = replace(log, q=log.q * there, effort=log.effort * there)
     signals, clean = prepare(lost), prepare(log)
-    assert str(signals.faults[0]).startswith("all joints: all readings are zero for 0.07 s in all, at 4.120 s; ")
+    assert str(signals.faults[0]).startswith("all joints: all readings are zero for 0.07 s in all, from 4.120 s on; ")
     assert np.abs(signals.motion.q - clean.motion.q).max() < 1e-3 * np.ptp(log.q)
 
 

@@ -58,10 +58,11 @@ def predicted(**changes):
     return replace(GOOD, prediction=replace(GOOD.prediction, **changes))
 
 
-def lasting(*share):
-    """Of each joint's variance of the residual."""
+def lasting(share, independent):
+    """Of joint 2's variance of the residual, and so many samples of each joint that are left then."""
     sd = np.array(GOOD.summary.noise.sd)
-    return with_summary(GOOD, "noise", coloured_sd=tuple(sd * np.sqrt(share)))
+    coloured = tuple(sd * np.sqrt((0.0, share)))
+    return with_summary(GOOD, "noise", coloured_sd=coloured, effective_samples=(independent,) * 2)
 
 
 def with_gains(**changes):
@@ -106,12 +107,13 @@ CASES = {  # of each check: state, findings, and what the message contains, in t
     "Proof": [
         ("good", GOOD, ""),
         ("good", SIGNED, ""),
-        ("look", search(assignments=4), "3"),
+        ("good", search(assignments=4, settled_share=0.97), "3 others|3.0%"),
+        ("look", search(assignments=4, settled_share=0.9), "3 others|10.0%"),
         ("look", search(**NO_PROOF), "beam"),
         ("look", search(certified=False, withheld="pull"), "not proven"),
         ("bad", posterior(excluded=0.83), "83"),
         ("look", posterior(excluded=0.14), "14"),
-        ("look", search(certified=False, lower_bound=800.25, gap=12.25), "not proven|12.2|812"),
+        ("look", search(certified=False, lower_bound=800.25, gap=12.25), "not proven|1.5%"),
     ],
     "Sampling": [
         ("good", GOOD, "1.004|812"),
@@ -125,7 +127,7 @@ CASES = {  # of each check: state, findings, and what the message contains, in t
     ],
     "Modes": [
         ("good", GOOD, "1%"),
-        ("look", with_modes(0.97, 0.03), "0.03|mode 2|joint 2|9.5"),
+        ("look", with_modes(0.9, 0.1), "0.1|mode 2|joint 2|9.5"),
         ("bad", with_modes(0.54, 0.46), "mode 1|0.54|mode 2|0.46"),
         ("bad", with_modes(0.97, 0.03, mode=2), "mode 2|0.03|mode 1|0.97"),
     ],
@@ -146,12 +148,13 @@ CASES = {  # of each check: state, findings, and what the message contains, in t
         ("good", GOOD, ""),
         ("not done", summary(complete=None), ""),
         ("not done", with_summary(asked(GOOD, SPRING), "fit", relative_residual=[0.04, 0.26]), ""),
-        ("look", asked(GOOD, SPRING), "balancing spring|joint spring|joint 2|mc2x|J2xx"),
+        ("not done", asked(GOOD, SPRING), "balancing spring|joint spring|joint 2|mc2x|J2xx"),
         ("look", asked(GOOD, FAR_OFF), "3.1|a, b, c, d, e, f and g"),
     ],
     "Whiteness of the residual": [
-        ("good", lasting(0.1, 0.29), "29|joint 2"),
-        ("look", lasting(0.45, 0.2), "45|joint 1"),
+        ("good", lasting(0.8, 12.0), "80%|joint 2|24 independent|8 coefficients"),  # intervals allow for it
+        ("look", lasting(0.8, 11.0), "22 independent"),
+        ("bad", lasting(0.8, 3.0), "6 independent"),
     ],
     "Data or prior": [
         ("good", decided(8), "8|1|3"),
