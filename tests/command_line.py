@@ -33,6 +33,11 @@ def run(*arguments):
         return end.code
 
 
+def unfolded(text):
+    """A text whose lines were folded, in one."""
+    return " ".join(text.split())
+
+
 def identify(log="log.csv", robot="arm.toml", out="out"):
     return "identify", log, "--robot", robot, "--out", out
 

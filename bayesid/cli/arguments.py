@@ -270,6 +270,7 @@ _TRACK = Command(
         option("--plot", _PLOT, nargs="?", const="png", choices=("png", "svg")),
         flag("--explain", "have `bayesid discrepancy` name each change; takes minutes"),
         *_READING,
+        *_shared("--strict"),
         *_out("folder for stream and alarms (default: bayesid-track-LOG; with --follow: none)"),
     ],
 )
@@ -281,7 +282,7 @@ _REPORT = Command(
         *_shared("result"),
         path("--validation LOG", "another log of the same robot to try it on"),
         *_READING,
-        *_shared("--cutoff"),
+        *_shared("--cutoff --strict"),
         *_out("default: report.html in the folder", metavar="FILE"),
     ],
 )
@@ -334,6 +335,7 @@ _EXCITE = Command(
         *_shared("--duration --rate"),
         path("--limits FILE", _LIMITS),
         *FOR_ROBOT,
+        *_shared("--strict", "with --log: exit code 3 where the verdict is bad"),
         *_out("folder (default: %(default)s)", default=Path("bayesid-motion")),
     ],
     sections={"with --for": FOR_RESULT},

@@ -6,6 +6,7 @@ The demo is the paper's experiment: KR5 Sixx, 13.33 s of |effort| with 5 % noise
 from __future__ import annotations
 
 import argparse
+import shlex
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,10 +15,11 @@ from rich.console import RenderableType
 
 from bayesid.arrays import Array
 from bayesid.cli.bars import counts, stages
-from bayesid.cli.options import check_file, check_new, check_taken, command_line, finish, robot_of
+from bayesid.cli.options import check_file, check_new, check_taken, command_line, finish, given_robot, robot_of
 from bayesid.cli.terminal import table
 from bayesid.effects.coefficients import base_coefficients
 from bayesid.errors import InputError
+from bayesid.identification.checks import State
 from bayesid.identification.identification import Identification
 from bayesid.identification.pipeline import identify
 from bayesid.log.log import Log, write_log
@@ -25,10 +27,11 @@ from bayesid.posterior.sampler import Sampling
 from bayesid.progress import SILENT, Progress
 from bayesid.regression.knowledge import Beliefs
 from bayesid.regression.noise import relative_rms
-from bayesid.report.conclusion import conclude
+from bayesid.report.conclusion import Conclusion, conclude, sentence
 from bayesid.report.findings import find_findings
 from bayesid.report.folders import IDENTIFICATION_FILES, MARKER, collect_incomplete, save_identification
 from bayesid.report.verdicts import check_findings, unsaid
+from bayesid.report.words import counted
 from bayesid.signs.search.certified import Certified
 from bayesid.signs.search.protocol import Search
 from bayesid.simulation.logs import parse_effect, simulate, simulate_log
@@ -187,7 +190,8 @@ def simulate_command(options: argparse.Namespace) -> None:
     unsigned, signed = simulate_log(robot, options.duration, options.rate, options.noise, effects, options.seed)
     write_log(options.out, unsigned)
     write_log(truth, signed)
-    finish(options, last=f"written to {options.out}, with the signs in {truth}")
+    words = ["bayesid", "identify", str(options.out), *given_robot(options)]
+    finish(options, last=f"written to {options.out}, with the signs in {truth}; next: {shlex.join(words)}")
 
 
 def study_command(options: argparse.Namespace) -> None:
@@ -214,5 +218,11 @@ def study_command(options: argparse.Namespace) -> None:
         )
         text = save_results(finished, folder)
     failed = [f"trial {row['trial']} failed: {row['error']}" for row in finished.failed]
-    said = f"{options.name}: {len(finished.short)} figures are below their floor: see {folder}/report.txt"
-    finish(options, text, last=f"written to {folder}/", warnings=failed, incomplete=[said] * bool(finished.short))
+    below, conclusion = len(finished.short), None
+    said = f"{counted(below, 'figure')} below the floor" if below else "No figure is below its floor"
+    if options.floor:
+        state: State = "bad" if below else "good"
+        conclusion = Conclusion(state, sentence(state, said))
+    missed = [f"{options.name}: {said}: see {folder}/report.txt"] * bool(below)
+    last = f"written to {folder}/; open {folder}/report.txt"
+    finish(options, text, conclusion=conclusion, last=last, warnings=failed, incomplete=missed)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +19,7 @@ from bayesid.cli.options import (
     check_new,
     check_taken,
     finish,
+    given_robot,
     numbers,
     read,
     reading_options,
@@ -30,7 +32,7 @@ from bayesid.cli.tuning import TUNING
 from bayesid.discrepancy.numbers import CHANGE_OF
 from bayesid.errors import InputError
 from bayesid.excitation.design import Objective, TrajectoryShape, design_excitation
-from bayesid.excitation.judgement import judge_log
+from bayesid.excitation.judgement import ExcitationJudgement, judge_log
 from bayesid.excitation.limits import read_limits
 from bayesid.excitation.next_motion import RunSettings, design_next
 from bayesid.excitation.rivals import Hypotheses, equivalent_classes, hypotheses_of
@@ -45,6 +47,7 @@ from bayesid.report.motions import (
     DESIGN_MARKER,
     check_next_folder,
     design_text,
+    judgement_conclusion,
     judgement_text,
     next_motion_text,
     save_design,
@@ -53,6 +56,8 @@ from bayesid.report.motions import (
 from bayesid.robot import Robot
 from bayesid.robot.collision import Capsules, CollisionModel, NoShapes, collision_model
 from bayesid.simulation.trajectories import MotionLimits
+
+_IDENTIFY = "bayesid", "identify"
 
 
 @dataclass(frozen=True)
@@ -83,15 +88,25 @@ def excite_command(options: argparse.Namespace) -> None:
             raise InputError("asks for a judgement and for a design", "--log", "leave it or --for out")
         own = [*FOR_ROBOT, option("--no-degrees")]
         _refuse(options, own, "means nothing for a result, which has its own", "leave it or --for out")
-        finish(options, _design_for_result(options))
+        text, last = _design_for_result(options)
+        finish(options, text, last=last)
         return
     _refuse(options, FOR_RESULT, "is for the motion after a result", "give --for RESULT_DIR")
     if options.robot is None:
         raise InputError("no robot and no result", "excite", "give --robot R, or --for RESULT_DIR")
     robot = robot_of(options, notes=True)
+    given = given_robot(options)
+    if options.log is None:
+        with stages(options) as progress:
+            text, last = _design(robot, options, progress)
+        last = f"{last}; next, with its recording: {shlex.join([*_IDENTIFY, 'RECORDED.csv', *given])}"
+        finish(options, text, last=last)
+        return
     with stages(options) as progress:
-        text = _design(robot, options, progress) if options.log is None else _judge(robot, options, progress)
-    finish(options, text)
+        judged = _judge(robot, options, progress)
+    conclusion = judgement_conclusion(judged, shlex.join(["bayesid", "excite", *given]))
+    last = "" if conclusion.state == "bad" else f"next: {shlex.join([*_IDENTIFY, str(options.log), *given])}"
+    finish(options, judgement_text(judged), conclusion=conclusion, last=last)
 
 
 def _refuse(options: argparse.Namespace, refused: Sequence[Option], said: str, remedy: str) -> None:
@@ -100,15 +115,16 @@ def _refuse(options: argparse.Namespace, refused: Sequence[Option], said: str, r
             raise InputError(said, name, remedy)
 
 
-def _judge(robot: Robot, options: argparse.Namespace, progress: Progress) -> str:
+def _judge(robot: Robot, options: argparse.Namespace, progress: Progress) -> ExcitationJudgement:
     with progress.stage("read"):
         log = read(options.log, reading_options(options), robot)
     with progress.stage("judge"):
         settings = {"noise": options.noise, "cutoff": options.cutoff, "seed": options.seed}
-        return judgement_text(judge_log(robot, log, term_names(options), **settings))
+        return judge_log(robot, log, term_names(options), **settings)
 
 
-def _design(robot: Robot, options: argparse.Namespace, progress: Progress) -> str:
+def _design(robot: Robot, options: argparse.Namespace, progress: Progress) -> tuple[str, str]:
+    """The design's folder; what there is to say of it, and what was written."""
     folder = check_new(options, options.out, DESIGN_FILES, DESIGN_MARKER)
     design = design_excitation(
         robot,
@@ -124,11 +140,11 @@ def _design(robot: Robot, options: argparse.Namespace, progress: Progress) -> st
     )
     with progress.stage("write"):
         save_design(design, folder)
-    return f"{design_text(design)}\nwritten to {folder}/"
+    return design_text(design), f"written to {folder}/"
 
 
-def _design_for_result(options: argparse.Namespace) -> str:
-    """The next motion's folder; what there is to say of it."""
+def _design_for_result(options: argparse.Namespace) -> tuple[str, str]:
+    """The next motion's folder; what there is to say of it, and the next command."""
     folder = check_next_folder(options.out)
     check_taken(options, folder)
     with stages(options) as progress:
@@ -164,7 +180,8 @@ def _design_for_result(options: argparse.Namespace) -> str:
         )
         with progress.stage("write"):
             save_next_motion(design, folder)
-    return f"{next_motion_text(design)}\nwritten to {folder}/"
+    again = shlex.join(["bayesid", "discrepancy", str(options.result), "RECORDED.csv"])
+    return next_motion_text(design), f"written to {folder}/; next, with its recording: {again}"
 
 
 def _recorded_motion(folder: Path) -> Motion | None:

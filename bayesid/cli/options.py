@@ -18,7 +18,7 @@ from typing import Any
 from rich.console import RenderableType
 
 from bayesid.cli import RedVerdictError
-from bayesid.cli.terminal import show, verdict_parts, warn
+from bayesid.cli.terminal import console, show, verdict_parts, warn
 from bayesid.effects import RigidBody
 from bayesid.errors import BayesidError, InputError, printable
 from bayesid.files.writing import check_folder, check_place
@@ -58,6 +58,12 @@ def robot_of(options: argparse.Namespace, notes: bool = False, of_log: bool = Fa
     if of_log and (said := alias_note(options.robot)):
         warn(said)
     return robot
+
+
+def given_robot(options: argparse.Namespace) -> list[str]:
+    """The words of the command line that name the robot."""
+    given = {name: getattr(options, name) for name in ("robot", "tip", "hold", "gravity")}
+    return [word for name, value in given.items() if value is not None for word in (f"--{name}", str(value))]
 
 
 def _positions(text: str) -> dict[str, float]:
@@ -188,7 +194,9 @@ def finish(
     for warning in warnings:
         warn(warning)
     if not options.quiet:
-        show(*parts, *([] if conclusion is None else verdict_parts(conclusion)), *([printable(last)] if last else []))
+        show(*parts, *([] if conclusion is None else verdict_parts(conclusion)))
+        if last:
+            console().print(printable(last), soft_wrap=True)  # in one line: it holds a command, or a path
     for said in incomplete:
         raise BayesidError(said)
     if conclusion is not None and conclusion.state == "bad" and getattr(options, "strict", False):

@@ -93,7 +93,9 @@ def predict_command(options: argparse.Namespace) -> None:
     figures = zip(result.units, largest, half, strict=True)
     rows = [[str(j), f"{most:.4g}", f"{width:.3g}", unit] for j, (unit, most, width) in enumerate(figures, start=1)]
     headings = ["joint", "largest effort", "95 % band: +-, in the middle", "unit"]
-    finish(options, table(headings, rows), f"the band holds {result.holds}", last=f"written to {options.out}")
+    again = shlex.join(["bayesid", "validate", str(options.result), "RECORDED.csv"])
+    last = f"written to {options.out}; next, with a recording of the motion: {again}"
+    finish(options, table(headings, rows), f"the band holds {result.holds}", last=last)
 
 
 def report_command(options: argparse.Namespace) -> None:

@@ -11,7 +11,6 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from rich.console import Console, RenderableType
-from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
@@ -37,6 +36,7 @@ OPTIONS = {
 }
 """The options for arguments of other names that an error may name."""
 _ARGUMENT = re.compile("`([^` ]+)`")
+_WORD = re.compile(r"(?:`[^`]*`|\S)+")
 
 
 class _Console(Console):
@@ -61,9 +61,26 @@ def console(stderr: bool = False) -> Console:
 
 
 def show(*parts: RenderableType) -> None:
-    """What a command has to say, on stdout."""
+    """What a command has to say, on stdout: sentences folded, tables and texts of several lines as they are."""
     for part in parts:
-        console().print(part, soft_wrap=isinstance(part, str | Text))
+        text = Text(part) if isinstance(part, str) else part
+        if isinstance(text, Text) and "\n" not in text.plain:
+            text = _folded(text, console().width if console().is_terminal else TUNING.width)
+        console().print(text, soft_wrap=isinstance(text, Text))
+
+
+def _folded(text: Text, width: int) -> Text:
+    """A sentence in lines of a width, all but the first indented; words, and commands in backticks, stay whole."""
+    indent = " " * (len(text.plain) - len(text.plain.lstrip()) + 2)
+    cuts, begin = [], 0
+    for word in _WORD.finditer(text.plain):
+        if word.end() - begin > width and word.start() > begin + len(indent):
+            cuts.append(word.start())
+            begin = word.start() - len(indent)
+    lines = list(text.divide(cuts))
+    for line in lines:
+        line.rstrip()
+    return Text(f"\n{indent}").join(lines)
 
 
 def table(
@@ -93,13 +110,13 @@ def line_of(check: Check) -> Text:
 
 
 def verdict_parts(conclusion: Conclusion) -> list[RenderableType]:
-    """The verdict in its colour, then what to do: on a terminal wrapped, elsewhere a line each."""
+    """The verdict in its colour, then what to do."""
     parts: list[RenderableType] = ["", Text(conclusion.sentence, COLOURS[conclusion.state])]
     for one in conclusion.actions:
         said = in_options(one.message)
-        parts.append(Padding(Text(f"{one.name}{f': {said}' if said else ''}"), (0, 0, 0, 2), expand=False))
+        parts.append(f"  {one.name}{f': {said}' if said else ''}")
         if one.remedy:
-            parts.append(Padding(Text(f"-> {in_options(one.remedy)}"), (0, 0, 0, 4), expand=False))
+            parts.append(f"    -> {in_options(one.remedy)}")
     return parts
 
 

@@ -38,11 +38,11 @@ from bayesid.report.stream import (
     Named,
     StreamResult,
     alarm_line,
-    change_line,
     count_line,
     named_line,
     open_stream,
     save_replay,
+    stream_conclusion,
     stream_line,
     stream_names,
     track_lines,
@@ -111,7 +111,8 @@ def _replay(options: argparse.Namespace) -> None:
         )
         with progress.stage("write"):
             save_replay(folder, result, streamed, options.plot)
-    seen = offline is not None and offline.seen
+    seen, last = offline is not None and offline.seen, float(log.t[-1])
+    told = stream_conclusion(result.alarms, str(options.result), str(options.log), last, (result.named or {}).keys())
     said = track_lines(result.smoothing, result.smoothing_status, result.known, seen, signed=bool(log.signed.all()))
     finish(
         options,
@@ -120,8 +121,9 @@ def _replay(options: argparse.Namespace) -> None:
         table(HEADINGS, track_rows(result.figures, result.smoothing)),
         NOTE,
         "",
-        *_alarm_lines(result, options, float(log.t[-1])),
+        *_alarm_lines(result),
         count_line(result.counts, result.figures, result.lag, result.bad),
+        conclusion=told,
         last=f"written to {folder}/",
     )
 
@@ -146,16 +148,12 @@ def _name(identified: IdentifiedModel, log: Log, alarm: Alarm) -> Named:
     return Named(found.status, tuple((one.effect, one.joints) for one in found.added))
 
 
-def _alarm_lines(result: StreamResult, options: argparse.Namespace, last: float) -> list[str]:
+def _alarm_lines(result: StreamResult) -> list[str]:
     lines = [alarm_line(alarm) for alarm in result.alarms] or ["no alarms"]
-    named = result.named or {}
-    for k, alarm in enumerate(result.alarms):
-        if alarm.kind != CONTACT and k in named:
-            effects = "; ".join(label(effect, joints) for effect, joints in named[k].effects)
-            lines.append(named_line(alarm, named[k].status.replace("_", " "), effects))
-        elif alarm.kind != CONTACT:
-            lines.append(change_line(alarm, str(options.result), str(options.log), last))
-    return list(dict.fromkeys(lines))  # of two alarms from one instant on the same is to be done
+    for k, named in (result.named or {}).items():
+        effects = "; ".join(label(effect, joints) for effect, joints in named.effects)
+        lines.append(named_line(result.alarms[k], named.status.replace("_", " "), effects))
+    return list(dict.fromkeys(lines))  # of two alarms from one instant on the same has changed
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -181,6 +179,7 @@ def _follow(options: argparse.Namespace) -> None:
         raise BrokenPipeError from None
     if not options.quiet:
         note(count_line(tracker.counts, figures, tracker.lag, reader.bad))
+        note(stream_conclusion(tracker.alarms, str(options.result), str(options.log), 0.0).sentence)
 
 
 def _reader(options: argparse.Namespace, identified: IdentifiedModel) -> RowReader:

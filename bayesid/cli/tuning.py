@@ -17,6 +17,8 @@ class Tuning:
     """Rows of a stream after which the time between them is compared with the rate."""
     off: float = 20.0
     """Factor between the two from which on the time is not in seconds, or the rate another stream's."""
+    width: int = 78
+    """Characters of a line of sentences where there is no terminal: two less than the usual 80."""
     patience: float = 1.0
     """s; what ends sooner is not worth a progress bar."""
     between_lines: float = 10.0

@@ -17,8 +17,10 @@ from bayesid.excitation.splines import DEGREE
 from bayesid.excitation.tuning import TUNING as EXCITATION
 from bayesid.export.controllers import PROGRAM_FOLDERS, PlannedMotion, Programs, check_programs, save_programs
 from bayesid.files.writing import check_folder, save_folder, write_json, write_motion, write_table
+from bayesid.identification.checks import Check, State
 from bayesid.identification.identification import KNOWN
 from bayesid.motion import Motion
+from bayesid.report.conclusion import Conclusion, sentence
 from bayesid.report.summary import as_object, taken
 from bayesid.report.tuning import TUNING
 from bayesid.report.words import counted, table
@@ -27,6 +29,7 @@ DESIGN_MARKER, NEXT_MARKER = "design.json", "next_motion.json"
 DESIGN_FILES = frozenset({DESIGN_MARKER, "trajectory.csv", "excitation.svg"})
 NEXT_FILES = frozenset({NEXT_MARKER, "next_motion.svg", "predicted.csv"}) | PROGRAM_FOLDERS
 _RESOLVABILITY = "resolvability: twice the log odds against all signs of the joint turned"
+_STATES: dict[str, State] = {"green": "good", "amber": "look", "red": "bad"}
 _JOINT = ["joint", "starts at", "lowest", "highest", "speed", "acceleration"]
 
 
@@ -160,6 +163,18 @@ def judgement_text(judgement: ExcitationJudgement) -> str:
         *(f"- {remark}" for remark in one.remarks),
     ]
     return "\n".join(lines)
+
+
+def judgement_conclusion(judgement: ExcitationJudgement, design: str) -> Conclusion:
+    """Whether the motion suffices, and a command that designs another where it does not."""
+    state = _STATES[judgement.light]
+    said: dict[State, str] = {
+        "good": "The motion shows what a motion can",
+        "look": "Some coefficients or signs stay undecided",
+        "bad": "A joint, or its signs, cannot be told from this motion",
+    }
+    action = Check("Excitation", state, "", f"`{design}` designs another motion")
+    return Conclusion(state, sentence(state, said[state]), () if state == "good" else (action,))
 
 
 def check_next_folder(folder: str | Path) -> Path:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TextIO
@@ -16,10 +17,11 @@ from bayesid.identification.checks import Check
 from bayesid.monitor.changes import CONTACT, FRICTION, GAIN, PAYLOAD, Alarm
 from bayesid.monitor.replay import Agreement, Replay, StreamFigures
 from bayesid.monitor.tracker import Counts, Tracked
+from bayesid.report.conclusion import Conclusion, first, sentence
 from bayesid.report.plot.stream import stream_figure
 from bayesid.report.summary import as_json, as_object, taken
 from bayesid.report.tuning import TUNING
-from bayesid.report.words import joints_in_words, rounded
+from bayesid.report.words import counted, joints_in_words, listed, rounded, upper
 
 STREAM = "stream.json"
 STREAM_FILES = frozenset({STREAM, "signed_stream.csv", "alarms.json", "stream.png", "stream.svg"})
@@ -197,17 +199,44 @@ def count_line(counts: Counts, figures: StreamFigures, lag: float, bad: int = 0)
 def alarm_line(alarm: Alarm) -> str:
     """When, what, in which joints, by how much, and when it was said."""
     later, amount = alarm.raised - alarm.time, _amount(alarm)
-    name = alarm.kind if alarm.kind in (CONTACT, PAYLOAD, FRICTION, GAIN) else "unknown change"
-    said = f"{alarm.time:.2f} s: {name}, {joints_in_words(alarm.joints)}{f' ({amount})' if amount else ''}"
+    said = f"{alarm.time:.2f} s: {_kind(alarm)}, {joints_in_words(alarm.joints)}{f' ({amount})' if amount else ''}"
     lasted = f", {alarm.duration:.2f} s long" if alarm.kind == CONTACT and alarm.duration else ""
     return f"{said}{lasted}{f', said {later:.1f} s later' if later >= TUNING.soon else ''}"
 
 
-def change_line(alarm: Alarm, result: str, log: str, last: float) -> str:
-    """How to go on with a change: the command and its window, which ends at an instant, s."""
+def stream_conclusion(
+    alarms: Sequence[Alarm], result: str, log: str, last: float, named: Set[int] = frozenset()
+) -> Conclusion:
+    """Good without an alarm; else what was seen, and how to go on with each that was not named already.
+
+    Args:
+        alarms: of the stream.
+        result: folder of the model.
+        log: that was tracked.
+        last: its last instant, s.
+        named: the alarms of which it is known what has changed.
+    """
+    if not alarms:
+        return Conclusion("good", sentence("good", "No contact and no change of the robot was seen"))
+    kinds = Counter(_kind(alarm) for alarm in alarms)
+    seen = listed([f"{count} times {kind}" if count > 1 else kind for kind, count in kinds.items()])
     command = shlex.join(["bayesid", "discrepancy", result, log])
-    rows = f"the rows from {alarm.time:.2f} to {last:.2f} s, cut out as a log"
-    return f"what has changed: `{command}` on {rows}, or --explain here"
+    actions = []
+    for k, alarm in enumerate(alarms):
+        remedy = "check what touched the robot"
+        if alarm.kind != CONTACT:
+            remedy = (
+                f"`{command}` on the rows from {alarm.time:.2f} to {last:.2f} s, cut out as a log, names what has "
+                "changed; or --explain here"
+            )
+        if k not in named:
+            actions.append(Check(upper(_kind(alarm)), "look", f"at {alarm.time:.2f} s", remedy))
+    said = f"{counted(len(alarms), 'alarm')}: {seen}"
+    return Conclusion("look", sentence("look", said), first(actions))
+
+
+def _kind(alarm: Alarm) -> str:
+    return alarm.kind if alarm.kind in (CONTACT, PAYLOAD, FRICTION, GAIN) else "unknown change"
 
 
 def named_line(alarm: Alarm, status: str, effects: str) -> str:

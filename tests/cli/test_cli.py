@@ -321,7 +321,10 @@ def test_simulate_leaves_the_log_and_its_signs(arm_place, capfd):
     for name, seed in (("new/s", 4), ("same", 4), ("other", 5)):
         assert run("simulate", "--robot", "arm.toml", "--out", f"{name}.csv", *options, "--seed", seed) == 0
     assert names(arm_place / "new") == {"s.csv", "s_signed.csv"}
-    assert capfd.readouterr().out.count("\n") == 3
+    last = capfd.readouterr().out.splitlines()
+    assert [line.partition("next: ")[2] for line in last][1:] == [
+        f"bayesid identify {name}.csv --robot arm.toml" for name in ("same", "other")
+    ]
     log, signed = bayesid.read_log("new/s.csv"), bayesid.read_log("new/s_signed.csv")
     assert len(log) == 101
     assert not log.signed.any()

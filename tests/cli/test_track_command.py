@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import tomli_w
-from command_line import run
+from command_line import run, unfolded
 from matplotlib.figure import Figure
 from payload_cases import PAYLOAD, PayloadCase
 
@@ -83,8 +83,8 @@ def test_a_recording_is_signed_as_it_would_have_been_live(place, monkeypatch, ca
     out, err = capfd.readouterr()
     assert err == ""
     assert out.endswith("written to bayesid-track-log/\n")
-    for said in ("signs agree", "RMS residual, N m", "no alarms", "rows taken", "0.04 s behind"):
-        assert said in out
+    for said in ("signs agree", "RMS residual, N m", "no alarms", "rows taken", "0.04 s behind", "Verdict: good."):
+        assert said in unfolded(out)
     stream, alarms, summary = read(place / "bayesid-track-log")
     assert alarms == []
     tracker = bayesid.SignTracker(bayesid.load_model("result"), RATE, 0.04)
@@ -136,6 +136,7 @@ def test_a_payload_is_an_alarm_with_the_way_to_go_on(place, monkeypatch, capfd):
     assert all(one["time"] >= 3.5 and one["raised"] >= one["time"] for one in changes)
     keys = {"time", "joint", "kind", "joints", "raised", "duration", "amount", "unit", "explained"}
     assert all(set(one) == keys for one in alarms)
+    assert "Verdict: look." in out
     assert "`bayesid discrepancy result taken.csv`" in out
     assert f"{changes[0]['time']:.2f} s: {changes[0]['kind']}" in out
 

@@ -9,7 +9,7 @@ from bayesid.monitor.changes import Alarm, ChangeTest, Sums
 from bayesid.monitor.replay import Agreement, Replay, StreamFigures, UpdateTimes
 from bayesid.monitor.tracker import Counts, Tracked
 from bayesid.report.plot.stream import stream_figure
-from bayesid.report.stream import alarm_line, count_line, track_lines, track_rows
+from bayesid.report.stream import alarm_line, count_line, stream_conclusion, track_lines, track_rows
 
 PAYLOAD = Alarm(2.31, 3, "payload", (2, 3), 3.2, None, 2.81, 0.9)
 CONTACT = Alarm(1.0, 2, "contact", (1, 2), 1.0, 0.25, 31.7)
@@ -29,6 +29,16 @@ def figures():
 def test_an_alarm_is_a_line_with_its_time_kind_joints_and_size():
     for alarm, *parts in LINES:
         assert re.search(".*".join(map(re.escape, parts)), alarm_line(alarm))
+
+
+def test_a_stream_is_good_without_alarms_and_else_says_how_to_go_on_with_each():
+    assert stream_conclusion((), "result", "log.csv", 9.0).state == "good"
+    alarms = PAYLOAD, CONTACT, replace(CONTACT, time=2.0)
+    found = stream_conclusion(alarms, "result", "my log.csv", 9.0)
+    assert (found.state, len(found.actions)) == ("look", 2), "contacts are looked at together"
+    assert all(said in found.sentence for said in ("3 alarms", "payload", "2 times contact"))
+    assert "`bayesid discrepancy result 'my log.csv'` on the rows from 2.31 to 9.00 s" in found.actions[0].remedy
+    assert len(stream_conclusion(alarms, "result", "my log.csv", 9.0, named={0}).actions) == 1
 
 
 def test_signs_of_samples_that_count_are_compared():

@@ -1,0 +1,46 @@
+"""How commands end: sentences folded, a verdict, what to do, and the next command in one line."""
+
+import numpy as np
+from command_line import ARM, run, unfolded
+
+import bayesid
+from bayesid.cli.arguments import parse
+from bayesid.cli.options import finish
+from bayesid.identification.checks import Check
+from bayesid.log.log import write_log
+from bayesid.report.conclusion import conclude
+
+
+def test_sentences_are_folded_and_commands_stay_whole(capfd):
+    """A text of several lines is laid out already; the last line is to be copied."""
+    command = "`bayesid discrepancy some/folder ANOTHER_LOG.csv --unsigned all --degrees`"
+    conclusion = conclude([Check("Fit", "look", "word " * 30 + "end", f"{command} names what the model lacks")])
+    table = "a" * 60 + "  " + "b" * 60 + "\nsecond"
+    last = f"written to {'x' * 90}; next: bayesid show"
+    finish(parse(["demo"]), "  first " + "line " * 30, table, conclusion=conclusion, last=last)
+    lines = capfd.readouterr().out.splitlines()
+    assert all(line in lines for line in (*table.splitlines(), last))
+    rest = [line for line in lines if line not in (*table.splitlines(), last)]
+    assert all(len(line) <= 78 or command in line for line in rest)
+    assert any(command in line for line in rest)
+    assert rest[1].startswith("    line"), "what is folded is indented"
+    assert unfolded("\n".join(rest)).count("line") == 30
+
+
+def test_a_motion_is_judged_with_a_verdict_and_the_next_command(tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "arm.toml").write_text(ARM)
+    log = bayesid.simulate_log(bayesid.load_robot("arm.toml"), 20.0, 50.0, 0.02, (), seed=1)[0]
+    write_log(tmp_path / "log.csv", log)
+    assert run("excite", "--robot", "arm.toml", "--log", "log.csv", "--strict") == 0
+    out = capfd.readouterr().out
+    assert "Verdict: " in out
+    assert out.splitlines()[-1] == "next: bayesid identify log.csv --robot arm.toml"
+    q = np.array(log.q)
+    q[:, 1] = 0.3
+    write_log(tmp_path / "still.csv", bayesid.Log(log.t, q, log.effort, log.signed))
+    for options, code in (((), 0), (("--strict",), 3)):
+        assert run("excite", "--robot", "arm.toml", "--log", "still.csv", *options) == code
+        out = capfd.readouterr().out
+        assert "Verdict: bad." in out
+        assert "`bayesid excite --robot arm.toml`" in out
