@@ -14,6 +14,7 @@ import shutil
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from textwrap import fill
 
 import numpy as np
 
@@ -62,7 +63,7 @@ def signs_in_short(rows: Sequence[Row]) -> str:
     for row in _with_friction(rows):
         name, proven = NAMES[row["log"]], "yes" if row["certified"] else "no"
         lines.append([name, f"{row['motion']:.2%}", f"{row['velocity']:.1%}", proven, row["verdict"]])
-        why += [f"\n{name}: {row['why']}.\n"] if row["why"] else []
+        why += ["\n", fill(f"{name}: {row['why']}.", 120), "\n"] if row["why"] else []
     return "".join([markdown(head, lines), *why])
 
 

@@ -66,9 +66,9 @@ def _validation(options: argparse.Namespace, path: Path, progress: Progress) -> 
 
 
 def _validation_parts(result: Validation) -> list[RenderableType]:
-    figures = zip(result.rms_error, result.relative_residual, result.coverage, strict=True)
+    figures, why = zip(result.rms_error, result.relative_residual, result.coverage, strict=True), result.not_compared
     rows = [
-        [str(j), f"{error:.4g}", f"{relative:.1%}", f"{inside:.1%}"]
+        [str(j), *([why[j], "-", "-"] if j in why else [f"{error:.4g}", f"{relative:.1%}", f"{inside:.1%}"])]
         for j, (error, relative, inside) in enumerate(figures, start=1)
     ]
     headings = ["joint", "RMS error, N m", "relative residual", "in the 95 % band"]

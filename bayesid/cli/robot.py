@@ -51,7 +51,7 @@ def _new(options: argparse.Namespace) -> None:
         table_text, where = _table_of(options.table)
         text = robot_file(table_text, name, options.convention, where)
     replace_file(out, lambda aside: aside.write_text(text, encoding="utf-8"))
-    finish(options, f"written to {out}; {fill}look at it: bayesid robot show {out}")
+    finish(options, last=f"written to {out}; {fill}look at it: bayesid robot show {out}")
 
 
 def _table_of(source: str) -> tuple[str, str]:
@@ -79,7 +79,7 @@ def _show(options: argparse.Namespace) -> None:
         kind = out.suffix[1:].lower()
         replace_file(out, lambda aside: figure.savefig(aside, format=kind, dpi=150, facecolor="white"))
     about = built_in_table(options.robot) if is_built_in(options.robot) else {}
-    finish(options, *_pose_parts(here, about), *([] if out is None else [f"written to {out}"]))
+    finish(options, *_pose_parts(here, about), last="" if out is None else f"written to {out}")
 
 
 def _pose_parts(here: Pose, about: Mapping[str, Any]) -> list[RenderableType]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from os import PathLike
 from typing import ClassVar
 
@@ -87,7 +87,7 @@ class Identification(IdentifiedModel):
 
     notebook_view: ClassVar[Callable[[Identification], str] | None] = None
 
-    coefficients: BaseCoefficients
+    coefficients: BaseCoefficients = field()  # no default: the model's are those of any basis
     log: Log
     signals: Signals
     segments: Segments
@@ -159,7 +159,8 @@ class Identification(IdentifiedModel):
     @property
     def identified(self) -> IdentifiedModel:
         """The model alone, without the log."""
-        return IdentifiedModel(**{one.name: getattr(self, one.name) for one in fields(IdentifiedModel)})
+        same = {one.name: getattr(self, one.name) for one in fields(IdentifiedModel)}
+        return IdentifiedModel(**same | {"listed": tuple(self.coefficients_table())})
 
     @property
     def beta(self) -> Array:

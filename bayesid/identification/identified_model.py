@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from bayesid.arrays import Array
+from bayesid.effects.coefficients import BaseCoefficients, base_coefficients
 from bayesid.effects.model import Model
 from bayesid.errors import InputError
 from bayesid.identification.gains import IdentifiedGains
@@ -16,6 +17,7 @@ from bayesid.identification.prediction import (
     BY_INFORMATION,
     BY_POSTERIOR,
     NOISE_ALONE,
+    NORMAL_95,
     MotionLike,
     PredictedEfforts,
     Spread,
@@ -25,6 +27,7 @@ from bayesid.identification.prediction import (
     drawn_noise,
     motion_of,
 )
+from bayesid.identification.records import Coefficient, Records, named
 from bayesid.identification.tuning import TUNING
 from bayesid.log.log import Log, check_exact_gains
 from bayesid.log.reading import LogSource, as_log
@@ -65,6 +68,7 @@ class IdentifiedModel:
             (`bayesid.identification.options.hashes`); none of a model that was written by hand.
         gains: by which readings were made efforts, where they were unknowns; other logs are to be read by the same.
         encoding: how readings of the log held their sign, where they did in a code: a stream is decoded by the same.
+        listed: its coefficients as the identification gave them; none of a model that was written by hand.
 
     Example:
         >>> stored = bayesid.load_model("result")
@@ -82,6 +86,7 @@ class IdentifiedModel:
     logs: frozenset[str] = frozenset()
     gains: IdentifiedGains | None = None
     encoding: str | None = None
+    listed: tuple[Coefficient, ...] = ()
 
     def __repr__(self) -> str:
         effects = ", ".join(effect.name for effect in self.model.effects)
@@ -92,7 +97,7 @@ class IdentifiedModel:
             f"effects      {effects}",
             f"noise        {', '.join(f'{sd:.3g}' for sd in self.noise.sigma)} (sd a joint)",
             f"uncertainty  {known} of the parameters",
-            "go on with   .predict(motion), .validate(log), .effort(motion), bayesid.find_discrepancy(model, log)",
+            "go on with   .coefficients_table(), .predict(motion), .validate(log), find_discrepancy(model, log)",
         ]
         return "\n  ".join(lines)
 
@@ -100,6 +105,39 @@ class IdentifiedModel:
     def knowledge(self) -> Knowledge:
         """What the log has shown of the coefficients, for another log."""
         return Knowledge(self.model, self.theta, self.precision)
+
+    @cached_property
+    def coefficients(self) -> BaseCoefficients:
+        """The model's r base coefficients: names, expressions and units."""
+        return base_coefficients(self.model)
+
+    def coefficients_table(self) -> Records[Coefficient]:
+        """The base coefficients, one record each, as the identification gave them: to iterate over, or a DataFrame.
+
+        Of a model that was written by hand the intervals are those of a normal distribution, and nobody knows what
+        decides them.
+        """
+        if self.listed:
+            return Records(Coefficient, self.listed)
+        known, mean = self.coefficients, self.coefficients.project(self.theta)
+        rows = np.zeros((len(known), 1, len(self.theta)))
+        rows[np.arange(len(known)), 0, known.kept] = 1.0
+        sd = self.spread.sd(rows)[:, 0] if self._knows_parameters else np.full(len(known), np.inf)
+        words = zip(known.names, known.expressions, known.units, strict=True)
+        numbers = zip(mean.tolist(), sd.tolist(), strict=True)
+        made = (
+            Coefficient(*word, value, own, value - NORMAL_95 * own, value + NORMAL_95 * own, "unknown", np.nan, np.nan)
+            for word, (value, own) in zip(words, numbers, strict=True)
+        )
+        return Records(Coefficient, made)
+
+    def coefficient(self, name: str) -> Coefficient:
+        """A base coefficient by its name, as in `bayesid.load_model("result").coefficient("Fc2").mean`.
+
+        Raises:
+            InputError: there is none of this name; near names are told.
+        """
+        return named(self.coefficients_table(), name, "coefficient")
 
     def effort(self, motion: Motion) -> Array:
         """(N, n) actuator efforts of a motion, N m."""

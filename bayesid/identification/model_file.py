@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import os
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
@@ -21,6 +22,7 @@ from bayesid.effects.model import Model
 from bayesid.errors import InputError, printable
 from bayesid.identification.gains import IdentifiedGains
 from bayesid.identification.identified_model import IdentifiedModel, ParameterDraws
+from bayesid.identification.records import Coefficient
 from bayesid.log.formats.encodings import Encoding
 from bayesid.log.gains import gains_of
 from bayesid.regression.noise import Noise
@@ -53,7 +55,8 @@ def load_model(folder: str | Path, effects: Iterable[type[Effect]] = ()) -> Iden
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
         stored = _stored_model(table, str(path), {**forms(), **{kind.name: kind for kind in effects}})
-        return replace(stored, draws=_stored_draws(stored.model, path.with_name("posterior.nc")))
+        draws = _stored_draws(stored.model, path.with_name("posterior.nc"))
+        return replace(stored, draws=draws, listed=_stored_coefficients(path.with_name("coefficients.csv")))
     except InputError:
         raise
     except KeyError as error:
@@ -110,6 +113,25 @@ def _stored_draws(model: Model, path: Path) -> ParameterDraws | None:
     from bayesid.posterior.inference_data import read_draws  # and xarray, for a posterior alone
 
     return ParameterDraws(*read_draws(path, [parameter.name for parameter in model.parameters]))
+
+
+def _stored_coefficients(path: Path) -> tuple[Coefficient, ...]:
+    """Those of coefficients.csv; none where it is not there."""
+    if not path.exists():
+        return ()
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            return tuple(map(_stored_coefficient, csv.DictReader(file)))
+    except (KeyError, TypeError, ValueError, csv.Error) as error:
+        remedy = "leave the file as `bayesid identify` wrote it, or remove it"
+        raise InputError(f"does not hold what bayesid writes ({printable(str(error))})", str(path), remedy) from None
+
+
+def _stored_coefficient(row: Mapping[str, str]) -> Coefficient:
+    mean, sd, low, high = (float(row[key]) for key in ("mean", "sd", "q2.5", "q97.5"))
+    before, nominal = (float(row[key] or "nan") for key in ("prior_sd", "nominal"))  # blank where none is known
+    words = row["name"], row["expression"], row["unit"]
+    return Coefficient(*words, mean, sd, low, high, row["decided_by"], before, nominal)
 
 
 def _named(

@@ -269,7 +269,7 @@ class Validation:
         probability: (N, n) P(sign = +) of every sample under the model; 0 or 1 where the log is signed.
         measured: (N, n) efforts with their likelier signs, lightly filtered, N m.
         predicted: (N, n) the model's efforts, N m.
-        rms_error: (n,) RMS of measured - predicted in motion, N m.
+        rms_error: (n,) RMS of measured - predicted in motion, N m; NaN of a joint without a sample to compare.
         relative_residual: (n,) the same over the RMS of the measured effort.
         lower: (N, n) lower end of the 95 % band of the unfiltered effort, N m (:eq:`prediction-band`).
         upper: (N, n) its upper end, N m.
@@ -297,6 +297,13 @@ class Validation:
     band: str
     seen: bool = False
 
+    @property
+    def not_compared(self) -> dict[int, str]:
+        """Joints, from 1, without a sample to compare, and why."""
+        why = {True: "not in motion", False: "no effort recorded"}
+        there = (self.log.effort != 0.0).any(axis=0)
+        return {int(j) + 1: why[bool(there[j])] for j in np.flatnonzero(np.isnan(self.rms_error))}
+
     def __repr__(self) -> str:
         joints = range(1, self.log.n_joints + 1)
         figures = zip(joints, self.rms_error, self.relative_residual, self.coverage, strict=True)
@@ -304,6 +311,7 @@ class Validation:
             f"Validation on {self.log.source}: {len(self.log)} rows",
             "joint    RMS error   relative residual   in 95 % band",
             *(f"{j:>5}   {error:>10.4g}   {share:>17.1%}   {inside:>14.1%}" for j, error, share, inside in figures),
+            *(f"joint {joint}: {why}" for joint, why in self.not_compared.items()),
             f"the band holds {self.band}",
             *(["no validation: the model was identified from this log"] if self.seen else []),
         ]
@@ -321,7 +329,8 @@ def compare(log: Log, signals: Signals, robot: Robot, prediction: PredictedEffor
     probability = sign_probabilities(signals, predicted, moving, noise)
     signs = np.where(probability >= 0.5, 1.0, -1.0)
     measured, unfiltered = signed_effort(signals, signs), signed_effort(signals, signs, filtered=False)
-    residual, count = measured - predicted, np.maximum(moving.sum(axis=0), 1)
+    moving &= (log.effort != 0.0).any(axis=0)  # else there is nothing to compare with
+    residual, count = measured - predicted, np.where(moving.any(axis=0), moving.sum(axis=0), np.nan)
     inside = (unfiltered >= lower) & (unfiltered <= upper)
     return Validation(
         log=log,
@@ -331,7 +340,7 @@ def compare(log: Log, signals: Signals, robot: Robot, prediction: PredictedEffor
         measured=measured,
         predicted=predicted,
         rms_error=np.sqrt((residual**2 * moving).sum(axis=0) / count),
-        relative_residual=relative_rms(residual, measured, moving),
+        relative_residual=np.where(np.isnan(count), np.nan, relative_rms(residual, measured, moving)),
         lower=lower,
         upper=upper,
         coverage=(inside & moving).sum(axis=0) / count,

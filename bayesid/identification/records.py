@@ -28,9 +28,14 @@ class Coefficient:
     sd: float  #: its standard deviation; inf where the log shows nothing of it
     lower: float  #: lower end of its 95 % interval
     upper: float  #: upper end
-    decided_by: str  #: "data" or "prior"; of an `Accumulator` also "earlier log"
+    decided_by: str  #: "data" or "prior"; of an `Accumulator` also "earlier log"; "unknown" of a model written by hand
     prior_sd: float  #: what the prior alone knows, or of an `Accumulator` the earlier log; NaN without one
     nominal: float  #: what the nominal parameters give; NaN where they do not give one
+
+    @property
+    def rsd(self) -> float:
+        """Relative standard deviation; inf of a coefficient that is zero."""
+        return self.sd / abs(self.mean) if self.mean else np.inf
 
 
 @dataclass(frozen=True)

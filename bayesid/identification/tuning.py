@@ -58,7 +58,7 @@ class Tuning:
     """Share of a joint's effort that a fit leaves from which on other readings are tried, and the report has a look: a
     model may well leave as much."""
     early_suspicious: float = 0.05
-    """The same before the search: a zero of the UR10e's joint 4 that is a quarter turn off leaves 9 %."""
+    """The same before the search, where a fit to some instants, with the signs that suit it best, leaves less."""
     clearly_better: float = 0.8
     """Share of the given reading's residual that a better one may leave at most. Under right files the best of all
     others leaves 0.95 and more on the logs of study `real`, but 0.85 of the LWR4's with its signs."""
@@ -95,9 +95,9 @@ class Tuning:
     """Rise of one joint's that a better reading may have: it explains all joints better, or as well."""
     feasibly_better: float = 0.6
     """Share of what feasible parameters leave by the given reading that one may leave at most which is no better but
-    for what is feasible: with half of the LBR's log and known signs a wrong one leaves 0.83."""
+    for what is feasible: less than `clearly_better`, as least squares do not bear it out."""
     sure_fall: float = 1.5
-    """Fall from which on no search is made: twice that of any right log of the LWR4, four times that of others."""
+    """Fall from which on no search is made: well above `early_fall`, for a refusal must not be wrong."""
     hardly_related: float = 0.3
     """Share of the effort that is left from which on efforts are compared with those of another time."""
     related: float = 0.85

@@ -201,7 +201,7 @@ class Accumulator:
         cone, coefficients = before.model.cone, self._running.coefficients
         theta = solve_precisely(cone, coefficients, normal.hessian, normal.gradient, normal.energy).theta
         known = normal.hessian - lost
-        return replace(before, theta=theta, noise=self._noise, precision=known, draws=None)
+        return replace(before, theta=theta, noise=self._noise, precision=known, draws=None, listed=())
 
     def check_signs(self, search: Search = Certified()) -> SignCheck:
         """Searches the signs of all that came but for the model's own log, and says which of those taken differ.

@@ -382,7 +382,7 @@ def coefficient_rows(identification: Identification) -> list[dict[str, object]]:
     return [
         {
             **taken(one, "name", "expression", "mean", "sd"),
-            "rsd_percent": 100.0 * one.sd / abs(one.mean) if one.mean else np.inf,
+            "rsd_percent": 100.0 * one.rsd,
             "q2.5": one.lower,
             "q97.5": one.upper,
             **taken(one, "unit", prior_sd=_if_known(one.prior_sd)),

@@ -410,18 +410,27 @@ def validation(findings: Findings) -> Check:
         seen = "" if prediction is None else f": it was identified from {prediction.source}"
         message = f"the model has not been tried on a log that it has not seen{seen}"
         return Check(name, "not done", message, f"run {commands.validate(findings)}")
-    share, coverage = prediction.relative_residual, prediction.coverage
+    compared = np.flatnonzero(~np.isnan(prediction.relative_residual))
+    lacks = _names_it(findings, prediction.source)
+    if not len(compared):
+        return Check(name, "bad", f"{prediction.source} holds no effort in motion to compare with", lacks)
+    share, coverage = prediction.relative_residual[compared], prediction.coverage[compared]
     message = (
         f"on {prediction.source} it leaves {share.min():.1%} to {share.max():.1%} of a joint's measured effort; "
         f"{coverage.min():.0%} to {coverage.max():.0%} of the efforts lie in the bands of 95 %"
     )
-    lacks = _names_it(findings, prediction.source)
+    left_out = sorted(set(range(len(prediction.relative_residual))) - set(compared.tolist()))
+    if left_out:
+        message += f"; nothing to compare in {joints_in_words(j + 1 for j in left_out)}"
     if share.max() > REGRESSION.poor_fit:
         return Check(name, "bad", message, f"do not use the model for this motion; {lacks}")
     low, high = TUNING.covered
-    usual = TUNING.worse * np.array(findings.summary.noise.residual_sd, dtype=float)
-    if low <= coverage.min() and coverage.max() <= high and np.all(prediction.rms_error <= usual):
+    usual = TUNING.worse * np.array(findings.summary.noise.residual_sd, dtype=float)[compared]
+    alike = low <= coverage.min() and coverage.max() <= high and np.all(prediction.rms_error[compared] <= usual)
+    if alike and not left_out:
         return Check(name, "good", message)
+    if alike:
+        return Check(name, "look", message, "record a log in which these joints move and have efforts")
     return Check(name, "look", message, f"other loads, speeds or temperatures than in the log? {lacks}")
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -39,10 +39,25 @@ def robot_from_table(table: Mapping[str, Any], where: str) -> Robot:
     if not isinstance(rows, list) or not rows:
         raise InputError("key 'joints' is missing", where, "give one [[joints]] table a joint with a, alpha, d, theta")
     check_count(len(rows), where)
+    _check_filled_in(rows, where)
     dh = [_dh_row(row, f"{where}, joint {i}") for i, row in enumerate(rows, start=1)]
     lengths = {f"{symbol}{i}": row[symbol] for i, row in enumerate(dh, start=1) for symbol in ("a", "d")}
     lengths = {symbol: value for symbol, value in lengths.items() if value != 0.0}
     return _robot(table, where, joints=_joints(dh, convention), lengths=lengths)
+
+
+def _check_filled_in(rows: Sequence[object], where: str) -> None:
+    """Numbers that a template leaves open are named all at once."""
+    blank: dict[str, list[int]] = {}
+    for i, row in enumerate(rows, start=1):
+        numbers = row.items() if isinstance(row, Mapping) else ()
+        keys = ", ".join(str(key) for key, value in numbers if isinstance(value, float) and np.isnan(value))
+        if keys:
+            blank.setdefault(keys, []).append(i)
+    if blank:
+        parts = (f"{keys} of joint{'s' * (len(of) > 1)} {', '.join(map(str, of))}" for keys, of in blank.items())
+        remedy = "give finite numbers in place of nan: a and d in m, alpha and theta in rad"
+        raise InputError(f"not filled in yet: {'; '.join(parts)}", where, remedy)
 
 
 def _robot(table: Mapping[str, Any], where: str, joints: tuple[Joint, ...], **more: Any) -> Robot:

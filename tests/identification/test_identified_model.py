@@ -256,6 +256,19 @@ def test_the_true_model_predicts_a_new_log_within_its_noise(signs):
         assert result.relative_residual[j] == pytest.approx(rms(error) / rms(measured))
 
 
+def test_a_joint_without_efforts_is_not_compared():
+    """Its column holds zeros: no error, no share, and it is said."""
+    dead = replace(NEW, effort=NEW.effort * [1.0, 0.0, 1.0])
+    result, whole = validate(dead), validate(NEW)
+    for name in ("rms_error", "relative_residual", "coverage"):
+        found = getattr(result, name)
+        assert np.isnan(found[1])
+        np.testing.assert_allclose(found[[0, 2]], getattr(whole, name)[[0, 2]])
+    assert result.not_compared == {2: "no effort recorded"}
+    assert "joint 2: no effort recorded" in repr(result)
+    assert whole.not_compared == {}
+
+
 def test_a_log_that_the_model_was_identified_from_is_marked():
     seen = IdentifiedModel(MODEL, THETA, ASSUMED, np.zeros((0, 0)), logs=hashes(NEW))
     assert seen.validate(NEW).seen

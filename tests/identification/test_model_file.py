@@ -9,6 +9,7 @@ import pytest
 import tomli_w
 from conftest import small_robot, smooth_motion
 from exported_robots import in_pinocchio
+from identified_arm import by_least_squares, sampled
 from oracles import urdf_text
 from saved_results import identified, save, simulated
 
@@ -50,6 +51,30 @@ def test_a_model_comes_back_the_same(robot, tmp_path):
     found = in_pinocchio(pin.buildModelFromUrdf(str(folder / "robot.urdf")), arm.gravity, motion)
     expected = replace(arm, transmission=None).inverse_dynamics(motion, result.fit.theta[: 10 * arm.n_joints])
     np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("made", [by_least_squares, sampled])
+def test_a_loaded_model_has_the_coefficients_of_its_identification(made, tmp_path):
+    """Means, deviations and intervals of coefficients.csv; without that file they follow from the model."""
+    result = made()
+    folder = save(result, tmp_path / "r")
+    loaded, expected = load_model(folder), result.coefficients_table()
+    assert loaded.coefficients.names == result.coefficients.names
+    keys = "name", "expression", "unit", "decided_by"
+    assert [[getattr(one, key) for key in keys] for one in loaded.coefficients_table()] == [
+        [getattr(one, key) for key in keys] for one in expected
+    ]
+    numbers = [[[one.mean, one.sd, one.rsd, one.lower, one.upper] for one in of] for of in (loaded.listed, expected)]
+    np.testing.assert_allclose(*numbers, rtol=1e-8)
+    assert loaded.coefficient("Fc2").mean == pytest.approx(result.coefficient("Fc2").mean, rel=1e-8)
+    with (folder / "coefficients.csv").open("a") as file:
+        file.write("stray,words\n")
+    with pytest.raises(InputError, match=r"coefficients\.csv"):
+        load_model(folder)
+    (folder / "coefficients.csv").unlink()
+    alone = load_model(folder).coefficients_table()
+    np.testing.assert_allclose([one.mean for one in alone], result.beta, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose([one.sd for one in alone], result.sd, rtol=0.05)
 
 
 NUMBERS = {

@@ -58,6 +58,14 @@ def predicted(**changes):
     return replace(GOOD, prediction=replace(GOOD.prediction, **changes))
 
 
+def without_effort(*joints):
+    """Of the log that is predicted: nothing of these joints can be compared."""
+    values = {name: getattr(GOOD.prediction, name).copy() for name in ("rms_error", "relative_residual", "coverage")}
+    for each in values.values():
+        each[list(joints)] = np.nan
+    return predicted(**values)
+
+
 def lasting(share, independent):
     """Of joint 2's variance of the residual, and so many samples of each joint that are left then."""
     sd = np.array(GOOD.summary.noise.sd)
@@ -170,6 +178,8 @@ CASES = {  # of each check: state, findings, and what the message contains, in t
         ("look", predicted(coverage=[0.95, 1.0]), "95|100"),
         ("look", predicted(rms_error=[0.38, 0.3]), "3.1"),
         ("bad", predicted(relative_residual=[0.03, 0.26]), "26.0"),
+        ("look", without_effort(0), "joint 1|3.2"),
+        ("bad", without_effort(0, 1), "no effort"),
     ],
     "Warnings": [("good", GOOD, ""), ("look", summary(warnings=["beware", "of the dog"]), "2")],
 }

@@ -121,7 +121,7 @@ BAD_TOML = {
     HEAD + "joints = [1]": "joint 1: is not a table",
     HEAD + ROW + ROW.replace("alpha = 0.2\n", ""): "joint 2: key 'alpha' is missing",
     HEAD + ROW + ROW.replace("0.3", '"x"'): "joint 2: key 'd' cannot be used",
-    HEAD + ROW.replace("0.3", "nan"): "joint 1: key 'd' cannot be used",
+    HEAD + ROW.replace("0.3", "nan") + ROW.replace("0.3", "nan"): "not filled in yet: d of joints 1, 2",
     HEAD + ROW + 'type = "helical"\n': "joint 1: unknown joint type 'helical'",
     HEAD + ROW + "rated_effort = -3.0\n": "joint 1: key 'rated_effort' is not positive",
     HEAD + "gravity = [0, 9.81]\n" + ROW: "key 'gravity' cannot be used",

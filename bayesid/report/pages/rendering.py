@@ -250,4 +250,6 @@ def probability(value: float) -> Markup:
 
 def percent(share: float) -> Markup:
     """To a tenth of a percent."""
+    if np.isnan(share):
+        return NONE
     return data(share, f"{share:.1%}")
