@@ -15,6 +15,7 @@ from rich.table import Table
 from rich.text import Text
 
 from bayesid.cli.arguments import BAYESID
+from bayesid.cli.tuning import TUNING
 from bayesid.errors import printable
 
 if TYPE_CHECKING:

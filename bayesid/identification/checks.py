@@ -17,7 +17,7 @@ from bayesid.identification.gains import BY_PRIOR, IdentifiedGains
 from bayesid.identification.misread import Misreading
 from bayesid.identification.tuning import TUNING
 from bayesid.log.log import Log
-from bayesid.log.signals import still_joints
+from bayesid.log.signals import Signals, still_joints
 from bayesid.posterior.inference import Posterior
 from bayesid.regression.evidence import Evidence
 from bayesid.regression.knowledge import Nominal
@@ -72,6 +72,7 @@ def warnings_of(
     checks = (
         *([] if reading is None else [another_robot(reading)]),
         *_of_the_log(log, averaged),
+        *_of_the_length(averaged),
         *_of_the_fit(averaged.fit, hidden=not log.signed.all()),
         *_of_the_excitation(averaged.fit, averaged.asked.evidence),
         *([] if nominal is None or not _of_links(nominal, log.n_joints) else on_edge(averaged.fit, log.n_joints)),
@@ -234,6 +235,20 @@ def _of_the_log(log: Log, averaged: AveragedSigns) -> Iterator[Check]:
         yield _remark(f"the effort of joint {j + 1} is hardly ever negative", remedy)
     if (after := signals.after_rectifier) is not None:
         yield low_pass(str(after.low_pass))
+
+
+def independent_instants(signals: Signals) -> int:
+    """Of a motion below its cut-off, which is known from two values a period (Nyquist's rate)."""
+    return int(len(signals.motion.t) * min(1.0, 2.0 * signals.cutoff / signals.rate))
+
+
+def _of_the_length(averaged: AveragedSigns) -> Iterator[Check]:
+    independent, count = independent_instants(averaged.asked.evidence.signals), len(averaged.fit.sd)
+    if independent < count:
+        message = (
+            f"the log is too short to identify {count} coefficients from {independent} independent samples a joint"
+        )
+        yield _remark(message, "record a longer log, or join several")
 
 
 def _of_the_fit(fit: Fit, *, hidden: bool) -> Iterator[Check]:

@@ -21,7 +21,7 @@ from bayesid.effects.bodies import carried_payloads
 from bayesid.effects.coefficients import BaseCoefficients, base_coefficients
 from bayesid.effects.model import Model
 from bayesid.errors import InputError
-from bayesid.identification.checks import warnings_of
+from bayesid.identification.checks import independent_instants, warnings_of
 from bayesid.identification.gains import UnknownGains, spread_by_gains
 from bayesid.identification.identification import Identification
 from bayesid.identification.misread import Misreading, misread_after, misread_before
@@ -309,7 +309,7 @@ def _prepared(
         payloads = (one for one in carried_payloads(signals.motion) if one not in terms)
         model = Model(robot, catalogue.make_terms((*terms, *payloads), robot, signals.motion))
         segments = find_segments(signals, robot.actuators(signals.motion), run.preparation.cutting)
-        _check_amount(segments, base_coefficients(model), log)
+        _check_amount(signals, segments, base_coefficients(model), log)
         run.beliefs.of(model.parameters)
     run.lap("prepare")
     return log, model, signals, segments
@@ -439,9 +439,13 @@ def _check(robot: Robot, log: Log) -> None:
         raise InputError("no log without a payload, which alone tells it from the last link", log.source, remedy)
 
 
-def _check_amount(segments: Segments, coefficients: BaseCoefficients, log: Log) -> None:
-    samples = int((segments.end - segments.start)[segments.fitted].sum())
-    if samples < TUNING.samples_a_coefficient * len(coefficients):
+def _check_amount(signals: Signals, segments: Segments, coefficients: BaseCoefficients, log: Log) -> None:
+    samples, count = int((segments.end - segments.start)[segments.fitted].sum()), len(coefficients)
+    remedy = "record a longer log or name fewer `terms`"
+    if len(log) < count:
+        independent = f"{independent_instants(signals)} independent samples a joint"
+        said = f"too short to identify {count} coefficients from {len(log)} rows ({independent})"
+        raise InputError(said, log.source, remedy)
+    if samples < TUNING.samples_a_coefficient * count:
         which = "in motion" if np.array_equal(segments.fitted, segments.moving) else "in motion above the threshold"
-        counts = f"{samples} samples {which} for {len(coefficients)} coefficients"
-        raise InputError(counts, log.source, "record a longer log or name fewer `terms`")
+        raise InputError(f"{samples} samples {which} for {count} coefficients", log.source, remedy)

@@ -48,8 +48,8 @@ def read_through(low_pass, used=(True, True)):
     model = SimpleNamespace(parameters=[SimpleNamespace(joint=joint) for joint in (1, 2, 2)])
     known = {"coefficients": coefficients, "model": model, "used": np.array([used])}
     after = low_pass and AfterRectifier(low_pass, np.zeros((1, 2)), np.zeros(2))
-    motion = SimpleNamespace(t=np.arange(2.0), q=np.eye(2))
-    signals = SimpleNamespace(after_rectifier=after, faults=(), motion=motion)
+    motion = SimpleNamespace(t=np.arange(4.0), q=np.eye(2))
+    signals = SimpleNamespace(after_rectifier=after, faults=(), motion=motion, cutoff=10.0, rate=20.0)
     return SimpleNamespace(signals=signals, **known)
 
 
@@ -125,6 +125,7 @@ FAULTS = (
         ("links 1, 2", "--nominal"),
     ),
     ({"fit": fit_with(tolerance=2e-8)}, ("2e-08",)),
+    ({"fit": fit_with(sd=(0.3, 0.5, 0.1, 0.2, 0.2))}, ("5 coefficients", "4 independent samples")),
     ({"settled": unproven()}, ("not proven", "25.0% smaller", "--search-budget")),
     ({"settled": unproven(lower_bound=120.0, withheld="pull")}, ("not proven",)),
     ({"settled": unproven(lower_bound=120.0, withheld="noise")}, ("noise",)),

@@ -390,6 +390,7 @@ def test_bad_input_is_named(truth, tmp_path):
         (lambda: {"robot": "nobody"}, "nobody", "no such robot"),
         (lambda: {"log": replace(given["log"], q=0.3 + 1e-6 * given["log"].q)}, "simulated arm3", "no joint moves"),
         (lambda: {"log": short}, "simulated arm3", "samples in motion for 28 coefficients"),
+        (lambda: {"log": truth.log(t[:27])}, "simulated arm3", "28 coefficients from 27 rows"),
     ):
         with pytest.raises(InputError) as refusal:
             identify(**{**given, **change()})
