@@ -28,7 +28,7 @@ from bayesid.robot import Robot, load_robot, robot_from_table
 from bayesid.signs.rounds import crossings
 from bayesid.signs.search.certified import Certified
 from bayesid.signs.settling import settle_signs
-from bayesid.simulation.logs import simulate
+from bayesid.simulation.logs import simulate, simulate_log
 from bayesid.simulation.parameters import random_parameters
 from bayesid.simulation.trajectories import random_trajectory
 
@@ -390,7 +390,6 @@ def test_bad_input_is_named(truth, tmp_path):
         (lambda: {"robot": "nobody"}, "nobody", "no such robot"),
         (lambda: {"log": replace(given["log"], q=0.3 + 1e-6 * given["log"].q)}, "simulated arm3", "no joint moves"),
         (lambda: {"log": short}, "simulated arm3", "samples in motion for 28 coefficients"),
-        (lambda: {"log": truth.log(t[:27])}, "simulated arm3", "28 coefficients from 27 rows"),
     ):
         with pytest.raises(InputError) as refusal:
             identify(**{**given, **change()})
@@ -434,3 +433,9 @@ def test_a_clear_crossing_is_cut_where_the_effort_is_least_unless_the_sign_is_kn
     assert crossings(cut, predicted, effort, sigma) == []
     assert crossings(one_joint(known=1), predicted, effort, sigma) == []
     assert crossings(one_joint(), predicted, np.abs(predicted), 6.0 * sigma) == [], "not clear"
+
+
+def test_fewer_rows_than_coefficients_are_refused_before_the_search():
+    log = simulate_log(load_robot("kr5"), 1.0, 50.0, 0.02, (), seed=0)[0]
+    with pytest.raises(InputError, match=r"too short to identify \d\d coefficients from 51 rows"):
+        identify("kr5", log)
