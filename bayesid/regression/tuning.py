@@ -56,6 +56,10 @@ class Tuning:
     """Weight of the distance to typical links, in sizes squared, where parameters move inside the cone."""
     inside_tolerance: float = 1e-6
     """Relative gap to which parameters are moved inside: no data depend on where they end."""
+    feasibility_tolerances: tuple[float, ...] = (1e-8, 1e-7, 1e-6, 1e-5)
+    """Of the check whether coefficients are feasible: tried one after the other until Clarabel reaches one."""
+    undecided: float = 1e-9
+    """Curvature of columns of unit length, relative to the largest, below which data decide nothing."""
     precise_tolerances: tuple[float, ...] = (1e-10, 1e-9, 1e-8, 1e-7, 1e-6)
     """Tried one after the other where precision is asked for."""
 

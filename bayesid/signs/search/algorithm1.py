@@ -1,0 +1,166 @@
+"""Algorithm 1 of Gaz and De Luca to the letter: every node of T-PBPR is solved, checked and written down.
+
+The first s0 segments are enumerated, the w cheapest nodes are kept, and each step gives every kept node two children:
+2^s0 + 2 w (S - s0) nodes for S segments, where 2^s0 >= w. A node has two costs for the segments decided so far: that
+of ordinary least squares (OLS), and PBPR's, the least cost of a feasible robot, which is convex
+(:eq:`cone-least-squares`). A linear matrix inequality says whether the OLS estimate itself is feasible; if it is, both
+costs are the same. Nodes are ranked by PBPR's cost, so being infeasible has a price and is no verdict: noise makes the
+estimates of right signs infeasible too. `refuse` makes it one, to show what follows.
+
+`bayesid.signs.search.beam` keeps the same nodes, solves fewer of them, and does more to find the best signs.
+"""
+
+from __future__ import annotations
+
+import itertools
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from bayesid.arrays import Array, Integers, Mask
+from bayesid.progress import Steps, no_steps
+from bayesid.regression.feasibility import FeasibilityCheck
+from bayesid.signs.search.bounds import UnconstrainedBound
+from bayesid.signs.search.protocol import Branch, Pruning, SearchResult, SignProblem, listed_without_proof
+
+Fate = Literal["kept", "pruned by width", "pruned as infeasible", "leaf"]
+"""A node is pruned as infeasible if its OLS cost is below the cost of a node that is kept: without the price of being
+infeasible it might have been kept. So is one that `refuse` names."""
+Refusal = Callable[["Candidates"], Mask]
+"""Which of the nodes of one depth (m,) are pruned whatever they cost."""
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """The m nodes of one depth, before it is decided which are kept."""
+
+    decided: Integers  #: segments
+    hessian: Array  #: (r, r) of these segments
+    ols_costs: Array  #: (m,)
+    cone_costs: Array  #: (m,)
+    margins: Array  #: (m,)
+
+    def fates(self, refused: Mask, width: int, last: bool) -> tuple[Integers, list[Fate]]:
+        """Nodes that are kept, cheapest first, and the fate of each; where all are refused the cheapest goes on."""
+        ranked = np.argsort(self.cone_costs, kind="stable")
+        kept = ranked[~refused[ranked]][:width] if not refused.all() else ranked[:1]
+        priced_out = (self.margins < 0.0) & (self.ols_costs < self.cone_costs[kept].max())
+        fates: list[Fate] = ["pruned as infeasible" if one else "pruned by width" for one in refused | priced_out]
+        for k in kept:
+            fates[k] = "leaf" if last else "kept"
+        return kept, fates
+
+
+@dataclass(frozen=True)
+class Node:
+    """A node of the tree."""
+
+    number: int  #: from 1 on, in the order in which nodes are made
+    parent: int  #: its number; 0 for the root
+    depth: int  #: segments that are decided
+    segments: tuple[int, ...]  #: 0-based, those that this node decides
+    signs: tuple[int, ...]  #: +1 or -1 for each of them
+    ols_cost: float  #: of ordinary least squares over the decided segments, efforts in units of their noise
+    cone_cost: float  #: PBPR's: of the best feasible robot, with the pull
+    margin: float  #: largest smallest eigenvalue of the OLS estimate's pseudo-inertias, at most 1
+    fate: Fate
+
+    @property
+    def feasible(self) -> bool:
+        """Whether the OLS estimate is that of a feasible robot."""
+        return self.margin >= 0.0
+
+
+def algorithm1(
+    problem: SignProblem, width: int = 5, initial: int = 5, *, refuse: Refusal | None = None, steps: Steps = no_steps
+) -> tuple[SearchResult, tuple[Node, ...]]:
+    """The cheapest leaf, and all nodes.
+
+    Args:
+        problem: with at least one segment of unknown sign; they are decided in the order of their energy.
+        width: w, nodes that are kept.
+        initial: s0, segments that are enumerated at the start.
+        refuse: nodes that are pruned whatever they cost; none by default.
+        steps: called as steps(decided, total).
+
+    Raises:
+        SolverError: a node could not be solved.
+    """
+    began, moments = time.perf_counter(), problem.moments
+    known, unknown = np.flatnonzero(moments.known), np.flatnonzero(moments.known == 0)
+    order = unknown[np.argsort(-moments.energy[unknown], kind="stable")]
+    pricing, check = problem.solver(), FeasibilityCheck(problem.cone, problem.coefficients.projection)
+    hessian, energy = moments.hessian_of(known), float(moments.energy[known].sum())
+    root = (moments.known[known] @ moments.gradient[known])[None]
+    level = _Level(np.empty((1, 0), dtype=np.int64), root, np.zeros(1, dtype=np.int64))
+    nodes, leaves = list[Node](), list[Branch]()
+    while (depth := level.paths.shape[1]) < len(order):
+        group = order[depth : depth + (1 if depth else initial)]
+        hessian, energy = hessian + moments.hessian_of(group), energy + float(moments.energy[group].sum())
+        children, depth = _children(level, moments.gradient[group]), depth + len(group)
+        prepared = pricing.prepared(hessian)
+        solved = [prepared.solve(gradient) for gradient in children.gradients]
+        costs = energy + np.array([one.cost for one in solved])
+        ols = energy + UnconstrainedBound(hessian)(children.gradients)
+        margins = check.margins(hessian, children.gradients)
+        candidates = Candidates(order[:depth], hessian, ols, costs, margins)
+        refused = np.zeros(len(costs), dtype=bool) if refuse is None else refuse(candidates)
+        kept, fates = candidates.fates(refused, width, depth == len(order))
+        first = len(nodes) + 1
+        for k, fate in enumerate(fates):
+            decides = tuple(group.tolist()), tuple(children.paths[k, -len(group) :].tolist())
+            numbers = float(ols[k]), float(costs[k]), float(margins[k])
+            nodes.append(Node(first + k, int(children.parents[k]), depth, *decides, *numbers, fate))
+        level = _Level(children.paths[kept], children.gradients[kept], first + kept)
+        leaves = [
+            Branch(_whole(moments.known, order[:depth], children.paths[k]), solved[k].theta, float(costs[k]), -np.inf)
+            for k in kept
+        ]
+        steps(depth, len(order))
+    best = min(leaves, key=lambda leaf: leaf.cost)
+    branches, decided = listed_without_proof(moments, best, leaves)
+    pruned = sum(node.fate.startswith("pruned") for node in nodes)
+    result = SearchResult(
+        signs=best.signs,
+        theta=best.theta,
+        cost=best.cost,
+        method="Algorithm 1",
+        width=width,
+        nodes=len(nodes),
+        solves=len(nodes),
+        tolerance=pricing.tolerance,
+        seconds=time.perf_counter() - began,
+        branches=branches,
+        decided=decided,
+        pull=pricing.regularisation(best.theta),
+        pruning=Pruning(len(nodes), 0, pruned, len(nodes) - pruned, len(leaves)),
+        unseen=1.0 / (pruned + 2.0),  # Laplace's rule: as many alternatives were dearer
+    )
+    return result, tuple(nodes)
+
+
+class _Level(NamedTuple):
+    """Nodes of one depth."""
+
+    paths: Integers  # (m, depth) the signs decided, in the order of the search
+    gradients: Array  # (m, r) sums of s_k g_k over the decided segments
+    parents: Integers  # (m,) their own numbers in a level that was kept, their parents' in one of children
+
+
+def _children(level: _Level, gradients: Array) -> _Level:
+    """Every choice of signs of the next segments, whose g are (d, r), below each node."""
+    choices = np.array(list(itertools.product((1, -1), repeat=len(gradients))), dtype=np.int64)
+    added = np.tile(choices, (len(level.paths), 1))
+    paths = np.hstack([np.repeat(level.paths, len(choices), axis=0), added])
+    grown = np.repeat(level.gradients, len(choices), axis=0) + added @ gradients
+    return _Level(paths, grown, np.repeat(level.parents, len(choices)))
+
+
+def _whole(known: Integers, decided: Integers, path: Integers) -> Integers:
+    """(S,) the signs of a node, those of segments that are not decided yet as they are known beforehand."""
+    signs = known.copy()
+    signs[decided] = path
+    return signs
