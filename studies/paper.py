@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bayesid.arrays import Array
-from bayesid.cli.demo import NOISE, run_experiment
+from bayesid.cli.demo import run_experiment
+from bayesid.cli.paper import NOISE
 from bayesid.identification.prediction import NORMAL_95
 from bayesid.signs.search.certified import Certified
 from bayesid.simulation.paper import TABLE_II

@@ -400,8 +400,10 @@ _ROBOT_FILES = Command(
 _DEMO = Command(
     "demo",
     "the paper's experiment, simulated, end to end",
-    ["bayesid demo --out demo"],
+    ["bayesid demo --out demo", "bayesid demo --search beam --paper --out letter"],
     [
+        option("--search certified|beam", "branch and bound with a proof, or T-PBPR (default: %(default)s)"),
+        flag("--paper", "the paper's search to the letter, none of what bayesid adds; every node is in nodes.csv"),
         *_shared("--seed", "of trajectory and noise (default: 0)"),
         *_shared("--posterior-budget --strict"),
         *_out("result folder (default: %(default)s)", default=Path("bayesid-demo")),

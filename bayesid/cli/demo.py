@@ -11,12 +11,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from rich.console import RenderableType
 
 from bayesid.arrays import Array
 from bayesid.cli.bars import counts, stages
 from bayesid.cli.options import check_file, check_new, check_taken, command_line, finish, given_robot, robot_of
-from bayesid.cli.terminal import table
+from bayesid.cli.paper import DURATION, NOISE, SAMPLES, coefficient_table, letter_command, table_rows
 from bayesid.effects.coefficients import base_coefficients
 from bayesid.errors import InputError
 from bayesid.identification.checks import State
@@ -32,18 +31,13 @@ from bayesid.report.findings import find_findings
 from bayesid.report.folders import IDENTIFICATION_FILES, MARKER, collect_incomplete, save_identification
 from bayesid.report.verdicts import check_findings, unsaid
 from bayesid.report.words import counted
+from bayesid.signs.search.beam import Beam
 from bayesid.signs.search.certified import Certified
 from bayesid.signs.search.protocol import Search
 from bayesid.simulation.logs import parse_effect, simulate, simulate_log
-from bayesid.simulation.paper import TABLE_II, nominal_parameters, paper_model
+from bayesid.simulation.paper import nominal_parameters, paper_model
 from bayesid.simulation.trajectories import exciting_trajectory, random_trajectory
 
-_SAMPLES = 667
-"""Of each joint, as in the paper."""
-_DURATION = 13.33
-"""s, as there."""
-NOISE = 0.05
-"""Standard deviation relative to each joint's RMS effort; a round number."""
 STRONG = 0.05
 """Share of its joint's maximum that a sample's |effort| must reach to count, as in the scores of docs/studies.md."""
 
@@ -81,15 +75,15 @@ def run_experiment(
     """
     model, theta = paper_model(), nominal_parameters()
     coefficients = base_coefficients(model)
-    t = np.linspace(0.0, _DURATION, _SAMPLES)
+    t = np.linspace(0.0, DURATION, SAMPLES)
     with progress.stage("simulate"):
-        motion = exciting_trajectory(model, coefficients, _DURATION, seed=seed).motion(t)
+        motion = exciting_trajectory(model, coefficients, DURATION, seed=seed).motion(t)
         log = simulate(model, theta, motion, rng=np.random.default_rng(seed), noise=noise)
     terms = ["rigid_body"]  # as in the paper; the catalogue would find nothing to add
     result = identify(model.robot, log, terms, complete="off", search=search, posterior=posterior, progress=progress)
     true_signs, strong = _truth(result, model.effort(motion, theta))
-    rows = np.array([row.row for row in TABLE_II]) @ np.linalg.pinv(coefficients.projection)
-    new = random_trajectory(model.robot.n_joints, _DURATION, seed=seed + 1).motion(t)
+    estimates, sd_of_estimates = table_rows(result)
+    new = random_trajectory(model.robot.n_joints, DURATION, seed=seed + 1).motion(t)
     expected = model.robot.inverse_dynamics(new, theta)
     error = model.robot.inverse_dynamics(new, result.theta) - expected
     sd = noise * np.sqrt(np.mean(model.effort(motion, theta) ** 2, axis=0))  # of the sensors, whatever the motion
@@ -100,8 +94,8 @@ def run_experiment(
         result=result,
         true_signs=true_signs,
         strong=strong,
-        estimates=rows @ result.beta,
-        sd=np.sqrt(np.einsum("ir,rs,is->i", rows, result.covariance, rows)),
+        estimates=estimates,
+        sd=sd_of_estimates,
         torque_error=relative_rms(error, expected, np.ones_like(expected, dtype=bool)),
         new_log=Log(new.t, new.q, measured, signed, source="simulated, another trajectory"),
     )
@@ -118,11 +112,15 @@ def _truth(result: Identification, effort: Array) -> tuple[Array, Array]:
 
 def demo_command(options: argparse.Namespace) -> None:
     """The experiment, its result folder with the log, and what there is to say of it."""
+    if options.paper:
+        letter_command(options)
+        return
     folder = check_new(options, options.out, IDENTIFICATION_FILES, MARKER)
+    search = Beam() if options.search == "beam" else Certified()
     truth = nominal_parameters()  # for the report to show beside the estimates; identification knew nothing of it
     with stages(options) as progress, collect_incomplete() as incomplete:
         sampling = Sampling(budget=options.posterior_budget, seed=options.seed)
-        experiment = run_experiment(options.seed, posterior=sampling, progress=progress)
+        experiment = run_experiment(options.seed, search=search, posterior=sampling, progress=progress)
         parameters = zip(experiment.result.model.parameters, truth.tolist(), strict=True)
         stated = Beliefs(nominal={parameter.name: (value, np.nan) for parameter, value in parameters})
         run_by = replace(experiment.result.provenance, command=command_line())
@@ -131,7 +129,7 @@ def demo_command(options: argparse.Namespace) -> None:
             validation = result.validate(experiment.new_log)
         save_identification(result, folder, with_log=True, validation=validation, progress=progress)
     errors = _error_lines(experiment, validation.relative_residual)
-    parts = *_signs_lines(experiment), _coefficient_table(experiment), *errors
+    parts = *_signs_lines(experiment), coefficient_table(experiment.estimates, experiment.sd), *errors
     checks = check_findings(replace(find_findings(result), folder=str(folder)).with_validation(validation))
     conclusion = conclude(checks)
     finish(
@@ -148,7 +146,7 @@ def _signs_lines(experiment: Experiment) -> list[str]:
     """Signs in the order of time, a line a joint; weak segments in brackets, wrong ones marked."""
     result = experiment.result
     lines = [
-        f"KUKA KR5 Sixx: {_DURATION} s, {_SAMPLES} samples a joint, noise {NOISE:.0%}, signs removed",
+        f"KUKA KR5 Sixx: {DURATION} s, {SAMPLES} samples a joint, noise {NOISE:.0%}, signs removed",
         "signs of the segments, (in brackets: never above 5 % of the joint's maximum), ! = wrong",
     ]
     for j in range(result.model.robot.n_joints):
@@ -159,14 +157,6 @@ def _signs_lines(experiment: Experiment) -> list[str]:
             marks += f"{sign}{wrong}" if experiment.strong[k] else f"({sign}{wrong})"
         lines.append(f"  joint {j + 1}: {marks}")
     return [*lines, f"{experiment.wrong} of {int(experiment.strong.sum())} segments above 5 % have the wrong sign", ""]
-
-
-def _coefficient_table(experiment: Experiment) -> RenderableType:
-    rows = []
-    for row, estimate, sd in zip(TABLE_II, experiment.estimates, experiment.sd, strict=True):
-        values = (f"{value:.4f}" for value in (row.nominal, row.published, estimate, sd))
-        rows.append([str(row.number), row.expression, *values, f"{sd / abs(row.nominal):.1%}" if row.nominal else "-"])
-    return table(["#", "coefficient", "nominal", "paper", "ours", "sd", "rsd"], rows, left=["coefficient"])
 
 
 def _error_lines(experiment: Experiment, of_measured: Array) -> list[str]:

@@ -54,9 +54,10 @@ from bayesid.signs.after_rectifier import settle_unfiltered
 from bayesid.signs.averaging import AveragedSigns, average_over_models, structural_doubt, tempered_by_outliers
 from bayesid.signs.completion import CompletedSigns, Completing
 from bayesid.signs.completion import complete as complete_model
+from bayesid.signs.rounds import SegmentSigns
 from bayesid.signs.search.certified import Certified
 from bayesid.signs.search.protocol import OneBudget, Search
-from bayesid.signs.settling import Earlier, Settled, restored, settle_signs
+from bayesid.signs.settling import Earlier, Settled, fitted_to, restored, settle_signs
 
 QUICK = Certified(budget=TUNING.quick_budget)
 """Search of signs that an earlier log helps to settle."""
@@ -239,6 +240,30 @@ def identify_again(
         run.lap("complete")
     result = _identification(run, log, signals, model, _sampled(run, averaged))
     return replace(result, signals=shown, completion=completion)
+
+
+@one_blas_thread
+def identify_with(
+    model: Model, log: Log, signals: Signals, searched: SegmentSigns, search: Search, progress: Progress = SILENT
+) -> Identification:
+    """Fits a model to a log whose signs are found already: no round, second opinion, effect or posterior.
+
+    Args:
+        model: robot and terms.
+        log: a log.
+        signals: what `prepare` makes of it.
+        searched: the signs of its segments.
+        search: how they were found, for the record.
+        progress: of long stages.
+
+    Raises:
+        SolverError: an optimisation failed.
+    """
+    run = _Run(search, False, Preparation(), Beliefs(), progress, {"model": [one.name for one in model.effects]})
+    run.laps["search"] = searched.search.seconds
+    progress("fit", 0, 1)
+    averaged = AveragedSigns.alone(fitted_to(base_coefficients(model), model, signals, searched))
+    return _identification(run, log, signals, model, (averaged, None, averaged.mixed))
 
 
 @dataclass

@@ -52,6 +52,8 @@ def again(summary: Summary, added: str = "", without: Sequence[str] = ()) -> str
         if words[k : k + len(without)] == list(without):
             words = words[:k] + words[k + len(without) :]
             break
+    if without:  # the paper's search by itself does nothing else
+        words = [word for word in words if word != "--paper"]
     more = [*added.split(), *(["--force"] if "--force" not in words else [])]
     return f": `{shlex.join([*words, *more])}`" if words else ""
 

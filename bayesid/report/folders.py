@@ -56,11 +56,11 @@ MARKER, REPORT = "summary.json", "report.html"
 IDENTIFICATION_FILES = frozenset(
     (
         *("summary.json", "segments.csv", "signed_log.csv", "coefficients.csv", "parameters.csv", "model.toml"),
-        *("robot.urdf", "robot.xml", "posterior.nc", "report.html", "log.csv", FINDINGS),
+        *("robot.urdf", "robot.xml", "posterior.nc", "report.html", "log.csv", "nodes.csv", FINDINGS),
         *("discrepancy.json", "discrepancy.html", "timeline.csv"),
     )
 )
-"""What a result folder may hold; log.csv is the demo's."""
+"""What a result folder may hold; log.csv and nodes.csv are the demo's."""
 VALIDATION_FILES = frozenset({"summary.json", "signed_log.csv", "prediction.csv"})
 
 

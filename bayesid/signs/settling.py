@@ -128,11 +128,11 @@ def settle_signs(
         sign_search = replace(sign_search, likely=likely, unseen=begun.signs.search.unseen)
     searched = sign_search.run(segments)
     with progress.stage("fit"):
-        settled = _fitted_to(plain, model, signals, searched)
+        settled = fitted_to(plain, model, signals, searched)
     searched = sign_search.reweighted(settled.signs, _weights(settled.fit))
     if not np.array_equal(searched.search.signs, settled.signs.search.signs) or searched.proofs > settled.signs.proofs:
         with progress.stage("fit"):
-            settled = _fitted_to(plain, model, signals, searched)
+            settled = fitted_to(plain, model, signals, searched)
         searched = sign_search.reweighted(searched, _weights(settled.fit), repeat=False)
     settled = replace(settled, signs=searched)
     if earlier is None:
@@ -199,7 +199,12 @@ def nats_gained(fit: Fit, other: Fit, count: Array) -> float:
     return float(count @ np.log(before / left))
 
 
-def _fitted_to(coefficients: BaseCoefficients, model: Model, signals: Signals, searched: SegmentSigns) -> Settled:
+def fitted_to(coefficients: BaseCoefficients, model: Model, signals: Signals, searched: SegmentSigns) -> Settled:
+    """Samples in the signs of their segments, smoothed by the model, and the fit to them.
+
+    Raises:
+        SolverError: Clarabel failed.
+    """
     moving, fitted = (
         searched.segments.per_sample(which, *signals.effort.shape) > 0
         for which in (searched.segments.moving, searched.segments.fitted)
