@@ -40,8 +40,8 @@ _FIRST_WEIGHT = 1e-3
 """Penalty of a unit of violation squared in the first run, in units of phi(0): later runs raise it."""
 _TEMPERATURE = 1.0
 """Start of each run, in units of phi(0): the first jumps span the box, those after thirty steps a ten-thousandth."""
-_TOWARDS_MIDDLE = 1e-7
-"""Pull to the middle of the box, relative to phi(0): it moves only what leaves no trace in phi."""
+_TOWARDS_START = 1e-7
+"""Pull to where the search begins, relative to phi(0): it moves only what leaves no trace in phi."""
 _STEP = 1e-9
 """Of the constraints' difference quotients, as a share of the box: well below the tolerance, well above rounding."""
 _LOCAL_ITERATIONS = 1000
@@ -343,15 +343,17 @@ def retrieve_by_annealing(
     bounds: Bounds,
     constraints: Sequence[Constraint] | None = None,
     annealing: Annealing | None = None,
+    start: Array | None = None,
 ) -> AnnealedParameters:
     """PBPR: minimises `error` within bounds and constraints.
 
     Args:
         error: phi1 or phi2 of the P parameters.
         cone: says which parameters are bodies; it constrains nothing by itself.
-        bounds: the box; a parameter that leaves no trace in `error` stays in its middle unless a constraint moves it.
+        bounds: the box; what leaves no trace in `error` stays where `start` has it unless a constraint moves it.
         constraints: `feasible_inertia()` if None.
         annealing: how long to search.
+        start: (P,) parameters to begin with, say those that were identified; by default the middle of the box.
 
     Raises:
         InputError: a constraint's violation is not a finite number, or two constraints share a name.
@@ -360,7 +362,7 @@ def retrieve_by_annealing(
     annealing = Annealing() if annealing is None else annealing
     problem = _Problem(error, cone, bounds, (feasible_inertia(),) if constraints is None else tuple(constraints))
     rng = np.random.default_rng(annealing.seed)
-    x, weight, run = problem.least_squares(), 0.0, 0
+    x, weight, run = problem.least_squares(start), 0.0, 0
     while np.any(problem.violations(x) > TOLERANCE) and run < annealing.runs:
         weight = _FIRST_WEIGHT * annealing.growth**run
         x = problem.anneal(x, weight, annealing.evaluations, rng)
@@ -422,15 +424,16 @@ class _Problem:
             slopes[:, k] = (self.violations(beside) - violations) / (beside[k] - x[k])
         return slopes
 
-    def least_squares(self) -> Array:
+    def least_squares(self, start: Array | None = None) -> Array:
         """(P,) where phi is least in the box, by active sets (Stark and Parker 1995); exact.
 
         Raises:
             SolverError: the active set did not settle.
         """
         size = self._factor.shape[1]
-        rows = np.vstack([self._factor, _TOWARDS_MIDDLE * np.eye(size)])
-        target = np.concatenate([self._target, np.full(size, 0.5 * _TOWARDS_MIDDLE)])
+        rows = np.vstack([self._factor, _TOWARDS_START * np.eye(size)])
+        towards = np.full(size, 0.5) if start is None else _clipped((start - self._bounds.lower) / self._width)
+        target = np.concatenate([self._target, _TOWARDS_START * towards])
         result = scipy.optimize.lsq_linear(rows, target, (0.0, 1.0), method="bvls", max_iter=100 * size)
         if not result.success:
             raise SolverError("least squares within bounds", result.message)

@@ -7,6 +7,7 @@ from conftest import random_motion, small_robot
 from bayesid.effects import RigidBody, ViscousFriction
 from bayesid.effects.coefficients import base_coefficients
 from bayesid.effects.model import Model
+from bayesid.effects.parameters import Cone
 from bayesid.errors import InputError
 from bayesid.regression.solver import solve_precisely
 from bayesid.robot import load_robot
@@ -18,6 +19,7 @@ from bayesid.studies.pbpr import (
     Bodies,
     Bounds,
     Constraint,
+    SquaredError,
     center_of_mass_inside,
     coefficient_error,
     effort_error,
@@ -119,3 +121,18 @@ def test_constraints_and_bounds_that_cannot_be_used(arm):
     for constraints, said in (((broken,), "'broken'.*finite"), ((total_mass(0, 1), total_mass(2, 3)), "repeat")):
         with pytest.raises(InputError, match=said):
             retrieve_by_annealing(error, model.cone, make_bounds(model), constraints)
+
+
+def test_what_leaves_no_trace_stays_where_the_search_starts():
+    """Two parameters that act by their sum only, one of them conditional on the other: not convex."""
+    error, cone = SquaredError(np.array([[1.0, 1.0]]), np.array([4.0]), 0.0), Cone.free(2)
+    bounds = Bounds(np.zeros(2), np.full(2, 10.0))
+    rule = Constraint("light or heavy", lambda bodies: min(bodies.theta[0] - 0.5, 3.0 - bodies.theta[0]))
+    for start, expected in ((np.array([3.5, 0.5]), [3.5, 0.5]), (np.array([0.2, 3.8]), [0.2, 3.8])):
+        found = retrieve_by_annealing(error, cone, bounds, [rule], start=start)
+        assert found.satisfied
+        np.testing.assert_allclose(found.theta, expected, atol=1e-6)
+        assert found.runs == 0
+    found = retrieve_by_annealing(error, cone, bounds, [rule], Annealing(evaluations=200), start=np.array([2.0, 2.0]))
+    assert found.satisfied
+    assert found.theta.sum() == pytest.approx(4.0, abs=1e-3)
