@@ -261,8 +261,8 @@ def identify_with(
     """
     run = _Run(search, False, Preparation(), Beliefs(), progress, {"model": [one.name for one in model.effects]})
     run.laps["search"] = searched.search.seconds
-    progress("fit", 0, 1)
-    averaged = AveragedSigns.alone(fitted_to(base_coefficients(model), model, signals, searched))
+    with progress.stage("fit"):
+        averaged = AveragedSigns.alone(fitted_to(base_coefficients(model), model, signals, searched))
     return _identification(run, log, signals, model, (averaged, None, averaged.mixed))
 
 

@@ -137,7 +137,6 @@ def algorithm1(
         decided=decided,
         pull=pricing.regularisation(best.theta),
         pruning=Pruning(len(nodes), 0, pruned, len(nodes) - pruned, len(leaves)),
-        unseen=1.0 / (pruned + 2.0),  # Laplace's rule: as many alternatives were dearer
     )
     return result, tuple(nodes)
 
