@@ -45,11 +45,13 @@ from .monitor.tracker import SignTracker as SignTracker
 from .monitor.tracker import Tracked as Tracked
 from .posterior.sampler import Sampling as Sampling
 from .progress import Progress as Progress
+from .regression.constraint_file import read_constraints as read_constraints
 from .regression.knowledge import Beliefs as Beliefs
 from .regression.knowledge import KinematicTolerance as KinematicTolerance
 from .regression.knowledge import Links as Links
 from .regression.knowledge import read_nominal as read_nominal
 from .regression.selection.explanation import Thresholds as Thresholds
+from .regression.stated import StatedParameters as StatedParameters
 from .report import plot as plot
 from .report.findings import Findings as Findings
 from .report.findings import find_findings as find_findings

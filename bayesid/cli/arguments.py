@@ -130,6 +130,10 @@ _COMPLETE = (
     "auto: add detected effects, and let the rest of the catalogue widen the uncertainty; only-uncertainty: add none; "
     "off: neither (default: %(default)s)"
 )
+_CONSTRAINTS = (
+    "what parameters satisfy: total_mass = [27, 31], tables [link.2] with mass, com_box, hull (a mesh file) or "
+    "ellipsoid, a table [bounds] with m3 = [3, 5]"
+)
 _TOLERANCE = "sd of the robot's geometry; a log may show more (default: 1mm,0.1deg, or what the log shows)"
 _IDENTIFY = Command(
     "identify",
@@ -160,6 +164,7 @@ _IDENTIFY = Command(
         option("--kinematic-tolerance LENGTH,ANGLE", _TOLERANCE),
         *_shared("--no-posterior", "skip sampling; uncertainties leave the cone out"),
         *_shared("--posterior-budget --nominal --seed --time-limit"),
+        path("--constraints TOML", _CONSTRAINTS),
         option("--links KG,M", "scales of a link's mass and of its distances from its frame (default: from the robot)"),
         option(
             "--mode K", "of several, that the model is written from (default: 1, the heaviest)", type=whole, default=1

@@ -76,6 +76,7 @@ def identify_command(options: argparse.Namespace) -> None:
         "posterior": sampling(options),
         "preparation": Preparation(cutoff=options.cutoff, max_memory=options.max_memory),
         "beliefs": beliefs(options, _known_masses(logs)),
+        "constraints": options.constraints,
     }
     if options.each:
         _identify_each(options, logs, settings)

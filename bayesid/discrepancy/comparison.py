@@ -282,7 +282,9 @@ def _alone(
         distortions = [*held, *(one for one in kept if isinstance(one, Distortion))]
         speed = told.model.robot.actuators(told.signals.motion).standstill_speed
         own = tuple(_turning_below(_carrying(term, body), speed) for term in shared)
-        model = reduce(Model.extend, distortions, Model(earlier.model.robot, own))
+        model = reduce(
+            Model.extend, distortions, Model(earlier.model.robot, own, constraints=earlier.model.constraints)
+        )
         theta = _values(model, told)
         runs.append(identify_again(model, log, None, theta, preparation=preparation, progress=headings[k]))
     return runs

@@ -71,7 +71,7 @@ def key_of(effect: Effect) -> EffectKey:
 def without(model: Model, keys: Sequence[EffectKey]) -> Model:
     """A model without some effects."""
     kept = [effect for effect in model.effects if key_of(effect) not in keys]
-    return reduce(Model.extend, kept, Model(model.robot, ()))
+    return reduce(Model.extend, kept, Model(model.robot, (), constraints=model.constraints))
 
 
 def shown_by(run: Identification, effects: Sequence[Effect]) -> dict[EffectKey, float]:

@@ -11,6 +11,7 @@ from weakref import ref
 import numpy as np
 
 from bayesid.arrays import Array, Integers, Mask
+from bayesid.effects.constraints import Constraints
 from bayesid.effects.distortion import Distortion, Rows, SensorDistortion
 from bayesid.effects.effect import Effect, Scene
 from bayesid.effects.parameters import Cone, Parameter
@@ -81,6 +82,7 @@ class Model:
         robot: the robot.
         terms: the terms; their parameters are stacked in this order.
         distortions: of rows first, of readings last; each acts on what those of its kind before it have made.
+        constraints: that somebody has stated of the parameters; None without any.
 
     Example:
         >>> model = bayesid.Model(robot, bayesid.make_terms(["rigid_body", "coulomb_friction"], robot, motion))
@@ -92,6 +94,7 @@ class Model:
     robot: Robot
     terms: tuple[Term, ...]
     distortions: tuple[Distortion, ...] = ()
+    constraints: Constraints | None = None
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -100,11 +103,12 @@ class Model:
 
     @cached_property
     def cone(self) -> Cone:
-        """The product of the terms' cones, without the bounds that a term lifts."""
+        """The product of the terms' cones, without the bounds that a term lifts, cut by the constraints."""
         cone = reduce(lambda total, term: total + term.cone(self.robot), self.terms, Cone.free(0))
         freed = {name for term in self.terms for name in term.freed(self.robot)}
         bounded = [k for k in cone.nonnegative.tolist() if self.parameters[k].name not in freed]
-        return replace(cone, nonnegative=np.array(bounded, dtype=np.int64))
+        stated = None if self.constraints is None else self.constraints.of([one.name for one in self.parameters])
+        return replace(cone, nonnegative=np.array(bounded, dtype=np.int64), stated=stated)
 
     def extend(self, effect: Effect) -> Model:
         """A new model with one more effect, the last of the terms or of the distortions."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayesid.arrays import Array, Integers
+from bayesid.effects.constraints import Constraints
 from bayesid.robot import Robot
 from bayesid.robot.inertia import PSEUDO_INERTIA_BASIS
 
@@ -59,11 +60,14 @@ class Cone:
         size: number of parameters; those not mentioned below are free.
         nonnegative: indices of the parameters that must be >= 0.
         bodies: (b, 10) indices of the blocks that are a body's parameters (`bayesid.robot.inertia`).
+        stated: constraints on all parameters that cut the cone, which then is none any more: no code may scale what
+            lies in it; None without any.
     """
 
     size: int
     nonnegative: Integers
     bodies: Integers
+    stated: Constraints | None = None
 
     @classmethod
     def free(cls, size: int) -> Cone:
@@ -81,7 +85,7 @@ class Cone:
         return cls(10 * count, np.empty(0, dtype=np.int64), np.arange(10 * count).reshape(count, 10))
 
     def __add__(self, other: Cone) -> Cone:
-        """The product cone, `other`'s parameters after this one's."""
+        """The product cone, `other`'s parameters after this one's; of cones that nothing stated cuts."""
         return Cone(
             self.size + other.size,
             np.concatenate([self.nonnegative, other.nonnegative + self.size]),
@@ -97,7 +101,9 @@ class Cone:
         return np.asarray(np.linalg.eigvalsh(self.pseudo_inertias(theta))[:, 0], dtype=np.float64)
 
     def contains(self, theta: Array, tolerance: float = 0.0) -> bool:
-        """Whether theta (size,) lies in the cone, up to `tolerance`."""
+        """Whether theta (size,) lies in the cone and satisfies what is stated, up to `tolerance`."""
         return bool(
-            np.all(theta[self.nonnegative] >= -tolerance) and np.all(self.smallest_eigenvalues(theta) >= -tolerance)
+            np.all(theta[self.nonnegative] >= -tolerance)
+            and np.all(self.smallest_eigenvalues(theta) >= -tolerance)
+            and (self.stated is None or self.stated.contains(theta, tolerance))
         )

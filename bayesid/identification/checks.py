@@ -22,6 +22,7 @@ from bayesid.posterior.inference import Posterior
 from bayesid.regression.evidence import Evidence
 from bayesid.regression.knowledge import Nominal
 from bayesid.regression.least_squares import Fit
+from bayesid.regression.prices import ConstraintPrice
 from bayesid.regression.tuning import TUNING as REGRESSION
 from bayesid.signs.averaging import AveragedSigns
 from bayesid.signs.tuning import TUNING as SIGNS
@@ -202,6 +203,15 @@ def modes(weights: Sequence[float], turned: Sequence[Sequence[int]], chosen: int
         parts.append(f"{weights[k]:.2g} for mode {k + 1}{f' ({signs})' if k else ''}")
     message = f"the log allows other models than mode {chosen + 1} ({weights[chosen]:.2g}): {', '.join(parts)}"
     return Check("Modes", "look", message, f"`--mode` writes another one; {TELL_APART} to tell them apart")
+
+
+def dear_constraints(prices: Sequence[ConstraintPrice]) -> list[Check]:
+    """Those that contradict the log."""
+    dear = [one for one in prices if one.nats > TUNING.dear_constraint]
+    return [
+        _remark(f"constraint {one.label} costs {one.nats:.0f} nats: the log contradicts it", "check it, and its frame")
+        for one in sorted(dear, key=lambda one: -one.nats)
+    ]
 
 
 UNSETTLED_GAINS = Check("Gains", "bad", "signs and gains did not come to agree", "give narrower --gains")

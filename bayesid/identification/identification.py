@@ -25,6 +25,7 @@ from bayesid.posterior.inference import Posterior
 from bayesid.posterior.tuning import TUNING as POSTERIOR
 from bayesid.regression.knowledge import Beliefs
 from bayesid.regression.least_squares import Fit
+from bayesid.regression.prices import ConstraintPrice
 from bayesid.signs.completion import Completion
 from bayesid.signs.search.protocol import SearchResult
 
@@ -78,6 +79,7 @@ class Identification(IdentifiedModel):
         completion: what the catalogue had to say beyond the terms asked for; None where it was not asked.
         better_reading: of the log, than with this robot file, joint order and these units; None where there is none or
             the fit is no reason to look for one.
+        constraints: that were stated, each with what it costs.
         notebook_view: HTML of a result, for notebooks; figures and checks stand above this room, so `bayesid` sets it.
 
     Example:
@@ -110,6 +112,7 @@ class Identification(IdentifiedModel):
     provenance: Provenance
     completion: Completion | None = None
     better_reading: Misreading | None = None
+    constraints: tuple[ConstraintPrice, ...] = ()
 
     def __repr__(self) -> str:
         left = self.fit.relative_residual
@@ -198,7 +201,14 @@ class Identification(IdentifiedModel):
         if self.posterior is None:
             return np.full(len(self.coefficients), np.nan), np.isfinite(self.sd)
         sd = np.linalg.norm(self.coefficients.projection * self.posterior.target.prior.sd, axis=1)
-        return sd, self.sd**2 <= POSTERIOR.of_prior * sd**2
+        little = self.sd**2 <= POSTERIOR.of_prior * sd**2
+        return sd, little & ~self.posterior.decided_by_constraints(self.coefficients.projection)
+
+    def _decided_by(self, by_data: Mask, rows: Array) -> list[str]:
+        """(K,) what decides combinations (K, P) of the parameters."""
+        none = np.zeros(len(rows), dtype=bool)
+        by_constraints = none if self.posterior is None else self.posterior.decided_by_constraints(rows) & ~by_data
+        return np.where(by_data, "data", np.where(by_constraints, "constraints", "prior")).tolist()
 
     @property
     def nominal_beta(self) -> Array:
@@ -258,7 +268,7 @@ class Identification(IdentifiedModel):
         words = zip(known.names, known.expressions, known.units, strict=True)
         before = np.where(np.isfinite(prior_sd), prior_sd, np.nan)
         numbers = np.column_stack([self.beta, self.sd, *self.interval_95, before, self.nominal_beta]).tolist()
-        rows = zip(words, numbers, map(_decided_by, by_data), strict=True)
+        rows = zip(words, numbers, self._decided_by(by_data, known.projection), strict=True)
         made = (
             Coefficient(*name, mean, sd, low, high, decided, prior, stated)
             for name, (mean, sd, low, high, prior, stated), decided in rows
@@ -268,7 +278,8 @@ class Identification(IdentifiedModel):
     def parameters_table(self) -> Records[ParameterValue]:
         """The model's parameters, one record each: to iterate over, or `.to_dataframe()`."""
         sd, by_data = self.parameter_sd
-        rows = zip(self.model.parameters, self.theta.tolist(), sd.tolist(), map(_decided_by, by_data), strict=True)
+        decided = self._decided_by(by_data, np.eye(len(sd)))
+        rows = zip(self.model.parameters, self.theta.tolist(), sd.tolist(), decided, strict=True)
         return Records(ParameterValue, (ParameterValue(p.name, p.unit, p.joint, *own) for p, *own in rows))
 
     def segments_table(self) -> Records[SegmentSign]:
@@ -305,10 +316,6 @@ class Identification(IdentifiedModel):
             InputError: there is none of this name; near names are told.
         """
         return named(self.parameters_table(), name, "parameter")
-
-
-def _decided_by(data: bool) -> str:
-    return "data" if data else "prior"
 
 
 def identified_of(model: object, name: str) -> IdentifiedModel:

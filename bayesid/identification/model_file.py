@@ -17,6 +17,7 @@ from bayesid.arrays import frozen
 from bayesid.effects import Distortion, Term
 from bayesid.effects.catalogue import forms, of_shape
 from bayesid.effects.coefficients import base_coefficients
+from bayesid.effects.constraints import Constraints
 from bayesid.effects.effect import Effect
 from bayesid.effects.model import Model
 from bayesid.errors import InputError, printable
@@ -73,6 +74,8 @@ def _stored_model(table: dict[str, Any], where: str, known: Mapping[str, type[Ef
     model = reduce(Model.extend, (of_shape(kind, shape) for kind, shape in named), Model(robot, ()))
     for effect in model.effects:
         effect.check(robot.n_joints)
+    if table.get("constraints"):
+        model = replace(model, constraints=Constraints.from_table(table["constraints"]))
     names = [parameter.name for parameter in model.parameters]
     if len(set(names)) < len(names):
         raise ValueError("a term comes twice")
@@ -169,6 +172,7 @@ def model_table(stored: IdentifiedModel) -> dict[str, Any]:
             **{key: part.tolist() for key in _BEYOND if (part := getattr(stored, key)) is not None},
             "logs": sorted(stored.logs),
         },
+        **({} if stored.model.constraints is None else {"constraints": stored.model.constraints.table}),
         **({} if stored.gains is None else {"gains": _gains_table(stored.gains)}),
         **({} if stored.encoding is None else {"encoding": stored.encoding}),
     }

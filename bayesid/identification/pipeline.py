@@ -21,7 +21,7 @@ from bayesid.effects.bodies import carried_payloads
 from bayesid.effects.coefficients import BaseCoefficients, base_coefficients
 from bayesid.effects.model import Model
 from bayesid.errors import InputError
-from bayesid.identification.checks import independent_instants, warnings_of
+from bayesid.identification.checks import dear_constraints, independent_instants, warnings_of
 from bayesid.identification.gains import UnknownGains, spread_by_gains
 from bayesid.identification.identification import Identification
 from bayesid.identification.misread import Misreading, misread_after, misread_before
@@ -47,8 +47,11 @@ from bayesid.parallel import one_blas_thread
 from bayesid.posterior.inference import Posterior, with_gains
 from bayesid.posterior.sampler import Sampling
 from bayesid.progress import SILENT, Progress
+from bayesid.regression.constraint_file import read_constraints
 from bayesid.regression.evidence import Evidence
 from bayesid.regression.knowledge import Beliefs, Knowledge
+from bayesid.regression.prices import constraint_prices
+from bayesid.regression.stated import Says, constraints_of
 from bayesid.robot import Robot, check_joints, load_robot
 from bayesid.signs.after_rectifier import settle_unfiltered
 from bayesid.signs.averaging import AveragedSigns, average_over_models, structural_doubt, tempered_by_outliers
@@ -74,6 +77,7 @@ def identify(  # noqa: PLR0913  robot, log, terms, and six groups of options by 
     posterior: Sampling | bool = True,
     preparation: Preparation = Preparation(),
     beliefs: Beliefs = Beliefs(),
+    constraints: Says | str | Path | None = None,
     anyway: bool = False,
     progress: Progress = SILENT,
 ) -> Identification:
@@ -89,6 +93,8 @@ def identify(  # noqa: PLR0913  robot, log, terms, and six groups of options by 
         posterior: how it is sampled, or whether it is.
         preparation: how the log is made ready.
         beliefs: what is known of links and parameters beforehand (CAD, data sheet).
+        constraints: that parameters satisfy, everywhere: a function of `StatedParameters` that gives constraints of
+            cvxpy, or a TOML file (`read_constraints`).
         anyway: whether signs are searched even if the log is surely misread: joints exchanged, turned or in other
             units, another mounting, efforts without weight.
         progress: of long stages.
@@ -114,9 +120,10 @@ def identify(  # noqa: PLR0913  robot, log, terms, and six groups of options by 
     loaded = {"robot": robot.name} if robot.origin is None else robot.origin.options
     subject = {**loaded, "terms": [str(one) for one in terms], "complete": check_completeness(complete)}
     run = _Run(search, posterior, preparation, beliefs, progress, subject)
-    log, model, signals, segments = _prepared(run, robot, log, terms)
-    run.call = _call(run, robot, log, terms)
+    log, model, signals, segments = _prepared(run, robot, log, terms, constraints)
+    run.call = _call(run, robot, log, terms, constraints)
     gains = UnknownGains(log, beliefs)
+    _check_scale(log, model)
     if log.gains is None:  # else what looks like another unit is a gain
         run.misread = _misread(run, log, model, signals, segments, anyway=anyway)
     if gains.unknown.any():
@@ -323,7 +330,7 @@ class _Run:
 
 
 def _prepared(
-    run: _Run, robot: Robot, log: LogSource, terms: Sequence[str | Term]
+    run: _Run, robot: Robot, log: LogSource, terms: Sequence[str | Term], constraints: Says | str | Path | None
 ) -> tuple[Log, Model, Signals, Segments]:
     """Log, model, signals and segments; what cannot be used is refused before the search."""
     with run.progress.stage("prepare"):
@@ -333,6 +340,9 @@ def _prepared(
         signals = prepare(log, run.preparation.cutoff)
         payloads = (one for one in carried_payloads(signals.motion) if one not in terms)
         model = Model(robot, catalogue.make_terms((*terms, *payloads), robot, signals.motion))
+        if constraints is not None:
+            says = read_constraints(constraints) if isinstance(constraints, str | Path) else constraints
+            model = replace(model, constraints=constraints_of(says, model))
         segments = find_segments(signals, robot.actuators(signals.motion), run.preparation.cutting)
         _check_amount(signals, segments, base_coefficients(model), log)
         run.beliefs.of(model.parameters)
@@ -362,8 +372,10 @@ def _cut(run: _Run, model: Model, log: Log) -> tuple[Signals, Segments]:
     return signals, segments
 
 
-def _call(run: _Run, robot: Robot, log: Log, terms: tuple[str | Term, ...]) -> str:
-    """Python that does the run again; `robot` stands for one that was made or changed in Python."""
+def _call(
+    run: _Run, robot: Robot, log: Log, terms: tuple[str | Term, ...], constraints: Says | str | Path | None
+) -> str:
+    """Python that does the run again; `robot` and `constraints` stand for what was made or changed in Python."""
     return call_of(
         "identify",
         "robot" if robot.origin is None else robot.origin.in_python,
@@ -374,7 +386,18 @@ def _call(run: _Run, robot: Robot, log: Log, terms: tuple[str | Term, ...]) -> s
         posterior=(run.posterior, True),
         preparation=(run.preparation, Preparation()),
         beliefs=(run.beliefs, Beliefs()),
+        constraints=(_Named(constraints), _Named(None)),
     )
+
+
+class _Named:
+    """Constraints as a call names them."""
+
+    def __init__(self, constraints: Says | str | Path | None) -> None:
+        self._said = "constraints" if callable(constraints) else repr(constraints and str(constraints))
+
+    def __repr__(self) -> str:
+        return self._said
 
 
 _Sampled = tuple[AveragedSigns, Posterior | None, Array]
@@ -407,6 +430,7 @@ def _identification(
     identified, fit = identified_model(model, asked.evidence, averaged.fit, posterior, spread), averaged.fit
     if spread is not None:
         fit = replace(fit, covariance=fit.covariance + spread_by_gains(spread, asked.evidence))
+    prices = constraint_prices(asked.evidence, averaged.fit, 2.0 * probability - 1.0)
     return Identification(
         **vars(replace(identified, gains=known, logs=seen | hashes(log), encoding=log.encoding)),
         coefficients=asked.evidence.coefficients,
@@ -427,10 +451,14 @@ def _identification(
         noise_weights=settled.signs.weights,
         proofs=settled.signs.proofs,
         timings=run.laps,
-        warnings=warnings_of(log, averaged, doubt, posterior, reading, known, run.beliefs.of(asked.model.parameters)),
+        warnings=(
+            *warnings_of(log, averaged, doubt, posterior, reading, known, run.beliefs.of(asked.model.parameters)),
+            *map(str, dear_constraints(prices)),
+        ),
         beliefs=run.beliefs,
         provenance=record_provenance(run.asked, log, run.call),
         better_reading=reading,
+        constraints=prices,
     )
 
 
@@ -462,6 +490,16 @@ def _check(robot: Robot, log: Log) -> None:
     if (log.payload != "").all():
         remedy = "add a log without payload, or name none: it is then a part of the last link"
         raise InputError("no log without a payload, which alone tells it from the last link", log.source, remedy)
+
+
+def _check_scale(log: Log, model: Model) -> None:
+    """Uncertain gains scale all parameters while signs are searched: what is stated has to bear that."""
+    if log.gains is None or model.constraints is None:
+        return
+    kept = model.constraints.homogeneous.labels
+    if bound := [label for label in model.constraints.labels if label not in kept]:
+        said = f"{', '.join(bound)} cannot be used with uncertain gains, which scale all parameters"
+        raise InputError(said, field="constraints", remedy="give exact gains, or ratios and boxes alone")
 
 
 def _check_amount(signals: Signals, segments: Segments, coefficients: BaseCoefficients, log: Log) -> None:

@@ -28,7 +28,8 @@ class Coefficient:
     sd: float  #: its standard deviation; inf where the log shows nothing of it
     lower: float  #: lower end of its 95 % interval
     upper: float  #: upper end
-    decided_by: str  #: "data" or "prior"; of an `Accumulator` also "earlier log"; "unknown" of a model written by hand
+    #: "data", "constraints" or "prior"; of an `Accumulator` also "earlier log"; "unknown" of a model written by hand
+    decided_by: str
     prior_sd: float  #: what the prior alone knows, or of an `Accumulator` the earlier log; NaN without one
     nominal: float  #: what the nominal parameters give; NaN where they do not give one
 
@@ -47,7 +48,7 @@ class ParameterValue:
     joint: int  #: or link, from 1
     mean: float  #: of the posterior, or the least-squares estimate
     sd: float  #: its standard deviation; NaN where none is known: efforts show it in sums alone, without samples
-    decided_by: str  #: "data" or "prior"
+    decided_by: str  #: "data", "constraints" or "prior"
 
 
 @dataclass(frozen=True)

@@ -147,6 +147,8 @@ class Tuning:
     """Weight beyond which another mode of the posterior is spoken of: one in a hundred."""
     contradicts: float = 4.0
     """Standard deviations from which on a stated parameter contradicts the log: by chance once in 16,000 parameters."""
+    dear_constraint: float = 6.9
+    """Nats that a constraint costs from which on the log contradicts it: odds of 1000."""
     wide_factor: float = 0.5
     """Standard deviation of a logarithm from which on it is told as a factor: symmetric about no value any more."""
     solver_gap: float = 1e-8

@@ -19,11 +19,15 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.random import RandomState
 from scipy.special import log_expit, logsumexp
 
 from bayesid.arrays import Array, Integers, Mask
+from bayesid.effects.constraints import Constraints
 from bayesid.posterior.likelihood import SegmentBlocks
-from bayesid.posterior.modes import SampledMode, find_modes, mode_of_draws, pool, sample_modes
+from bayesid.posterior.modes import Normal, SampledMode, find_modes, mode_of_draws, pool, sample_modes
+from bayesid.posterior.moves import Conditional
+from bayesid.posterior.region import barrier_minimum
 from bayesid.posterior.sampler import Draws, Sampling
 from bayesid.posterior.target import PosteriorProblem, Target
 from bayesid.posterior.tuning import TUNING
@@ -58,6 +62,9 @@ class Posterior:
     #: (D, E, W, n) logarithms of the gains of each draw, relative to those of the efforts; None where all gains are
     #: exact. The draws are moved by them too.
     log_gain: Array | None = None
+    #: (r, r) covariance by which the likelihood was widened for what the model may lack, where draws were made anew
+    #: inside what is stated, not moved; None otherwise
+    lacking: Array | None = None
 
     def __repr__(self) -> str:
         sweeps, ensembles, walkers, size = self.draws.theta.shape
@@ -187,12 +194,34 @@ class Posterior:
         Judged from the normal distribution without the cone (:eq:`posterior-precision`), for the cone alone decides
         nothing that was measured. Information of an earlier log counts as data.
         """
-        precision, _ = self.target.quadratic(self.theta, self.draws.log_scale.mean(axis=(0, 1, 2)))
-        sd = self.target.prior.sd
-        variance = np.diag(np.linalg.inv(precision * np.outer(sd, sd)))  # relative to the prior's
-        if self.shift is not None:
-            variance = variance + self.shift.var(axis=(0, 1, 2)) / sd**2
+        variance = self._without_cone(np.eye(len(self.theta)))
+        if self.shift is not None and self.lacking is None:
+            variance = variance + self.shift.var(axis=(0, 1, 2)) / self.target.prior.sd**2
         decided: Mask = variance <= TUNING.of_prior
+        return decided
+
+    def _without_cone(self, rows: Array) -> Array:
+        """(K,) variances of combinations (K, P) of the parameters without the cone, relative to the prior's."""
+        log_scale, sd = self.draws.log_scale.mean(axis=(0, 1, 2)), self.target.prior.sd
+        precision, _ = self.target.quadratic(self.theta, log_scale, self.lacking)
+        inverse, scaled = np.linalg.inv(precision * np.outer(sd, sd)), rows * sd
+        variance: Array = np.einsum("kp,pq,kq->k", scaled, inverse, scaled) / np.sum(scaled**2, axis=1)
+        return variance
+
+    def decided_by_constraints(self, rows: Array) -> Mask:
+        """(K,) whether what is stated, and not the data, decides combinations (K, P) of the parameters.
+
+        As data do, it leaves a tenth of the prior's variance at most, and half of what prior and data leave.
+        """
+        stated, prior = self.target.prior.stated, self.target.prior
+        if stated is None:
+            return np.zeros(len(rows), dtype=bool)
+        off = (self.uncertain.theta.reshape(-1, len(self.theta)) - self.theta) @ rows.T
+        variance = np.mean(off**2, axis=0) / np.sum((rows * prior.sd) ** 2, axis=1)
+        without = self._without_cone(rows)
+        spoken_of = np.any((rows != 0.0)[:, stated.involved.any(axis=0)], axis=1)
+        little = np.minimum(TUNING.of_prior, TUNING.of_unconstrained * without)
+        decided: Mask = spoken_of & (without > TUNING.of_prior) & (variance <= little)
         return decided
 
     def interval(self, mass: float) -> tuple[Array, Array]:
@@ -243,7 +272,11 @@ def widened(posterior: Posterior, information: Array, lacking: Array) -> Posteri
     cone, draws that had to stay there would hide how far off it is. Only a coefficient that is one parameter which
     cannot be negative is kept at zero: a mass that efforts show in sums alone must give way like all else of them.
     H is the information (r, r) of the coefficients; `lacking` is the covariance (r, r) of e.
+
+    What is stated holds for such draws as well: they are then drawn anew, inside it, by a likelihood as much wider.
     """
+    if posterior.target.prior.stated is not None:
+        return _drawn_wider(posterior, lacking)
     draws, single = posterior.draws, posterior.single_nonnegative
     directions = _principal(information, lacking)
     shift, of_mode = np.zeros_like(draws.theta), posterior.mode_of_draws
@@ -259,6 +292,27 @@ def widened(posterior: Posterior, information: Array, lacking: Array) -> Posteri
     return replace(posterior, shift=shift)
 
 
+def _drawn_wider(posterior: Posterior, lacking: Array) -> Posterior:
+    """The posterior with draws of a wider likelihood inside the region: hit-and-run goes on from those that are."""
+    target, of_mode, every = posterior.target, posterior.mode_of_draws, posterior.draws.theta
+    shift, random = np.zeros_like(every), RandomState([posterior.sampling.seed, 2])
+    for k in np.unique(of_mode).tolist():
+        here, own = of_mode == k, posterior.modes[k].draws
+        mean, log_scale = (values.mean(axis=(0, 1, 2)) for values in (own.theta, own.log_scale))
+        normal = Normal(*target.quadratic(mean, log_scale, lacking))
+        centre = barrier_minimum(target.prior.region, normal.precision, normal.linear, target.prior.inside)
+        lines = Conditional(centre.covariance, target.prior.region.blocks)
+        theta, drawn = own.theta[-1].reshape(-1, len(mean)), []
+        theta = normal.move(target.prior.region, theta, lines, TUNING.wider_warm_up, random)
+        for _ in range(min(own.sweeps, TUNING.wider_sweeps)):
+            theta = normal.move(target.prior.region, theta, lines, 1, random)
+            drawn.append(theta)
+        count = int(here.sum())
+        chosen = np.concatenate(drawn)[np.arange(count) * len(drawn) * len(theta) // count]
+        shift[here] = chosen - every[here]
+    return replace(posterior, shift=shift, lacking=lacking)
+
+
 def with_gains(posterior: Posterior, gains: GainFit) -> Posterior:
     """The posterior with the gains drawn from theirs, and each draw as it is with its gains (:eq:`gain-draws`)."""
     theta, single = posterior.uncertain.theta, posterior.single_nonnegative
@@ -266,8 +320,19 @@ def with_gains(posterior: Posterior, gains: GainFit) -> Posterior:
     log = gains.draw(int(np.prod(theta.shape[:-1])), rng)
     moved = gains.scaled(theta.reshape(-1, theta.shape[-1]), log)
     moved[:, single] = np.maximum(moved[:, single], 0.0)
+    if (stated := posterior.target.prior.stated) is not None:
+        moved = _kept_inside(stated, theta.reshape(moved.shape), moved)
     shift = moved.reshape(theta.shape) - posterior.draws.theta
     return replace(posterior, shift=shift, log_gain=log.reshape(*theta.shape[:-1], -1))
+
+
+def _kept_inside(stated: Constraints, inside: Array, moved: Array) -> Array:
+    """(K, P) points that moved from ones inside: as far as what is stated lets them."""
+    share = np.ones(len(moved))
+    for k, (start, end) in enumerate(zip(inside, moved, strict=True)):
+        while share[k] and not stated.contains(start + share[k] * (end - start)):
+            share[k] = 0.7 * share[k] if share[k] > 1e-3 else 0.0
+    return inside + share[:, None] * (moved - inside)
 
 
 def _principal(information: Array, lacking: Array) -> Array:

@@ -53,19 +53,23 @@ class Region:
 
     @classmethod
     def of(cls, cone: Cone, rows: Array | None = None, offset: Array | None = None) -> Region:
-        """The cone, cut by further half spaces rows (m, P) theta + offset (m,) >= 0."""
+        """The cone, with what is stated, cut by further half spaces rows (m, P) theta + offset (m,) >= 0."""
         entries = np.zeros((10, len(cone.bodies), cone.size))
         for b, body in enumerate(cone.bodies):
             entries[:, b, body] = _BASIS
-        signs = np.eye(cone.size)[cone.nonnegative]
+        constant, signs = np.zeros((10, len(cone.bodies))), np.eye(cone.size)[cone.nonnegative]
         windows = np.empty((0, cone.size)) if rows is None else rows
         bounds = np.zeros(len(windows)) if offset is None else offset
+        if (stated := cone.stated) is not None:
+            windows, bounds = np.concatenate([windows, stated.rows]), np.concatenate([bounds, stated.offset])
+            entries = np.concatenate([entries, _triangles(stated.basis)], axis=1)
+            constant = np.concatenate([constant, _triangles(stated.constant)], axis=1)
         diagonals = entries[_DIAGONAL].reshape(-1, cone.size)
         return cls(
             np.concatenate([signs, windows, diagonals]),
-            np.concatenate([np.zeros(len(signs)), bounds, np.zeros(len(diagonals))]),
+            np.concatenate([np.zeros(len(signs)), bounds, constant[_DIAGONAL].ravel()]),
             entries,
-            np.zeros((10, len(cone.bodies))),
+            constant,
         )
 
     @property
@@ -153,6 +157,12 @@ class Region:
         slope = -scaled.sum(axis=0) - np.einsum("bpii->p", white)
         flat = white.swapaxes(0, 1).reshape(len(theta), -1)
         return slope, scaled.T @ scaled + flat @ flat.T  # sums of squares: positive semidefinite however rounding goes
+
+
+def _triangles(matrices: Array) -> Array:
+    """(10, b, ...) lower triangles of symmetric matrices (b, ..., 4, 4)."""
+    rows, columns = zip(*_TRIANGLE, strict=True)
+    return np.moveaxis(matrices[..., rows, columns], -1, 0)
 
 
 def _positive_definite(triangles: Array) -> Mask:

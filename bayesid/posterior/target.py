@@ -9,8 +9,9 @@ Parameters theta and logarithms u of the noise scales are independent before the
 
     p(theta) ~ prod_p exp(-((theta_p - mean_p) / sd_p)^2 / 2)  inside the region,   u_j ~ N(0, log_scale_sd^2).
 
-- The region is the cone (pseudo-inertias positive definite, friction and rotor inertia nonnegative), cut by windows:
-  each body's radius of gyration about its frame, tr(Sigma) <= R^2 m, and the mass of all bodies together.
+- The region is the cone (pseudo-inertias positive definite, friction and rotor inertia nonnegative), cut by what is
+  stated (`bayesid.effects.constraints`) and by windows: each body's radius of gyration about its frame,
+  tr(Sigma) <= R^2 m, and the mass of all bodies together.
 - A body's ten parameters are centred on a typical link, with sd M for the mass, M R for first moments, M R^2 for
   inertias, for M and R of `Links`. Where CAD values are known, they and their sd take the place of these.
 - A parameter of an actuator (friction, rotor inertia, offset) is (half-)normal about zero; its sd is the size at which
@@ -20,6 +21,7 @@ Parameters theta and logarithms u of the noise scales are independent before the
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -27,15 +29,18 @@ import numpy as np
 
 from bayesid.arrays import TINY, Array
 from bayesid.effects.coefficients import BaseCoefficients
+from bayesid.effects.constraints import Constraints
 from bayesid.effects.parameters import Cone
 from bayesid.motion import Motion
 from bayesid.posterior.likelihood import Likelihood, SegmentBlocks, make_likelihood
 from bayesid.posterior.region import Centre, Region, barrier_minimum
 from bayesid.posterior.tuning import TUNING
+from bayesid.regression.inside import deepest_point
 from bayesid.regression.knowledge import Information, Links, Nominal
 from bayesid.regression.moments import Moments
 from bayesid.regression.noise import Noise
 from bayesid.regression.solver import ConeLeastSquares
+from bayesid.regression.stated import no_room
 from bayesid.robot import Robot
 
 _SHOWS = 1e-9
@@ -70,6 +75,7 @@ class Prior:
     log_scale_sd: Array  #: (n,) sd of the logarithm of each joint's noise over the reference one
     inside: Array  #: (P,) some point well inside the region
     windows: tuple[Window, ...] = ()  #: that cut the cone; they are in the region
+    stated: Constraints | None = None  #: on all parameters, in the region too
 
     @cached_property
     def precision(self) -> Array:
@@ -102,11 +108,33 @@ def make_prior(
     if nominal is not None:
         stated = np.isfinite(nominal.mean)
         mean, sd = np.where(stated, nominal.mean, mean), np.where(stated, nominal.sd, sd)
-    windows = _windows(cone, links)
-    rows = np.array([window.whole - window.part for window in windows]).reshape(-1, cone.size)
-    region = Region.of(cone, rows, np.array([window.bound - window.constant for window in windows]))
-    scales = np.full(likelihood.n_joints, TUNING.log_scale_sd)
-    return Prior(region, mean, sd, scales, _inner_point(cone, links, sd), windows)
+    windows, inside = _windows(cone, links), _inner_point(cone, links, sd)
+    if cone.stated is not None:
+        windows, inside = _within_stated(cone, windows, inside, sd)
+    region = Region.of(cone, *_half_spaces(windows, cone.size))
+    return Prior(region, mean, sd, np.full(likelihood.n_joints, TUNING.log_scale_sd), inside, windows, cone.stated)
+
+
+def _half_spaces(windows: Sequence[Window], size: int) -> tuple[Array, Array]:
+    """(m, size) rows and (m,) offsets of windows."""
+    rows = np.array([window.whole - window.part for window in windows]).reshape(-1, size)
+    return rows, np.array([window.bound - window.constant for window in windows])
+
+
+def _within_stated(cone: Cone, windows: tuple[Window, ...], near: Array, sd: Array) -> tuple[tuple[Window, ...], Array]:
+    """The windows that leave room for what is stated, and a point deep inside of all: what is stated counts for more.
+
+    Raises:
+        InputError: what is stated leaves no room by itself.
+    """
+    while True:
+        found = deepest_point(cone, near, sd, *_half_spaces(windows, cone.size), [window.name for window in windows])
+        if found.inside:
+            return windows, found.theta
+        left = tuple(window for window in windows if window.name not in found.labels)
+        if len(left) == len(windows):
+            raise no_room(found.labels)
+        windows = left
 
 
 def _inner_point(cone: Cone, links: Links, sd: Array) -> Array:
@@ -216,10 +244,12 @@ class Target:
             value[inside] -= 0.5 * (np.sum(pulled * beta, axis=1) + self.information.energy)
         return value
 
-    def quadratic(self, theta: Array, log_scale: Array) -> tuple[Array, Array]:
+    def quadratic(self, theta: Array, log_scale: Array, lacking: Array | None = None) -> tuple[Array, Array]:
         """A (P, P) and b (P,) of log p = -theta' A theta / 2 + b' theta + const (:eq:`posterior-precision`).
 
-        Given noise scales u (n,) and the signs that theta (P,) predicts for the unknown segments.
+        Given noise scales u (n,) and the signs that theta (P,) predicts for the unknown segments. With a covariance
+        (r, r) by which the coefficients are less certain, for the model may lack something, the likelihood is as much
+        wider: H becomes (H^-1 + L L')^-1 = H - H L (1 + L' H L)^-1 L' H (Woodbury), its centre stays.
         """
         likelihood, prior = self.likelihood, self.prior
         scale = log_scale[None]
@@ -228,6 +258,12 @@ class Target:
         hessian = np.einsum("j,jrs->rs", np.exp(-2.0 * log_scale), likelihood.hessian)
         if self.information is not None:
             data, hessian = data + self.information.gradient, hessian + self.information.hessian
+        if lacking is not None:
+            sizes, turn = np.linalg.eigh(lacking)
+            root = turn * np.sqrt(np.maximum(sizes, 0.0))
+            pulled = hessian @ root
+            middle = np.linalg.solve(np.eye(len(root)) + root.T @ pulled, np.column_stack([pulled.T, root.T @ data]))
+            hessian, data = hessian - pulled @ middle[:, :-1], data - pulled @ middle[:, -1]
         precision = likelihood.projection.T @ hessian @ likelihood.projection + np.diag(prior.precision)
         return 0.5 * (precision + precision.T), likelihood.projection.T @ data + prior.precision * prior.mean
 

@@ -88,6 +88,13 @@ class Tuning:
     of_prior: float = 0.1
     """Share of the prior's variance that the data leave at most where they decide a parameter: nine tenths of its
     precision are then theirs. A round number; docs/posterior.md, section 3, states it."""
+    of_unconstrained: float = 0.5
+    """Share of what prior and data leave of a variance that constraints leave at most where they decide: less than what
+    the rest decides is theirs."""
+    wider_warm_up: int = 12
+    """Sweeps in which draws forget the narrower likelihood: as many as a run's warm-up."""
+    wider_sweeps: int = 24
+    """Sweeps that are kept of the wider one: as many as a run's first look wants."""
     from_zero: float = 1.02
     """Times the shortest interval that one from zero may be long: the place of the shortest is uncertain among
     draws."""

@@ -17,10 +17,11 @@ from bayesid.errors import SolverError
 from bayesid.log.segments import Segments
 from bayesid.log.signals import signed_effort
 from bayesid.regression.evidence import Evidence
+from bayesid.regression.inside import move_inside
 from bayesid.regression.knowledge import Information
 from bayesid.regression.moments import Moments
 from bayesid.regression.noise import Noise, noise_before_fit, relative_rms
-from bayesid.regression.solver import MARGIN, Solution, move_inside, solve_precisely
+from bayesid.regression.solver import MARGIN, Solution, solve_precisely
 from bayesid.regression.tuning import TUNING
 
 _BLIND = 1e-10

@@ -1,4 +1,4 @@
-"""Least squares in the cone: the best feasible parameters for given moments. Only this file knows Clarabel.
+"""Least squares in the cone, cut by what is stated: the best feasible parameters for given moments.
 
 :eq:`cone-least-squares`::
 
@@ -16,20 +16,33 @@ other in a few milliseconds each. A status other than solved is never taken for 
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import clarabel
 import numpy as np
 import scipy
-from scipy.linalg import null_space, solve_triangular
+from scipy.linalg import solve_triangular
 
 from bayesid.arrays import TINY, Array
 from bayesid.effects.coefficients import BaseCoefficients
 from bayesid.effects.parameters import Cone
 from bayesid.errors import SolverError
+from bayesid.regression.conic import (
+    Outcome,
+    cones_of,
+    into_cone,
+    linear_count,
+    offsets_of,
+    rows_of,
+    settings_of,
+    solved,
+    stacked,
+    typical_parameters,
+    typical_sizes,
+    units_of,
+)
 from bayesid.regression.tuning import TUNING
-from bayesid.robot.inertia import PSEUDO_INERTIA_BASIS, from_pseudo_inertia
 
 MARGIN = 1e-6
 """Smallest eigenvalue left to a pseudo-inertia (kg m^2 to kg): far below any link's, far above rounding."""
@@ -37,15 +50,6 @@ _NO_TRACE = 1e-8
 """Parameters whose columns cancel to this share leave no trace: the tolerance of the base coefficients, squared."""
 _NEGLIGIBLE = 1e-12
 """Share of the largest curvature below which a parameter leaves no trace: what rounding makes of zero."""
-_TYPICAL_BODY = from_pseudo_inertia(np.diag([0.03, 0.03, 0.03, 3.0]))
-"""A link of 3 kg that spreads 0.1 m along each axis: what a parameter without any data is drawn to."""
-_TYPICAL_SIZES = np.array([0.1] * 6 + [0.5] * 3 + [5.0])
-"""Sizes of a link's parameters (kg m^2, kg m, kg) where the data give none: round numbers above the typical link's."""
-
-
-_ROWS, _COLUMNS = np.tril_indices(4)
-_STRETCH = np.where(_ROWS == _COLUMNS, 1.0, np.sqrt(2.0))
-"""By which Clarabel stretches the entries of a stacked triangle."""
 
 
 class _Attempt(NamedTuple):
@@ -94,12 +98,14 @@ class Solution:
         tolerance: relative duality gap and infeasibility that the solver reached.
         lower_bound: of the cost of every point of the cone, from a dual point (:eq:`dual-bound`); -inf if there is
             none.
+        multipliers: (m,) of the rows of K (`bayesid.regression.conic`), of the last attempt.
     """
 
     theta: Array
     cost: float
     tolerance: float
     lower_bound: float = -np.inf
+    multipliers: Array = field(default_factory=lambda: np.empty(0))
 
 
 class ConeLeastSquares:
@@ -125,10 +131,10 @@ class ConeLeastSquares:
         tolerance: float = 1e-6,
         least_pull: float = TUNING.least_pull,
     ) -> None:
-        self.nonnegative = cone.nonnegative
+        self.nonnegative, self.linear_count = cone.nonnegative, linear_count(cone)
         self.projection = coefficients.projection
         self.scale = _sizes(cone, self.projection, hessian, energy)
-        self.typical = _typical(cone) / self.scale
+        self.typical = typical_parameters(cone) / self.scale
         self.rows = _state_cone(cone, self.scale, margin)
         self.pull_weight = pull_weight(energy, least_pull)
         self.tolerance = tolerance
@@ -200,7 +206,7 @@ class PreparedLeastSquares:
             self._solver = self._started(linear, tolerance, _Attempt())
         else:
             self._solver.update(q=linear)
-        outcome = _attempt(self._solver)
+        outcome = solved(self._solver)
         tried = [outcome]
         for attempt in _ATTEMPTS:
             if outcome.failure:
@@ -230,7 +236,7 @@ class PreparedLeastSquares:
         slope: Array = self._stated.scale * (gradient @ self._stated.projection) / self._unit
         return -2.0 * (slope + self._pull * self._stated.typical)
 
-    def _solution(self, gradient: Array, linear: Array, tried: list[_Outcome], tolerance: float) -> Solution:
+    def _solution(self, gradient: Array, linear: Array, tried: list[Outcome], tolerance: float) -> Solution:
         """The last point that was tried, and the largest bound: that of a failed attempt is as true as any."""
         stated = self._stated
         theta = stated.scale * tried[-1].point
@@ -239,32 +245,32 @@ class PreparedLeastSquares:
         cost = float(beta @ self._hessian @ beta - 2 * gradient @ beta) + stated.regularisation(theta)
         duals = [outcome.dual for outcome in tried if len(outcome.point)]
         bounds = [self._lower_bound(linear, dual) for dual in duals if np.all(np.isfinite(dual))]
-        return Solution(theta, cost, tolerance, min(cost, max(bounds, default=-np.inf)))
+        return Solution(theta, cost, tolerance, min(cost, max(bounds, default=-np.inf)), tried[-1].dual)
 
     def _lower_bound(self, linear: Array, dual: Array) -> float:
         """What weak duality proves about the cost of every feasible point, for any multipliers (:eq:`dual-bound`).
 
-        For z in the dual cone, min over x in the cone of x'Px/2 + q'x >= min over all x of x'Px/2 + q'x + z'(Ax - b)
+        For z in the dual cone, min over feasible x of x'Px/2 + q'x >= min over all x of x'Px/2 + q'x + z'(Ax - b)
         = -|L^-1 (q + A'z)|^2 / 2 - b'z with P = LL' (Boyd and Vandenberghe 2004, 5.2); P is positive definite by the
         pull. Of the multiples of z the best is taken; none of it gives the bound without a cone.
         """
         offsets, rows, _ = self._stated.rows
-        z = _into_cone(dual, len(self._stated.nonnegative))
+        z = into_cone(dual, self._stated.linear_count)
         slopes = solve_triangular(self._factor, np.column_stack([linear, rows.T @ z]), lower=True)
         plain, slope = slopes.T
         gain, length = -float(plain @ slope + offsets @ z), max(float(slope @ slope), TINY)
         value = -0.5 * float(plain @ plain) + 0.5 * max(gain, 0.0) ** 2 / length
         return self._unit * (value + self._pull * float(self._stated.typical @ self._stated.typical))
 
-    def _tried(self, linear: Array, tolerance: float, attempt: _Attempt) -> _Outcome:
-        outcome = _attempt(self._started(linear, tolerance, attempt))
+    def _tried(self, linear: Array, tolerance: float, attempt: _Attempt) -> Outcome:
+        outcome = solved(self._started(linear, tolerance, attempt))
         if attempt.whitened and len(outcome.point):
             return outcome._replace(point=solve_triangular(self._factor.T, outcome.point))
         return outcome
 
     def _started(self, linear: Array, tolerance: float, attempt: _Attempt) -> Any:
-        settings = _settings(tolerance)
-        settings.presolve_enable = False  # it would forbid updates
+        settings = settings_of(tolerance)
+        settings.presolve_enable = settings.chordal_decomposition_enable = False  # they would forbid updates
         settings.equilibrate_enable = attempt.equilibrate
         settings.max_step_fraction = attempt.step
         settings.static_regularization_constant = attempt.constant
@@ -278,70 +284,9 @@ class PreparedLeastSquares:
         return clarabel.DefaultSolver(quadratic, linear, rows, offsets, cones, settings)
 
 
-def _settings(tolerance: float) -> Any:
-    """Clarabel's, for one thread and a duality gap."""
-    settings = clarabel.DefaultSettings()
-    settings.verbose = False
-    settings.max_threads = 1
-    settings.tol_gap_abs = settings.tol_gap_rel = tolerance
-    return settings
-
-
-class _Outcome(NamedTuple):
-    """Of an attempt: x (P,) and its multipliers, empty where there are none; why it is no solution, or empty."""
-
-    point: Array
-    dual: Array
-    failure: str
-
-
-def _attempt(solver: Any) -> _Outcome:
-    """What Clarabel makes of a problem."""
-    try:
-        result = solver.solve()
-    except BaseException as error:
-        if type(error).__name__ != "PanicException":  # Rust's, raised by pyo3, cannot be imported
-            raise
-        return _Outcome(np.empty(0), np.empty(0), f"panic: {error}")
-    failure = "" if result.status == clarabel.SolverStatus.Solved else str(result.status)
-    return _Outcome(np.array(result.x), np.array(result.z), failure)
-
-
 def pull_weight(energy: float, least: float = TUNING.least_pull) -> float:
     """The weight w of rho for efforts of this energy c, in units of their noise (:eq:`pull`)."""
     return float(np.clip(1.0 / TUNING.pull_reach**2, least * energy, TUNING.most_pull * energy))
-
-
-def move_inside(cone: Cone, coefficients: BaseCoefficients, theta: Array) -> Array:
-    """(P,) parameters with the same coefficients as theta (P,), every body as far inside the cone as they allow.
-
-    Only combinations that leave no trace move, theta + N z with B N = 0: the largest t with P(theta + N z) >= t Q for
-    each body, Q a typical link's pseudo-inertia.
-
-    Raises:
-        SolverError: Clarabel did not reach its tolerances.
-    """
-    sizes = np.ones(cone.size)
-    for body in cone.bodies:
-        sizes[body] = _TYPICAL_SIZES
-    free = sizes[:, None] * null_space(coefficients.projection * sizes)
-    if free.shape[1] == 0 or len(cone.bodies) == 0:
-        return theta
-    link = _stacked(np.einsum("k,kij->ij", _TYPICAL_BODY, PSEUDO_INERTIA_BASIS))
-    outwards = np.concatenate([np.zeros(len(cone.nonnegative)), np.tile(link, len(cone.bodies))])
-    rows = np.column_stack([-_rows_of(cone, free), outwards])  # of (z, t)
-    along, away = free / sizes[:, None], (theta - _typical(cone)) / sizes
-    quadratic, linear = np.zeros((rows.shape[1], rows.shape[1])), np.full(rows.shape[1], -1.0)
-    quadratic[:-1, :-1] = (
-        2.0 * TUNING.inside_nearness * along.T @ along
-    )  # keeps a mass without trace from growing for ever
-    linear[:-1] = 2.0 * TUNING.inside_nearness * along.T @ away
-    offsets, settings = _rows_of(cone, theta), _settings(TUNING.inside_tolerance)
-    stated = scipy.sparse.csc_matrix(np.triu(quadratic)), linear, scipy.sparse.csc_matrix(rows), offsets, _cones(cone)
-    outcome = _attempt(clarabel.DefaultSolver(*stated, settings))
-    if outcome.failure:
-        raise SolverError("moving parameters inside the cone", outcome.failure)
-    return theta + free @ outcome.point[:-1]
 
 
 def solve_precisely(
@@ -356,18 +301,9 @@ def solve_precisely(
     return stated.prepared().solve_precisely(gradient)
 
 
-def _typical(cone: Cone) -> Array:
-    typical = np.zeros(cone.size)
-    for body in cone.bodies:
-        typical[body] = _TYPICAL_BODY
-    return typical
-
-
 def _sizes(cone: Cone, projection: Array, hessian: Array, energy: float) -> Array:
     """(P,) the size of each parameter that would alone explain all efforts; a typical one where it leaves no trace."""
-    sizes = np.ones(cone.size)
-    for body in cone.bodies:
-        sizes[body] = _TYPICAL_SIZES
+    sizes = typical_sizes(cone)
     curvature = np.einsum("rp,rs,sp->p", projection, hessian, projection)
     parts = (np.abs(projection).T @ np.sqrt(np.maximum(np.diag(hessian), 0.0))) ** 2
     shows = curvature > np.maximum(_NEGLIGIBLE * curvature.max(), _NO_TRACE * parts)
@@ -377,37 +313,12 @@ def _sizes(cone: Cone, projection: Array, hessian: Array, energy: float) -> Arra
 
 def _state_cone(cone: Cone, scale: Array, margin: float) -> tuple[Array, scipy.sparse.csc_matrix, list[Any]]:
     """The cone as Clarabel wants it, b - A z in K for z = theta / scale."""
-    least = np.tile(margin * _stacked(np.eye(4)), len(cone.bodies))
-    offsets = -np.concatenate([np.zeros(len(cone.nonnegative)), least])
-    rows = _rows_of(cone, np.diag(scale))
+    offsets, linear = offsets_of(cone), linear_count(cone)
+    offsets[linear : linear + 10 * len(cone.bodies)] = -np.tile(margin * stacked(np.eye(4)), len(cone.bodies))
+    rows = rows_of(cone, np.diag(scale))
     rows[: len(cone.nonnegative)] = np.eye(cone.size)[cone.nonnegative]
-    return offsets, scipy.sparse.csc_matrix(-rows), _cones(cone)
-
-
-def _cones(cone: Cone) -> list[Any]:
-    """K: what is not negative, then a pseudo-inertia a body."""
-    linear = [clarabel.NonnegativeConeT(len(cone.nonnegative))] * (len(cone.nonnegative) > 0)
-    return [*linear, *(clarabel.PSDTriangleConeT(4) for _ in cone.bodies)]
-
-
-def _rows_of(cone: Cone, theta: Array) -> Array:
-    """(m, ...) of parameters (P, ...), what lies in K: entries that are not negative, stacked pseudo-inertias."""
-    triangles = _stacked(PSEUDO_INERTIA_BASIS).T
-    return np.concatenate([theta[cone.nonnegative], *(triangles @ theta[body] for body in cone.bodies)])
-
-
-def _stacked(matrix: Array) -> Array:
-    """(..., 10) of symmetric (..., 4, 4): the upper triangle's columns, entries off the diagonal times sqrt(2)."""
-    return matrix[..., _ROWS, _COLUMNS] * _STRETCH
-
-
-def _into_cone(dual: Array, n_linear: int) -> Array:
-    """(m,) the nearest multipliers in the cone: nonnegative, then positive semidefinite blocks."""
-    blocks = np.zeros((len(dual[n_linear:]) // 10, 4, 4))
-    blocks[:, _ROWS, _COLUMNS] = blocks[:, _COLUMNS, _ROWS] = dual[n_linear:].reshape(-1, 10) / _STRETCH
-    values, vectors = np.linalg.eigh(blocks)
-    nearest = (vectors * np.maximum(values, 0.0)[:, None, :]) @ vectors.transpose(0, 2, 1)
-    return np.concatenate([np.maximum(dual[:n_linear], 0.0), _stacked(nearest).ravel()])
+    units = units_of(cone, rows)
+    return offsets / units, scipy.sparse.csc_matrix(-rows / units[:, None]), cones_of(cone)
 
 
 def _upper_triangle(matrix: Array) -> scipy.sparse.csc_matrix:

@@ -60,8 +60,22 @@ class Tuning:
     """Of the check whether coefficients are feasible: tried one after the other until Clarabel reaches one."""
     undecided: float = 1e-9
     """Curvature of columns of unit length, relative to the largest, below which data decide nothing."""
+    no_room: float = 1e-7
+    """Depth, in sizes, up to which constraints leave no room: a hundred times the tolerance to which it is found."""
+    ends_room: float = 1e-3
+    """Share of the multipliers from which on a constraint is one of those that leave no room."""
+    depth_nearness: float = 1e-7
+    """Weight of the distance to typical parameters, in sizes squared, against a size of depth."""
     precise_tolerances: tuple[float, ...] = (1e-10, 1e-9, 1e-8, 1e-7, 1e-6)
     """Tried one after the other where precision is asked for."""
+
+    # what is stated of parameters
+    most_half_spaces: int = 200
+    """Of one constraint: a hull of as many faces is finer than anybody knows a centre of mass."""
+    pushes: float = 1e-6
+    """Share of the largest multiplier from which on a constraint ends a fit: less is rounding."""
+    longest_label: int = 90
+    """Characters of a constraint as it was written, above which its number stands for it."""
 
     # drive gains
     decided_gain: float = 0.1

@@ -20,6 +20,7 @@ from bayesid.identification.options import Provenance
 from bayesid.identification.payload import Estimate, PayloadBody, common_factor
 from bayesid.log.log import Log
 from bayesid.posterior.inference import Posterior
+from bayesid.regression.prices import ConstraintPrice
 from bayesid.regression.selection.unseen import TooNarrow
 from bayesid.regression.selection.wanted import EnteredEffect
 from bayesid.report.tuning import TUNING
@@ -274,6 +275,7 @@ class Summary:
     # label of each payload to its `mass`, kg, `com`, centre of mass in the last link's frame, m, and `inertia` about
     # it, xx, yy, zz, xy, xz, yz, kg m^2, each with `value`, `sd`, `interval`; None where none is carried
     payloads: Mapping[str, Mapping[str, Any]] | None = None
+    constraints: tuple[ConstraintPrice, ...] = ()  # that were stated, each with what it costs
 
     @property
     def hidden_joints(self) -> int:

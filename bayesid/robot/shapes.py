@@ -185,21 +185,32 @@ def _mesh_file(name: str, urdf: Path, folders: Sequence[str | Path], where: str)
     raise InputError(f"mesh {printable(name)} is not found", where, remedy)
 
 
-def _mesh_hull(path: Path, scale: Array, where: str) -> tuple[Any, Array]:
-    """Coal's convex hull of a mesh, a box around one that is flat; and its (4, 4) frame in the mesh's."""
+def mesh_points(path: Path, scale: Array, where: str) -> Array:
+    """(N, 3) corners of a mesh, m, each axis scaled.
+
+    Raises:
+        InputError: it cannot be read.
+    """
     shown = printable(str(path))
+    if not path.is_file():
+        raise InputError(f"mesh {shown} is not found", where, "give an STL, OBJ or DAE file in m")
     if path.stat().st_size > MOST_MESH_BYTES:
         remedy = "give a coarser mesh, or radii by `capsules`"
         raise InputError(f"mesh {shown} is longer than {MOST_MESH_BYTES >> 20} MiB", where, remedy)
     try:
         mesh = coal.MeshLoader().load(str(path), np.array(scale))
-        points = np.array(mesh.vertices()).reshape(-1, 3)
+        points: Array = np.array(mesh.vertices()).reshape(-1, 3)
     except (ValueError, RuntimeError):
         points = np.zeros((0, 3))
     if not len(points) or not (np.abs(points) < TUNING.longest).all():
         remedy = "give an STL, OBJ or DAE file in m, or radii by `capsules`"
         raise InputError(f"mesh {shown} cannot be read", where, remedy)
-    frame = np.eye(4)
+    return points
+
+
+def _mesh_hull(path: Path, scale: Array, where: str) -> tuple[Any, Array]:
+    """Coal's convex hull of a mesh, a box around one that is flat; and its (4, 4) frame in the mesh's."""
+    points, frame = mesh_points(path, scale, where), np.eye(4)
     try:
         corners = points[scipy.spatial.ConvexHull(points).vertices]
         vectors = coal.StdVec_Vec3s()

@@ -15,7 +15,8 @@ from bayesid.effects.coefficients import base_coefficients
 from bayesid.effects.friction import LoadDependentFriction
 from bayesid.effects.model import Model
 from bayesid.errors import SolverError
-from bayesid.regression.solver import MARGIN, ConeLeastSquares, move_inside, solve_precisely
+from bayesid.regression.inside import move_inside
+from bayesid.regression.solver import MARGIN, ConeLeastSquares, solve_precisely
 from bayesid.regression.tuning import TUNING
 from bayesid.robot import load_robot
 from bayesid.robot.inertia import PSEUDO_INERTIA_BASIS, from_pseudo_inertia, pseudo_inertia

@@ -1,0 +1,153 @@
+"""Points deep inside a cone and what is stated besides, and whether there are any."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import clarabel
+import numpy as np
+import scipy
+from scipy.linalg import null_space
+
+from bayesid.arrays import TINY, Array
+from bayesid.effects.coefficients import BaseCoefficients
+from bayesid.effects.parameters import Cone
+from bayesid.errors import SolverError
+from bayesid.regression.conic import (
+    TYPICAL_BODY,
+    cones_of,
+    into_cone,
+    label_of_row,
+    linear_count,
+    offsets_of,
+    rows_of,
+    settings_of,
+    solved,
+    stacked,
+    typical_parameters,
+    typical_sizes,
+    units_of,
+)
+from bayesid.regression.tuning import TUNING
+from bayesid.robot.inertia import PSEUDO_INERTIA_BASIS
+
+
+def move_inside(cone: Cone, coefficients: BaseCoefficients, theta: Array) -> Array:
+    """(P,) parameters with the same coefficients as theta (P,), every body as far inside the cone as they allow.
+
+    Only combinations that leave no trace move, theta + N z with B N = 0: the largest t with P(theta + N z) >= t Q for
+    each body, Q a typical link's pseudo-inertia. What is stated besides holds as it did.
+
+    Raises:
+        SolverError: Clarabel did not reach its tolerances.
+    """
+    sizes = typical_sizes(cone)
+    free = sizes[:, None] * null_space(coefficients.projection * sizes)
+    if free.shape[1] == 0 or len(cone.bodies) == 0:
+        return theta
+    rows = np.column_stack([-rows_of(cone, free), _outwards(cone)])  # of (z, t)
+    along, away = free / sizes[:, None], (theta - typical_parameters(cone)) / sizes
+    quadratic, linear = np.zeros((rows.shape[1], rows.shape[1])), np.full(rows.shape[1], -1.0)
+    quadratic[:-1, :-1] = (
+        2.0 * TUNING.inside_nearness * along.T @ along
+    )  # keeps a mass without trace from growing for ever
+    linear[:-1] = 2.0 * TUNING.inside_nearness * along.T @ away
+    offsets = rows_of(cone, theta)
+    if cone.stated is not None:  # the solver leaves theta on its edge, a little to either side
+        offsets = offsets + offsets_of(cone)
+        offsets = np.where(label_of_row(cone) >= 0, into_cone(offsets, linear_count(cone)), offsets)
+    stated = scipy.sparse.csc_matrix(np.triu(quadratic)), linear, scipy.sparse.csc_matrix(rows), offsets, cones_of(cone)
+    outcome = solved(clarabel.DefaultSolver(*stated, settings_of(TUNING.inside_tolerance)))
+    if outcome.failure:
+        raise SolverError("moving parameters inside the cone", outcome.failure)
+    return theta + free @ outcome.point[:-1]
+
+
+@dataclass(frozen=True)
+class Depth:
+    """The deepest point that was found.
+
+    Attributes:
+        theta: (P,) it.
+        depth: by how many sizes it lies inside at least, up to 1; not positive where there is no room.
+        labels: of the constraints that end it there, and of further half spaces.
+    """
+
+    theta: Array
+    depth: float
+    labels: tuple[str, ...]
+
+    @property
+    def inside(self) -> bool:
+        """Whether there is room, by more than the solver's tolerance."""
+        return self.depth > TUNING.no_room
+
+
+def deepest_point(
+    cone: Cone,
+    near: Array,
+    sizes: Array,
+    rows: Array | None = None,
+    offset: Array | None = None,
+    names: Sequence[str] = (),
+) -> Depth:
+    """A point deep inside, near a point (P,) as far as that leaves open; depths are in sizes (P,) of the parameters.
+
+    The largest t up to 1 with every half space kept by t of its size, every body P >= t Q for a link Q of its size, and
+    every matrix that is stated >= t of its own. Where t ends below zero, the multipliers are Farkas' proof that some
+    constraints cannot hold together.
+
+    Args:
+        cone: the cone, with what is stated.
+        near: (P,) where to stay near.
+        sizes: (P,) of the parameters.
+        rows: (m, P) of further half spaces, rows theta + offset >= 0.
+        offset: (m,) of them.
+        names: (m,) of them.
+
+    Raises:
+        SolverError: Clarabel did not reach its tolerances.
+    """
+    more = np.empty((0, cone.size)) if rows is None else rows * sizes
+    size, constant = np.maximum(np.linalg.norm(more, axis=1), TINY), np.empty(0) if offset is None else offset
+    own = rows_of(cone, np.diag(sizes))
+    units = units_of(cone, own)
+    away = np.concatenate([_depths(cone, sizes), np.ones(len(more)), [1.0]])
+    scaled = np.vstack([own / units[:, None], more / size[:, None], np.zeros((1, cone.size))])
+    offsets = np.concatenate([offsets_of(cone) / units, constant / size, [1.0]])
+    stated = scipy.sparse.csc_matrix(np.column_stack([-scaled, away]))
+    weight = TUNING.depth_nearness
+    quadratic = scipy.sparse.csc_matrix(np.diag(np.append(np.full(cone.size, 2.0 * weight), 0.0)))
+    linear = np.append(-2.0 * weight * near / sizes, -1.0)
+    cones = [*cones_of(cone), clarabel.NonnegativeConeT(len(more) + 1)]
+    outcome = solved(clarabel.DefaultSolver(quadratic, linear, stated, offsets, cones, settings_of(1e-9)))
+    if outcome.failure:
+        raise SolverError("a point inside the constraints", outcome.failure)
+    push = away * outcome.dual
+    labels = () if cone.stated is None else cone.stated.labels
+    of_row = label_of_row(cone)
+    shares = {label: float(np.abs(push[: len(of_row)][of_row == k]).sum()) for k, label in enumerate(labels)}
+    shares |= dict(zip(names, np.abs(push[len(of_row) : -1]).tolist(), strict=True))
+    ending = tuple(label for label, share in shares.items() if share > TUNING.ends_room)
+    return Depth(sizes * outcome.point[:-1], float(outcome.point[-1]), ending)
+
+
+def _outwards(cone: Cone) -> Array:
+    """(m,) typical links, and nothing of all else."""
+    link = stacked(np.einsum("k,kij->ij", TYPICAL_BODY, PSEUDO_INERTIA_BASIS))
+    outwards = np.zeros(len(offsets_of(cone)))
+    first = linear_count(cone)
+    outwards[first : first + 10 * len(cone.bodies)] = np.tile(link, len(cone.bodies))
+    return outwards
+
+
+def _depths(cone: Cone, sizes: Array) -> Array:
+    """(m,) of the rows of K, those that are stated divided by their units: how deep one size is."""
+    bodies = [stacked(np.diag([*(0.5 * sizes[body[[0, 3, 5]]].mean(),) * 3, sizes[body[9]]])) for body in cone.bodies]
+    depths = np.concatenate([sizes[cone.nonnegative], *bodies])
+    if cone.stated is None:
+        return depths
+    own = len(cone.nonnegative)
+    identity = np.tile(stacked(np.eye(4)), len(cone.stated.basis))
+    return np.concatenate([depths[:own], np.ones(len(cone.stated.rows)), depths[own:], identity])

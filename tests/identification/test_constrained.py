@@ -1,0 +1,163 @@
+"""What is stated of parameters, from the call to the folder: it holds, it is stored, and what contradicts is said."""
+
+import csv
+import json
+from dataclasses import replace
+
+import cvxpy as cp
+import numpy as np
+import pytest
+import tomli_w
+from identified_arm import MODEL, ROBOT, THETA, by_least_squares, log_of, sampled
+
+from bayesid.cli import main
+from bayesid.effects.bodies import Payload
+from bayesid.errors import InputError
+from bayesid.identification.model_file import load_model
+from bayesid.identification.payload import identify_payload
+from bayesid.identification.pipeline import identify
+from bayesid.log.gains import gains_of
+from bayesid.log.log import write_log
+from bayesid.posterior.sampler import Sampling
+from bayesid.report.folders import save_identification
+from bayesid.report.summary import summarise
+from bayesid.robot import robot_table
+
+NAMES = [parameter.name for parameter in MODEL.parameters]
+TRUE = dict(zip(NAMES, THETA.tolist(), strict=True))
+MASS = [TRUE[f"m{k}"] for k in (1, 2, 3)]
+
+
+def about(name, share):
+    return f"{name} = [{(1 - share) * TRUE[name]:.6f}, {(1 + share) * TRUE[name]:.6f}]"
+
+
+def centre(k):
+    return np.array([TRUE[f"mc{k}{axis}"] for axis in "xyz"]) / TRUE[f"m{k}"]
+
+
+def right(p):
+    """True of the arm, and narrower than the prior."""
+    yield p.total_mass <= 1.15 * sum(MASS)
+    yield p["m2"] >= 0.9 * TRUE["m2"]
+    yield p["m2"] <= 1.1 * TRUE["m2"]
+    yield p.com_in_box(2, centre(2) - 0.03, centre(2) + 0.04)
+    yield cp.norm(p.first_moment(3) - centre(3) * p["m3"]) <= 0.05 * p["m3"]
+
+
+@pytest.fixture(scope="module")
+def constrained():
+    few = Sampling(budget=0.0)
+    return identify(ROBOT, log_of(0, signed=False), complete="off", constraints=right, posterior=few)
+
+
+def test_what_is_stated_holds_and_says_more_of_what_the_log_leaves_open(constrained):
+    stated, free = constrained.model.cone.stated, sampled()
+    assert stated.contains(THETA)
+    assert stated.contains(constrained.theta)
+    assert stated.contains(constrained.fit.theta, 1e-5)
+    draws = constrained.posterior.draws.theta.reshape(-1, len(NAMES))
+    assert all(stated.contains(theta) for theta in draws[::5])
+    assert constrained.posterior.theta[NAMES.index("m2")] == pytest.approx(TRUE["m2"], rel=0.1)
+    sd, before = (dict(zip(NAMES, one.parameter_sd[0], strict=True)) for one in (constrained, free))
+    assert sd["m2"] < 0.5 * before["m2"]
+    assert sd["mc2x"] < 0.6 * before["mc2x"]
+    assert sd["Fc2"] == pytest.approx(before["Fc2"], rel=0.35)
+    decided = {row.name: row.decided_by for row in constrained.parameters_table()}
+    assert (decided["m2"], decided["Fc2"], decided["J1xx"]) == ("constraints", "data", "prior")
+    assert {row.decided_by for row in free.parameters_table()} == {"data", "prior"}
+    signs = (constrained.probability >= 0.5) == (free.probability >= 0.5)
+    assert signs.mean() > 0.99
+
+
+def test_nothing_that_is_true_is_dear_and_what_contradicts_is_named():
+    log = log_of(0)
+    fine = identify(ROBOT, log, complete="off", constraints=right, posterior=False)
+    assert max(one.nats for one in fine.constraints) < 6.0
+    assert [one for one in fine.warnings if "constraint" in one] == []
+    wrong = identify(
+        ROBOT, log, complete="off", posterior=False, constraints=lambda p: [*right(p), p["Fc2"] <= 0.5 * TRUE["Fc2"]]
+    )
+    dear = max(wrong.constraints, key=lambda one: one.nats)
+    assert dear.label.startswith("Fc2 <= ")
+    assert sum(dear.label in said and f"{dear.nats:.0f} nats" in said for said in wrong.warnings) == 1
+    free = by_least_squares()
+    place = NAMES.index("Fc2")
+    off = (free.fit.theta[place] - 0.5 * TRUE["Fc2"]) / free.fit.sd[free.coefficients.names.index("Fc2")]
+    assert dear.nats == pytest.approx(0.5 * off**2, rel=0.25), "half the square of the distance in sds"
+
+
+def test_a_result_keeps_them_and_loading_needs_no_cvxpy(constrained, tmp_path, monkeypatch):
+    folder = save_identification(constrained, tmp_path / "result", report=True)
+    summary = json.loads((folder / "summary.json").read_text())
+    assert [one["label"] for one in summary["constraints"]] == list(constrained.model.constraints.labels)
+    assert summary["constraints"] == [vars(one) for one in summarise(constrained).constraints]
+    with open(folder / "parameters.csv", newline="") as file:
+        decided = {row["name"]: row["decided_by"] for row in csv.DictReader(file)}
+    assert decided["m2"] == "constraints"
+    monkeypatch.setitem(__import__("sys").modules, "cvxpy", None)
+    stored = load_model(folder)
+    theta = constrained.theta + 0.01
+    np.testing.assert_allclose(stored.model.cone.stated.slack(theta), constrained.model.cone.stated.slack(theta))
+    np.testing.assert_allclose(stored.model.cone.stated.matrices(theta), constrained.model.cone.stated.matrices(theta))
+    extended = stored.model.extend(Payload())
+    assert extended.cone.stated.labels == stored.model.constraints.labels
+    reading = identify_payload(stored, log_of(2, signed=False), posterior=Sampling(budget=0.0))
+    cone = reading.identification.model.cone
+    assert all(cone.stated.contains(theta) for theta in reading.posterior.draws.theta.reshape(-1, cone.size)[::9])
+    again = reading.posterior.uncertain.theta.reshape(-1, cone.size)
+    assert all(cone.stated.contains(theta) for theta in again[::9]), "what the model may lack included"
+
+
+def test_draws_that_completion_widens_satisfy_them():
+    log = log_of(0, signed=False)
+    wide, free = (
+        identify(ROBOT, log, complete="only-uncertainty", constraints=says, posterior=Sampling(budget=0.0))
+        for says in (right, None)
+    )
+    assert wide.posterior.shift is not None
+    stated = wide.model.cone.stated
+    draws = wide.posterior.uncertain.theta.reshape(-1, len(NAMES))
+    assert all(stated.contains(theta) for theta in draws[::5])
+    before = free.posterior.uncertain.theta.reshape(-1, len(NAMES))
+    assert np.mean([stated.contains(theta) for theta in before[::5]]) < 0.5
+    friction = [wide.coefficients.names.index(f"Fc{j}") for j in (1, 2, 3)]
+    np.testing.assert_allclose(wide.sd[friction], free.sd[friction], rtol=0.6)
+
+
+def test_the_command_takes_a_file_and_refuses_a_bad_one_in_one_line(tmp_path, capsys):
+    write_log(tmp_path / "log.csv", log_of(0))
+    (tmp_path / "robot.toml").write_text(tomli_w.dumps(robot_table(ROBOT)))
+    known = tmp_path / "known.toml"
+    known.write_text(f"total_mass = [0.2, {1.2 * sum(MASS):.4f}]\n[bounds]\n{about('m2', 0.1)}\n")
+    call = ["identify", str(tmp_path / "log.csv"), "--robot", str(tmp_path / "robot.toml"), "--constraints", str(known)]
+    call += ["--complete", "off", "--no-posterior", "--no-report", "--quiet"]
+    assert main([*call, "--out", str(tmp_path / "result")]) == 0
+    assert load_model(tmp_path / "result").model.constraints.labels == ("total_mass", "bounds.m2")
+    summary = json.loads((tmp_path / "result" / "summary.json").read_text())
+    assert f"constraints='{known}'" in summary["provenance"]["call"]
+    capsys.readouterr()
+    for text, said in (
+        ("[bounds]\nmm2 = [1, 2]", "did you mean m2"),
+        (f"total_mass = [0.1, 0.2]\n[bounds]\n{about('m2', 0.1)}\n", "total_mass and bounds.m2 cannot hold together"),
+    ):
+        known.write_text(text)
+        assert main([*call, "--out", str(tmp_path / "refused")]) == 2
+        line = capsys.readouterr().err
+        assert said in line
+        assert line.count("\n") == 1
+        assert "Traceback" not in line
+        assert not (tmp_path / "refused").exists()
+
+
+def test_uncertain_gains_bear_ratios_but_no_bounds():
+    log = log_of(0)
+    uncertain = replace(log, gains=gains_of("1~20%,1~20%,1~20%", 3))
+    with pytest.raises(InputError, match="uncertain gains"):
+        identify(ROBOT, uncertain, complete="off", posterior=False, constraints=lambda p: p.total_mass <= 50)
+    found = identify(
+        ROBOT, uncertain, complete="off", posterior=Sampling(budget=0.0), constraints=lambda p: list(right(p))[3:]
+    )
+    stated = found.model.cone.stated
+    draws = found.posterior.uncertain.theta.reshape(-1, len(NAMES))
+    assert all(stated.contains(theta, 1e-9) for theta in draws[::5])
