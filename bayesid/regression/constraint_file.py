@@ -28,7 +28,7 @@ def read_constraints(path: str | Path) -> Says:
     Example:
         >>> known = bayesid.read_constraints("known.toml")
         >>> bayesid.identify(robot, log, terms, constraints=known, posterior=False).model.constraints.labels
-        ('total_mass', 'link.2.mass', 'link.2.com_box', 'link.3.ellipsoid', 'bounds.Fc1')
+        ('total_mass', 'link.2.com_box', 'bounds.m3')
     """
     where = printable(str(path))
     table = toml_of(read_source(path, _REMEDY), where, _REMEDY)

@@ -34,6 +34,8 @@ def make_namespace(folder: Path) -> dict[str, object]:
         "lower = [-2, -1, -2]\nupper = [2, 1, 2]\nvelocity = 2.0\nacceleration = 10.0\n"
     )
     (folder / "nominal.csv").write_text("name,mean,sd\nm3,1.2,0.1\n")
+    box = "[[-0.8, -0.6, -0.6], [0.8, 0.6, 0.6]]"
+    (folder / "known.toml").write_text(f"total_mass = [3, 60]\n[link.2]\ncom_box = {box}\n[bounds]\nm3 = [0, 9]\n")
     robot, log, other_log = bayesid.load_robot("robot.toml"), *map(bayesid.read_log, ("log.csv", "another_log.csv"))
     motion = bayesid.random_trajectory(robot.n_joints, duration=4.0, seed=1).motion(np.arange(201) / 50.0)
     header = ",".join(["t", *(f"q{j}" for j in (1, 2, 3))])
