@@ -24,10 +24,11 @@ from scipy.special import log_expit, logsumexp
 
 from bayesid.arrays import Array, Integers, Mask
 from bayesid.effects.constraints import Constraints
+from bayesid.effects.parameters import Cone
 from bayesid.posterior.likelihood import SegmentBlocks
 from bayesid.posterior.modes import Normal, SampledMode, find_modes, mode_of_draws, pool, sample_modes
 from bayesid.posterior.moves import Conditional
-from bayesid.posterior.region import barrier_minimum
+from bayesid.posterior.region import Region, barrier_minimum
 from bayesid.posterior.sampler import Draws, Sampling
 from bayesid.posterior.target import PosteriorProblem, Target
 from bayesid.posterior.tuning import TUNING
@@ -273,10 +274,10 @@ def widened(posterior: Posterior, information: Array, lacking: Array) -> Posteri
     cannot be negative is kept at zero: a mass that efforts show in sums alone must give way like all else of them.
     H is the information (r, r) of the coefficients; `lacking` is the covariance (r, r) of e.
 
-    What is stated holds for such draws as well: they are then drawn anew, inside it, by a likelihood as much wider.
+    What is stated holds for such draws as well: they are then drawn anew, inside it.
     """
-    if posterior.target.prior.stated is not None:
-        return _drawn_wider(posterior, lacking)
+    if posterior.target.prior.unstated is not None:
+        return _drawn_wider(posterior, posterior.target.prior.unstated, information, lacking)
     draws, single = posterior.draws, posterior.single_nonnegative
     directions = _principal(information, lacking)
     shift, of_mode = np.zeros_like(draws.theta), posterior.mode_of_draws
@@ -292,25 +293,39 @@ def widened(posterior: Posterior, information: Array, lacking: Array) -> Posteri
     return replace(posterior, shift=shift)
 
 
-def _drawn_wider(posterior: Posterior, lacking: Array) -> Posterior:
-    """The posterior with draws of a wider likelihood inside the region: hit-and-run goes on from those that are."""
+def _drawn_wider(posterior: Posterior, unstated: Region, information: Array, lacking: Array) -> Posterior:
+    """The posterior with draws that what the model may lack widens, inside what is stated.
+
+    Without what is stated draws would be moved as in `widened`: with the mean and covariance of those in the cone, and
+    the moves' covariance besides. Of the normal distribution with these, hit-and-run draws inside what is stated.
+    """
     target, of_mode, every = posterior.target, posterior.mode_of_draws, posterior.draws.theta
+    prior, directions, single = target.prior, _principal(information, lacking), posterior.single_nonnegative
     shift, random = np.zeros_like(every), RandomState([posterior.sampling.seed, 2])
+    kept = replace(Cone.free(every.shape[-1]), nonnegative=np.flatnonzero(single), stated=prior.stated)
     for k in np.unique(of_mode).tolist():
         here, own = of_mode == k, posterior.modes[k].draws
-        mean, log_scale = (values.mean(axis=(0, 1, 2)) for values in (own.theta, own.log_scale))
-        normal = Normal(*target.quadratic(mean, log_scale, lacking))
-        centre = barrier_minimum(target.prior.region, normal.precision, normal.linear, target.prior.inside)
-        lines = Conditional(centre.covariance, target.prior.region.blocks)
-        theta, drawn = own.theta[-1].reshape(-1, len(mean)), []
-        theta = normal.move(target.prior.region, theta, lines, TUNING.wider_warm_up, random)
-        for _ in range(min(own.sweeps, TUNING.wider_sweeps)):
-            theta = normal.move(target.prior.region, theta, lines, 1, random)
-            drawn.append(theta)
+        start = own.theta[-1].reshape(-1, every.shape[-1])
+        normal = Normal(*target.quadratic(own.theta.mean(axis=(0, 1, 2)), own.log_scale.mean(axis=(0, 1, 2))))
+        theta = _drawn_inside(unstated, normal, start, prior.inside, random)
+        beta = theta @ target.likelihood.projection.T
+        moves = (theta - theta.mean(axis=0)).T @ (beta - beta.mean(axis=0)) / (len(beta) - 1) @ directions
+        wide = Normal.of_moments(theta.mean(axis=0), np.cov(theta, rowvar=False) + moves @ moves.T)
+        drawn = _drawn_inside(Region.of(kept), wide, start, prior.inside, random)
         count = int(here.sum())
-        chosen = np.concatenate(drawn)[np.arange(count) * len(drawn) * len(theta) // count]
-        shift[here] = chosen - every[here]
+        shift[here] = drawn[np.arange(count) * len(drawn) // count] - every[here]
     return replace(posterior, shift=shift, lacking=lacking)
+
+
+def _drawn_inside(region: Region, normal: Normal, start: Array, inner: Array, random: RandomState) -> Array:
+    """(N, P) draws of a normal distribution inside a region, by walkers that start in it; `inner` (P,) is in it too."""
+    centre = barrier_minimum(region, normal.precision, normal.linear, inner)
+    lines, drawn = Conditional(centre.covariance, region.blocks), []
+    theta = normal.move(region, start, lines, TUNING.wider_warm_up, random)
+    for _ in range(TUNING.wider_sweeps):
+        theta = normal.move(region, theta, lines, 1, random)
+        drawn.append(theta)
+    return np.concatenate(drawn)
 
 
 def with_gains(posterior: Posterior, gains: GainFit) -> Posterior:

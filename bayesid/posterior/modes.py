@@ -43,7 +43,7 @@ from bayesid.posterior.sampler import Diagnostics, Draws, Sampling, nominal_swee
 from bayesid.posterior.target import Target
 from bayesid.posterior.tuning import TUNING
 from bayesid.progress import Progress
-from bayesid.regression.knowledge import Information
+from bayesid.regression.knowledge import RIDGE, Information
 from bayesid.regression.moments import Moments
 from bayesid.regression.solver import ConeLeastSquares
 from bayesid.signs.search.protocol import SearchResult, predicted_signs, turned_round
@@ -62,6 +62,14 @@ class Normal:
 
     precision: Array  #: (P, P) A, positive definite
     linear: Array  #: (P,) b
+
+    @classmethod
+    def of_moments(cls, mean: Array, covariance: Array) -> Normal:
+        """By its mean (P,) and covariance (P, P), in mixed units."""
+        scale = np.sqrt(np.diag(covariance))
+        inverse = np.linalg.inv(covariance / np.outer(scale, scale) + RIDGE * np.eye(len(mean)))
+        precision = 0.5 * (inverse + inverse.T) / np.outer(scale, scale)
+        return cls(precision, precision @ mean)
 
     @property
     def log_integral(self) -> float:

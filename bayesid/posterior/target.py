@@ -76,6 +76,7 @@ class Prior:
     inside: Array  #: (P,) some point well inside the region
     windows: tuple[Window, ...] = ()  #: that cut the cone; they are in the region
     stated: Constraints | None = None  #: on all parameters, in the region too
+    unstated: Region | None = None  #: the region without what is stated; None where nothing is
 
     @cached_property
     def precision(self) -> Array:
@@ -111,8 +112,9 @@ def make_prior(
     windows, inside = _windows(cone, links), _inner_point(cone, links, sd)
     if cone.stated is not None:
         windows, inside = _within_stated(cone, windows, inside, sd)
-    region = Region.of(cone, *_half_spaces(windows, cone.size))
-    return Prior(region, mean, sd, np.full(likelihood.n_joints, TUNING.log_scale_sd), inside, windows, cone.stated)
+    rows, scales = _half_spaces(windows, cone.size), np.full(likelihood.n_joints, TUNING.log_scale_sd)
+    unstated = None if cone.stated is None else Region.of(replace(cone, stated=None), *rows)
+    return Prior(Region.of(cone, *rows), mean, sd, scales, inside, windows, cone.stated, unstated)
 
 
 def _half_spaces(windows: Sequence[Window], size: int) -> tuple[Array, Array]:
