@@ -62,7 +62,7 @@ KNOWN = 0.25
 SEARCH = Beam(width=5, initial_segments=5)
 """s0 and w of the paper."""
 _KNOWN_IN_PAPER = 27
-"""Coefficients that the paper knows to 25 %. The nominal value of one is zero: it has no relative standard deviation."""
+"""Coefficients that the paper knows to 25 %. One has the nominal value 0, which has no relative standard deviation."""
 _VERDICTS: Mapping[State, str] = {
     "good": "All signs are right, as in the paper",
     "look": "All signs are right, but fewer coefficients are known than in the paper",
