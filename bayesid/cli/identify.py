@@ -180,6 +180,7 @@ def _identification_parts(result: Identification, summary: Summary) -> list[Rend
         f"number {fit.condition:.0f}",
         *_payloads(summary),
         _verdict(f"search: {search.method}, {search.solves} cone problems, {seconds:.1f} s; ", proof, settled),
+        *_constraints(summary),
         *(f"beyond the terms asked for: {said}" for said in _beyond(summary)),
         *_table_of(verdicts.EFFECT_HEADINGS, verdicts.effect_rows(summary)),
         *(_verdict("gains: ", check) for check in verdicts.gains(summary)),
@@ -187,6 +188,14 @@ def _identification_parts(result: Identification, summary: Summary) -> list[Rend
         _verdict("posterior: ", verdicts.sampling(summary), _sampling_effort(result)),
         table(["joint", "segments", "least sure", f"|effort| sure to {100 * SURE:g} %", "relative residual"], rows),
     ]
+
+
+def _constraints(summary: Summary) -> list[str]:
+    """How many are stated, and the one that contradicts the log most."""
+    if not summary.constraints:
+        return []
+    dear = max(summary.constraints, key=lambda one: one.nats)
+    return [f"constraints: {len(summary.constraints)} hold; the dearest, {dear.label}, costs {dear.nats:.1f} nats"]
 
 
 def _beyond(summary: Summary) -> list[str]:

@@ -60,3 +60,15 @@ def test_draws_are_those_that_satisfy_the_constraints(form, log):
     with_them, without = (integrate(one.target, one.draws, seed=3) for one in (posterior, free))
     tolerance = 4.0 * np.hypot(with_them.standard_error, without.standard_error) + 0.15
     assert with_them.log_value - without.log_value == pytest.approx(np.log(inside.mean()), abs=tolerance)
+
+
+def test_a_window_of_the_prior_gives_way_to_what_is_stated(log):
+    model, made, free = log
+    names = [parameter.name for parameter in model.parameters]
+    stated = constraints_of(lambda p: p.total_mass >= 5000, model).of(names)
+    prior = replace(made, cone=replace(made.cone, stated=stated)).target.prior
+    assert "mass of all links, from above" in [window.name for window in free.target.prior.windows]
+    assert "mass of all links, from above" not in [window.name for window in prior.windows]
+    assert len(prior.windows) == len(free.target.prior.windows) - 1
+    assert prior.region.contains(prior.inside[:, None])[0]
+    assert prior.inside[names.index("m1")] > 5000

@@ -19,6 +19,7 @@ def stated_for(cone, seed, matrices):
     for body in cone.bodies:
         point[body] = np.array([0.3, 0.02, 0.01, 0.28, -0.03, 0.25, 0.1, -0.05, 0.08, 1.3])
     rows = rng.normal(size=(4, cone.size)) * (rng.random((4, cone.size)) < 0.6)
+    rows[:, 0] = rng.normal(size=4)
     offset = -rows @ point + 0.1 * np.linalg.norm(rows, axis=1) + 0.05
     basis = rng.normal(size=(matrices, cone.size, 4, 4)) * (rng.random((matrices, cone.size, 1, 1)) < 0.4)
     basis[:, 0] = rng.normal(size=(matrices, 4, 4))
@@ -93,5 +94,6 @@ def test_the_proof_with_constraints_agrees_with_brute_force():
 
 
 @pytest.mark.long
+@pytest.mark.filterwarnings("ignore:Solution may be inaccurate")
 def test_sixty_proofs_with_constraints_agree_with_brute_force():
     agree(60)
