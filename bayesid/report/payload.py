@@ -93,18 +93,20 @@ def _mass(reading: PayloadReading) -> Check:
 
 def _unchanged(reading: PayloadReading, result: str) -> Check:
     name, check = "Besides the payload", reading.check
-    worst = int(check.residual.argmax())
-    seen = (
-        f"residual at most {check.residual[worst]:.2f} times the earlier log's noise (joint {worst + 1}; limit "
-        f"{check.MOST_RESIDUAL:g}), chi-square of the robot's own coefficients {check.chi_square:.0f} (limit "
-        f"{check.limit:.0f})"
-    )
+    worst, most = int(check.residual.argmax()), int((check.moved / check.moved_limits).argmax())
+    residual = f"residual at most {check.residual[worst]:.2f} times the earlier log's noise (joint {worst + 1}; limit "
+    links = f"chi-square of all the robot's coefficients {check.chi_square:.0f} (limit {check.limit:.0f})"
+    own = f"of those of joint {most + 1} alone {check.moved[most]:.0f} (limit {check.moved_limits[most]:.0f})"
+    seen = f"{residual}{check.MOST_RESIDUAL:g}), {links}, {own}"
     if check.passed:
         return Check(name, "good", f"no change is seen: {seen}")
-    which = joints_in_words(check.joints) if check.joints else "the links"
-    said = f"something else has changed in {which}, and the payload may be wrong by it: {seen}"
     command = shlex.join(["bayesid", "discrepancy", result, reading.identification.log.source])
-    return Check(name, "bad", said, f"`{command}` tells what")
+    remedy = f"`{command}` names what has changed"
+    if check.residual[worst] <= check.MOST_RESIDUAL and check.chi_square <= check.limit:
+        which = joints_in_words(check.joints)
+        return Check(name, "look", f"friction or offset of {which} has changed since: {seen}", remedy)
+    which = joints_in_words(check.joints) if check.joints else "the links"
+    return Check(name, "bad", f"something else has changed in {which}; the payload may be wrong by it: {seen}", remedy)
 
 
 def _sampling(reading: PayloadReading) -> Check:
