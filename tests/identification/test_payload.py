@@ -110,9 +110,10 @@ def test_changed_friction_is_marked():
     (unchanged,) = (one for one in payload_checks(read, "before") if one.name == "Besides the payload")
     assert (unchanged.state, "joint 2" in unchanged.message) == ("bad", True)
     assert "`bayesid discrepancy before " in unchanged.remedy
-    own = replace(read, check=replace(read.check, residual=np.ones(3), chi_square=1.0))  # what no mass depends on
+    moved = np.array([1.0, 50.0, 2.0])  # what no mass depends on
+    own = replace(read, check=replace(read.check, residual=np.ones(3), chi_square=1.0, moved=moved))
     (unchanged,) = (one for one in payload_checks(own, "before") if one.name == "Besides the payload")
-    assert (unchanged.state, f"joint 2 alone {read.check.moved[1]:.0f} " in unchanged.message) == ("look", True)
+    assert (unchanged.state, "joint 2 alone 50 " in unchanged.message) == ("look", True)
 
 
 def test_gains_that_are_off_by_a_tenth():
