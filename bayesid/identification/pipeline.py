@@ -119,6 +119,8 @@ def identify(  # noqa: PLR0913  robot, log, terms, and six groups of options by 
     robot, terms = robot if isinstance(robot, Robot) else load_robot(robot), catalogue.check_terms(terms)
     loaded = {"robot": robot.name} if robot.origin is None else robot.origin.options
     subject = {**loaded, "terms": [str(one) for one in terms], "complete": check_completeness(complete)}
+    if constraints is not None:
+        subject["constraints"] = "a function" if callable(constraints) else str(constraints)
     run = _Run(search, posterior, preparation, beliefs, progress, subject)
     log, model, signals, segments = _prepared(run, robot, log, terms, constraints)
     run.call = _call(run, robot, log, terms, constraints)

@@ -136,6 +136,7 @@ def test_the_command_takes_a_file_and_refuses_a_bad_one_in_one_line(tmp_path, ca
     assert load_model(tmp_path / "result").model.constraints.labels == ("total_mass", "bounds.m2")
     summary = json.loads((tmp_path / "result" / "summary.json").read_text())
     assert f"constraints='{known}'" in summary["provenance"]["call"]
+    assert summary["provenance"]["options"]["constraints"] == str(known)
     capsys.readouterr()
     for text, said in (
         ("[bounds]\nmm2 = [1, 2]", "did you mean m2"),
