@@ -1,14 +1,16 @@
-"""The tables of README and docs/, the reports and the figures of docs/studies.md, from the rows of studies.
+"""The tables of README and docs/, and the pages and figures of docs/studies/, from the rows of studies.
 
     python docs/make_tables.py FOLDER
 
-FOLDER holds results of studies under their names, as `bayesid study NAME --out FOLDER/NAME` leaves them; what a study
-of FOLDER has no rows for stays as it is. A table stands between `<!-- table: NAME -->` and `<!-- end of table -->`, a
-report in the text block of its study's section.
+FOLDER holds results of studies under their names, as `bayesid study NAME --out FOLDER/NAME` leaves them, and the output
+of `python -m bayesid.studies.benchmarks.peers` as `peers.txt`. What FOLDER does not hold stays as it is. A table stands
+between `<!-- table: NAME -->` and `<!-- end of table -->`. A study's report is the page docs/studies/NAME.md.
+The tables of `OF_CODE` are made from the code.
 """
 
 from __future__ import annotations
 
+import inspect
 import re
 import shutil
 import sys
@@ -19,6 +21,10 @@ from textwrap import fill
 import numpy as np
 
 from bayesid.effects import STANDARD
+from bayesid.effects.catalogue import DISTORTIONS, TERMS
+from bayesid.log.formats.labels import WORDS
+from bayesid.log.formats.stated import CONVENTIONS
+from bayesid.robot.load import BUILT_IN, built_in_table
 from bayesid.studies.algorithm1 import exact, right
 from bayesid.studies.discrepancy import CLEAR, by_kind, count, decoded, outside_right, share
 from bayesid.studies.paper import covered
@@ -27,7 +33,8 @@ from bayesid.studies.record import Row, read_rows
 from bayesid.study import STUDIES
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")))
+STUDY_PAGES = ROOT / "docs" / "studies"
+PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), *sorted(STUDY_PAGES.glob("*.md")))
 NAMES = {
     "ur10e/a_50s": "UR10e, 50 s",
     "ur10e/b_20s": "UR10e, 20 s",
@@ -40,7 +47,13 @@ NAMES = {
 _KNOWN = 0.1
 """Relative standard deviation up to which a coefficient is known, as in the studies."""
 _TABLE = r"(<!-- table: {} -->\n)(.*?)(?=<!-- end of table -->)"
-_SECTION = r"(^### {}\n(?:(?!^### ).)*?^```text\n)(.*?)(?=^```$)"
+_PEERS = {
+    "peers by robot": "torque error on another log",
+    "peers by log": "log -> predicted",
+    "peers where the truth is known": "simulated",
+    "peers without signs": "log without signs",
+}
+"""Tables of the peers' benchmark, and how their first lines begin."""
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -141,6 +154,35 @@ def _gaps(rows: Sequence[Row]) -> str:
     return f"{before:.2f}, {after:.3f}"
 
 
+def catalogue() -> str:
+    """Every effect: its docstring up to its arguments, and the motion that shows it."""
+    lines = []
+    for name, kind in sorted({**TERMS, **DISTORTIONS}.items()):
+        said = (inspect.getdoc(kind) or "").partition("Args:")[0]
+        text = " ".join(said.split()).replace("|", "\\|").replace("`", "")
+        lines.append([f"`{name}`", text, kind.shown_by])
+    return markdown(["name", "effect", "shown by"], lines)
+
+
+def robots() -> str:
+    """The built-in robots: whose they are, and where their lengths are published."""
+    tables = [(built_in_table(name), name) for name in BUILT_IN]
+    maker = sorted(tables, key=lambda entry: (entry[0]["description"].split()[0], entry[1]))
+    lines = [[f"`{name}`", table["description"], table["source"]] for table, name in maker]
+    return markdown(["built-in", "robot", "lengths published in"], lines)
+
+
+def column_names() -> str:
+    """What columns of logs are called."""
+    lines = [[f"`{kind}`", ", ".join(f"`{word}`" for word in words.split())] for kind, words in WORDS.items()]
+    return markdown(["column", "names"], lines)
+
+
+def recorders() -> str:
+    """The recorders whose columns are known."""
+    return markdown(["recorder", "columns"], [[one.name, f"`{one.columns}`"] for one in CONVENTIONS])
+
+
 def _with_friction(rows: Sequence[Row]) -> list[Row]:
     """The ordinary rows of `real`."""
     return [row for row in rows if not row["predicts"] and tuple(row["terms"]) == STANDARD]
@@ -161,23 +203,45 @@ TABLES: dict[str, tuple[str, Callable[[Sequence[Row]], str]]] = {
     "effects": ("discrepancy", effects),
 }
 """A table to the study whose rows it shows, and what makes it."""
+OF_CODE: dict[str, Callable[[], str]] = {
+    "catalogue": catalogue,
+    "robots": robots,
+    "column names": column_names,
+    "recorders": recorders,
+}
+"""A table to what makes it from the code."""
 
 
 # ---------------------------------------------------------------------------------------------------------------
 # Pages
 # ---------------------------------------------------------------------------------------------------------------
 def with_tables(page: str, rows: Mapping[str, Sequence[Row]]) -> str:
-    """A page with the tables of the studies whose rows are given, by name."""
+    """A page with the tables of the studies whose rows are given, by name, and of the code."""
     for name, (study, table) in TABLES.items():
         if study in rows:
             page = _replaced(_TABLE.format(name), page, table(rows[study]))
+    for name, of_code in OF_CODE.items():
+        page = _replaced(_TABLE.format(name), page, of_code())
     return page
 
 
-def with_reports(page: str, reports: Mapping[str, str]) -> str:
-    """A page with reports of studies, by name, in their sections."""
-    for study, report in reports.items():
-        page = _replaced(_SECTION.format(study), page, report)
+def study_page(name: str, trials: int, report: str) -> str:
+    """A study's report and figure as a page."""
+    figure = f"![{name}]({name}.svg)\n\n" if (STUDY_PAGES / f"{name}.svg").exists() else ""
+    question = STUDIES[name] if STUDIES[name].endswith("?") else f"{STUDIES[name]}."
+    return (
+        f"# {name}\n\n<!-- table: report of {name} -->\nStudy `{name}`: {question} Report of {trials} trials of "
+        f"`bayesid study {name}`. Answer and definitions: [studies](../studies.md#{name}).\n\n"
+        f"{figure}```text\n{report}```\n<!-- end of table -->\n"
+    )
+
+
+def with_peers(page: str, printed: str) -> str:
+    """A page with the tables that the peers' benchmark has printed."""
+    for name, head in _PEERS.items():
+        found = re.search(rf"^\| {re.escape(head)}.*?\n(?=\n|\Z)", printed, flags=re.S | re.M)
+        if found:
+            page = _replaced(_TABLE.format(name), page, found[0])
     return page
 
 
@@ -187,17 +251,20 @@ def _replaced(pattern: str, page: str, text: str) -> str:
 
 
 def main(folder: Path) -> None:
-    """Renews all pages, and copies the figures."""
+    """Renews all pages and figures."""
     finished = [folder / name for name in STUDIES if (folder / name / "report.txt").exists()]
     rows = {place.name: [row for row in read_rows(place) if not row["error"]] for place in finished}
-    reports = {place.name: (place / "report.txt").read_text(encoding="utf-8") for place in finished}
-    for path in PAGES:
-        text = with_reports(with_tables(path.read_text(encoding="utf-8"), rows), reports)
-        path.write_text(text, encoding="utf-8")
     for place in finished:
-        figure = ROOT / "docs" / "studies" / f"{place.name}.svg"
-        if figure.exists():
-            shutil.copy(place / "figure.svg", figure)
+        if (STUDY_PAGES / f"{place.name}.svg").exists():
+            shutil.copy(place / "figure.svg", STUDY_PAGES / f"{place.name}.svg")
+        report = (place / "report.txt").read_text(encoding="utf-8")
+        page = study_page(place.name, len(rows[place.name]), report)
+        (STUDY_PAGES / f"{place.name}.md").write_text(page, encoding="utf-8")
+    printed = folder / "peers.txt"
+    peers = printed.read_text(encoding="utf-8") if printed.exists() else ""
+    for path in PAGES:
+        text = with_peers(with_tables(path.read_text(encoding="utf-8"), rows), peers)
+        path.write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":

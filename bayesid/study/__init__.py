@@ -11,7 +11,7 @@ STUDIES = {
     "prior": "what does the prior decide, and what do values from a drawing change?",
     "scaling": "what does a larger robot or a longer log cost?",
     "paper": "the paper's experiment, its numbers beside ours",
-    "algorithm1": "the same to the letter: Algorithm 1 alone, the feasibility of every node checked",
+    "algorithm1": "the paper's Algorithm 1 alone, the feasibility of every node checked",
     "real": "real logs with their signs hidden: which come back right?",
     "calibration": "do confidences and standard deviations mean what they say?",
     "misfit": "the same with an effect that the model does not hold",

@@ -37,7 +37,7 @@ from bayesid.simulation.trajectories import random_trajectory
 ROOT = Path(__file__).parents[2]
 FOLDERS = (ROOT / "docs", ROOT / "docs" / "how-to")
 PAGES = [ROOT / "README.md", *(page for folder in FOLDERS for page in sorted(folder.glob("*.md")))]
-ROBOTS = {"use.md": "ur10e", "coupled-wrists.md": "tx40", "data-sheet-robot.md": "ur5e.toml"}
+ROBOTS = {"use.md": "ur10e", "data-sheet-robot.md": "ur5e"}
 """Whose logs a page's commands read; robot.toml of docs/logs-and-robots.md if not here."""
 PAYLOAD = np.array([0.017, -0.004, -0.01, 0.022, -0.002, 0.025, 0.2, 0.04, 0.1, 2.0])
 """Of a body of 2 kg, as in `bayesid.robot.inertia`: on the flange in the log of a page about gains."""
@@ -72,7 +72,8 @@ class Block:
 
 def blocks_of(page: Path) -> list[Block]:
     """All fenced blocks of a page."""
-    pattern = re.compile(r"(?:^<!-- *(?P<remark>.*?) *-->\n)?^```(?P<language>\w+)\n(?P<text>.*?)^```$", re.M | re.S)
+    fenced = r"(?:^<!-- *(?P<remark>[^\n]*?) *-->\n)?^```(?P<language>\w+)\n(?P<text>.*?)^```$"
+    pattern = re.compile(fenced, re.M | re.S)
     text = page.read_text(encoding="utf-8")
     return [
         Block(found["remark"] or "", found["language"], found["text"], text[: found.start("text")].count("\n"))
@@ -171,9 +172,9 @@ def test_examples_run_and_print_what_the_page_says(page, tmp_path, monkeypatch):
             assert_alike(printed.getvalue(), following.text)
 
 
-def test_method_names_every_file_column_and_key(tmp_path):
-    """Section 13 of docs/method.md is complete."""
-    text = (ROOT / "docs" / "method.md").read_text(encoding="utf-8")
+def test_result_folder_names_every_file_column_and_key(tmp_path):
+    """docs/result-folder.md is complete."""
+    text = (ROOT / "docs" / "result-folder.md").read_text(encoding="utf-8")
     spans = re.findall(r"`([^`]+)`", text)
     named = {*spans, *(word for span in spans for word in re.split(r"[., ]+", span))}
     write_files(tmp_path)

@@ -12,10 +12,12 @@ from bayesid.study import STUDIES
 
 DOCS = Path(__file__).parents[2] / "docs"
 sys.path.insert(0, str(DOCS))
-from make_tables import PAGES, TABLES  # noqa: E402
+from make_tables import OF_CODE, PAGES, STUDY_PAGES, TABLES, study_page, with_peers  # noqa: E402
 
 MARKED = re.compile(r"<!-- table: (?P<name>.*?) -->\n(?P<table>.*?)<!-- end of table -->", re.S)
-REPORT = re.compile(r"^### (?P<study>\w+)\n.*?^```text\n(?P<text>.*?)^```$", re.S | re.M)
+NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?")
+REPORTS = {path.stem: path.read_text("utf-8") for path in sorted(STUDY_PAGES.glob("*.md")) if path.stem in STUDIES}
+PEERS = {"peers by robot", "peers by log", "peers where the truth is known", "peers without signs"}
 
 
 def marked():
@@ -23,17 +25,55 @@ def marked():
     return [(found["name"], found["table"]) for page in PAGES for found in MARKED.finditer(page.read_text("utf-8"))]
 
 
+def answers():
+    """Of docs/studies.md: the sections of studies, by name."""
+    sections = re.split(r"^### ", (DOCS / "studies.md").read_text("utf-8"), flags=re.M)[1:]
+    return {name: text for name, _, text in (section.partition("\n") for section in sections)}
+
+
+def is_in(number, text):
+    """Whether a text has a number, to the digits shown."""
+    digits = len(number.partition(".")[2])
+    return any(abs(abs(float(number)) - abs(float(other))) <= 0.51 * 10.0**-digits for other in NUMBER.findall(text))
+
+
 def test_every_table_stands_in_a_page_and_every_marker_has_a_table():
-    assert {name for name, _ in marked()} == set(TABLES)
+    made = {*TABLES, *OF_CODE, *PEERS, *(f"report of {study}" for study in REPORTS)}
+    assert {name for name, _ in marked()} == made
     assert {study for study, _ in TABLES.values()} <= set(STUDIES)
+
+
+@pytest.mark.parametrize("name", list(OF_CODE))
+def test_tables_of_the_code_are_up_to_date(name):
+    assert dict(marked())[name] == OF_CODE[name](), "run `python docs/make_tables.py .`"
+
+
+def test_every_study_has_its_answer_and_every_report_its_page():
+    assert set(answers()) == set(STUDIES)
+    for study, page in REPORTS.items():
+        trials = re.search(r"Report of (\d+) trials", page)[1]
+        report = re.search(r"^```text\n(.*?)^```$", page, re.M | re.S)[1]
+        assert page == study_page(study, int(trials), report)
+        assert f"(studies/{study}.md)" in answers()[study]
+
+
+@pytest.mark.parametrize("study", REPORTS)
+def test_numbers_of_an_answer_are_those_of_the_report(study):
+    """What an answer says in bold."""
+    bold = " ".join(re.findall(r"\*\*(.*?)\*\*", answers()[study], re.S))
+    assert bold
+    assert [number for number in NUMBER.findall(bold) if not is_in(number, REPORTS[study])] == []
+
+
+def test_tables_of_peers_are_taken_from_what_the_benchmark_prints():
+    page = "<!-- table: peers by log -->\n{}<!-- end of table -->\nafter\n"
+    table = "| log -> predicted | s |\n| --- | --- |\n| a | 1 |\n"
+    printed = f"bayesid 0\n| simulated | s |\n| --- | --- |\n\n{table}\n| x |\n"
+    assert with_peers(page.format("| old |\n"), printed) == page.format(table)
 
 
 @pytest.mark.parametrize("name", ["signs", "confidences"])
 def test_numbers_of_real_logs_are_those_of_the_report(name):
     """One run made both: every percentage of the table is in the report, to the digits shown."""
-    reports = REPORT.finditer((DOCS / "studies.md").read_text("utf-8"))
-    report = next(found["text"] for found in reports if found["study"] == "real")
-    given = {float(share) for share in re.findall(r"([\d.]+)%", report)}
-    for share in re.findall(r"([\d.]+)%", dict(marked())[name]):
-        digits = len(share.partition(".")[2])
-        assert any(abs(float(share) - other) <= 0.51 * 10.0**-digits for other in given), share
+    given = " ".join(re.findall(r"([\d.]+)%", REPORTS["real"]))
+    assert [share for share in re.findall(r"([\d.]+)%", dict(marked())[name]) if not is_in(share, given)] == []
