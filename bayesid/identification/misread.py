@@ -281,7 +281,12 @@ def better_reading(evidence: Evidence, signs: Array, time: Array) -> Misreading 
             clearly |= other.rms < given.rms and bool((other.share < TUNING.one_joint_better * given.share).any())
         if nats > best and clearly:
             best, found = nats, _misreading(reading, other.rms, given.rms, nats - float(np.log(len(readings))))
-    return found
+    if found is None or found.kind != "robot":
+        return found
+    most = found.leaves / TUNING.clearly_better
+    alike = [one.change for one, other in zip(readings, left, strict=True) if one.kind == "robot" and other.rms < most]
+    also = ", ".join(change.removeprefix(_TABLE_OF) for change in alike if change not in (found.change, _RANDOM))
+    return replace(found, change=f"{found.change} (about as well: {also})") if also else found
 
 
 def _settled(fitted: Fitted) -> Left:
@@ -402,13 +407,16 @@ def _zeros(robot: Robot) -> _Changes:
         yield f"the zero of joint {j + 1} at {90.0 * quarters:.0f} degrees", {"zero": zero}
 
 
+_TABLE_OF, _RANDOM = "the built-in table of ", "a table drawn at random"
+
+
 def _other_robots(robot: Robot) -> _Changes:
     for name, other in _built_in().items():
         if other.n_joints == robot.n_joints and not robot.same_kinematics(other):
-            yield f"the built-in table of {name}", {"robot": other}
+            yield f"{_TABLE_OF}{name}", {"robot": other}
     rng = np.random.default_rng(0)
     for _ in range(TUNING.random_tables if robot.n_joints > 1 else 0):
-        yield "a table drawn at random", {"robot": _random_table(robot, rng)}
+        yield _RANDOM, {"robot": _random_table(robot, rng)}
 
 
 def _controllers_table(robot: Robot) -> _Changes:
@@ -416,7 +424,7 @@ def _controllers_table(robot: Robot) -> _Changes:
     for own, of_controller in CONTROLLERS.items():
         for given, other in ((own, of_controller), (of_controller, own)):
             if robot.same_kinematics(_built_in()[given]):
-                yield f"the built-in table of {other}", {"robot": _built_in()[other]}
+                yield f"{_TABLE_OF}{other}", {"robot": _built_in()[other]}
 
 
 @cache

@@ -145,6 +145,13 @@ def test_another_robot_or_mounting_is_named():
     assert reading_of(millimetres, log_of(metres, 0.01, seed=1)).change == "the robot's lengths in mm, not m"
 
 
+def test_robots_that_explain_a_log_as_well_are_named_too():
+    """Arms of one make differ in size: what noise leaves open is said."""
+    found = reading_of("kr5r650", log_of(load_robot("ur10e"), 0.3, seed=3))
+    assert found.kind == "robot"
+    assert {"ur5e", "ur10e"} <= set(found.change.replace("(", " ").replace(")", " ").replace(",", " ").split())
+
+
 def three_joints(k):
     rows = [(300.0, 1.0, 500.0, 0.3), (400.0, 0.7, 100.0, 0.0), (300.0, 1.0, 500.0, 0.3)]
     joints = [{"a": k * a, "alpha": alpha, "d": k * d, "theta": theta} for a, alpha, d, theta in rows]
