@@ -11,7 +11,15 @@ import numpy as np
 from rich.console import RenderableType
 
 from bayesid.cli.bars import stages
-from bayesid.cli.options import check_file, check_new, finish, motion_options, read, reading_options, warned
+from bayesid.cli.options import (
+    check_file,
+    check_new,
+    finish,
+    motion_options,
+    read_for,
+    read_motion_for,
+    reading_options,
+)
 from bayesid.cli.terminal import line_of, table
 from bayesid.errors import InputError
 from bayesid.identification.model_file import load_model
@@ -19,7 +27,6 @@ from bayesid.identification.options import Preparation
 from bayesid.identification.payload import identify_payload
 from bayesid.identification.pipeline import QUICK
 from bayesid.identification.prediction import Validation
-from bayesid.log.reading import read_motion
 from bayesid.posterior.sampler import Sampling
 from bayesid.progress import Progress
 from bayesid.report.conclusion import VALIDATED, Conclusion, conclude, sentence
@@ -60,7 +67,7 @@ def _validated(result: Validation, folder: Path) -> Conclusion | None:
 def _validation(options: argparse.Namespace, path: Path, progress: Progress) -> Validation:
     with progress.stage("read"):
         identified = load_model(options.result)
-        log = read(path, reading_options(options, identified), identified.model.robot)
+        log = read_for(identified, path, reading_options(options, identified))
     with progress.stage("validate"):
         return identified.validate(log, options.cutoff)
 
@@ -83,8 +90,7 @@ def predict_command(options: argparse.Namespace) -> None:
     with stages(options) as progress:
         with progress.stage("read"):
             identified = load_model(options.result)
-            with warned():
-                motion = read_motion(options.motion, **motion_options(options), robot=identified.model.robot)
+            motion = read_motion_for(identified, options.motion, motion_options(options))
         with progress.stage("predict"):
             result = identified.predict(motion, noise=not options.without_noise, cutoff=options.cutoff)
         with progress.stage("write"):
@@ -120,7 +126,7 @@ def payload_command(options: argparse.Namespace) -> None:
     with stages(options) as progress:
         with progress.stage("read"):
             identified = load_model(options.result)
-            log = read(options.log, reading_options(options, identified), identified.model.robot)
+            log = read_for(identified, options.log, reading_options(options, identified))
         result = identify_payload(
             identified,
             log,

@@ -277,7 +277,7 @@ def identify_payload(
     began = time.perf_counter()
     known = identified_of(earlier, "earlier")
     stated = None if known_mass is None else _stated(known_mass)
-    log = as_log(log, known.model.robot)
+    log = as_log(log, known.model.robot, known.reading)
     _check(known, log)
     factor_sd, factor_from = common_factor(known.gains, log) if common_sd is None else (common_sd, STATED)
     if not factor_sd >= 0.0:
