@@ -32,7 +32,7 @@ from bayesid.identification.prediction import (
 from bayesid.identification.records import Coefficient, Records, named
 from bayesid.identification.tuning import TUNING
 from bayesid.log.corrections import corrections
-from bayesid.log.kept_reading import OF_MOTION, as_corrected, beyond, exact_gains
+from bayesid.log.kept_reading import OF_MOTION, as_corrected, exact_gains
 from bayesid.log.log import Log, check_exact_gains
 from bayesid.log.reading import LogSource, as_log, joint_names
 from bayesid.log.signals import prepare
@@ -156,6 +156,14 @@ class IdentifiedModel:
             _, efforts = corrections(as_corrected(kept), self.model.robot.n_joints)
             gains = gains.ordered(np.argsort(efforts.order))
         return kept if gains is None else {**kept, "gains": gains}
+
+    def beyond_reading(self, log: Log) -> dict[str, Any]:
+        """Options that a log was read with, where they are others than `reading`."""
+        kept, found = self.reading, dict(log.read_with)
+        gains = exact_gains(found.get("gains"))
+        if gains is not None and "gains" in kept and np.allclose(gains.value, kept["gains"].value):
+            del found["gains"]
+        return {name: value for name, value in found.items() if kept.get(name, self.read_with.get(name)) != value}
 
     @property
     def motion_reading(self) -> dict[str, Any]:
@@ -285,4 +293,4 @@ class IdentifiedModel:
         signals = prepare(log, cutoff)
         predicted = self._as_read.predict(signals.motion)  # the log is read by the same gains
         compared = compare(log, signals, self.model.robot, predicted, self.noise)
-        return replace(compared, seen=self.seen(log), read_with=beyond(log.read_with, self.read_with))
+        return replace(compared, seen=self.seen(log), read_with=self.beyond_reading(log))

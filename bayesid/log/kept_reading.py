@@ -116,8 +116,3 @@ def as_corrected(reading: Mapping[str, Any]) -> str | None:
     """How joints were corrected; None where they were not."""
     text = reading.get("correct")
     return None if text is None else str(text)
-
-
-def beyond(reading: Mapping[str, Any], kept: Mapping[str, Any]) -> dict[str, Any]:
-    """Options of a log that are others than those kept with a result: what has to be given again."""
-    return {name: value for name, value in reading.items() if kept.get(name) != value}

@@ -330,6 +330,10 @@ def read_motion(
     table = wrapped_in_degrees(table) if degrees is None else table
     q, notes = positions_of(table, angle)
     motion = _recorded(table, q, angle)
+    later = np.flatnonzero(np.diff(motion.t, prepend=-np.inf) > 0.0)
+    if repeated := len(motion.t) - len(later):
+        notes = [*notes, f"{table.source}: {repeated:,} rows have the time of the row before: left out"]
+        motion = motion.rows(later)
     for note in (*table.mended, *notes):
         warnings.warn(note, stacklevel=2)
     if correct is None:

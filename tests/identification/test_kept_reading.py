@@ -87,6 +87,19 @@ def test_commands_read_by_what_is_kept_unless_an_option_is_given(turned, tmp_pat
     assert figures[0] == figures[1] != figures[2]
 
 
+def test_remedies_name_the_options_that_the_result_does_not_keep(turned, monkeypatch):
+    place, stored, _ = turned
+    monkeypatch.chdir(place)
+    found = bayesid.read_findings("result")
+    for options, told in (({}, ""), ({"correct": "q2=-q2", "unsigned": "1"}, " --correct q2=-q2 --unsigned 1")):
+        options = {"correct": OTHER_WAY, **options}
+        tried = stored.validate(bayesid.read_log("other.csv", **options))
+        remedies = " ".join(check.remedy for check in bayesid.check_findings(found.with_validation(tried)))
+        assert (
+            ("other.csv`" in remedies or "other.csv" not in remedies) if not told else f"other.csv{told}`" in remedies
+        )
+
+
 def test_exact_gains_and_which_joints_are_unsigned_are_kept(tmp_path):
     gains = [12.0, 0.3]
     for name, seed in (("log", 1), ("other", 3)):
