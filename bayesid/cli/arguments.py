@@ -108,7 +108,7 @@ def _out(help: str, **changes: Any) -> list[Option]:
 
 
 _READING = [
-    *_shared("--gains", "N m/A of each joint, for a log of currents (default: those of the result, where it has some)"),
+    *_shared("--gains", "N m/A of each joint, for a log of currents (default: as the result's log was read)"),
     *_shared(f"--unsigned --encoding {MOTION}"),
 ]
 """How a log is to be read beside a result, whose gains are no unknowns any more."""

@@ -9,7 +9,17 @@ from pathlib import Path
 
 from bayesid.cli.arguments import TERMS
 from bayesid.cli.bars import stages
-from bayesid.cli.options import check_new, command_line, finish, read, reading_options, robot_of, sampling, term_names
+from bayesid.cli.options import (
+    check_new,
+    command_line,
+    finish,
+    read,
+    read_for,
+    reading_options,
+    robot_of,
+    sampling,
+    term_names,
+)
 from bayesid.cli.terminal import line_of
 from bayesid.discrepancy.comparison import LogComparison, compare_logs
 from bayesid.discrepancy.workflow import Discrepancy, find_discrepancy
@@ -65,7 +75,7 @@ def _compare_with_result(options: argparse.Namespace) -> None:
     logs = [path] if options.holdout is None else [path, options.holdout]
     with stages(options) as progress:
         with progress.stage("read"):
-            log, *holdout = [read(path, reading, identified.model.robot) for path in logs]
+            log, *holdout = [read_for(identified, path, reading) for path in logs]
         result = find_discrepancy(
             identified,
             log,

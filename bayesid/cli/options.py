@@ -24,8 +24,9 @@ from bayesid.errors import BayesidError, InputError, printable
 from bayesid.files.writing import check_folder, check_place
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.log.formats.stated import parse_columns
-from bayesid.log.log import Log
-from bayesid.log.reading import read_log
+from bayesid.log.kept_reading import in_words, read_alike
+from bayesid.log.log import Log, RecordedMotion
+from bayesid.log.reading import read_log, read_motion
 from bayesid.posterior.sampler import Sampling
 from bayesid.regression.knowledge import Beliefs, KinematicTolerance, Links, read_nominal
 from bayesid.report.conclusion import Conclusion
@@ -128,7 +129,7 @@ def _keep(options: argparse.Namespace, path: Path, said: str, go_on: str = "") -
 
 
 def reading_options(options: argparse.Namespace, identified: IdentifiedModel | None = None) -> dict[str, Any]:
-    """Keyword arguments of `bayesid.read_log`; gains are those of an earlier result, unless others are given.
+    """Keyword arguments of `bayesid.read_log` as they are given; None where the usual ones, or a result's, count.
 
     Raises:
         InputError: uncertain gains are given beside a result.
@@ -140,11 +141,8 @@ def reading_options(options: argparse.Namespace, identified: IdentifiedModel | N
         remedy = "leave --gains out: the result has its own, or give exact ones"
         said = f"{gains!r:.60} are no exact numbers: uncertain gains are unknowns of `bayesid identify` alone"
         raise InputError(said, "--gains", remedy)
-    if identified is not None and identified.gains is not None:
-        if gains is None:
-            gains = identified.gains.found
-        else:
-            warn("the log is read by --gains, not by those of the result, in whose scale the model is")
+    if identified is not None and identified.gains is not None and gains is not None:
+        warn("the log is read by --gains, not by those of the result, in whose scale the model is")
     return {"gains": gains, "unsigned": options.unsigned, "encoding": options.encoding, **motion_options(options)}
 
 
@@ -175,6 +173,27 @@ def read(path: Path, reading: Mapping[str, Any], robot: Robot) -> Log:
     """A log of a robot, as `reading_options` say."""
     with warned():
         return read_log(path, **reading, robot=robot)
+
+
+def read_for(identified: IdentifiedModel, path: Path, given: Mapping[str, Any]) -> Log:
+    """A log of a result's robot: as the result's own was read, but for `reading_options` that are given."""
+    with warned():
+        return read_alike(read_log, path, told(identified.reading, given), given, robot=identified.model.robot)
+
+
+def read_motion_for(identified: IdentifiedModel, path: Path, given: Mapping[str, Any]) -> RecordedMotion:
+    """A motion of a result's robot, as `read_for` reads a log."""
+    kept = told(identified.motion_reading, given)
+    with warned():
+        return read_alike(read_motion, path, kept, given, robot=identified.model.robot)
+
+
+def told(kept: dict[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
+    """What is kept of a result's log, with a warning of that by which a log of its own might be read otherwise."""
+    applied = {name: value for name, value in kept.items() if name != "gains" and given.get(name) is None}
+    if applied:
+        warn(f"read as the result's log was: {shlex.join(in_words(applied))}")
+    return kept
 
 
 def finish(

@@ -11,7 +11,15 @@ import numpy as np
 from rich.console import RenderableType
 
 from bayesid.cli.bars import stages
-from bayesid.cli.options import check_file, check_new, finish, motion_options, read, reading_options, warned
+from bayesid.cli.options import (
+    check_file,
+    check_new,
+    finish,
+    motion_options,
+    read_for,
+    read_motion_for,
+    reading_options,
+)
 from bayesid.cli.terminal import line_of, table
 from bayesid.errors import InputError
 from bayesid.identification.model_file import load_model
@@ -19,7 +27,7 @@ from bayesid.identification.options import Preparation
 from bayesid.identification.payload import identify_payload
 from bayesid.identification.pipeline import QUICK
 from bayesid.identification.prediction import Validation
-from bayesid.log.reading import read_motion
+from bayesid.log.kept_reading import in_words
 from bayesid.posterior.sampler import Sampling
 from bayesid.progress import Progress
 from bayesid.report.conclusion import VALIDATED, Conclusion, conclude, sentence
@@ -38,7 +46,7 @@ def validate_command(options: argparse.Namespace) -> None:
         if folder is not None:
             with progress.stage("write"):
                 save_validation(result, folder)
-    words = [options.result, "--validation", options.log]
+    words = [options.result, "--validation", options.log, *in_words(result.read_with)]
     last = _written(folder) or f"put it into the report: bayesid report {shlex.join(map(str, words))}"
     finish(options, *_validation_parts(result), conclusion=_validated(result, options.result), last=last)
 
@@ -60,7 +68,7 @@ def _validated(result: Validation, folder: Path) -> Conclusion | None:
 def _validation(options: argparse.Namespace, path: Path, progress: Progress) -> Validation:
     with progress.stage("read"):
         identified = load_model(options.result)
-        log = read(path, reading_options(options, identified), identified.model.robot)
+        log = read_for(identified, path, reading_options(options, identified))
     with progress.stage("validate"):
         return identified.validate(log, options.cutoff)
 
@@ -83,8 +91,9 @@ def predict_command(options: argparse.Namespace) -> None:
     with stages(options) as progress:
         with progress.stage("read"):
             identified = load_model(options.result)
-            with warned():
-                motion = read_motion(options.motion, **motion_options(options), robot=identified.model.robot)
+            said = motion_options(options)
+            motion = read_motion_for(identified, options.motion, said)
+            read_as_corrected = (said["correct"] or identified.motion_reading.get("correct")) is not None
         with progress.stage("predict"):
             result = identified.predict(motion, noise=not options.without_noise, cutoff=options.cutoff)
         with progress.stage("write"):
@@ -95,7 +104,10 @@ def predict_command(options: argparse.Namespace) -> None:
     headings = ["joint", "largest effort", "95 % band: +-, in the middle", "unit"]
     again = shlex.join(["bayesid", "validate", str(options.result), "RECORDED.csv"])
     last = f"written to {options.out}; next, with a recording of the motion: {again}"
-    finish(options, table(headings, rows), f"the band holds {result.holds}", last=last)
+    corrected = (
+        ["efforts count as in the robot file, not as in a log before it is corrected"] if read_as_corrected else []
+    )
+    finish(options, table(headings, rows), f"the band holds {result.holds}", *corrected, last=last)
 
 
 def report_command(options: argparse.Namespace) -> None:
@@ -120,7 +132,7 @@ def payload_command(options: argparse.Namespace) -> None:
     with stages(options) as progress:
         with progress.stage("read"):
             identified = load_model(options.result)
-            log = read(options.log, reading_options(options, identified), identified.model.robot)
+            log = read_for(identified, options.log, reading_options(options, identified))
         result = identify_payload(
             identified,
             log,

@@ -8,12 +8,12 @@ import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import BinaryIO, TextIO
+from typing import Any, BinaryIO, TextIO
 
 import numpy as np
 
 from bayesid.cli.bars import stages
-from bayesid.cli.options import check_new, finish, read, reading_options, warned
+from bayesid.cli.options import check_new, finish, read_for, reading_options, told, warned
 from bayesid.cli.terminal import in_options, line_of, note, table, warn
 from bayesid.cli.tuning import TUNING
 from bayesid.errors import BayesidError, InputError
@@ -73,7 +73,7 @@ def _replay(options: argparse.Namespace) -> None:
     with stages(options) as progress:
         with progress.stage("read"):
             identified = load_model(options.result)
-            log = read(options.log, reading_options(options, identified), identified.model.robot)
+            log = read_for(identified, options.log, reading_options(options, identified))
         log = log.carrying(options.payload) if options.payload else log
         check_joints(identified.model.robot, log.n_joints, log.source)
         check_exact_gains(log)
@@ -183,7 +183,9 @@ def _follow(options: argparse.Namespace) -> None:
 
 
 def _reader(options: argparse.Namespace, identified: IdentifiedModel) -> RowReader:
-    said = reading_options(options, identified)
+    given = reading_options(options, identified)
+    kept = told({name: one for name, one in identified.reading.items() if name not in ("joints", "topic")}, given)
+    said: dict[str, Any] = {name: kept.get(name) if value is None else value for name, value in given.items()}
     told_by_result = said["encoding"] is None and identified.encoding is not None
     said["encoding"] = said["encoding"] or identified.encoding
     gains, unsigned, degrees, correct = (said.pop(name) for name in ("gains", "unsigned", "degrees", "correct"))
@@ -192,8 +194,8 @@ def _reader(options: argparse.Namespace, identified: IdentifiedModel) -> RowRead
     with warned():
         stream = _Announced(sys.stdin.buffer, robot.n_joints)
         reader = RowReader(stream, _SOURCE, gains, unsigned, degrees, columns, correct)
-    for told in reader.notes:
-        warn(told)
+    for said_of_it in reader.notes:
+        warn(said_of_it)
     if told_by_result:
         warn(f"efforts are decoded as those of the result's log: {Encoding.parse(str(identified.encoding)).said}")
     if reader.n_joints != robot.n_joints:

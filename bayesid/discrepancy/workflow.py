@@ -156,10 +156,10 @@ def find_discrepancy(
     """
     began = time.perf_counter()
     model, cutoff = earlier.knowledge.model, preparation.cutoff
-    log = as_log(log, model.robot)
-    later = None if holdout is None else as_log(holdout, model.robot)
-    check_log(model.robot, log)
     known = earlier.identified if isinstance(earlier, Identification) else earlier
+    log = as_log(log, model.robot, known.reading)
+    later = None if holdout is None else as_log(holdout, model.robot, known.reading)
+    check_log(model.robot, log)
     for unseen in (log, *([] if later is None else [later])):
         check_unseen(known, unseen)
     trial = shortened(make_trial(model, prepare(log, cutoff), thresholds))

@@ -36,6 +36,7 @@ from bayesid.excitation.splines import Feasibility, SplineBasis, SplineTrajector
 from bayesid.excitation.tuning import TUNING
 from bayesid.identification.identification import Identification, identified_of
 from bayesid.identification.identified_model import IdentifiedModel
+from bayesid.log.kept_reading import as_corrected
 from bayesid.motion import Motion
 from bayesid.parallel import one_blas_thread
 from bayesid.progress import SILENT, Progress
@@ -116,6 +117,7 @@ class NextMotion:
     unchecked: tuple[str, ...]  #: sentences on what was not checked
     slow: tuple[float, ...]  #: shares of the speed at which the motion keeps its limits, and so may be played
     seconds: float  #: of the design
+    correct: str | None = None  #: how the result's log was corrected as it was read: programs count as before that
 
     def __repr__(self) -> str:
         after, now = self.predicted.open, self.predicted.open_now
@@ -233,6 +235,7 @@ def design_next(
         unchecked=_unchecked(run, limits, assumed=unlimited),
         slow=tuple(share for share in SPEEDS if _bears_slowly(feasibility, trajectory, share)),
         seconds=time.perf_counter() - began,
+        correct=as_corrected(identified.read_with),
     )
 
 

@@ -40,6 +40,7 @@ class PlannedMotion:
     #: what was checked, a few words each, as "collisions of links"; for the heads of files
     checked: tuple[str, ...] = ()
     not_checked: tuple[str, ...] = ()  #: what was not; the files say too what no plan can check
+    count: str = "as in the log and the model that the motion was planned with"  #: how positions count
     share: float = 1.0  #: of the planned speed at which `at` goes; 1 unless `slowed`
 
     @property
@@ -100,7 +101,7 @@ class PlannedMotion:
             f"duration: {self.duration:.9g} s, at {100.0 * self.share:.3g} % of the planned speed",
             f"checked: {'; '.join(self.checked) or 'nothing'}",
             f"NOT checked: {'; '.join(dict.fromkeys((*self.not_checked, *never)))}",
-            "positions count as in the log and the model that the motion was planned with: compare one pose first",
+            f"positions count {self.count}: compare one pose first",
             "made by bayesid; not run on a controller",
             *said,
         ]

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -29,8 +31,10 @@ from bayesid.identification.prediction import (
 )
 from bayesid.identification.records import Coefficient, Records, named
 from bayesid.identification.tuning import TUNING
+from bayesid.log.corrections import corrections
+from bayesid.log.kept_reading import OF_MOTION, as_corrected, exact_gains
 from bayesid.log.log import Log, check_exact_gains
-from bayesid.log.reading import LogSource, as_log
+from bayesid.log.reading import LogSource, as_log, joint_names
 from bayesid.log.signals import prepare
 from bayesid.motion import Motion
 from bayesid.regression.knowledge import Knowledge
@@ -68,6 +72,7 @@ class IdentifiedModel:
             (`bayesid.identification.options.hashes`); none of a model that was written by hand.
         gains: by which readings were made efforts, where they were unknowns; other logs are to be read by the same.
         encoding: how readings of the log held their sign, where they did in a code: a stream is decoded by the same.
+        read_with: options of `bayesid.read_log` that the log was read with, where they were not the usual ones.
         listed: its coefficients as the identification gave them; none of a model that was written by hand.
 
     Example:
@@ -86,6 +91,7 @@ class IdentifiedModel:
     logs: frozenset[str] = frozenset()
     gains: IdentifiedGains | None = None
     encoding: str | None = None
+    read_with: Mapping[str, Any] = field(default_factory=dict)
     listed: tuple[Coefficient, ...] = ()
 
     def __repr__(self) -> str:
@@ -139,6 +145,31 @@ class IdentifiedModel:
         """
         return named(self.coefficients_table(), name, "coefficient")
 
+    @property
+    def reading(self) -> dict[str, Any]:
+        """Options of `bayesid.read_log` for other logs of its recorder: as its own was read, by the gains found."""
+        kept = {name: value for name, value in self.read_with.items() if name != "gains"}
+        if kept.get("joints") == list(joint_names(self.model.robot)):
+            del kept["joints"]  # which are looked for anyway
+        gains = exact_gains(self.read_with.get("gains")) if self.gains is None else self.gains.found
+        if gains is not None and self.gains is not None:  # those of the joints as recorded
+            _, efforts = corrections(as_corrected(kept), self.model.robot.n_joints)
+            gains = gains.ordered(np.argsort(efforts.order))
+        return kept if gains is None else {**kept, "gains": gains}
+
+    def beyond_reading(self, log: Log) -> dict[str, Any]:
+        """Options that a log was read with, where they are others than `reading`."""
+        kept, found = self.reading, dict(log.read_with)
+        gains = exact_gains(found.get("gains"))
+        if gains is not None and "gains" in kept and np.allclose(gains.value, kept["gains"].value):
+            del found["gains"]
+        return {name: value for name, value in found.items() if kept.get(name, self.read_with.get(name)) != value}
+
+    @property
+    def motion_reading(self) -> dict[str, Any]:
+        """Those of `reading` that a motion is read by."""
+        return {name: value for name, value in self.reading.items() if name in OF_MOTION}
+
     def effort(self, motion: Motion) -> Array:
         """(N, n) actuator efforts of a motion, N m."""
         return self.model.effort(motion, self.theta)
@@ -175,7 +206,7 @@ class IdentifiedModel:
             >>> stored.predict("motion.csv").to_dataframe().columns.tolist()[:5]
             ['t', 'tau1', 'tau2', 'tau3', 'sd1']
         """
-        motion = motion_of(motion, self.model.robot, cutoff)
+        motion = motion_of(motion, self.model.robot, cutoff, self.motion_reading)
         check_payloads(self.model, motion)
         known = self._knows_parameters
         if not known and not noise:
@@ -256,10 +287,10 @@ class IdentifiedModel:
             >>> check.coverage.round(2)
             array([0.93, 0.97, 0.99])
         """
-        log = as_log(log, self.model.robot)
+        log = as_log(log, self.model.robot, self.reading)
         check_exact_gains(log)
         check_joints(self.model.robot, log.n_joints, log.source)
         signals = prepare(log, cutoff)
         predicted = self._as_read.predict(signals.motion)  # the log is read by the same gains
         compared = compare(log, signals, self.model.robot, predicted, self.noise)
-        return replace(compared, seen=self.seen(log))
+        return replace(compared, seen=self.seen(log), read_with=self.beyond_reading(log))

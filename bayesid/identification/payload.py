@@ -13,7 +13,9 @@ are (the separation of Barnard, McCulloch and Meng, Modeling covariance matrices
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from scipy.special import chdtri, ndtri
@@ -180,6 +182,7 @@ class PayloadReading:
         common_sd: relative sd of the efforts' common factor, which mass and inertia hold.
         common_sd_from: `stated` (by the user, or by exact gains), `gains` (of the earlier result) or `assumed`.
         mass_sd_by_log: sd of the mass, kg, if all efforts were right: what the log alone leaves open.
+        read_with: options that the log was read with, where they are others than those of the earlier log.
 
     Example:
         >>> reading.body.shown, reading.check.joints  # nothing else has changed in any joint
@@ -197,6 +200,7 @@ class PayloadReading:
     common_sd: float = 0.0
     common_sd_from: str = STATED
     mass_sd_by_log: float = np.nan
+    read_with: Mapping[str, Any] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         mass, changed = self.body.mass, ", ".join(map(str, self.check.joints)) or "the links"
@@ -277,7 +281,7 @@ def identify_payload(
     began = time.perf_counter()
     known = identified_of(earlier, "earlier")
     stated = None if known_mass is None else _stated(known_mass)
-    log = as_log(log, known.model.robot)
+    log = as_log(log, known.model.robot, known.reading)
     _check(known, log)
     factor_sd, factor_from = common_factor(known.gains, log) if common_sd is None else (common_sd, STATED)
     if not factor_sd >= 0.0:
@@ -316,6 +320,7 @@ def identify_payload(
         seconds=time.perf_counter() - began,
         common_sd=factor_sd,
         common_sd_from=factor_from,
+        read_with=known.beyond_reading(log),
         mass_sd_by_log=Estimate.of_draws(evenly_sized(draws)[:, 9]).sd,
     )
 

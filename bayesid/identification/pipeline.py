@@ -434,7 +434,9 @@ def _identification(
         fit = replace(fit, covariance=fit.covariance + spread_by_gains(spread, asked.evidence))
     prices = constraint_prices(asked.evidence, averaged.fit, 2.0 * probability - 1.0)
     return Identification(
-        **vars(replace(identified, gains=known, logs=seen | hashes(log), encoding=log.encoding)),
+        **vars(
+            replace(identified, gains=known, logs=seen | hashes(log), encoding=log.encoding, read_with=log.read_with)
+        ),
         coefficients=asked.evidence.coefficients,
         log=log,
         signals=signals,

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from bayesid.effects.model import Model
 from bayesid.errors import InputError
 from bayesid.files.writing import numbered, replace_file, write_columns
 from bayesid.log.formats.memory import Frame, Variables
+from bayesid.log.kept_reading import read_alike
 from bayesid.log.log import GIVEN, Log, RecordedMotion, motion_of_log
 from bayesid.log.reading import motion_of_arrays, read_motion
 from bayesid.log.segments import Segments, find_segments
@@ -149,13 +151,17 @@ class PredictedEfforts:
         return place
 
 
-def motion_of(given: MotionLike, robot: Robot, cutoff: float | None = None) -> Motion:
+def motion_of(
+    given: MotionLike, robot: Robot, cutoff: float | None = None, kept: Mapping[str, Any] = MappingProxyType({})
+) -> Motion:
     """The motion that is meant: as it stands if accelerations are given, else low-passed and differentiated.
+
+    Files and tables are read by options `kept` of a result's log.
 
     Raises:
         InputError: it is none, cannot be used, or has another number of joints.
     """
-    motion = _read(given)
+    motion = _read(given, kept)
     n, source = (motion.n_joints, GIVEN) if isinstance(motion, Motion) else (motion.q.shape[1], motion.source)
     if n != robot.n_joints:
         counts = f"the motion has {n} joints, the model's robot {robot.name} has {robot.n_joints}"
@@ -174,7 +180,7 @@ def check_payloads(model: Model, motion: Motion) -> None:
         raise InputError(f"the model knows no payload {label!r}", GIVEN, f"give one that it knows ({known}), or none")
 
 
-def _read(given: MotionLike) -> Motion | RecordedMotion:
+def _read(given: MotionLike, kept: Mapping[str, Any]) -> Motion | RecordedMotion:
     """What was given, checked."""
     if isinstance(given, Motion | RecordedMotion):
         return given
@@ -183,7 +189,7 @@ def _read(given: MotionLike) -> Motion | RecordedMotion:
     if isinstance(given, tuple | list):
         return _of_arrays(given)
     if isinstance(given, str | Path | Mapping | Frame) or (isinstance(given, np.ndarray) and given.dtype.names):
-        return read_motion(given)
+        return read_alike(read_motion, given, kept, {})
     raise InputError(f"{type(given).__name__} is no motion", GIVEN, _REMEDY)
 
 
@@ -195,10 +201,10 @@ def _of_arrays(given: Sequence[object]) -> Motion | RecordedMotion:
     try:
         t, q, dq, ddq = (np.asarray(values, dtype=float) for values in given)
         motion = Motion(t, q, dq, ddq)
-        if not len(motion) or np.any(np.diff(motion.t) < 0.0):
-            raise ValueError("time runs backwards" if len(motion) else "holds no instant")
+        if not len(motion) or np.any(np.diff(motion.t) <= 0.0):
+            raise ValueError("t does not increase from row to row" if len(motion) else "holds no instant")
     except (TypeError, ValueError) as error:
-        remedy = "give finite t (N,), which never falls, and q, dq and ddq (N, n)"
+        remedy = "give finite t (N,), which increases, and q, dq and ddq (N, n)"
         raise InputError(str(error), GIVEN, remedy) from None
     return motion
 
@@ -276,6 +282,7 @@ class Validation:
         coverage: (n,) share of the unfiltered efforts in motion, with their likelier signs, that lie in the band.
         band: what the band accounts for.
         seen: whether the model was identified from this log: then it is no validation.
+        read_with: options that the log was read with, where they are others than those of the model's log.
 
     Example:
         >>> check = result.validate("another_log.csv")
@@ -296,6 +303,7 @@ class Validation:
     coverage: Array
     band: str
     seen: bool = False
+    read_with: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def not_compared(self) -> dict[int, str]:

@@ -43,16 +43,26 @@ class Corrected:
         corrected: Array = values[:, self.order] * self.factor
         return corrected + self.zero if zero else corrected
 
+    def recorded(self, values: Array, *, zero: bool = False) -> Array:
+        """(N, n) values as they were recorded, from those of the joints: what `of` undoes."""
+        shifted = values - self.zero if zero else values
+        recorded: Array = (shifted / self.factor)[:, np.argsort(self.order)]
+        return recorded
 
-def corrections(text: str, n: int) -> tuple[Corrected, Corrected]:
-    """Of the positions and of the efforts of n joints, as the command line says them.
+    def recorded_probability(self, positive: Array) -> Array:
+        """(N, n) probability that what was recorded is above zero, from that of the joints' values."""
+        return np.where(self.factor < 0.0, 1.0 - positive, positive)[:, np.argsort(self.order)]
+
+
+def corrections(text: str | None, n: int) -> tuple[Corrected, Corrected]:
+    """Of the positions and of the efforts of n joints, as the command line says them; None leaves all as they were.
 
     Raises:
         InputError: an entry cannot be understood, or names a joint that is not there.
     """
     made = {kind: Corrected(np.arange(n), np.ones(n), np.zeros(n)) for kind in ("q", "tau")}
     seen: set[tuple[str, int]] = set()
-    for entry in text.split(","):
+    for entry in text.split(",") if text is not None else ():
         found = _ENTRY.fullmatch(entry.strip())
         kinds = [] if found is None else ["tau" if found[key] == "i" else found[key] for key in ("kind", "of")]
         if found is None or kinds[0] != kinds[1] or (found["joint"] is None) != (found["other"] is None):

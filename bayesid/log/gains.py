@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bayesid.arrays import Array, Mask, frozen
+from bayesid.arrays import Array, Integers, Mask, frozen
 from bayesid.errors import InputError
 from bayesid.files.bounded import read_source
 from bayesid.log.tuning import TUNING
@@ -82,6 +82,10 @@ class Gains:
     def unit_of_gain(self) -> str:
         """What the values are in, as N m/A."""
         return "N m per N m as logged" if self.of_torques else f"N m/{self.unit}"
+
+    def ordered(self, order: Integers) -> Gains:
+        """Those of the joints with these indices, in their order."""
+        return replace(self, value=self.value[order], sd=self.sd[order])
 
     def times(self, factor: Array) -> Gains:
         """With each value multiplied by its factor (n,)."""

@@ -9,7 +9,8 @@ from dataclasses import replace
 from glob import glob
 from itertools import chain, pairwise
 from pathlib import Path
-from typing import TypeAlias
+from types import MappingProxyType
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -26,6 +27,7 @@ from bayesid.log.formats.parts import JOINT, join_parts
 from bayesid.log.formats.stated import parse_columns
 from bayesid.log.formats.table import DEGREE, check, far_positions, rows_of
 from bayesid.log.gains import Gains, gains_of
+from bayesid.log.kept_reading import read_alike
 from bayesid.log.log import GIVEN, Log, RecordedMotion, join_logs
 from bayesid.log.mending import (
     at_own_rate,
@@ -100,6 +102,7 @@ def read_log(  # noqa: PLR0913  a source, and what may be said of it
     options = replace(options, robot_joints=() if robot is None else joint_names(robot))
     table = at_own_rate(_table_of(source, options))
     angle, made_with = angle_unit(table, degrees), gains_of_table(table, gains)
+    read_by = made_with
     table = wrapped_in_degrees(table) if degrees is None else table
     q, notes = positions_of(table, angle)
     effort = table.block("tau" if "tau1" in table.columns else "i")
@@ -118,6 +121,7 @@ def read_log(  # noqa: PLR0913  a source, and what may be said of it
     if correct is not None:
         positions, efforts = corrections(correct, table.n_joints)
         q, effort = positions.of(q, zero=True), efforts.of(effort)
+        made_with = made_with.ordered(efforts.order)
         dq = None if dq is None else positions.of(dq)
         signed = signed[efforts.order] if unsigned is None else signed
     for note in (*table.notes, *notes):
@@ -137,11 +141,28 @@ def read_log(  # noqa: PLR0913  a source, and what may be said of it
         )
         for name, rows in _recordings(table)
     ]
-    said = gains.text if isinstance(gains, Gains) else gains
-    asked = {"gains": said, "degrees": degrees, "topic": topic, "joints": joints, "columns": stated}
+    asked = {
+        "gains": _as_read(gains, read_by),
+        "unsigned": unsigned,
+        "degrees": degrees,
+        "topic": topic,
+        "joints": joints,
+        "columns": stated,
+    }
     asked |= {"encoding": encoding, "joints": table.joints or joints, "correct": correct}
     used = {name: list(one) if isinstance(one, tuple) else one for name, one in asked.items() if one is not None}
     return replace(join_logs(recordings), read_with=used)
+
+
+def _as_read(stated: Sequence[float] | Gains | str | None, read_by: Gains) -> list[float] | str | None:
+    """Gains as `read_log` takes them: a list of exact ones of currents, else text; None where they were left out."""
+    left_out = isinstance(stated, Gains) and read_by.of_torques and not stated.of_torques
+    if stated is None or left_out:
+        return None
+    if read_by.exact.all() and not read_by.of_torques:
+        exact: list[float] = read_by.value.tolist()
+        return exact
+    return stated if isinstance(stated, str) else read_by.text
 
 
 def _table_of(source: str | Path | Variables | Parts, options: Options) -> Table:
@@ -189,9 +210,9 @@ def _part(values: Array, rows: slice) -> Array:
     return values if rows == slice(None) else values[rows]
 
 
-def as_log(source: LogSource, robot: Robot) -> Log:
-    """A log as it is, and anything else as `read_log` reads it for a robot."""
-    return source if isinstance(source, Log) else read_log(source, robot=robot)
+def as_log(source: LogSource, robot: Robot, kept: Mapping[str, Any] = MappingProxyType({})) -> Log:
+    """A log as it is, and anything else as `read_log` reads it for a robot, by options kept of a result's log."""
+    return source if isinstance(source, Log) else read_alike(read_log, source, kept, {}, robot=robot)
 
 
 def joint_names(robot: Robot) -> tuple[str, ...]:
@@ -309,6 +330,10 @@ def read_motion(
     table = wrapped_in_degrees(table) if degrees is None else table
     q, notes = positions_of(table, angle)
     motion = _recorded(table, q, angle)
+    later = np.flatnonzero(np.diff(motion.t, prepend=-np.inf) > 0.0)
+    if repeated := len(motion.t) - len(later):
+        notes = [*notes, f"{table.source}: {repeated:,} rows have the time of the row before: left out"]
+        motion = motion.rows(later)
     for note in (*table.mended, *notes):
         warnings.warn(note, stacklevel=2)
     if correct is None:
@@ -329,6 +354,8 @@ def motion_of_arrays(t: object, q: object, dq: object | None = None) -> Recorded
         named = zip(["t"] if kind == "t" else numbered(kind, shape[1]), np.atleast_2d(values.T), strict=True)
         columns |= {name: Column(name, column) for name, column in named}
     table = check(Table(columns, GIVEN, rows_of(GIVEN)))
+    if not (np.diff(table.t) > 0.0).all():
+        raise InputError("t does not increase from row to row", GIVEN, "give every instant once")
     return _recorded(table, table.block("q"), 1.0)
 
 

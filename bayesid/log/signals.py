@@ -136,7 +136,11 @@ def still_joints(q: Array) -> Mask:
 
 
 def filtered_motion(recorded: RecordedMotion, cutoff: float | None = None) -> Motion:
-    """A motion at its own N instants, made as `prepare` makes a log's: low-passed on an even grid, differentiated."""
+    """A motion at its own N instants, made as `prepare` makes a log's: low-passed on an even grid, differentiated.
+
+    Of rows with one time the first counts.
+    """
+    recorded = recorded.rows(np.flatnonzero(np.diff(recorded.t, prepend=-np.inf) > 0.0))
     even = _on_even_grid(_distinct(recorded)[0])
     smooth = even.smooth(even.cutoff(cutoff))
     q, velocity = scipy.interpolate.CubicSpline(smooth.t, smooth.q), scipy.interpolate.CubicSpline(smooth.t, smooth.dq)

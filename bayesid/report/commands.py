@@ -12,23 +12,22 @@ from bayesid.report.findings import Findings
 from bayesid.report.summary import Summary
 from bayesid.report.tuning import TUNING
 
-_READING = {"--degrees": 0, "--no-degrees": 0} | dict.fromkeys(
-    ("--columns", "--encoding", "--gains", "--joints", "--topic", "--unsigned"), 1
-)
-"""Options that say how a log is read, with the number of words that follow."""
 ANOTHER_LOG = "ANOTHER_LOG.csv"
 """Stands for a log that only the user knows."""
 
 
 def find_discrepancy(findings: Findings, log: str = "") -> str:
     """What names what the model lacks to explain another log."""
-    source = shlex.quote(log) if log and Path(log).exists() else ANOTHER_LOG
-    return f"`bayesid discrepancy {_folder(findings)} {source}{_as_read(findings.summary)}`"
+    source, tried = ANOTHER_LOG, findings.prediction
+    if log and Path(log).exists():
+        source = shlex.quote(log)
+        source += f" {tried.read_with}" if tried is not None and tried.source == log and tried.read_with else ""
+    return f"`bayesid discrepancy {_folder(findings)} {source}`"
 
 
 def validate(findings: Findings) -> str:
     """What tries the model on another log, in the report."""
-    return f"`bayesid report {_folder(findings)} --validation {ANOTHER_LOG}{_as_read(findings.summary)}`"
+    return f"`bayesid report {_folder(findings)} --validation {ANOTHER_LOG}`"
 
 
 def excite(summary: Summary) -> str:
@@ -69,16 +68,6 @@ def with_more(summary: Summary, check: Check, budget: str) -> Check:
 def program(summary: Summary) -> str:
     """The command that was run, as in identify; empty if none was."""
     return next(iter(_words(summary)[1:]), "")
-
-
-def _as_read(summary: Summary) -> str:
-    """The options by which the log was read, for another one of the same recorder."""
-    words, kept = _words(summary), []
-    own = () if summary.gains is None else ("--gains",)  # a result that has gains reads logs by them
-    for k, word in enumerate(words):
-        if (option := word.partition("=")[0]) in _READING and option not in own:
-            kept += [word] if "=" in word else words[k : k + 1 + _READING[option]]
-    return "".join(f" {word}" for word in map(shlex.quote, kept))
 
 
 def _words(summary: Summary) -> list[str]:

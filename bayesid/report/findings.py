@@ -7,6 +7,7 @@ and posterior.nc), which gives the same.
 from __future__ import annotations
 
 import os
+import shlex
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, field, fields, replace
 from pathlib import Path
@@ -19,6 +20,7 @@ from bayesid.errors import InputError, printable
 from bayesid.files.writing import read_json
 from bayesid.identification.identification import Identification
 from bayesid.identification.prediction import NORMAL_95, Validation
+from bayesid.log.kept_reading import in_words
 from bayesid.log.signals import signed_effort
 from bayesid.regression.noise import autocovariance
 from bayesid.report.summary import Summary, filled, summarise
@@ -119,6 +121,7 @@ class Prediction:
     coverage: Array  #: (n,) share of the unfiltered efforts in motion that lie in the band
     band: str  #: what the band accounts for
     seen: bool = False  #: whether the model was identified from this log: then it is no validation
+    read_with: str = ""  #: options of the command line that it was read with, where they are not the result's own
 
 
 @dataclass(frozen=True)
@@ -205,7 +208,8 @@ class Findings:
         motion = validation.signals.motion
         curves = {name: getattr(validation, name)[rows] for name in ("measured", "predicted", "lower", "upper")}
         t = motion.t[rows] - motion.origin
-        return replace(self, prediction=filled(Prediction, validation, source=validation.log.source, t=t, **curves))
+        said = {"source": validation.log.source, "t": t, "read_with": shlex.join(in_words(validation.read_with))}
+        return replace(self, prediction=filled(Prediction, validation, **said, **curves))
 
 
 def find_findings(identification: Identification) -> Findings:

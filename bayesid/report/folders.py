@@ -36,6 +36,8 @@ from bayesid.files.writing import (
 from bayesid.identification.identification import Identification
 from bayesid.identification.model_file import model_table
 from bayesid.identification.prediction import Validation
+from bayesid.log.corrections import corrections
+from bayesid.log.kept_reading import as_corrected
 from bayesid.log.log import Log, Piece, write_log
 from bayesid.log.signals import Signals
 from bayesid.log.velocities import derived
@@ -450,19 +452,25 @@ def kept_draws(identification: Identification) -> DataTree:
 def _write_signed_log(path: Path, log: Log, signals: Signals, probability: Array) -> None:
     """The log's own rows: efforts with their likelier signs, the probability that the sign is +, and the motion.
 
-    `read_log` reads it. Velocities are measured ones or, where there are none, the change of the positions. Rows of
-    logs that were joined keep their own times, to the last digit.
+    They count as in the log, before it was corrected, in N m and rad: `read_log` reads it as it read the log. Columns
+    of a log in degrees say their unit. Velocities are measured ones or, where there are none, the change of the
+    positions. Rows of logs that were joined keep their own times, to the last digit.
     """
     dq = np.concatenate([_velocities(log, piece) for piece in log.pieces]) if log.pieces else _velocities(log)
+    positions, efforts = corrections(as_corrected(log.read_with), log.n_joints)
 
     def rows(some: slice) -> Array:
         nearest = np.rint((log.t[some] - signals.motion.t[0]) * signals.rate).astype(int)
         p = np.round(probability[np.clip(nearest, 0, len(probability) - 1)], 6)
         effort = log.effort[some]
         p = np.where(log.signed, (effort >= 0.0).astype(float), p)
-        return np.hstack([np.where(log.signed | (p >= 0.5), effort, -effort), p, log.q[some], dq[some]])
+        signed = efforts.recorded(np.where(log.signed | (p >= 0.5), effort, -effort))
+        p = np.round(efforts.recorded_probability(p), 6)
+        return np.hstack([signed, p, positions.recorded(log.q[some], zero=True), positions.recorded(dq[some])])
 
-    names = ["t", *(name for kind in ("tau", "p", "q", "dq") for name in numbered(kind, log.n_joints))]
+    unit = {"q": "[rad]", "dq": "[rad/s]"} if log.read_with.get("degrees") else {}
+    kinds = ("tau", "p", "q", "dq")
+    names = ["t", *(f"{name}{unit.get(kind, '')}" for kind in kinds for name in numbered(kind, log.n_joints))]
     t = np.concatenate([piece.t for piece in log.pieces]) if log.pooled else log.t
     sources = [piece.source for piece in log.pieces for _ in piece.t] if log.pooled else None
     write_columns(path, names, t, rows, sources=sources)

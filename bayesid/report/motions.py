@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from bayesid.export.controllers import PROGRAM_FOLDERS, PlannedMotion, Programs,
 from bayesid.files.writing import check_folder, save_folder, write_json, write_motion, write_table
 from bayesid.identification.checks import Check, State
 from bayesid.identification.identification import KNOWN
+from bayesid.log.corrections import corrections
 from bayesid.motion import Motion
 from bayesid.report.conclusion import Conclusion, sentence
 from bayesid.report.summary import as_object, taken
@@ -28,6 +30,8 @@ from bayesid.report.words import counted, table
 DESIGN_MARKER, NEXT_MARKER = "design.json", "next_motion.json"
 DESIGN_FILES = frozenset({DESIGN_MARKER, "trajectory.csv", "excitation.svg"})
 NEXT_FILES = frozenset({NEXT_MARKER, "next_motion.svg", "predicted.csv"}) | PROGRAM_FOLDERS
+_COUNT = "as in the log, before it was corrected"
+_MODEL_COUNT = "this table, limits and --start count as in the robot file"
 _RESOLVABILITY = "resolvability: twice the log odds against all signs of the joint turned"
 _STATES: dict[str, State] = {"green": "good", "amber": "look", "red": "bad"}
 _JOINT = ["joint", "starts at", "lowest", "highest", "speed", "acceleration"]
@@ -211,18 +215,27 @@ def save_next_motion(design: NextMotion, folder: str | Path) -> Path:
 
 
 def planned(design: NextMotion) -> PlannedMotion:
-    """The motion as programs take it."""
+    """The motion as programs take it: its positions count as in the log, before that was corrected."""
     robot, run = design.known.model.robot, design.run
-    return PlannedMotion(
+    positions, _ = corrections(design.correct, robot.n_joints)
+    joints = [(robot.joints[j], j + 1) for j in np.argsort(positions.order)]
+
+    def recorded(t: Array) -> Motion:
+        motion = design.trajectory.motion(t)
+        q, dq, ddq = positions.recorded(motion.q, zero=True), *map(positions.recorded, (motion.dq, motion.ddq))
+        return Motion(motion.t, q, dq, ddq, payload=motion.payload)
+
+    as_logged = PlannedMotion(
         robot=robot.name,
-        joint_names=tuple(joint.name or f"joint{j}" for j, joint in enumerate(robot.joints, start=1)),
-        prismatic=tuple(joint.prismatic for joint in robot.joints),
-        at=design.trajectory.motion,
+        joint_names=tuple(joint.name or f"joint{j}" for joint, j in joints),
+        prismatic=tuple(joint.prismatic for joint, _ in joints),
+        at=recorded,
         duration=run.duration,
         rate=run.rate,
         checked=design.checked,
         not_checked=design.unchecked,
     )
+    return as_logged if design.correct is None else replace(as_logged, count=f"{_COUNT} ({design.correct})")
 
 
 def picture(design: NextMotion) -> Any:
@@ -288,6 +301,7 @@ def next_summary(design: NextMotion, programs: Programs) -> dict[str, Any]:
             "programs": {"folders": [folder.name for folder in programs.folders], "files": programs.files},
             "not_written": programs.left_out,
             "control_points": design.trajectory.control,
+            **({} if design.correct is None else {"programs_count_before": design.correct}),
         }
     )
 
@@ -310,6 +324,7 @@ def next_motion_text(design: NextMotion) -> str:
         *(f"- {sentence}" for sentence in design.never),
         "",
         table([*_JOINT, "effort"], _joints(design)),
+        *([] if design.correct is None else [f"programs: positions count {_COUNT} ({design.correct}); {_MODEL_COUNT}"]),
         "positions in rad (m where a joint slides); the others as shares of their limits, efforts with their band",
         *_clearance(design),
         f"checked: {'; '.join(design.checked)}",

@@ -9,6 +9,7 @@ from typing import Any
 from bayesid.files.writing import save_folder, write_json
 from bayesid.identification.checks import Check, convergence
 from bayesid.identification.payload import ASSUMED, AXES, BY_GAINS, Estimate, PayloadReading
+from bayesid.log.kept_reading import in_words
 from bayesid.report.summary import as_object, taken
 from bayesid.report.words import in_percent, joints_in_words, quantity, rounded
 
@@ -100,7 +101,9 @@ def _unchanged(reading: PayloadReading, result: str) -> Check:
     seen = f"{residual}{check.MOST_RESIDUAL:g}), {links}, {own}"
     if check.passed:
         return Check(name, "good", f"no change is seen: {seen}")
-    command = shlex.join(["bayesid", "discrepancy", result, reading.identification.log.source])
+    command = shlex.join(
+        ["bayesid", "discrepancy", result, reading.identification.log.source, *in_words(reading.read_with)]
+    )
     remedy = f"`{command}` names what has changed"
     if check.residual[worst] <= check.MOST_RESIDUAL and check.chi_square <= check.limit:
         which = joints_in_words(check.joints)

@@ -3,6 +3,7 @@
 import csv
 import json
 import os
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -73,3 +74,22 @@ def test_what_a_discrepancy_could_not_tell_apart_is_told_by_default(here, capsys
     assert pairs == {("torque_offset:1", "joint_spring:1"), ("joint_spring:1", "torque_offset:1")}
     assert "efforts" in told["not_checked"][1]
     assert capsys.readouterr().out == ""
+
+
+def test_programs_for_a_corrected_result_count_as_the_controller_does(made, tmp_path):
+    """Joint 2 turns the other way with a zero of its own, and joints 1 and 3 are exchanged."""
+    written = {}
+    for name, correct in (("plain", None), ("turned", "q1=q3,q3=q1,q2=-q2+0.5")):
+        stored = bayesid.load_model(made / "result")
+        if correct is not None:
+            stored = replace(stored, read_with={"correct": correct})
+        design = bayesid.design_next(stored, ["Fc2"], run=bayesid.RunSettings(duration=4.0, rate=50.0), changes=10)
+        place = bayesid.save_next_motion(design, tmp_path / name)
+        table = np.genfromtxt(place / "speed_100" / "motion.csv", delimiter=",", names=True)
+        written[name] = table, (place / "speed_100" / "motion.src").read_text()
+    (plain, _), (turned, program) = written["plain"], written["turned"]
+    np.testing.assert_allclose(turned["q2"], 0.5 - plain["q2"], atol=2e-9)
+    np.testing.assert_allclose(turned["dq2"], -plain["dq2"], atol=2e-9)
+    np.testing.assert_allclose(turned["q1"], plain["q3"], atol=2e-9)
+    np.testing.assert_allclose(turned["dq3"], plain["dq1"], atol=2e-9)
+    assert "before it was corrected" in " ".join(program.split())

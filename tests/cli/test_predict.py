@@ -65,3 +65,17 @@ def test_the_file_holds_what_python_gives(made, place, capfd, options, noise):
     assert "written to new/torques.csv" in out
     assert err == ""
     assert_refused(capfd, command, ["is there already", "--force", "new/torques-2.csv"])
+
+
+def test_repeated_rows_of_a_file_are_left_out_and_arrays_with_them_are_refused(place, capfd):
+    stored = bayesid.load_model("result")
+    _, values = table(place / "motion.csv")
+    np.savetxt("twice.csv", np.repeat(values, 2, axis=0), delimiter=",", header="t,q1,q2", comments="", fmt="%.17g")
+    for name in ("motion", "twice"):
+        assert run("predict", "result", f"{name}.csv", "--out", f"of_{name}.csv") == 0
+        assert ("500 rows have the time of the row before" in capfd.readouterr().err) == (name == "twice")
+    np.testing.assert_array_equal(table(place / "of_twice.csv")[1], table(place / "of_motion.csv")[1])
+    t, q = np.repeat(values[:, 0], 2), np.repeat(values[:, 1:], 2, axis=0)
+    for given in ((t, q), (t, q, 0.0 * q, 0.0 * q)):
+        with pytest.raises(bayesid.InputError, match="does not increase"):
+            stored.predict(given)

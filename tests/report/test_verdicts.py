@@ -229,8 +229,6 @@ def test_remedies_are_commands_with_the_result_and_its_robot():
     found = with_summary(found, "provenance", command=command, options={"robot": "ur10e"})
     assert "`bayesid discrepancy 'my results/un' ANOTHER_LOG.csv`" in told(found, "Fit").remedy
     assert "`bayesid report 'my results/un' --validation ANOTHER_LOG.csv`" in told(found, "Validation").remedy
-    read = with_summary(found, "provenance", command="bayesid identify a.csv --unsigned all --degrees --joints=q2,q1")
-    assert "ANOTHER_LOG.csv --unsigned all --degrees --joints=q2,q1`" in told(read, "Validation").remedy
     silent_one = with_summary(found, "fit", condition_number=None)
     assert "`bayesid excite --robot ur10e`" in told(silent_one, "Excitation").remedy
     arm = {"robot": "two arms.urdf", "tip": "left_hand", "hold": {"lift": 0.25, "waist": -1.0}}

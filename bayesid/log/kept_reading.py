@@ -1,0 +1,118 @@
+"""How the log of a result was read, and another log or motion of the same recorder by the same options."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping
+from typing import Any, TypeVar
+
+import numpy as np
+
+from bayesid.errors import InputError, printable
+from bayesid.log.gains import Gains
+from bayesid.log.log import Log, RecordedMotion
+
+NAMING = ("columns", "joints", "topic", "encoding")
+"""Options of names and codes, which another file of the recorder may not have."""
+OF_MOTION = ("columns", "correct", "degrees", "joints", "topic")
+"""Options that a motion is read by."""
+_KINDS: Mapping[str, type | tuple[type, ...]] = {
+    "columns": dict,
+    "correct": str,
+    "degrees": bool,
+    "encoding": str,
+    "gains": (list, str),
+    "joints": list,
+    "topic": str,
+    "unsigned": str,
+}
+"""Options that are kept with a result, and what each is there."""
+Recorded = TypeVar("Recorded", Log, RecordedMotion)
+
+
+def checked_reading(table: Mapping[str, Any]) -> dict[str, Any]:
+    """The options of a file, or ValueError where they are none."""
+    for name, value in table.items():
+        if not isinstance(value, _KINDS.get(name, ())):
+            raise ValueError(f"reading, {name}, cannot be used")
+    return dict(table)
+
+
+def exact_gains(stated: object) -> Gains | None:
+    """Gains that a log was read with, for another one: a list is of currents, text of exact numbers of torques."""
+    if stated is None:
+        return None
+    words = stated.split(",") if isinstance(stated, str) else stated
+    try:
+        value = np.array([float(word) for word in words])  # type: ignore[attr-defined]
+    except ValueError:  # uncertain ones, which the result has found
+        return None
+    return Gains(value, np.zeros(len(value)), of_torques=isinstance(stated, str))
+
+
+def read_alike(
+    reader: Callable[..., Recorded], source: Any, kept: Mapping[str, Any], given: Mapping[str, Any], **more: Any
+) -> Recorded:
+    """What `read_log` or `read_motion` make of a source by kept options, or by given ones in their place.
+
+    Kept names of columns or joints and a kept encoding that the source does not have are left out, which a warning
+    says, where it can be read without them.
+
+    Raises:
+        InputError: it cannot be read, or kept degrees may be rad.
+    """
+    said = {name: value for name, value in given.items() if value is not None}
+    options = {**kept, **said}
+    naming = [name for name in NAMING if name in kept and name not in said]
+    try:
+        found = reader(source, **options, **more)
+    except InputError as refused:
+        if not naming:
+            raise
+        options = {name: value for name, value in options.items() if name not in naming}
+        try:
+            found = reader(source, **options, **more)
+        except InputError:
+            raise refused from None
+        which = " and ".join(naming)
+        warnings.warn(f"{found.source}: {refused.what}: read without the result's {which}", stacklevel=2)
+    if options.get("degrees") is True and "degrees" not in said:
+        _check_degrees(reader, source, options, found, **more)
+    return found
+
+
+def _check_degrees(
+    reader: Callable[..., Recorded], source: Any, options: Mapping[str, Any], found: Recorded, **more: Any
+) -> None:
+    """InputError where positions without a unit may be rad, though they were degrees in the result's log."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            plain = reader(source, **{**options, "degrees": None}, **more)
+    except InputError:
+        return
+    if not np.allclose(plain.q, found.q):
+        said = f"positions reach {np.abs(plain.q).max():.4g}: rad, or degrees as in the result's log?"
+        raise InputError(said, found.source, "give `degrees=True`, or `degrees=False` if they are rad")
+
+
+def in_words(reading: Mapping[str, Any]) -> list[str]:
+    """Options of a reading as words of the command line."""
+    words: list[str] = []
+    for name, value in sorted(reading.items()):
+        if name == "degrees":
+            words.append("--degrees" if value else "--no-degrees")
+            continue
+        text = value
+        if isinstance(value, Mapping):
+            text = ",".join(f"{key}={one}" for key, one in value.items())
+        elif not isinstance(value, str):
+            text = ",".join(f"{one:.12g}" if isinstance(one, float) else str(one) for one in value)
+        words += [f"--{name}={text}"] if str(text).startswith("-") else [f"--{name}", printable(str(text))]
+    return words
+
+
+def as_corrected(reading: Mapping[str, Any]) -> str | None:
+    """How joints were corrected; None where they were not."""
+    text = reading.get("correct")
+    return None if text is None else str(text)
