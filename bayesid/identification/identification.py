@@ -36,8 +36,8 @@ KNOWN = 0.1
 """Standard deviation over value up to which a coefficient is counted as known: the 10 % of the studies' tables."""
 
 
-def sure_share_of(probability: Array, effort: Array, used: Mask) -> float:
-    """Share of |effort|, each joint alike, whose sign is as good as certain.
+def sure_shares_of(probability: Array, effort: Array, used: Mask) -> Array:
+    """(n,) share of each joint's |effort| whose sign is as good as certain.
 
     Args:
         probability: (N, n) P(sign = +).
@@ -46,7 +46,8 @@ def sure_share_of(probability: Array, effort: Array, used: Mask) -> float:
     """
     certain = np.maximum(probability, 1.0 - probability) >= SURE
     weight = np.abs(effort) * used
-    return float(np.mean((weight * certain).sum(axis=0) / np.maximum(weight.sum(axis=0), TINY)))
+    shares: Array = (weight * certain).sum(axis=0) / np.maximum(weight.sum(axis=0), TINY)
+    return shares
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -250,14 +251,24 @@ class Identification(IdentifiedModel):
     @property
     def sure_share(self) -> float:
         """Share of the |effort| in motion, each joint alike, whose sign is sure to 99 %."""
-        recorded = self.log.clock(self.signals.motion.t)[0] >= 0  # the pause between joined logs is not
-        moving = self.segments.per_sample(self.segments.moving, *self.probability.shape) > 0
-        return sure_share_of(self.probability, self.signals.raw_effort, moving & recorded[:, None])
+        return float(np.mean(self.sure_shares))
+
+    @property
+    def sure_shares(self) -> Array:
+        """(n,) share of each joint's |effort| in motion whose sign is sure to 99 %."""
+        return sure_shares_of(self.probability, self.signals.raw_effort, self.in_motion)
+
+    @property
+    def in_motion(self) -> Mask:
+        """(N, n) recorded samples of a joint in motion: no pause, none between joined logs."""
+        recorded = self.log.clock(self.signals.motion.t)[0] >= 0
+        moving: Mask = self.segments.per_sample(self.segments.moving, *self.probability.shape) > 0
+        return moving & recorded[:, None]
 
     @property
     def recorded_segments(self) -> tuple[Segments, Integers, Array]:
-        """The segments without the pauses between logs that were joined, their signs (S,) and confidences (S,)."""
-        if not self.log.pooled:
+        """The segments without pauses of the log or between joined ones, their signs (S,) and confidences (S,)."""
+        if (self.log.clock(self.signals.motion.t)[0] >= 0).all():
             return self.segments, self.signs, self.confidence
         signals = self.signals
         return recorded_segments(self.log, signals.motion.t, self.segments, self.probability, signals.raw_effort)

@@ -126,9 +126,9 @@ def recorded_segments(
 ) -> tuple[Segments, Integers, Array]:
     """The segments of what was recorded, their signs (S,) and confidences (S,); instants t (N,) are in s.
 
-    The segments of a log that was joined from several also cover the pauses between these, in which there are
-    interpolated values only. They are cut where a recording begins and ends, what lies in a pause is left out, and sign
-    and confidence follow from the samples that remain, as an identification's do (:eq:`confidence`).
+    Segments also cover pauses of a log, and between logs that were joined, in which there are interpolated values only.
+    They are cut where a recording begins and ends, what lies in a pause is left out, and sign and confidence follow
+    from the samples that remain, as an identification's do (:eq:`confidence`).
     """
     place, _ = log.clock(t)
     edges = np.flatnonzero(place[1:] != place[:-1]) + 1

@@ -117,6 +117,7 @@ class SignsSummary:
     model: tuple[str, ...]  # its terms
     weight: Number  # of it, against the model asked for
     doubt: Numbers  # (n,) probability that signs are guesses because the model is not the robot's
+    sure: Numbers = ()  # (n,) share of each |effort| in motion whose sign is sure; empty in results of earlier versions
 
 
 @dataclass(frozen=True)
@@ -333,7 +334,12 @@ def summarise(identification: Identification) -> Summary:
         signed_joints=np.flatnonzero(log.signed) + 1,
         processing=identification.signals.processing,
         search=_search(identification),
-        signs=SignsSummary(identification.sign_terms, identification.sign_weight, tuple(identification.sign_doubt)),
+        signs=SignsSummary(
+            model=identification.sign_terms,
+            weight=identification.sign_weight,
+            doubt=tuple(identification.sign_doubt),
+            sure=tuple(identification.sure_shares),
+        ),
         posterior=_posterior(identification),
         noise={
             "assumed": "white sensor noise plus exponentially correlated model error, per joint, before the fit took "

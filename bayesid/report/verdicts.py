@@ -18,7 +18,7 @@ from bayesid.effects.catalogue import noun
 from bayesid.identification import checks
 from bayesid.identification.checks import ALTERNATIVES, Check, State
 from bayesid.identification.gains import BY_DATA, BY_PRIOR, GIVEN
-from bayesid.identification.identification import SURE, sure_share_of
+from bayesid.identification.identification import SURE, sure_shares_of
 from bayesid.identification.tuning import TUNING as IDENTIFICATION
 from bayesid.regression.tuning import TUNING as REGRESSION
 from bayesid.report import commands
@@ -153,8 +153,9 @@ def _segments(findings: Findings) -> Check:
 
 def sure_share(findings: Findings) -> float:
     """Share of the |effort| in motion, each joint alike, whose sign is as good as certain."""
-    samples = findings.samples
-    return sure_share_of(samples.probability, samples.recorded, samples.used)
+    samples, shares = findings.samples, findings.summary.signs.sure
+    of_samples = sure_shares_of(samples.probability, samples.recorded, samples.used)  # of an earlier version
+    return float(np.mean(np.array(shares, dtype=float) if shares else of_samples))
 
 
 def _low_pass(summary: Summary) -> list[Check]:
@@ -166,7 +167,7 @@ def proof(summary: Summary) -> Check:
     """What is proven about all other assignments of signs."""
     name, search = "Proof", summary.search
     if not summary.hidden_joints:
-        return Check(name, "good", "not needed: all signs were known")
+        return Check(name, "good", "all signs were known: no search was needed")
     excluded = 0.0 if summary.posterior is None else summary.posterior.excluded or 0.0
     if excluded > IDENTIFICATION.excluded:
         return checks.contradiction(excluded)
