@@ -18,6 +18,7 @@ from bayesid.identification.options import Provenance
 from bayesid.identification.prediction import NORMAL_95
 from bayesid.identification.records import Coefficient, ParameterValue, Records, SegmentSign, named, recorded_segments
 from bayesid.identification.tuning import TUNING
+from bayesid.log.formats.encodings import DOUBT
 from bayesid.log.log import Log
 from bayesid.log.segments import Segments
 from bayesid.log.signals import Signals
@@ -182,6 +183,23 @@ class Identification(IdentifiedModel):
         return np.sqrt(np.diag(self.covariance))
 
     @property
+    def sd_apart(self) -> Array:
+        """(r,) standard deviations of the coefficients apart from the factor common to all gains.
+
+        No motion shows that factor, and `gains` says how well it is known. `sd` where gains were exact.
+        """
+        gains, posterior = self.gains, self.posterior
+        if gains is None:
+            return self.sd
+        if posterior is not None and posterior.log_gain is not None:
+            factor = np.exp(posterior.log_gain @ gains.weights)[..., None]
+            apart = posterior.uncertain.beta / factor
+            return np.asarray(apart.reshape(-1, apart.shape[-1]).std(axis=0))
+        left: Array = self.sd**2 - (gains.factor_sd * self.beta) ** 2
+        exact = np.zeros_like(left) if self.by_gains is None else self.sd**2 - np.diag(self.by_gains)
+        return np.sqrt(np.maximum(np.maximum(left, exact), 0.0))
+
+    @property
     def parameter_sd(self) -> tuple[Array, Mask]:
         """(P,) standard deviations of the parameters, and (P,) whether the data decide them.
 
@@ -196,13 +214,13 @@ class Identification(IdentifiedModel):
     def prior_sd(self) -> tuple[Array, Mask]:
         """(r,) sd of the coefficients under the prior alone, without its cone, and (r,) whether the data decide them.
 
-        Nine tenths of the precision must then be the data's. Without a posterior there is no prior (NaN), and the data
-        decide what has a standard deviation.
+        Nine tenths of the precision must then be the data's, apart from the factor common to all gains. Without a
+        posterior there is no prior (NaN), and the data decide what has a standard deviation.
         """
         if self.posterior is None:
             return np.full(len(self.coefficients), np.nan), np.isfinite(self.sd)
         sd = np.linalg.norm(self.coefficients.projection * self.posterior.target.prior.sd, axis=1)
-        little = self.sd**2 <= POSTERIOR.of_prior * sd**2
+        little = self.sd_apart**2 <= POSTERIOR.of_prior * sd**2
         return sd, little & ~self.posterior.decided_by_constraints(self.coefficients.projection)
 
     def _decided_by(self, by_data: Mask, rows: Array) -> list[str]:
@@ -264,6 +282,12 @@ class Identification(IdentifiedModel):
         recorded = self.log.clock(self.signals.motion.t)[0] >= 0
         moving: Mask = self.segments.per_sample(self.segments.moving, *self.probability.shape) > 0
         return moving & recorded[:, None]
+
+    @property
+    def corrected(self) -> tuple[str, ...]:
+        """Those of the warnings that say what was decoded, mended or left out of the log, and ask for nothing."""
+        notes = (note for note in self.log.notes if DOUBT not in note)
+        return tuple(dict.fromkeys((*notes, *map(str, self.signals.faults))))
 
     @property
     def recorded_segments(self) -> tuple[Segments, Integers, Array]:
