@@ -344,14 +344,6 @@ class Identification(IdentifiedModel):
         elsewhere = f"efforts show it in sums alone; take parameter({name!r})" if name in parameters else ""
         return named(self.coefficients_table(), name, "coefficient", elsewhere)
 
-    def parameter(self, name: str) -> ParameterValue:
-        """A parameter of the model by its name, as in `result.parameter("m3").mean`.
-
-        Raises:
-            InputError: there is none of this name; near names are told.
-        """
-        return named(self.parameters_table(), name, "parameter")
-
 
 def identified_of(model: object, name: str) -> IdentifiedModel:
     """The model of an `Identification`, or the model itself, whatever a caller has given as the argument of a name.

@@ -48,7 +48,7 @@ class ParameterValue:
     joint: int  #: or link, from 1
     mean: float  #: of the posterior, or the least-squares estimate
     sd: float  #: its standard deviation; NaN where none is known: efforts show it in sums alone, without samples
-    decided_by: str  #: "data", "constraints" or "prior"
+    decided_by: str  #: "data", "constraints" or "prior"; "unknown" of a model without its log
 
 
 @dataclass(frozen=True)

@@ -65,3 +65,13 @@ def test_the_file_holds_what_python_gives(made, place, capfd, options, noise):
     assert "written to new/torques.csv" in out
     assert err == ""
     assert_refused(capfd, command, ["is there already", "--force", "new/torques-2.csv"])
+
+
+def test_without_a_name_the_file_is_torques(made, place, capfd):
+    """And never takes the place of one."""
+    assert run("predict", "result", "motion.csv") == 0
+    assert table(place / "torques.csv")[0] == COLUMNS
+    assert_refused(capfd, ("predict", "result", "motion.csv"), ["torques.csv", "--out torques-2.csv"])
+    stored = bayesid.load_model("result")
+    name = made[1].parameters_table()[3].name
+    assert (stored.parameter(name).mean, stored.parameter(name).decided_by) == (made[1].parameter(name).mean, "unknown")
