@@ -202,7 +202,7 @@ _PREDICT = Command(
         path("motion", "t,q1..qn[,dq1..dqn] in any format of logs; efforts need not be there"),
         *_shared(f"{MOTION} --cutoff"),
         flag("--without-noise", "bands of the model's effort alone (default: of a measured one, with noise)"),
-        *_out(_ROWS, required=True, metavar="FILE.csv"),
+        *_out(f"{_ROWS} (default: torques.csv)", default=Path("torques.csv"), metavar="FILE.csv"),
     ],
 )
 _LATER = "log of the same robot; with --robot all later ones, also by a quoted pattern: 'weeks/*.csv'"

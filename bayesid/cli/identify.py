@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from rich.console import RenderableType
 from rich.text import Text
 
@@ -161,33 +160,39 @@ def _identify_each(options: argparse.Namespace, logs: Sequence[Recording], setti
 # What there is to say
 # ---------------------------------------------------------------------------------------------------------------
 def _identification_parts(result: Identification, summary: Summary) -> list[RenderableType]:
-    fit, search = result.fit, result.search
-    segments, _, confidence = result.recorded_segments
-    recorded = result.log.clock(result.signals.motion.t)[0] >= 0  # the pause between joined logs is not
-    sure = np.maximum(result.probability, 1.0 - result.probability)[recorded] >= SURE
-    effort = np.abs(result.signals.raw_effort)[recorded]
-    share = (effort * sure).sum(axis=0) / np.maximum(effort.sum(axis=0), np.finfo(float).tiny)
-    rows = []
-    for j in range(result.model.robot.n_joints):
-        of_joint = confidence[segments.joint == j]
-        figures = f"{of_joint.min():.2f}", f"{share[j]:.1%}", f"{fit.relative_residual[j]:.1%}"
-        rows.append([str(j + 1), str(len(of_joint)), *figures])
+    search, hidden = result.search, summary.hidden_joints > 0
     proof, seconds = verdicts.proof(summary), result.timings["search"]
     settled = f", {result.settled_share:.1%} of samples settled" if search.certified else ""
+    searched = f" ({summary.n_segments_searched} searched)" if hidden else ""
     return [
-        f"{summary.robot}: {summary.n_samples} rows, {summary.n_segments} segments ({summary.n_segments_searched} "
-        f"searched), {summary.n_coefficients} coefficients ({result.n_known} known to {100 * KNOWN:g} %), condition "
-        f"number {fit.condition:.0f}",
+        f"{summary.robot}: {summary.n_samples} rows, {summary.n_segments} segments{searched}, "
+        f"{summary.n_coefficients} coefficients ({result.n_known} known to {100 * KNOWN:g} %), condition "
+        f"number {result.fit.condition:.0f}",
         *_payloads(summary),
-        _verdict(f"search: {search.method}, {search.solves} cone problems, {seconds:.1f} s; ", proof, settled),
+        _verdict(f"search: {search.method}, {search.solves} cone problems, {seconds:.1f} s; ", proof, settled)
+        if hidden
+        else _verdict("signs: ", proof),
         *_constraints(summary),
         *(f"beyond the terms asked for: {said}" for said in _beyond(summary)),
         *_table_of(verdicts.EFFECT_HEADINGS, verdicts.effect_rows(summary)),
         *(_verdict("gains: ", check) for check in verdicts.gains(summary)),
         *_table_of(verdicts.GAIN_HEADINGS, verdicts.gain_rows(summary)),
         _verdict("posterior: ", verdicts.sampling(summary), _sampling_effort(result)),
-        table(["joint", "segments", "least sure", f"|effort| sure to {100 * SURE:g} %", "relative residual"], rows),
+        _joints(result),
     ]
+
+
+def _joints(result: Identification) -> RenderableType:
+    """A row a joint: its segments, how sure signs are that were hidden, and what the model leaves of its effort."""
+    segments, _, confidence = result.recorded_segments
+    signed, shares, left = result.log.signed, result.sure_shares, result.fit.relative_residual
+    rows = []
+    for j, known in enumerate(signed.tolist()):
+        of_joint = confidence[segments.joint == j]
+        signs = ["known", "known"] if known else [f"{of_joint.min():.2f}", f"{shares[j]:.1%}"]
+        rows.append([str(j + 1), str(len(of_joint)), *([] if signed.all() else signs), f"{left[j]:.1%}"])
+    of_signs = [] if signed.all() else ["least sure", f"|effort| in motion sure to {100 * SURE:g} %"]
+    return table(["joint", "segments", *of_signs, "relative residual"], rows)
 
 
 def _constraints(summary: Summary) -> list[str]:

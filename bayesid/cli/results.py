@@ -22,6 +22,7 @@ from bayesid.cli.options import (
 )
 from bayesid.cli.terminal import line_of, table
 from bayesid.errors import InputError
+from bayesid.identification.checks import Check, State
 from bayesid.identification.model_file import load_model
 from bayesid.identification.options import Preparation
 from bayesid.identification.payload import identify_payload
@@ -30,6 +31,7 @@ from bayesid.identification.prediction import Validation
 from bayesid.log.kept_reading import in_words
 from bayesid.posterior.sampler import Sampling
 from bayesid.progress import Progress
+from bayesid.regression.tuning import TUNING as REGRESSION
 from bayesid.report.conclusion import VALIDATED, Conclusion, conclude, sentence
 from bayesid.report.findings import FILE, read_findings
 from bayesid.report.folders import MARKER, REPORT, VALIDATION_FILES, make_report, save_validation
@@ -47,7 +49,8 @@ def validate_command(options: argparse.Namespace) -> None:
             with progress.stage("write"):
                 save_validation(result, folder)
     words = [options.result, "--validation", options.log, *in_words(result.read_with)]
-    last = _written(folder) or f"put it into the report: bayesid report {shlex.join(map(str, words))}"
+    into = "" if result.seen else f"put it into the report: bayesid report {shlex.join(map(str, words))}"
+    last = _written(folder) or into
     finish(options, *_validation_parts(result), conclusion=_validated(result, options.result), last=last)
 
 
@@ -58,11 +61,21 @@ def _written(folder: Path | None) -> str:
 def _validated(result: Validation, folder: Path) -> Conclusion | None:
     """How well the model predicts another log; None beside a result without findings."""
     if result.seen:
-        return Conclusion("look", sentence("look", "No validation: the model was identified from this log"))
+        return _unvalidated(result)
     if not (folder / FILE).exists():
         return None
     findings = replace(read_findings(folder), folder=str(folder)).with_validation(result)
     return conclude([validation(findings)], VALIDATED)
+
+
+def _unvalidated(result: Validation) -> Conclusion:
+    """What a log says of a model that was identified from it."""
+    said, most = "No validation: the model was identified from this log", np.nanmax([0.0, *result.relative_residual])
+    if most > REGRESSION.poor_fit:
+        said += f", and leaves {most:.0%} of a joint's effort even of it"
+    state: State = "bad" if most > REGRESSION.poor_fit else "look"
+    remedy = "give a log that the model has not seen"
+    return Conclusion(state, sentence(state, said), (Check("Validation", state, "", remedy),))
 
 
 def _validation(options: argparse.Namespace, path: Path, progress: Progress) -> Validation:

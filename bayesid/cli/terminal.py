@@ -118,6 +118,8 @@ def verdict_parts(conclusion: Conclusion) -> list[RenderableType]:
         parts.append(f"  {one.name}{f': {said}' if said else ''}")
         if one.remedy:
             parts.append(f"    -> {in_options(one.remedy)}")
+    if conclusion.others:
+        parts.append(f"  {conclusion.others} other{'s' * (conclusion.others > 1)}: see the report")
     return parts
 
 

@@ -310,7 +310,8 @@ def _of_the_signs(averaged: AveragedSigns, doubt: Array) -> Iterator[Check]:
         known = {(effect.name, effect.joints) for effect in averaged.asked.model.effects}
         added = [effect for effect in averaged.settled.model.effects if (effect.name, effect.joints) not in known]
         missing = ", ".join(" ".join([effect.name, *map(str, effect.joints)]) for effect in added)
-        yield _remark(f"the model lacks {missing}: these terms explain the log far better, and signs rest on them")
+        message = f"the model lacks {missing}: these terms explain the log far better, and signs rest on them"
+        yield _remark(message, "add them to `terms`")
     if doubt.max(initial=0.0) >= TUNING.shown_doubt:
         yield _remark(confidences_lowered(doubt.tolist()))
 

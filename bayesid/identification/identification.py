@@ -18,6 +18,7 @@ from bayesid.identification.options import Provenance
 from bayesid.identification.prediction import NORMAL_95
 from bayesid.identification.records import Coefficient, ParameterValue, Records, SegmentSign, named, recorded_segments
 from bayesid.identification.tuning import TUNING
+from bayesid.log.formats.encodings import DOUBT
 from bayesid.log.log import Log
 from bayesid.log.segments import Segments
 from bayesid.log.signals import Signals
@@ -36,8 +37,8 @@ KNOWN = 0.1
 """Standard deviation over value up to which a coefficient is counted as known: the 10 % of the studies' tables."""
 
 
-def sure_share_of(probability: Array, effort: Array, used: Mask) -> float:
-    """Share of |effort|, each joint alike, whose sign is as good as certain.
+def sure_shares_of(probability: Array, effort: Array, used: Mask) -> Array:
+    """(n,) share of each joint's |effort| whose sign is as good as certain.
 
     Args:
         probability: (N, n) P(sign = +).
@@ -46,7 +47,8 @@ def sure_share_of(probability: Array, effort: Array, used: Mask) -> float:
     """
     certain = np.maximum(probability, 1.0 - probability) >= SURE
     weight = np.abs(effort) * used
-    return float(np.mean((weight * certain).sum(axis=0) / np.maximum(weight.sum(axis=0), TINY)))
+    shares: Array = (weight * certain).sum(axis=0) / np.maximum(weight.sum(axis=0), TINY)
+    return shares
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -181,6 +183,23 @@ class Identification(IdentifiedModel):
         return np.sqrt(np.diag(self.covariance))
 
     @property
+    def sd_apart(self) -> Array:
+        """(r,) standard deviations of the coefficients apart from the factor common to all gains.
+
+        No motion shows that factor, and `gains` says how well it is known. `sd` where gains were exact.
+        """
+        gains, posterior = self.gains, self.posterior
+        if gains is None:
+            return self.sd
+        if posterior is not None and posterior.log_gain is not None:
+            factor = np.exp(posterior.log_gain @ gains.weights)[..., None]
+            apart = posterior.uncertain.beta / factor
+            return np.asarray(apart.reshape(-1, apart.shape[-1]).std(axis=0))
+        left: Array = self.sd**2 - (gains.factor_sd * self.beta) ** 2
+        exact = np.zeros_like(left) if self.by_gains is None else self.sd**2 - np.diag(self.by_gains)
+        return np.sqrt(np.maximum(np.maximum(left, exact), 0.0))
+
+    @property
     def parameter_sd(self) -> tuple[Array, Mask]:
         """(P,) standard deviations of the parameters, and (P,) whether the data decide them.
 
@@ -195,13 +214,13 @@ class Identification(IdentifiedModel):
     def prior_sd(self) -> tuple[Array, Mask]:
         """(r,) sd of the coefficients under the prior alone, without its cone, and (r,) whether the data decide them.
 
-        Nine tenths of the precision must then be the data's. Without a posterior there is no prior (NaN), and the data
-        decide what has a standard deviation.
+        Nine tenths of the precision must then be the data's, apart from the factor common to all gains. Without a
+        posterior there is no prior (NaN), and the data decide what has a standard deviation.
         """
         if self.posterior is None:
             return np.full(len(self.coefficients), np.nan), np.isfinite(self.sd)
         sd = np.linalg.norm(self.coefficients.projection * self.posterior.target.prior.sd, axis=1)
-        little = self.sd**2 <= POSTERIOR.of_prior * sd**2
+        little = self.sd_apart**2 <= POSTERIOR.of_prior * sd**2
         return sd, little & ~self.posterior.decided_by_constraints(self.coefficients.projection)
 
     def _decided_by(self, by_data: Mask, rows: Array) -> list[str]:
@@ -250,14 +269,30 @@ class Identification(IdentifiedModel):
     @property
     def sure_share(self) -> float:
         """Share of the |effort| in motion, each joint alike, whose sign is sure to 99 %."""
-        recorded = self.log.clock(self.signals.motion.t)[0] >= 0  # the pause between joined logs is not
-        moving = self.segments.per_sample(self.segments.moving, *self.probability.shape) > 0
-        return sure_share_of(self.probability, self.signals.raw_effort, moving & recorded[:, None])
+        return float(np.mean(self.sure_shares))
+
+    @property
+    def sure_shares(self) -> Array:
+        """(n,) share of each joint's |effort| in motion whose sign is sure to 99 %."""
+        return sure_shares_of(self.probability, self.signals.raw_effort, self.in_motion)
+
+    @property
+    def in_motion(self) -> Mask:
+        """(N, n) recorded samples of a joint in motion: no pause, none between joined logs."""
+        recorded = self.log.clock(self.signals.motion.t)[0] >= 0
+        moving: Mask = self.segments.per_sample(self.segments.moving, *self.probability.shape) > 0
+        return moving & recorded[:, None]
+
+    @property
+    def corrected(self) -> tuple[str, ...]:
+        """Those of the warnings that say what was decoded, mended or left out of the log, and ask for nothing."""
+        notes = (note for note in self.log.notes if DOUBT not in note)
+        return tuple(dict.fromkeys((*notes, *map(str, self.signals.faults))))
 
     @property
     def recorded_segments(self) -> tuple[Segments, Integers, Array]:
-        """The segments without the pauses between logs that were joined, their signs (S,) and confidences (S,)."""
-        if not self.log.pooled:
+        """The segments without pauses of the log or between joined ones, their signs (S,) and confidences (S,)."""
+        if (self.log.clock(self.signals.motion.t)[0] >= 0).all():
             return self.segments, self.signs, self.confidence
         signals = self.signals
         return recorded_segments(self.log, signals.motion.t, self.segments, self.probability, signals.raw_effort)
@@ -308,14 +343,6 @@ class Identification(IdentifiedModel):
         parameters = [parameter.name for parameter in self.model.parameters]
         elsewhere = f"efforts show it in sums alone; take parameter({name!r})" if name in parameters else ""
         return named(self.coefficients_table(), name, "coefficient", elsewhere)
-
-    def parameter(self, name: str) -> ParameterValue:
-        """A parameter of the model by its name, as in `result.parameter("m3").mean`.
-
-        Raises:
-            InputError: there is none of this name; near names are told.
-        """
-        return named(self.parameters_table(), name, "parameter")
 
 
 def identified_of(model: object, name: str) -> IdentifiedModel:

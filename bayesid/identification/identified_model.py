@@ -29,7 +29,7 @@ from bayesid.identification.prediction import (
     drawn_noise,
     motion_of,
 )
-from bayesid.identification.records import Coefficient, Records, named
+from bayesid.identification.records import Coefficient, ParameterValue, Records, named
 from bayesid.identification.tuning import TUNING
 from bayesid.log.corrections import corrections
 from bayesid.log.kept_reading import OF_MOTION, as_corrected, exact_gains
@@ -169,6 +169,25 @@ class IdentifiedModel:
     def motion_reading(self) -> dict[str, Any]:
         """Those of `reading` that a motion is read by."""
         return {name: value for name, value in self.reading.items() if name in OF_MOTION}
+
+    def parameters_table(self) -> Records[ParameterValue]:
+        """The model's parameters, one record each: to iterate over, or `.to_dataframe()`.
+
+        Of a model alone, without its log, nobody knows what decides them, and without draws no standard deviation.
+        """
+        unknown = np.full(len(self.theta), np.nan)
+        sd = unknown if self.draws is None else self.draws.theta.std(axis=0)
+        rows = zip(self.model.parameters, self.theta.tolist(), sd.tolist(), strict=True)
+        made = (ParameterValue(p.name, p.unit, p.joint, mean, own, "unknown") for p, mean, own in rows)
+        return Records(ParameterValue, made)
+
+    def parameter(self, name: str) -> ParameterValue:
+        """A parameter of the model by its name, as in `result.parameter("m3").mean`.
+
+        Raises:
+            InputError: there is none of this name; near names are told.
+        """
+        return named(self.parameters_table(), name, "parameter")
 
     def effort(self, motion: Motion) -> Array:
         """(N, n) actuator efforts of a motion, N m."""

@@ -48,7 +48,7 @@ class ParameterValue:
     joint: int  #: or link, from 1
     mean: float  #: of the posterior, or the least-squares estimate
     sd: float  #: its standard deviation; NaN where none is known: efforts show it in sums alone, without samples
-    decided_by: str  #: "data", "constraints" or "prior"
+    decided_by: str  #: "data", "constraints" or "prior"; "unknown" of a model without its log
 
 
 @dataclass(frozen=True)
@@ -126,9 +126,9 @@ def recorded_segments(
 ) -> tuple[Segments, Integers, Array]:
     """The segments of what was recorded, their signs (S,) and confidences (S,); instants t (N,) are in s.
 
-    The segments of a log that was joined from several also cover the pauses between these, in which there are
-    interpolated values only. They are cut where a recording begins and ends, what lies in a pause is left out, and sign
-    and confidence follow from the samples that remain, as an identification's do (:eq:`confidence`).
+    Segments also cover pauses of a log, and between logs that were joined, in which there are interpolated values only.
+    They are cut where a recording begins and ends, what lies in a pause is left out, and sign and confidence follow
+    from the samples that remain, as an identification's do (:eq:`confidence`).
     """
     place, _ = log.clock(t)
     edges = np.flatnonzero(place[1:] != place[:-1]) + 1

@@ -18,7 +18,7 @@ from bayesid.errors import InputError, printable
 from bayesid.files.writing import numbered, replace_file, write_columns
 from bayesid.log.gains import Gains
 from bayesid.log.tuning import TUNING
-from bayesid.log.velocities import derived
+from bayesid.log.velocities import derived, pauses
 from bayesid.motion import check_label, labels, unlabelled
 
 GIVEN = "the motion"
@@ -150,8 +150,9 @@ class Log:
         """Instants t (M,) of the log, s, on the clock of the recording that each lies in.
 
         Returns:
-            (M,) the recording's place in `pieces`, 0 in a log that is one, and -1 where nothing was recorded; and (M,)
-            its own time, s, to the microsecond, as the log's clock has it where nothing was recorded.
+            (M,) the recording's place in `pieces`, 0 in a log that is one, and -1 where nothing was recorded, between
+            recordings and in pauses of one; and (M,) its own time, s, to the microsecond, as the log's clock has it
+            where nothing was recorded.
         """
         place, time = np.full(len(t), -1 if self.pooled else 0), np.array(t, dtype=float)
         slack = 0.01 * self.period  # far more than the rounding of times since 1970, far less than half a period
@@ -159,6 +160,8 @@ class Log:
             first, last = self.t[[piece.start_row, piece.stop_row - 1]]
             inside = (t >= first - slack) & (t <= last + slack)
             place[inside], time[inside] = k, t[inside] - (first - piece.t[0])
+        for row in np.flatnonzero(pauses(self.t)):
+            place[(t > self.t[row] + slack) & (t < self.t[row + 1] - slack)] = -1
         return place, np.round(time, 6)
 
     @property

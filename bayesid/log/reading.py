@@ -80,7 +80,8 @@ def read_log(  # noqa: PLR0913  a source, and what may be said of it
             in that of the first message.
         columns: what the file calls t, q, dq, and tau or i, as in {"t": "Zeit [ms]", "q": "Achse{} [Grad]"}: `{}`
             stands for the joints' numbers, from 0 or from 1, `{2-7}` for those from 2 to 7, and q1, q2, .. are one
-            joint's. Units in brackets count. Or as on the command line, or a TOML file. By default the usual names.
+            joint's. Units in brackets count; "none" for dq leaves velocities out. Or as on the command line, or a TOML
+            file. By default the usual names.
         encoding: how readings that are never negative hold a sign all the same: "twos:16", two's complement of so many
             bits; "sign-bit:10", the bit that is set below zero; "offset:2048", what stands for zero; "direction:1",
             what a column of directions holds below zero; or "magnitude", not at all. By default what they show.
@@ -99,7 +100,8 @@ def read_log(  # noqa: PLR0913  a source, and what may be said of it
     _check_lists(gains=None if isinstance(gains, Gains | str) else gains, joints=joints)
     stated = parse_columns(str(columns)) if isinstance(columns, str | Path) else columns
     options = Options(topic=topic, joints=joints, currents=gains is not None, columns=stated, encoding=encoding)
-    options = replace(options, robot_joints=() if robot is None else joint_names(robot))
+    if robot is not None:
+        options = replace(options, robot_joints=joint_names(robot), n_joints=robot.n_joints)
     table = at_own_rate(_table_of(source, options))
     angle, made_with = angle_unit(table, degrees), gains_of_table(table, gains)
     read_by = made_with
@@ -264,7 +266,8 @@ def gains_of_table(table: Table, stated: Sequence[float] | Gains | str | None) -
     if stated is None:
         if torques:
             return Gains(np.ones(n), np.zeros(n), of_torques=True)
-        remedy = "give `gains` K1,..,Kn in N m/A, as in 12~20%,16,10 where they are uncertain, or `gains` unknown"
+        remedy = "give `gains` K1,..,Kn in N m/A, or N m per count of raw readings, as in 12~20%,16,10 where they are "
+        remedy += "uncertain, or `gains` unknown"
         raise InputError("the log holds currents but no gains are given", where, remedy)
     if isinstance(stated, Gains) and stated.exact.all():  # of an earlier result
         if torques and not stated.of_torques:
@@ -322,8 +325,10 @@ def read_motion(
     Raises:
         InputError: the file, a row, a column or an option cannot be used.
     """
-    named = () if robot is None else joint_names(robot)
-    table = _table_of(path, Options(topic=topic, joints=joints, columns=columns, motion=True, robot_joints=named))
+    options = Options(topic=topic, joints=joints, columns=columns, motion=True)
+    if robot is not None:
+        options = replace(options, robot_joints=joint_names(robot), n_joints=robot.n_joints)
+    table = _table_of(path, options)
     for note in table.notes:
         warnings.warn(note, stacklevel=2)
     angle = angle_unit(table, degrees)

@@ -112,7 +112,8 @@ def foreign_velocities(t: Array, q: Array, dq: Array, starts: Sequence[int], sou
         change, velocity = (part[starting + width] - part[starting] for part in (q[:, j], turned))
         if not change.any() and (moved := float(np.ptp(turned))) > TUNING.stuck:
             said = f"the position of joint {j + 1} is constant, while its velocity moves it by {moved:.3g} rad"
-            raise InputError(said, source, "check its encoder, or leave the velocities out if the joint stands still")
+            remedy = "check its encoder, or leave the velocities out with `columns` dq=none if the joint stands still"
+            raise InputError(said, source, remedy)
         if not change.any() or np.ptp(q[:, j]) <= TUNING.encoder:
             continue
         factor = _multiple(change, velocity)
@@ -127,7 +128,7 @@ def foreign_velocities(t: Array, q: Array, dq: Array, starts: Sequence[int], sou
                 remedy = "if velocities are in degrees/s, name them dq1[deg/s] and so on"
             elif abs(factor / DEGREE - 1.0) < TUNING.named_unit:
                 remedy = "if positions are in degrees, name them q1[deg] and so on"
-            raise InputError(said, source, f"{remedy}, or leave the velocities out")
+            raise InputError(said, source, f"{remedy}, or leave the velocities out with `columns` dq=none")
     return foreign
 
 

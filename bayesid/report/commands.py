@@ -42,11 +42,16 @@ def excite(summary: Summary) -> str:
 
 
 def again(summary: Summary, added: str = "", without: Sequence[str] = ()) -> str:
-    """The command that was run, with an option more, or without an option and its value; empty if none was run.
+    """The command that was run, with an option and its value, or without one; empty if none was run.
 
     What it makes takes the earlier result's place.
     """
     words = _words(summary)
+    if added:  # in place of what was given for the option
+        option = added.split()[0]
+        at = [k for k, word in enumerate(words) if word == option]
+        given = {*at, *(k + 1 for k in at)}
+        words = [word for k, word in enumerate(words) if k not in given and not word.startswith(f"{option}=")]
     for k in range(len(words) - len(without) + 1) if without else ():
         if words[k : k + len(without)] == list(without):
             words = words[:k] + words[k + len(without) :]

@@ -30,10 +30,11 @@ class Conclusion:
     state: State  #: good, to be looked at, or bad
     sentence: str  #: that says so, in plain words
     actions: tuple[Check, ...] = ()  #: the checks that say what to do first
+    others: int = 0  #: number of checks that are not good either, and are left to the report
 
     def in_brief(self) -> Conclusion:
         """The same where what was seen has been said before: what to do, without it."""
-        return replace(self, actions=tuple(replace(one, message="") for one in self.actions if one.remedy))
+        return replace(self, actions=tuple(replace(one, message="") for one in self.actions if one.remedy), others=0)
 
 
 def conclude(checks: Sequence[Check], says: Mapping[State, str] = _RESULT, of: str = "checks") -> Conclusion:
@@ -51,7 +52,9 @@ def conclude(checks: Sequence[Check], says: Mapping[State, str] = _RESULT, of: s
         said += f": {len(of_state)} of {len(checks)} {of} {which[len(of_state) > 1]} ({names})"
     elif not_done:
         said += f"; not checked: {listed([one.name for one in not_done])}"
-    return Conclusion(state, sentence(state, said), first(of_state if state == "bad" else [*of_state, *not_done]))
+    shown = first(of_state if state == "bad" else [*of_state, *not_done])
+    left = len({one.remedy or one.message for one in reasons}) - len(shown) if of == "checks" else 0
+    return Conclusion(state, sentence(state, said), shown, left)
 
 
 def first(reasons: Sequence[Check]) -> tuple[Check, ...]:

@@ -242,8 +242,6 @@ def _samples(identification: Identification) -> Samples:
     actuators = identification.model.robot.actuators(motion)
     predicted = identification.model.effort(motion, identification.theta)
     signs = identification.sample_signs
-    moving = identification.segments.per_sample(identification.segments.moving, *predicted.shape) > 0
-    recorded = identification.log.clock(motion.t)[0] >= 0  # the pause between joined logs is not
     return Samples(
         t=motion.t - motion.origin,
         position=actuators.q,
@@ -253,7 +251,7 @@ def _samples(identification: Identification) -> Samples:
         predicted=predicted,
         residual=signed_effort(signals, signs, filtered=False) - predicted,
         probability=identification.probability,
-        used=moving & recorded[:, None],
+        used=identification.in_motion,
         every=1,
     )
 

@@ -117,6 +117,7 @@ class SignsSummary:
     model: tuple[str, ...]  # its terms
     weight: Number  # of it, against the model asked for
     doubt: Numbers  # (n,) probability that signs are guesses because the model is not the robot's
+    sure: Numbers = ()  # (n,) share of each |effort| in motion whose sign is sure; empty in results of earlier versions
 
 
 @dataclass(frozen=True)
@@ -231,6 +232,7 @@ class GainsSummary:
     stated: str  # as on the command line
     settled: bool  # whether signs and gains had come to agree
     like_friction: tuple[int, ...] = ()  # joints, from 1, whose gain the log does not tell from load-dependent friction
+    sd_of_coefficients: Numbers = ()  # (r,) apart from the factor common to all; empty in results of earlier versions
 
 
 @dataclass(frozen=True)
@@ -276,6 +278,7 @@ class Summary:
     # it, xx, yy, zz, xy, xz, yz, kg m^2, each with `value`, `sd`, `interval`; None where none is carried
     payloads: Mapping[str, Mapping[str, Any]] | None = None
     constraints: tuple[ConstraintPrice, ...] = ()  # that were stated, each with what it costs
+    corrected: tuple[str, ...] = ()  # those of the warnings that say what was mended or left out
 
     @property
     def hidden_joints(self) -> int:
@@ -333,7 +336,12 @@ def summarise(identification: Identification) -> Summary:
         signed_joints=np.flatnonzero(log.signed) + 1,
         processing=identification.signals.processing,
         search=_search(identification),
-        signs=SignsSummary(identification.sign_terms, identification.sign_weight, tuple(identification.sign_doubt)),
+        signs=SignsSummary(
+            model=identification.sign_terms,
+            weight=identification.sign_weight,
+            doubt=tuple(identification.sign_doubt),
+            sure=tuple(identification.sure_shares),
+        ),
         posterior=_posterior(identification),
         noise={
             "assumed": "white sensor noise plus exponentially correlated model error, per joint, before the fit took "
@@ -413,7 +421,7 @@ def _gains(identification: Identification) -> GainsSummary | None:
     lower, upper = gains.interval()
     factor = None if gains.stated.unknown.any() else gains.factor
     told = {"mean": gains.value, "lower": lower, "upper": upper, "factor": factor, "stated": gains.stated.text}
-    return filled(GainsSummary, gains, **told)
+    return filled(GainsSummary, gains, **told, sd_of_coefficients=identification.sd_apart)
 
 
 def _search(identification: Identification) -> SearchSummary:

@@ -18,7 +18,7 @@ from bayesid.effects.catalogue import noun
 from bayesid.identification import checks
 from bayesid.identification.checks import ALTERNATIVES, Check, State
 from bayesid.identification.gains import BY_DATA, BY_PRIOR, GIVEN
-from bayesid.identification.identification import SURE, sure_share_of
+from bayesid.identification.identification import SURE, sure_shares_of
 from bayesid.identification.tuning import TUNING as IDENTIFICATION
 from bayesid.regression.tuning import TUNING as REGRESSION
 from bayesid.report import commands
@@ -65,7 +65,7 @@ def check_findings(findings: Findings) -> tuple[Check, ...]:
         _decided(findings),
         validation(findings),
     )
-    others = (*others, _warnings(unsaid(summary.warnings, (reading, *others))))
+    others = (*others, _warnings(unsaid(summary.warnings, (reading, *others)), summary.corrected))
     if reading.state == "bad":
         others = tuple(replace(one, remedy="fix the robot file first") if one.remedy else one for one in others)
     return (reading, *others)
@@ -153,8 +153,9 @@ def _segments(findings: Findings) -> Check:
 
 def sure_share(findings: Findings) -> float:
     """Share of the |effort| in motion, each joint alike, whose sign is as good as certain."""
-    samples = findings.samples
-    return sure_share_of(samples.probability, samples.recorded, samples.used)
+    samples, shares = findings.samples, findings.summary.signs.sure
+    of_samples = sure_shares_of(samples.probability, samples.recorded, samples.used)  # of an earlier version
+    return float(np.mean(np.array(shares, dtype=float) if shares else of_samples))
 
 
 def _low_pass(summary: Summary) -> list[Check]:
@@ -166,7 +167,7 @@ def proof(summary: Summary) -> Check:
     """What is proven about all other assignments of signs."""
     name, search = "Proof", summary.search
     if not summary.hidden_joints:
-        return Check(name, "good", "not needed: all signs were known")
+        return Check(name, "good", "all signs were known: no search was needed")
     excluded = 0.0 if summary.posterior is None else summary.posterior.excluded or 0.0
     if excluded > IDENTIFICATION.excluded:
         return checks.contradiction(excluded)
@@ -368,8 +369,9 @@ def intervals(summary: Summary) -> list[Check]:
             remedies.append("check the robot file's geometry")
         else:
             there = listed([noun(effect) for effect in one.effects], "or")
-            parts.append(f"if {joints_in_words(one.joints) if one.joints else 'the robot'} has {there}, {narrow}")
-            remedies.append("if it has one, state what is known of these links by `--nominal`")
+            whose = joints_in_words(one.joints) if one.joints else "the robot"
+            parts.append(f"not checked for {there} of {whose}, which no log can tell: with it {narrow}")
+            remedies.append("if the robot has one, state what is known of these links by `--nominal`")
     return [Check(name, state, "; ".join(parts), " and ".join(dict.fromkeys(remedies)))]
 
 
@@ -390,8 +392,13 @@ def _whiteness(findings: Findings) -> Check:
 def _decided(findings: Findings) -> Check:
     table, count = findings.coefficients, len(findings.coefficients.mean)
     by_data, poor = int(table.by_data.sum()), int((table.relative_sd > TUNING.poorly_known).sum())
+    apart = ""
+    if (gains := findings.summary.gains) is not None and gains.sd_of_coefficients:
+        sd = np.array(gains.sd_of_coefficients, dtype=float)
+        poor = int((sd > TUNING.poorly_known * np.abs(table.mean)).sum())
+        apart = "apart from the factor common to all gains "
     message = (
-        f"the data decide {by_data} of {count} coefficients; {poor} are smaller than their standard deviation; "
+        f"{apart}the data decide {by_data} of {count} coefficients; {poor} are smaller than their standard deviation; "
         f"{len(findings.prior_parameters)} individual parameters are not identifiable"
     )
     remedy = f"{commands.excite(findings.summary)} designs a motion; or give what you know by --nominal"
@@ -434,7 +441,13 @@ def validation(findings: Findings) -> Check:
     return Check(name, "look", message, f"other loads, speeds or temperatures than in the log? {lacks}")
 
 
-def _warnings(others: Sequence[str]) -> Check:
-    count = len(others)
-    message = "none" if not count else f"{count}, listed above: some say what to do" if count > 1 else others[0]
-    return graded("Warnings", count, (0, np.inf), message, "see whether it matters to you")
+def _warnings(others: Sequence[str], corrected: Sequence[str]) -> Check:
+    """Those that say what to do are to be looked at; others, as of what was corrected in the log, are information."""
+    name, ask = "Warnings", [said for said in others if "; " in said and said not in corrected]
+    if len(ask) > 1:
+        return Check(name, "look", f"{len(ask)} say what to do, listed above", "do what they say", len(ask), 0)
+    if ask:
+        message, _, remedy = ask[0].partition("; ")
+        return Check(name, "look", message, remedy, 1, 0)
+    message = f"{counted(len(others), 'warning')}, listed above, for information" if others else "none"
+    return Check(name, "good", message, value=0, limit=0)

@@ -287,6 +287,9 @@ def test_validate_prints_a_table_and_agrees_with_identify(arm_shop, arm_place, c
     shares = [float(line.rstrip("%").split()[-1]) for line in figures[1:]]
     assert all(90.0 < share < 99.0 for share in shares), "its own log"
     assert names(arm_place) == HERE
+    assert run("validate", arm_shop / "result", "log.csv") == 0
+    out = capfd.readouterr().out
+    assert ("No validation" in out, "log that the model has not seen" in out, "bayesid report" in out) == (1, 1, 0)
     assert run("validate", arm_shop / "result", "log.csv", "--out", "checked") == 0
     assert names(arm_place / "checked") == {"summary.json", "signed_log.csv", "prediction.csv"}
     found, expected = summary(arm_place / "checked"), summary(arm_shop / "result")["fit"]

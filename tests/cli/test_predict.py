@@ -79,3 +79,13 @@ def test_repeated_rows_of_a_file_are_left_out_and_arrays_with_them_are_refused(p
     for given in ((t, q), (t, q, 0.0 * q, 0.0 * q)):
         with pytest.raises(bayesid.InputError, match="does not increase"):
             stored.predict(given)
+
+
+def test_without_a_name_the_file_is_torques(made, place, capfd):
+    """And never takes the place of one."""
+    assert run("predict", "result", "motion.csv") == 0
+    assert table(place / "torques.csv")[0] == COLUMNS
+    assert_refused(capfd, ("predict", "result", "motion.csv"), ["torques.csv", "--out torques-2.csv"])
+    stored = bayesid.load_model("result")
+    name = made[1].parameters_table()[3].name
+    assert (stored.parameter(name).mean, stored.parameter(name).decided_by) == (made[1].parameter(name).mean, "unknown")

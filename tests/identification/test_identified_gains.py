@@ -110,6 +110,19 @@ def test_every_coefficient_carries_the_gains(known, found):
     )
 
 
+def test_the_common_factor_is_no_matter_of_the_coefficients(arm, known, found):
+    """Nothing tells it here; apart from it the data decide nearly all coefficients, with draws or without."""
+    unsampled = settle(arm, wrong(arm.log(noise=0.03)))
+    for result in (found, unsampled):
+        heavy = result.sd > 3.0 * known.sd
+        assert np.median(result.sd_apart[heavy] / result.sd[heavy]) < 0.5
+        assert np.all(result.sd_apart >= 0.5 * known.sd)
+    np.testing.assert_array_equal(known.sd_apart, known.sd)
+    assert found.prior_sd[1].sum() >= len(found.sd) - 3
+    content = bayesid.find_findings(found).summary.gains
+    np.testing.assert_allclose(content.sd_of_coefficients, found.sd_apart)
+
+
 def test_a_validation_is_in_the_scale_of_the_gains_and_a_prediction_is_not(arm, known, found):
     other = Simulated(coulomb=0.5)
     other.motion = another_motion(9)

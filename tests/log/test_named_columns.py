@@ -147,3 +147,38 @@ def test_logs_in_memory_that_cannot_be_used():
     for thing in (None, 5, [1.0, 2.0], np.ones((ROWS, 5)), b"log.csv", dict):
         assert "; give a path, a Log, a data frame, a structured array, or a dict of arrays t, q and" in refusal(thing)
     assert "variable q is not an array of numbers" in refusal({**RECORDED, "q": [[0.1], [0.1, 0.2]]})
+
+
+def test_velocities_that_are_left_out(tmp_path):
+    """Beside names that say themselves what they are, in a file and in memory; the refusal of wrong ones names it."""
+    t = np.arange(300) / 100.0
+    q = np.column_stack([np.sin(2.0 * t), np.cos(3.0 * t)])
+    dq = np.column_stack([2.0 * np.cos(2.0 * t), -3.0 * np.sin(3.0 * t)])
+    path = tmp_path / "a.csv"
+    header = "t,q1,q2,dq1,dq2,tau1,tau2"
+    np.savetxt(path, np.column_stack([t, q, 100.0 * dq, 5.0 * q]), delimiter=",", header=header, comments="")
+    with pytest.raises(InputError, match="dq=none"):
+        read_log(path)
+    assert read_log(path, columns={"dq": "none"}).dq is None
+    assert read_log(path, columns="dq=none").dq is None
+    assert read_log({"t": t, "q": q, "dq": dq, "tau": 5.0 * q}, columns={"dq": "none"}).dq is None
+    assert read_log({"t": t, "q": q, "dq": dq, "tau": 5.0 * q}).dq is not None
+
+
+def test_numbers_alone_get_the_header_of_the_robot(tmp_path):
+    """13 columns are six joints without velocities or four with them."""
+    path = tmp_path / "bare.csv"
+    np.savetxt(path, np.random.default_rng(1).normal(size=(50, 13)), delimiter=",")
+    with pytest.raises(InputError, match="dq4"):
+        read_log(path)
+    with pytest.raises(InputError, match="tau6") as caught:
+        read_log(path, robot=load_robot("ur10e"))
+    assert "dq" not in str(caught.value)
+
+
+def test_loads_of_a_servo_are_readings_for_gains(tmp_path):
+    path = tmp_path / "servo.csv"
+    values = np.arange(300.0).reshape(60, 5)
+    np.savetxt(path, values, delimiter=",", header="t,q1,q2,load1,load2", comments="")
+    with pytest.raises(InputError, match=r'give `gains`, .*,i="load{}"'):
+        read_log(path)

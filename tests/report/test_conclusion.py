@@ -34,6 +34,12 @@ def test_the_worst_is_said_first_and_no_more_than_is_read_at_once(checks, state,
     assert [one.name for one in found.actions] == names
 
 
+def test_reasons_that_are_not_shown_are_counted():
+    assert conclude([GOOD, OPEN, *LOOKS[:2]]).others == 0
+    assert conclude([GOOD, OPEN, *LOOKS]).others == 3, "two looks, and what was not done"
+    assert conclude([*BADS, *(replace(one, state="bad") for one in LOOKS), OPEN]).others == 4, "one remedy is done once"
+
+
 def test_a_page_says_what_the_terminal_says():
     made = make_findings(validated=True)
     for findings in (made, with_summary(made, "fit", relative_residual=[0.04, 0.3]), replace(made, prediction=None)):

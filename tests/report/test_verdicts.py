@@ -38,6 +38,13 @@ def decided(count):
     return replace(GOOD, coefficients=replace(GOOD.coefficients, by_data=np.arange(8) < count))
 
 
+def by_factor(size):
+    """The factor common to all gains makes every sd nine times as large as the value; without it they are `size`."""
+    table = replace(GOOD.coefficients, by_data=np.ones(8, dtype=bool), sd=9.0 * np.abs(GOOD.coefficients.mean))
+    gains = with_gains(sd_of_coefficients=tuple(size * np.abs(table.mean)), factor_decided_by="prior").summary.gains
+    return replace(summary(gains=gains), coefficients=table)
+
+
 def unsure(joint, share):
     """A share of a joint's |effort| in motion has a sign that is sure to 98 % only."""
     samples = GOOD.samples
@@ -92,6 +99,7 @@ FAR_OFF = TooNarrow(("kinematics",), (), ("a", "b", "c", "d", "e", "f", "g"), 3.
 OTHER = Misreading("joint order", "joints 2 and 3 exchanged", 0.041, 0.213, 9.0, "check the robot file")
 NO_PROOF = {"certified": False, "lower_bound": None, "gap": None, "within": None, "assignments": None}
 PRESSED = {"mass of all links, from above": 0.97}
+MENDED = ("rows of 0; 37 are dropped",)
 LOW_PASS = LowPassSummary(8.1, 1, True, (0.2, 0.3), "8.1 Hz (so)")
 
 CASES = {  # of each check: state, findings, and what the message contains, in the order of the pipeline
@@ -170,6 +178,8 @@ CASES = {  # of each check: state, findings, and what the message contains, in t
         ("look", decided(4), "4|8"),
         ("bad", decided(3), "3|8"),
         ("bad", posterior(pressed_windows=PRESSED), "mass of all links, from above|97"),
+        ("good", by_factor(0.1), "common to all gains|8 of 8|0 are"),
+        ("good", by_factor(2.0), "common to all gains|8 of 8|8 are"),
     ],
     "Validation": [
         ("good", GOOD, "another.csv|3.1|3.2|93|94"),
@@ -181,7 +191,12 @@ CASES = {  # of each check: state, findings, and what the message contains, in t
         ("look", without_effort(0), "joint 1|3.2"),
         ("bad", without_effort(0, 1), "no effort"),
     ],
-    "Warnings": [("good", GOOD, ""), ("look", summary(warnings=["beware", "of the dog"]), "2")],
+    "Warnings": [
+        ("good", GOOD, ""),
+        ("look", summary(warnings=["a dog; beware", "a cat; look up"]), "2"),
+        ("look", summary(warnings=[*MENDED, "joint 3 stands; look"], corrected=MENDED), "joint 3 stands"),
+        ("good", summary(warnings=[*MENDED, "no remedy"], corrected=MENDED), "2"),
+    ],
 }
 
 
@@ -224,6 +239,12 @@ def test_the_sure_share_counts_each_joint_alike():
 
 def test_remedies_are_commands_with_the_result_and_its_robot():
     """As far as they are known; a command that was run is run again with what helps."""
+    found = posterior(converged=False)
+    options = {"posterior.budget": 20.0}
+    for typed in ("--posterior-budget 20", "--posterior-budget=20"):
+        command = f"bayesid identify a.csv {typed} --out x"
+        more = with_summary(found, "provenance", command=command, options=options)
+        assert "`bayesid identify a.csv --out x --posterior-budget 80 --force`" in told(more, "Sampling").remedy
     found = replace(fit(relative_residual=[0.3, 0.1]), folder="my results/un", prediction=None)
     command = "bayesid identify 'a log.csv' --robot ur10e --no-posterior --out x"
     found = with_summary(found, "provenance", command=command, options={"robot": "ur10e"})

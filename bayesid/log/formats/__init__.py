@@ -24,6 +24,7 @@ from bayesid.errors import InputError
 from bayesid.files.bounded import check_name
 from bayesid.log.formats.encodings import decode
 from bayesid.log.formats.gaps import without_gaps
+from bayesid.log.formats.labels import kind_part
 from bayesid.log.formats.table import Column, Options, Table, check, rows_of, with_fractions
 from bayesid.log.tuning import TUNING
 
@@ -76,7 +77,8 @@ class Format(ABC):
     def check_options(self, options: Options, where: str) -> None:
         """Raises InputError where something is said of a file that has none of it."""
         for name in {"topic", "joints", "columns"} - self.options:
-            if getattr(options, name) is not None:
+            no_velocities = name == "columns" and not options.velocities and len(options.columns or ()) == 1
+            if getattr(options, name) is not None and not no_velocities:
                 raise InputError(f"is {self.name}, which has no {name}", where, f"leave `{name}` out")
 
     def is_folder(self, path: Path) -> bool:
@@ -118,7 +120,11 @@ def _read_file(path: Path, options: Options) -> Table:
             raise InputError(f"is {name}", str(path), remedy)
     reader = next(known for known in known_formats() if known.recognises(path, head))
     reader.check_options(options, str(path))
-    table = without_gaps(with_fractions(reader.read(path, options)), options)
+    table = reader.read(path, options)
+    if not options.velocities:
+        kept = {name: column for name, column in table.columns.items() if kind_part(name) != "dq"}
+        table = replace(table, columns=kept)
+    table = without_gaps(with_fractions(table), options)
     return check(decode(table, options.encoding), options.columns)
 
 

@@ -64,7 +64,7 @@ def choose(header: Sequence[str], where: str, options: Options) -> Chosen:
     Columns that the options do not name go by their own names. An InputError says, of `where`, which is missing or
     appears twice, or that it stays open which is meant.
     """
-    columns = options.columns or {}
+    columns = {key: one for key, one in (options.columns or {}).items() if options.velocities or kind_part(key) != "dq"}
     if options.part:
         columns = {key: pattern for key, pattern in columns.items() if fits(kind_part(key), pattern, header)}
     own = {reading.kind for reading in read_labels(header) if reading.rank < OTHER}
@@ -75,6 +75,8 @@ def choose(header: Sequence[str], where: str, options: Options) -> Chosen:
     named = _by_name(header, columns, found, where, options)
     found |= {one.name: one for one in named.columns}
     families = [] if named.columns and options.part else _families(header, columns, found, where, options)
+    families = [one for one in families if options.velocities or next(iter(one.values())).kind != "dq"]
+    found = {name: one for name, one in found.items() if options.velocities or kind_part(name) != "dq"}
     _check_start(families, where)
     _check_measured(families, header, where)
     for one, zero in ((one, 0 in family) for family in families for one in family.values()):

@@ -27,10 +27,11 @@ _KEY = re.compile(r"t|(q|dq|tau|i)([1-9][0-9]{0,2})?")
 _PLACEHOLDER = re.compile(r"\{(?:(?P<first>[0-9]{1,3})-(?P<last>[0-9]{1,3}))?\}")
 _NEXT = re.compile(r",\s*(?=(?:t|(?:q|dq|tau|i)[0-9]*)\s*=)")
 _EFFORT = re.compile(r"tau|torque|moment|eff|force|curr|amp|strom|kraft|last|load|\bN ?m\b", re.IGNORECASE)
-"""What names of efforts hold in many languages; velocities, which are no efforts, times and currents beneath."""
+"""What names of efforts hold in many languages; velocities, which are no efforts, times and, beneath, currents and the
+counts of a drive, which gains turn into efforts as well."""
 _VELOCITY = re.compile(r"vel|speed|geschw|drehzahl|vitesse|rpm|(rad|deg|°)/s", re.IGNORECASE)
 _TIME = re.compile("time|zeit|temps|tiempo|stamp|clock", re.IGNORECASE)
-_CURRENT = re.compile("curr|strom|amp", re.IGNORECASE)
+_CURRENT = re.compile("curr|strom|amp|load|count|raw|adc", re.IGNORECASE)
 
 
 class _Match(NamedTuple):
@@ -162,8 +163,9 @@ def suggestion(header: Sequence[str], found: Mapping[str, SourceColumn], given: 
         left = [label for label in left if not {label, pattern_of(label)} & {pattern for _, pattern in part}]
         parts += part
     named = ",".join(f'{key}="{pattern}"' for key, pattern in dict(parts).items())
+    gains = "give `gains`, and " if any(kind_part(key) == "i" for key, _ in parts) else ""
     elsewhere = "; if another file of the run holds them, give both as FILE+OTHER" if UNNAMED in named else ""
-    return f"say which columns are meant with {OPTION} {named}{elsewhere}"
+    return f"{gains}say which columns are meant with {OPTION} {named}{elsewhere}"
 
 
 def _as_found(known: Sequence[SourceColumn], header: Sequence[str]) -> list[tuple[str, str]]:

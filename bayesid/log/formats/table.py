@@ -26,11 +26,17 @@ class Options:
     topic: str | None = None  #: the one to read, of several
     joints: Sequence[str] | None = None  #: names from base to tip
     robot_joints: Sequence[str] = ()  #: the same of the robot, which count where the source has them all
+    n_joints: int = 0  #: of the robot; 0 where that is not known
     currents: bool = False  #: whether efforts without a unit are currents, A
     columns: Mapping[str, str] | None = None  #: what the log's columns are called, see `bayesid.log.formats.stated`
     motion: bool = False  #: whether the motion is all that is wanted: efforts are left out
     encoding: str | None = None  #: how efforts hold their sign, see `bayesid.log.formats.encodings`
     part: bool = False  #: whether the source is one of several of a run, so that it need not hold a whole log
+
+    @property
+    def velocities(self) -> bool:
+        """Whether measured velocities are read: not where `columns` say dq=none."""
+        return (self.columns or {}).get("dq", "").strip().casefold() != "none"
 
 
 @dataclass(frozen=True)

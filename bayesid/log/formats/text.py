@@ -213,7 +213,8 @@ def select_columns(layout: Layout, source: str, options: Options) -> Chosen:
     if not any(layout.header):
         raise InputError("does not begin with a header", source, remedy)
     if all(map(_is_number, layout.header)):
-        raise InputError("holds numbers, not the names of the columns", where, _header_for(len(layout.header)))
+        remedy = _header_for(len(layout.header), options.n_joints)
+        raise InputError("holds numbers, not the names of the columns", where, remedy)
     selected = choose(layout.header, where, options)
     columns = sorted(selected.columns, key=lambda one: one.place)
     for k, one in enumerate(columns):
@@ -222,12 +223,15 @@ def select_columns(layout: Layout, source: str, options: Options) -> Chosen:
     return selected._replace(columns=tuple(columns))
 
 
-def _header_for(count: int) -> str:
-    """What to write above a table of so many columns: positions and efforts, perhaps with velocities between."""
+def _header_for(count: int, n_joints: int) -> str:
+    """What to write above a table of so many columns: positions and efforts, perhaps with velocities between.
+
+    Where the robot's number of joints is known, 0 otherwise, headers for another number are left out.
+    """
     headers = []
     for kinds in (("q", "tau"), ("q", "dq", "tau")):
         n, rest = divmod(count - 1, len(kinds))
-        if n > 0 and not rest:
+        if n > 0 and not rest and n_joints in (0, n):
             headers.append(",".join(["t", *(f"{kind}{j}" for kind in kinds for j in range(1, n + 1))]))
     if not headers:
         return f"begin it with the names of its {count} columns: t,q1..qn[,dq1..dqn],tau1..taun, and others by any name"
