@@ -65,6 +65,7 @@ class Alternative:
         name: of it.
         cost: nats by which its best fit is worse than the one without alternatives.
         prior_share: probability before the log; those of all alternatives sum to one.
+        prior_share_sd: standard error of it, by the integration.
         marginal_likelihood: log of it over that of the likeliest alternative, and its standard error.
         weight: probability after the log; those of all alternatives sum to one.
         weight_sd: standard error of the weight, by the integration.
@@ -75,6 +76,7 @@ class Alternative:
     name: str
     cost: float
     prior_share: float
+    prior_share_sd: float
     marginal_likelihood: MarginalLikelihood
     weight: float
     weight_sd: float
@@ -113,15 +115,15 @@ def weigh(
     log_mass, error = np.array(masses).T
     log_share, share_error = np.array(before).T
     weights, shares = mode_weights(log_mass), mode_weights(log_share)
-    slopes = weights[:, None] * (np.eye(len(weights)) - weights)  # of weights with the logarithms of masses
     likelihoods = log_mass - log_share
     columns = zip(
         alternatives,
         [0.5 * max(cost - least, 0.0) for cost in costs],
         shares.tolist(),
+        _spread(shares, share_error).tolist(),
         map(MarginalLikelihood, (likelihoods - likelihoods.max()).tolist(), np.hypot(error, share_error).tolist()),
         weights.tolist(),
-        np.linalg.norm(slopes * error, axis=1).tolist(),
+        _spread(weights, error).tolist(),
         [_shared(draws, cones[:k] + cones[k + 1 :]) for k, draws in enumerate(every)],
         every,
         strict=True,
@@ -167,7 +169,8 @@ def _modes(result: Identification, target: Target, cone: Cone) -> tuple[tuple[Mo
     if not np.any(moments.known == 0):
         search = replace(search, branches=())
     scaled = moments.scaled(posterior.noise.sigma * np.sqrt(posterior.noise.autocorrelation))
-    hessian, energy, pull = scaled.hessian.total(), float(scaled.energy.sum()), 0.0
+    hessian, energy = scaled.hessian.total(), float(scaled.energy.sum())
+    pull = np.zeros(len(hessian))
     if information is not None:
         hessian, energy, pull = hessian + information.hessian, energy + information.energy, information.gradient
     solver = ConeLeastSquares(cone, result.coefficients, hessian, energy)
@@ -192,6 +195,13 @@ def _prior_mass(prior: Prior, seed: int) -> MarginalLikelihood:
     return MarginalLikelihood(float(values.mean()), float(values.std(ddof=1) / np.sqrt(groups)))
 
 
+def _spread(weights: Array, error: Array) -> Array:
+    """(K,) standard errors of weights (K,) with those (K,) of the logarithms of their masses."""
+    slopes = weights[:, None] * (np.eye(len(weights)) - weights)
+    spread: Array = np.linalg.norm(slopes * error, axis=1)
+    return spread
+
+
 def _shared(draws: Draws, others: Sequence[Cone]) -> float:
     few = draws.spread(TUNING.few_draws)[:, : draws.theta.shape[-1]]
     stated = [cone.stated for cone in others if cone.stated is not None]
@@ -200,11 +210,12 @@ def _shared(draws: Draws, others: Sequence[Cone]) -> float:
 
 def shown(alternatives: Sequence[Alternative]) -> str:
     """A table, one line an alternative."""
-    lines = [f"{'alternative':<20}{'cost':>8}{'prior':>8}{'log marginal likelihood':>26}{'weight':>18}"]
+    lines = [f"{'alternative':<16}{'cost':>7}{'prior':>16}{'log marginal likelihood':>25}{'weight':>16}"]
     for one in alternatives:
         value, error = one.marginal_likelihood
         of_log, weight = f"{value:.1f} +- {error:.1f}", f"{one.weight:.2f} +- {one.weight_sd:.2f}"
-        lines.append(f"{one.name:<20}{one.cost:8.1f}{one.prior_share:8.2f}{of_log:>26}{weight:>18}")
+        prior = f"{one.prior_share:.2f} +- {one.prior_share_sd:.2f}"
+        lines.append(f"{one.name:<16}{one.cost:7.1f}{prior:>16}{of_log:>25}{weight:>16}")
     return "\n".join(lines)
 
 
