@@ -28,6 +28,7 @@ import scipy
 
 from bayesid.arrays import Array, frozen
 from bayesid.effects.coefficients import BaseCoefficients
+from bayesid.effects.constraints import Constraints
 from bayesid.effects.model import Model
 from bayesid.effects.parameters import Cone
 from bayesid.errors import InputError, SolverError
@@ -259,6 +260,16 @@ def feasible_inertia(margin: float = 2 * TOLERANCE) -> Constraint:
         return _excess(margin - eigenvalues)
 
     return Constraint("feasible inertia", violation)
+
+
+def stated(constraints: Constraints) -> Constraint:
+    """What an identification was given as `constraints=`: `result.model.cone.stated`, all of it."""
+
+    def violation(bodies: Bodies) -> float:
+        eigenvalues = np.linalg.eigvalsh(constraints.matrices(bodies.theta)).ravel()
+        return _excess(-np.concatenate([constraints.slack(bodies.theta), eigenvalues]).astype(np.float64))
+
+    return Constraint("stated", violation)
 
 
 def total_mass(lowest: float, highest: float) -> Constraint:

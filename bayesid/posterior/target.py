@@ -83,6 +83,19 @@ class Prior:
         """(P,) inverse variances."""
         return 1.0 / self.sd**2
 
+    def within(self, cone: Cone) -> Prior:
+        """The same prior inside what is stated beside its cone; a window that leaves no room for that gives way.
+
+        Raises:
+            InputError: what is stated leaves no room by itself.
+        """
+        windows, inside = _within_stated(cone, self.windows, self.inside, self.sd)
+        rows = _half_spaces(windows, cone.size)
+        unstated = Region.of(replace(cone, stated=None), *rows)
+        return replace(
+            self, region=Region.of(cone, *rows), inside=inside, windows=windows, stated=cone.stated, unstated=unstated
+        )
+
     def log_density(self, theta: Array, log_scale: Array) -> Array:
         """(W,) of theta (W, P) and log_scale (W, n), not normalised; -inf outside of the region."""
         square = np.sum(((theta - self.mean) / self.sd) ** 2, axis=1) + np.sum(
@@ -110,11 +123,10 @@ def make_prior(
         stated = np.isfinite(nominal.mean)
         mean, sd = np.where(stated, nominal.mean, mean), np.where(stated, nominal.sd, sd)
     windows, inside = _windows(cone, links), _inner_point(cone, links, sd)
-    if cone.stated is not None:
-        windows, inside = _within_stated(cone, windows, inside, sd)
-    rows, scales = _half_spaces(windows, cone.size), np.full(likelihood.n_joints, TUNING.log_scale_sd)
-    unstated = None if cone.stated is None else Region.of(replace(cone, stated=None), *rows)
-    return Prior(Region.of(cone, *rows), mean, sd, scales, inside, windows, cone.stated, unstated)
+    scales = np.full(likelihood.n_joints, TUNING.log_scale_sd)
+    region = Region.of(replace(cone, stated=None), *_half_spaces(windows, cone.size))
+    prior = Prior(region, mean, sd, scales, inside, windows)
+    return prior if cone.stated is None else prior.within(cone)
 
 
 def _half_spaces(windows: Sequence[Window], size: int) -> tuple[Array, Array]:

@@ -1,0 +1,249 @@
+"""A or B: alternatives that exclude each other, each a convex set of its own, priced and weighed under one prior.
+
+    python -m bayesid.studies.alternatives
+
+"Link 2 is the heavier one, or link 3 is" is not convex, but each of the two is. One identification without them gives
+data, noise and prior. Inside each alternative the posterior is sampled and integrated anew, over all unknown signs::
+
+    weight  ~  share of the prior  *  marginal likelihood.
+
+Where the log cannot tell, the weights are the shares that the prior gives. Printed are two pairs of alternatives for a
+simulated arm of two links; the first of each pair is true. Efforts show friction, but no single mass.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.random import RandomState
+from scipy.special import logsumexp
+
+from bayesid.arrays import Array
+from bayesid.effects.catalogue import make_terms
+from bayesid.effects.constraints import Constraints
+from bayesid.effects.model import Model
+from bayesid.effects.parameters import Cone
+from bayesid.errors import InputError
+from bayesid.identification.identification import Identification
+from bayesid.identification.pipeline import identify
+from bayesid.log.log import Log
+from bayesid.posterior.inference import Posterior
+from bayesid.posterior.modes import (
+    MarginalLikelihood,
+    Mode,
+    Normal,
+    find_modes,
+    integrate,
+    mode_weights,
+    pool,
+    sample_modes,
+    truncate,
+)
+from bayesid.posterior.sampler import Draws, Sampling
+from bayesid.posterior.target import Prior, Target
+from bayesid.posterior.tuning import TUNING
+from bayesid.progress import SILENT
+from bayesid.regression.solver import ConeLeastSquares
+from bayesid.regression.stated import Says, constraints_of
+from bayesid.robot import robot_from_table
+from bayesid.simulation.logs import simulate
+from bayesid.simulation.parameters import random_parameters
+from bayesid.simulation.trajectories import random_trajectory
+
+TERMS = ("rigid_body", "viscous_friction", "coulomb_friction")
+"""Of the simulated arm."""
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """One of several alternatives.
+
+    Attributes:
+        name: of it.
+        cost: nats by which its best fit is worse than the one without alternatives.
+        prior_share: probability before the log; those of all alternatives sum to one.
+        prior_share_sd: standard error of it, by the integration.
+        marginal_likelihood: log of it over that of the likeliest alternative, and its standard error.
+        weight: probability after the log; those of all alternatives sum to one.
+        weight_sd: standard error of the weight, by the integration.
+        shared: share of its draws that satisfy another alternative too; they count for both.
+        draws: of parameters and noise inside it.
+    """
+
+    name: str
+    cost: float
+    prior_share: float
+    prior_share_sd: float
+    marginal_likelihood: MarginalLikelihood
+    weight: float
+    weight_sd: float
+    shared: float
+    draws: Draws
+
+
+def weigh(
+    result: Identification, alternatives: Mapping[str, Says], sampling: Sampling | None = None
+) -> list[Alternative]:
+    """What a log says of alternatives, in their order.
+
+    Args:
+        result: an identification without them, with a posterior; constraints of its own hold in every alternative.
+        alternatives: their names, and constraints as in `identify(constraints=...)`.
+        sampling: in each alternative; that of the result if None.
+
+    Raises:
+        InputError: there are fewer than two, one leaves no room, or the result's posterior cannot be divided.
+        SolverError: an optimisation or an integration failed.
+    """
+    posterior = _posterior_of(result, alternatives)
+    sampling = posterior.sampling if sampling is None else sampling
+    cones = [_cone_of(result, name, says) for name, says in alternatives.items()]
+    priors = [_divided(name, posterior.target.prior, cone) for name, cone in zip(alternatives, cones, strict=True)]
+    least = _modes(result, posterior.target, result.model.cone)[1]
+    costs, every, masses, before = [], [], [], []
+    for prior, cone in zip(priors, cones, strict=True):
+        target = replace(posterior.target, prior=prior)
+        modes, cost = _modes(result, target, cone)
+        draws, mass = _integrated(target, modes, sampling)
+        costs.append(cost)
+        every.append(draws)
+        masses.append(mass)
+        before.append(_prior_mass(prior, sampling.seed))
+    log_mass, error = np.array(masses).T
+    log_share, share_error = np.array(before).T
+    weights, shares = mode_weights(log_mass), mode_weights(log_share)
+    likelihoods = log_mass - log_share
+    columns = zip(
+        alternatives,
+        [0.5 * max(cost - least, 0.0) for cost in costs],
+        shares.tolist(),
+        _spread(shares, share_error).tolist(),
+        map(MarginalLikelihood, (likelihoods - likelihoods.max()).tolist(), np.hypot(error, share_error).tolist()),
+        weights.tolist(),
+        _spread(weights, error).tolist(),
+        [_shared(draws, cones[:k] + cones[k + 1 :]) for k, draws in enumerate(every)],
+        every,
+        strict=True,
+    )
+    return [Alternative(*values) for values in columns]
+
+
+def _posterior_of(result: Identification, alternatives: Mapping[str, Says]) -> Posterior:
+    if len(alternatives) < 2:
+        raise InputError("there are fewer than two", "alternatives", "give two or more, by their names")
+    posterior = result.posterior
+    if posterior is None:
+        raise InputError("it has no posterior", "result", "identify with a posterior")
+    if posterior.shift is not None:
+        said = "its draws are widened for uncertain gains or effects that the model may lack"
+        raise InputError(said, "result", "identify with exact gains and complete='off'")
+    return posterior
+
+
+def _cone_of(result: Identification, name: str, says: Says) -> Cone:
+    """The cone of the model with what is stated for all, and for one alternative."""
+    own, cone = constraints_of(says, result.model), result.model.cone
+    if own is None:
+        raise InputError("it states nothing", f"alternative {name!r}", "give it a constraint")
+    return replace(cone, stated=own if cone.stated is None else Constraints.joined([cone.stated, own]))
+
+
+def _divided(name: str, prior: Prior, cone: Cone) -> Prior:
+    """The prior inside an alternative: with the same windows, or the masses would not compare."""
+    inside = prior.within(cone)
+    lost = [window.name for window in prior.windows if window not in inside.windows]
+    if lost:
+        remedy = "identify with constraints= that leave room for every alternative: windows give way to these"
+        raise InputError(f"the prior leaves no room for it ({', '.join(lost)})", f"alternative {name!r}", remedy)
+    return inside
+
+
+def _modes(result: Identification, target: Target, cone: Cone) -> tuple[tuple[Mode, ...], float]:
+    """The modes inside a cone, and the least-squares cost of the best, at the noise of the result."""
+    posterior, search = result.posterior, result.search
+    assert posterior is not None
+    moments, information = posterior.moments, target.information
+    if not np.any(moments.known == 0):
+        search = replace(search, branches=())
+    scaled = moments.scaled(posterior.noise.sigma * np.sqrt(posterior.noise.autocorrelation))
+    hessian, energy = scaled.hessian.total(), float(scaled.energy.sum())
+    pull = np.zeros(len(hessian))
+    if information is not None:
+        hessian, energy, pull = hessian + information.hessian, energy + information.energy, information.gradient
+    solver = ConeLeastSquares(cone, result.coefficients, hessian, energy)
+    modes, prepared = find_modes(target, scaled, solver, search), solver.prepared()
+    return modes, min(prepared.solve_precisely(mode.signs @ scaled.gradient + pull).cost for mode in modes)
+
+
+def _integrated(target: Target, modes: Sequence[Mode], sampling: Sampling) -> tuple[Draws, MarginalLikelihood]:
+    """Draws of all modes, and the log of their mass with its standard error."""
+    sampled = sample_modes(target, modes, sampling, time.perf_counter(), SILENT)
+    masses = [one.marginal_likelihood or integrate(target, one.draws, sampling.seed) for one in sampled]
+    values, errors = np.array(masses).T
+    error = float(np.linalg.norm(mode_weights(values) * errors))
+    return pool(sampled), MarginalLikelihood(float(logsumexp(values)), error)
+
+
+def _prior_mass(prior: Prior, seed: int) -> MarginalLikelihood:
+    """Log of the integral of the prior of the parameters inside its region, with its standard error."""
+    normal = Normal(np.diag(prior.precision), prior.precision * prior.mean)
+    groups, walkers = TUNING.mass_groups, TUNING.mass_walkers
+    values = truncate(prior.region, normal, prior.inside, RandomState(seed), groups, walkers)[1]
+    return MarginalLikelihood(float(values.mean()), float(values.std(ddof=1) / np.sqrt(groups)))
+
+
+def _spread(weights: Array, error: Array) -> Array:
+    """(K,) standard errors of weights (K,) with those (K,) of the logarithms of their masses."""
+    slopes = weights[:, None] * (np.eye(len(weights)) - weights)
+    spread: Array = np.linalg.norm(slopes * error, axis=1)
+    return spread
+
+
+def _shared(draws: Draws, others: Sequence[Cone]) -> float:
+    few = draws.spread(TUNING.few_draws)[:, : draws.theta.shape[-1]]
+    stated = [cone.stated for cone in others if cone.stated is not None]
+    return float(np.mean([any(one.contains(theta) for one in stated) for theta in few]))
+
+
+def shown(alternatives: Sequence[Alternative]) -> str:
+    """A table, one line an alternative."""
+    lines = [f"{'alternative':<16}{'cost':>7}{'prior':>16}{'log marginal likelihood':>25}{'weight':>16}"]
+    for one in alternatives:
+        value, error = one.marginal_likelihood
+        of_log, weight = f"{value:.1f} +- {error:.1f}", f"{one.weight:.2f} +- {one.weight_sd:.2f}"
+        prior = f"{one.prior_share:.2f} +- {one.prior_share_sd:.2f}"
+        lines.append(f"{one.name:<16}{one.cost:7.1f}{prior:>16}{of_log:>25}{weight:>16}")
+    return "\n".join(lines)
+
+
+def simulated() -> tuple[Model, Array, Log]:
+    """An arm of two links on a vertical axis, its parameters, and a log of it with hidden signs."""
+    lower = {"a": 0.0, "alpha": np.pi / 2, "d": 0.4, "theta": 0.0}
+    upper = {"a": 0.35, "alpha": 0.0, "d": 0.0, "theta": 0.0}
+    robot = robot_from_table({"name": "arm", "convention": "standard", "joints": [lower, upper]}, "arm")
+    motion = random_trajectory(2, duration=6.0, seed=4, harmonics=3).motion(np.arange(301) / 50.0)
+    model = Model(robot, make_terms(TERMS, robot, motion))
+    rng = np.random.default_rng(1)
+    theta = random_parameters(model, rng)
+    return model, theta, simulate(model, theta, motion, rng=rng, noise=0.05)
+
+
+def either(name: str, bound: float) -> dict[str, Says]:
+    """A parameter is large, or it is small."""
+    return {f"{name} >= {bound:.2f}": lambda p: p[name] >= bound, f"{name} <= {bound:.2f}": lambda p: p[name] <= bound}
+
+
+def main() -> None:
+    """Prints both pairs."""
+    model, theta, log = simulated()
+    result = identify(model.robot, log, TERMS, complete="off")
+    for parameter, value in zip(model.parameters, theta.tolist(), strict=True):
+        if parameter.name in ("Fc2", "m1"):
+            print(f"{shown(weigh(result, either(parameter.name, 0.8 * value)))}\n")
+
+
+if __name__ == "__main__":
+    main()
