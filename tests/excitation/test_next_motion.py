@@ -247,7 +247,14 @@ def test_what_the_posterior_s_draws_say_that_the_model_lacks_no_recording_tells(
     theta = result.theta + 1e-3 * np.random.default_rng(4).standard_normal((2, 300, len(result.theta)))
     wide = theta[0] + 0.1 * (theta[1] - result.theta) / 1e-3
     draws, uncertain = (SimpleNamespace(theta=one) for one in (theta[0], wide))
-    posterior = SimpleNamespace(log_gain=None, shift=wide - theta[0], draws=draws, uncertain=uncertain)
+    prior = SimpleNamespace(sd=np.ones(len(result.theta)))
+    posterior = SimpleNamespace(
+        **{"log_gain": None, "shift": wide - theta[0], "draws": draws, "uncertain": uncertain},
+        target=SimpleNamespace(prior=prior),
+        decided_by_constraints=lambda rows: np.zeros(len(rows), dtype=bool),
+        covariance=result.covariance,
+        interval=lambda share: result.interval_95,
+    )
     run = RunSettings(duration=2.0, rate=50.0, limits=LIMITS)
     told = design_next(replace(result, posterior=posterior), run=run, changes=1).predicted
     wider, narrow = (result.coefficients.project(one.theta).var(axis=0, ddof=1) for one in (uncertain, draws))
