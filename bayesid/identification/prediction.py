@@ -201,8 +201,11 @@ def _of_arrays(given: Sequence[object]) -> Motion | RecordedMotion:
     try:
         t, q, dq, ddq = (np.asarray(values, dtype=float) for values in given)
         motion = Motion(t, q, dq, ddq)
-        if not len(motion) or np.any(np.diff(motion.t) <= 0.0):
-            raise ValueError("t does not increase from row to row" if len(motion) else "holds no instant")
+        steps = np.diff(motion.t)
+        if not len(motion) or np.any(steps < 0.0):
+            raise ValueError("time runs backwards" if len(motion) else "holds no instant")
+        if np.any(steps == 0.0):
+            raise ValueError("t does not increase from row to row")
     except (TypeError, ValueError) as error:
         remedy = "give finite t (N,), which increases, and q, dq and ddq (N, n)"
         raise InputError(str(error), GIVEN, remedy) from None
