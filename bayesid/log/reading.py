@@ -171,7 +171,7 @@ def _table_of(source: str | Path | Variables | Parts, options: Options) -> Table
     parts = source if isinstance(source, list | tuple) and all(map(_is_part, source)) else _named_parts(source)
     if parts:
         tables = [_table_of(one, replace(options, part=True)) for one in parts]
-        return check(join_parts(tables, options.columns, motion=options.motion), options.columns)
+        return check(join_parts(tables, options.named, motion=options.motion), options.columns)
     if isinstance(source, str | Path):
         return read_table(Path(source), options)
     for name in ("topic", "joints"):

@@ -93,8 +93,13 @@ def verdict(checks: Sequence[Check]) -> dict[str, object]:
 
 
 def unsaid(warnings: Sequence[str], told: Sequence[Check]) -> list[str]:
-    """The warnings that no check tells: each begins with what was seen, as a check's message does or holds."""
-    return [said for said in warnings if not any(said.partition("; ")[0] in check.message for check in told)]
+    """The warnings that no check tells: neither what was seen, with which each begins, nor what to do about it."""
+
+    def tells(check: Check, said: str) -> bool:
+        seen, _, remedy = said.partition("; ")
+        return seen in check.message or (remedy != "" and remedy == check.remedy)
+
+    return [said for said in warnings if not any(tells(check, said) for check in told)]
 
 
 # ---------------------------------------------------------------------------------------------------------------

@@ -51,6 +51,7 @@ def test_warnings_that_a_check_tells_are_not_told_again():
     checks = [Check("Proof", "bad", "search and posterior disagree; on much"), GOOD]
     warnings = ["search and posterior disagree; record more", "joint 3 stands still; if it moved, see why"]
     assert unsaid(warnings, checks) == warnings[1:]
+    assert unsaid(["seen otherwise; record more", *warnings[1:]], BADS) == warnings[1:], "nothing else to do"
 
 
 def test_what_a_command_cannot_be_asked_is_no_check_of_it():

@@ -37,7 +37,7 @@ def without_gaps(table: Table, options: Options) -> Table:
     chosen = [part for part in parts if part is not None]
     if len(chosen) < 2 or min(len(part.columns["t"].values) for part in chosen) < TUNING.fewest_rows:
         raise _lacking(table, missing, share)
-    joined = join_parts(chosen, options.columns, motion=options.motion)
+    joined = join_parts(chosen, options.named, motion=options.motion)
     return replace(joined, source=table.source, notes=table.notes, mended=(*table.mended, *joined.notes))
 
 

@@ -64,7 +64,7 @@ def choose(header: Sequence[str], where: str, options: Options) -> Chosen:
     Columns that the options do not name go by their own names. An InputError says, of `where`, which is missing or
     appears twice, or that it stays open which is meant.
     """
-    columns = {key: one for key, one in (options.columns or {}).items() if options.velocities or kind_part(key) != "dq"}
+    columns = options.named
     if options.part:
         columns = {key: pattern for key, pattern in columns.items() if fits(kind_part(key), pattern, header)}
     own = {reading.kind for reading in read_labels(header) if reading.rank < OTHER}

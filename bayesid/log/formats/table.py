@@ -38,6 +38,11 @@ class Options:
         """Whether measured velocities are read: not where `columns` say dq=none."""
         return (self.columns or {}).get("dq", "").strip().casefold() != "none"
 
+    @property
+    def named(self) -> dict[str, str]:
+        """The columns that have names; none of velocities where these are left out."""
+        return {key: one for key, one in (self.columns or {}).items() if self.velocities or not key.startswith("dq")}
+
 
 @dataclass(frozen=True)
 class Column:
