@@ -119,7 +119,7 @@ def verdict_parts(conclusion: Conclusion) -> list[RenderableType]:
         if one.remedy:
             parts.append(f"    -> {in_options(one.remedy)}")
     if conclusion.others:
-        parts.append(f"  {conclusion.others} other{'s' * (conclusion.others > 1)}: see the report")
+        parts.append(f"  {conclusion.others} more check{'s' * (conclusion.others > 1)}: see the report")
     return parts
 
 

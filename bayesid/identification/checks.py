@@ -30,7 +30,7 @@ from bayesid.signs.tuning import TUNING as SIGNS
 State = Literal["good", "look", "bad", "not done"]
 
 TELL_APART = "record a motion that loads or accelerates these joints"
-ALTERNATIVES = "see below where they differ; the posterior weighs them"
+ALTERNATIVES = "the report shows where they differ; the posterior weighs them"
 FACTOR_REMEDY = "add a log with a weighed --payload, or give one gain that you trust as exact"
 _MORE_TIME = "give a larger --time-limit"
 
