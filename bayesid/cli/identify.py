@@ -200,7 +200,11 @@ def _constraints(summary: Summary) -> list[str]:
     if not summary.constraints:
         return []
     dear = max(summary.constraints, key=lambda one: one.nats)
-    return [f"constraints: {len(summary.constraints)} hold; the dearest, {dear.label}, costs {dear.nats:.1f} nats"]
+    costs = f"the dearest, {dear.label}, costs {dear.nats:.1f} nats" if dear.nats > 0.0 else "none is active in the fit"
+    pressed = [one.label for one in summary.constraints if one.presses]
+    return [
+        f"constraints: {len(summary.constraints)} hold; {costs}{f'; {len(pressed)} hold draws back' * bool(pressed)}"
+    ]
 
 
 def _beyond(summary: Summary) -> list[str]:

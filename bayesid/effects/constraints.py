@@ -114,9 +114,15 @@ class Constraints:
         """(b, 4, 4) of theta (Q,)."""
         return self.constant + np.einsum("bqij,q->bij", self.basis, theta)
 
+    def least_eigenvalues(self, theta: Array) -> Array:
+        """(b, N) of the matrices of theta (N, Q)."""
+        matrices = self.constant + np.einsum("bqij,nq->nbij", self.basis, theta, optimize=True)
+        least: Array = np.linalg.eigvalsh(matrices)[..., 0].T
+        return least
+
     def contains(self, theta: Array, tolerance: float = 0.0) -> bool:
         """Whether theta (Q,) satisfies all of them, up to `tolerance`."""
-        least = np.linalg.eigvalsh(self.matrices(theta))[:, 0] if len(self.basis) else np.zeros(0)
+        least = self.least_eigenvalues(theta[None])
         return bool(np.all(self.slack(theta) >= -tolerance) and np.all(least >= -tolerance))
 
     @property

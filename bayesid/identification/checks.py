@@ -214,6 +214,12 @@ def dear_constraints(prices: Sequence[ConstraintPrice]) -> list[Check]:
     ]
 
 
+def pressing(pressed: Mapping[str, float]) -> Check:
+    """Constraints that hold draws back, with the share of draws at the edge of each: for information."""
+    parts = ", ".join(f"{label} ({share:.1%} at its edge)" for label, share in pressed.items())
+    return _remark(f"draws press against constraint{'s' * (len(pressed) > 1)} {parts}")
+
+
 UNSETTLED_GAINS = Check("Gains", "bad", "signs and gains did not come to agree", "give narrower --gains")
 
 
@@ -322,6 +328,8 @@ def _of_the_posterior(posterior: Posterior) -> Iterator[Check]:
     yield sampling(posterior.converged, posterior.timed_out, rhat, ess)
     if posterior.pressed:
         yield pressed_windows(dict(posterior.pressed))
+    if posterior.pressed_constraints:
+        yield pressing(posterior.pressed_constraints)
     weights, asked = [mode.weight for mode in posterior.modes], posterior.sampling.mode
     if asked > len(weights):
         yield _remark(f"there is no mode {asked} of the posterior, of {len(weights)}: the heaviest is written")

@@ -25,6 +25,7 @@ from scipy.special import log_expit, logsumexp
 from bayesid.arrays import Array, Integers, Mask
 from bayesid.effects.constraints import Constraints
 from bayesid.effects.parameters import Cone
+from bayesid.posterior.edges import at_edges, pressed_windows
 from bayesid.posterior.likelihood import SegmentBlocks
 from bayesid.posterior.modes import Normal, SampledMode, find_modes, mode_of_draws, pool, sample_modes
 from bayesid.posterior.moves import Conditional
@@ -77,6 +78,11 @@ class Posterior:
             f"modes        {len(self.modes)} (weights {weights}), mode {self.chosen + 1} is written",
             f"decided      {int(self.decided_by_data.sum())} of {size} parameters by the data",
             f"windows      {', '.join(name for name, _ in self.pressed) or 'none'} of the prior's hold draws back",
+            *(
+                [f"constraints  {', '.join(self.pressed_constraints) or 'none'} hold draws back"]
+                if self.at_edges
+                else []
+            ),
             "go on with   .theta, .parameter_sd, .interval(0.95), bayesid.inference_data(result)",
         ]
         return "\n  ".join(lines)
@@ -107,11 +113,17 @@ class Posterior:
     @property
     def pressed(self) -> tuple[tuple[str, float], ...]:
         """Windows of the prior that hold the draws back: their names, and the share of draws in the last tenth."""
-        theta = self.draws.theta
-        shares = (
-            (window.name, np.mean(window.share(theta) > TUNING.near_edge)) for window in self.target.prior.windows
-        )
-        return tuple((name, float(share)) for name, share in shares if share > TUNING.pressed)
+        return pressed_windows(self.target.prior, self.draws.theta)
+
+    @cached_property
+    def at_edges(self) -> dict[str, float]:
+        """Label of each constraint that is stated, to the share of draws at its edge."""
+        return at_edges(self.target.prior.stated, self.spread(TUNING.kept_draws)[0])
+
+    @property
+    def pressed_constraints(self) -> dict[str, float]:
+        """Those that hold the draws back, and so decide where data do not: their labels, and the share at the edge."""
+        return {label: share for label, share in self.at_edges.items() if share > TUNING.presses}
 
     @property
     def max_rhat(self) -> float:

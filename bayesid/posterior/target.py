@@ -64,6 +64,11 @@ class Window:
         share: Array = (theta @ self.part + self.constant) / (theta @ self.whole + self.bound)
         return share
 
+    def slack(self, theta: Array) -> Array:
+        """(...) of theta (..., P): positive inside, 0 on the edge."""
+        slack: Array = theta @ (self.whole - self.part) + self.bound - self.constant
+        return slack
+
 
 @dataclass(frozen=True)
 class Prior:

@@ -104,6 +104,13 @@ class Tuning:
     """Share of such draws from which on a window decides: a density that grows in proportion up to the edge has
     1 - 0.9^2 = 0.19 there. On the logs of study `real` it is 0.09 at most."""
 
+    at_edge: float = 0.1
+    """Standard deviations of its slack from a constraint's edge, within which a draw is at the edge: a share of draws
+    over this is the density there, in units of the standard deviation."""
+    presses: float = 0.02
+    """Share of such draws from which on draws press against a constraint: a normal distribution that is cut one
+    standard deviation from its mean, by which it loses a sixth of its mass, has 0.024."""
+
     # blocks
     block_length: float = 8.0
     """Autocorrelation times that a block lasts at least, so that neighbours say little of each other. On six real logs

@@ -20,7 +20,6 @@ from bayesid.identification.options import Provenance
 from bayesid.identification.payload import Estimate, PayloadBody, common_factor
 from bayesid.log.log import Log
 from bayesid.posterior.inference import Posterior
-from bayesid.regression.prices import ConstraintPrice
 from bayesid.regression.selection.unseen import TooNarrow
 from bayesid.regression.selection.wanted import EnteredEffect
 from bayesid.report.tuning import TUNING
@@ -236,6 +235,16 @@ class GainsSummary:
 
 
 @dataclass(frozen=True)
+class ConstraintSummary:
+    """A constraint that was stated."""
+
+    label: str  # how it was stated
+    nats: float  # by which the log is likelier without it; 0 where it is not active in the fit
+    at_edge: Number = None  # share of draws at its edge, a tenth of its slack's sd from it; None without a posterior
+    presses: bool = False  # whether it so holds the draws back
+
+
+@dataclass(frozen=True)
 class LowPassSummary:
     """A low-pass that |effort| has passed after the rectifier."""
 
@@ -277,7 +286,7 @@ class Summary:
     # label of each payload to its `mass`, kg, `com`, centre of mass in the last link's frame, m, and `inertia` about
     # it, xx, yy, zz, xy, xz, yz, kg m^2, each with `value`, `sd`, `interval`; None where none is carried
     payloads: Mapping[str, Mapping[str, Any]] | None = None
-    constraints: tuple[ConstraintPrice, ...] = ()  # that were stated, each with what it costs
+    constraints: tuple[ConstraintSummary, ...] = ()  # that were stated, each with what it costs and holds back
     corrected: tuple[str, ...] = ()  # those of the warnings that say what was mended or left out
 
     @property
@@ -376,6 +385,7 @@ def summarise(identification: Identification) -> Summary:
             words=str(after.low_pass),
         ),
         gains=_gains(identification),
+        constraints=_constraints(identification),
         payloads=_payloads(identification),
     )
     return typed(as_json(summary), Summary)  # so that it is what a file gives: None for what is not finite
@@ -422,6 +432,15 @@ def _gains(identification: Identification) -> GainsSummary | None:
     factor = None if gains.stated.unknown.any() else gains.factor
     told = {"mean": gains.value, "lower": lower, "upper": upper, "factor": factor, "stated": gains.stated.text}
     return filled(GainsSummary, gains, **told, sd_of_coefficients=identification.sd_apart)
+
+
+def _constraints(identification: Identification) -> list[ConstraintSummary]:
+    posterior = identification.posterior
+    at_edges, pressed = ({}, {}) if posterior is None else (posterior.at_edges, posterior.pressed_constraints)
+    return [
+        filled(ConstraintSummary, one, at_edge=at_edges.get(one.label), presses=one.label in pressed)
+        for one in identification.constraints
+    ]
 
 
 def _search(identification: Identification) -> SearchSummary:

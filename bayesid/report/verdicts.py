@@ -351,6 +351,29 @@ def gain_rows(summary: Summary) -> list[tuple[str, ...]]:
     ]
 
 
+CONSTRAINT_HEADINGS = ("constraint", "price", "draws at its edge", "holds draws back")
+"""Of `constraint_rows`."""
+
+
+def constraint_rows(summary: Summary) -> list[tuple[str, ...]]:
+    """Constraints that were stated: each with what it costs, the draws at its edge, and whether it holds them back."""
+    return [
+        (
+            one.label,
+            _price(one.nats),
+            "" if one.at_edge is None else f"{one.at_edge:.1%}",
+            "" if one.at_edge is None else "yes" if one.presses else "no",
+        )
+        for one in summary.constraints
+    ]
+
+
+def _price(nats: float) -> str:
+    if nats == 0.0:
+        return "not active"
+    return f"{nats:.1f} nats" if nats >= 0.05 else "under 0.1 nats"
+
+
 def intervals(summary: Summary) -> list[Check]:
     """Which intervals do not allow for what may be there besides; nothing of a command that never asks."""
     name = "Intervals"

@@ -81,7 +81,9 @@ def unproven(**changes):
     return SimpleNamespace(signs=signs_with(certified=False, **changes))
 
 
-def posterior_with(converged=True, weights=(1.0,), chosen=0, asked=1, excluded=None, pressed=(), timed_out=False):
+def posterior_with(
+    converged=True, weights=(1.0,), chosen=0, asked=1, excluded=None, pressed=(), timed_out=False, edges=()
+):
     return SimpleNamespace(
         excluded=excluded,
         converged=converged,
@@ -92,6 +94,7 @@ def posterior_with(converged=True, weights=(1.0,), chosen=0, asked=1, excluded=N
         chosen=chosen,
         sampling=SimpleNamespace(mode=asked, max_rhat=1.01, wanted_ess=1024.0),
         pressed=pressed,
+        pressed_constraints=dict(edges),
         timed_out=timed_out,
     )
 
@@ -143,6 +146,7 @@ FAULTS = (
         {"posterior": posterior_with(pressed=(("mass of all links, from above", 0.87),))},
         ("mass of all", "87%", "--links"),
     ),
+    ({"posterior": posterior_with(edges=(("m3 <= m2", 0.063),))}, ("constraint m3 <= m2", "6.3%")),
     (
         {"reading": Misreading("joint order", "joints 2 and 3 exchanged", 0.041, 0.213, 4.0, "give `correct` q2=q3")},
         ("1e4 times as likely", "`correct`", "joints 2 and 3 exchanged", "4.1%", "21.3%"),

@@ -1,7 +1,9 @@
 """What is stated of parameters, from the call to the folder: it holds, it is stored, and what contradicts is said."""
 
 import csv
+import html
 import json
+import re
 from dataclasses import replace
 
 import cvxpy as cp
@@ -19,7 +21,9 @@ from bayesid.identification.pipeline import identify
 from bayesid.log.gains import gains_of
 from bayesid.log.log import write_log
 from bayesid.posterior.sampler import Sampling
+from bayesid.report.findings import find_findings
 from bayesid.report.folders import save_identification
+from bayesid.report.pages.identification_page import identification_page
 from bayesid.report.summary import summarise
 from bayesid.robot import robot_table
 
@@ -107,6 +111,24 @@ def test_a_result_keeps_them_and_loading_needs_no_cvxpy(constrained, tmp_path, m
     assert all(cone.stated.contains(theta) for theta in reading.posterior.draws.theta.reshape(-1, cone.size)[::9])
     again = reading.posterior.uncertain.theta.reshape(-1, cone.size)
     assert all(cone.stated.contains(theta) for theta in again[::9]), "what the model may lack included"
+
+
+def test_what_holds_draws_back_is_named_on_the_page_in_the_summary_and_the_warnings(constrained):
+    summary, labels = summarise(constrained), constrained.model.constraints.labels
+    pressed = [one.label for one in summary.constraints if one.presses]
+    assert 0 < len(pressed) <= len(labels)
+    assert pressed == list(constrained.posterior.pressed_constraints)
+    (said,) = [warning for warning in constrained.warnings if "press against" in warning]
+    for one in summary.constraints:
+        assert (f"{one.label} ({one.at_edge:.1%} at its edge)" in said) == one.presses
+    assert all("--links" not in warning for warning in constrained.warnings)
+    page = identification_page(find_findings(constrained))
+    table = page.split('id="constraints"')[1].split("</section>")[0]
+    rows = [re.sub("(<[^>]*>)+", "|", html.unescape(row)).split("|") for row in table.split("<tr")[2:]]
+    for row, one in zip(rows, summary.constraints, strict=True):
+        assert {f"{100.0 * one.at_edge:.1f}\xa0%", "yes" if one.presses else "no"} <= set(row)
+        assert ("not active" in row) == (one.nats == 0.0)
+    assert 'id="constraints"' not in identification_page(find_findings(sampled()))
 
 
 def test_draws_that_completion_widens_satisfy_them():

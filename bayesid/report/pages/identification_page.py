@@ -10,6 +10,7 @@ from markupsafe import Markup
 
 from bayesid.identification.checks import State, convergence
 from bayesid.identification.identification import SURE, Identification
+from bayesid.identification.tuning import TUNING as IDENTIFICATION
 from bayesid.parallel import one_at_a_time
 from bayesid.progress import SILENT, Progress
 from bayesid.report import commands
@@ -29,7 +30,16 @@ from bayesid.report.plot.identification import (
 from bayesid.report.plot.posterior import forest_figure, pair_figure, rank_figure, trace_figure
 from bayesid.report.summary import shown_rows
 from bayesid.report.tuning import TUNING
-from bayesid.report.verdicts import EFFECT_HEADINGS, GAIN_HEADINGS, check_findings, effect_rows, gain_rows, sure_share
+from bayesid.report.verdicts import (
+    CONSTRAINT_HEADINGS,
+    EFFECT_HEADINGS,
+    GAIN_HEADINGS,
+    check_findings,
+    constraint_rows,
+    effect_rows,
+    gain_rows,
+    sure_share,
+)
 from bayesid.report.words import joints_in_words, listed, quantity, upper
 
 _NOTEBOOK: Mapping[State, str] = {"good": "#1f7a3d", "look": "#8a5a00", "bad": "#b3261e", "not done": "#59636e"}
@@ -171,6 +181,16 @@ def _gains(findings: Findings) -> list[Markup]:
         "variance that was stated. The factor common to all is in the checks."
     )
     return [html.table(caption, list(map(upper, GAIN_HEADINGS)), rows)] if rows else []
+
+
+def _constraints(findings: Findings) -> list[Markup]:
+    rows = constraint_rows(findings.summary)
+    caption = (
+        "Constraints that were stated. Price: by how much the log is likelier without it, the others kept; above "
+        f"{IDENTIFICATION.dear_constraint:.1f} nats the log contradicts it. A draw is at the edge within a tenth of "
+        "the standard deviation of its distance."
+    )
+    return [html.table(caption, list(map(upper, CONSTRAINT_HEADINGS)), rows)] if rows else []
 
 
 def _coefficients(findings: Findings) -> list[Markup]:
@@ -345,6 +365,7 @@ _PARTS: Mapping[tuple[str, str], Callable[[Findings], list[Markup]]] = {
     ("doubts", "Ambiguous segments"): _doubts,
     ("effects", "Beyond the terms asked for"): _effects,
     ("gains", "Gains"): _gains,
+    ("constraints", "Constraints"): _constraints,
     ("coefficients", "Coefficients"): _coefficients,
     ("posterior", "Posterior"): _posterior,
     ("residuals", "Residuals"): _residuals,

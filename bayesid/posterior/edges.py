@@ -1,0 +1,45 @@
+"""Edges that hold draws back: windows of the prior, and constraints that are stated."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bayesid.arrays import TINY, Array
+from bayesid.effects.constraints import Constraints
+from bayesid.posterior.target import Prior
+from bayesid.posterior.tuning import TUNING
+
+
+def pressed_windows(prior: Prior, theta: Array) -> tuple[tuple[str, float], ...]:
+    """Windows that hold draws (..., P) back: their names, and the share of draws in the last tenth.
+
+    Where constraints are stated, which may end before a window does, draws have to be at its edge as well.
+    """
+    pressed = []
+    for window in prior.windows:
+        share = float(np.mean(window.share(theta) > TUNING.near_edge))
+        if share <= TUNING.pressed:
+            continue
+        if prior.stated is None or _share_at_edge(window.slack(theta).reshape(1, -1)) > TUNING.presses:
+            pressed.append((window.name, share))
+    return tuple(pressed)
+
+
+def at_edges(stated: Constraints | None, theta: Array) -> dict[str, float]:
+    """Label of each constraint to the share of draws (N, P) at its edge: a tenth of its slack's sd from it, or less.
+
+    Of a constraint of several half spaces or matrices, at any of theirs.
+    """
+    if stated is None:
+        return {}
+    slack, least = stated.slack(theta.T), stated.least_eigenvalues(theta)
+    edges = (
+        np.concatenate([slack[stated.of_row == k], least[stated.of_matrix == k]]) for k in range(len(stated.labels))
+    )
+    return dict(zip(stated.labels, map(_share_at_edge, edges), strict=True))
+
+
+def _share_at_edge(slack: Array) -> float:
+    """Share of N draws that are at any of some edges, from which they have slack (m, N)."""
+    sd = np.maximum(slack.std(axis=1, keepdims=True), TINY)
+    return float(np.mean(np.any(slack < TUNING.at_edge * sd, axis=0)))
