@@ -67,5 +67,5 @@ def test_a_window_that_a_constraint_ends_before_is_not_blamed():
         prior = SimpleNamespace(windows=(window,), stated=constraints)
         assert [name for name, _ in pressed_windows(prior, draws)] == blamed
     nearer = SimpleNamespace(windows=(window,), stated=stated)
-    assert pressed_windows(nearer, draws + [0.5, 0.0]), "its own edge presses too"
+    assert pressed_windows(nearer, draws + np.array([0.5, 0.0])), "its own edge presses too"
     assert at_edges(stated, draws)["m1 <= 9.5"] > TUNING.presses
