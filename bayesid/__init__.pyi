@@ -24,7 +24,7 @@ from .export import urdf as urdf
 from .identification.gains import IdentifiedGains as IdentifiedGains
 from .identification.identification import Identification as Identification
 from .identification.identified_model import IdentifiedModel as IdentifiedModel
-from .identification.model_file import load_model as load_model
+from .identification.model_file import load as load
 from .identification.options import Preparation as Preparation
 from .identification.payload import PayloadBody as PayloadBody
 from .identification.payload import PayloadReading as PayloadReading
@@ -34,10 +34,7 @@ from .identification.prediction import PredictedEfforts as PredictedEfforts
 from .identification.prediction import Validation as Validation
 from .log.gains import Gains as Gains
 from .log.log import Log as Log
-from .log.log import join_logs as join_logs
-from .log.log import write_log as write_log
 from .log.reading import read_log as read_log
-from .log.reading import read_motion as read_motion
 from .log.segments import Cutting as Cutting
 from .monitor.accumulator import Accumulator as Accumulator
 from .monitor.changes import Alarm as Alarm
@@ -58,13 +55,7 @@ from .report.findings import find_findings as find_findings
 from .report.findings import read_findings as read_findings
 from .report.folders import inference_data as inference_data
 from .report.folders import make_report as make_report
-from .report.folders import save_comparison as save_comparison
-from .report.folders import save_discrepancy as save_discrepancy
-from .report.folders import save_identification as save_identification
-from .report.folders import save_validation as save_validation
-from .report.motions import save_design as save_design
-from .report.motions import save_next_motion as save_next_motion
-from .report.payload import save_payload as save_payload
+from .report.saving import save as save
 from .report.verdicts import check_findings as check_findings
 from .robot import Robot as Robot
 from .robot import load_robot as load_robot

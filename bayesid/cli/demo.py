@@ -21,7 +21,7 @@ from bayesid.errors import InputError
 from bayesid.identification.checks import State
 from bayesid.identification.identification import Identification
 from bayesid.identification.pipeline import identify
-from bayesid.log.log import Log, write_log
+from bayesid.log.log import Log
 from bayesid.posterior.sampler import Sampling
 from bayesid.progress import SILENT, Progress
 from bayesid.regression.knowledge import Beliefs
@@ -178,8 +178,8 @@ def simulate_command(options: argparse.Namespace) -> None:
     robot = robot_of(options, notes=True)
     effects = [parse_effect(text, robot) for text in options.effect]
     unsigned, signed = simulate_log(robot, options.duration, options.rate, options.noise, effects, options.seed)
-    write_log(options.out, unsigned)
-    write_log(truth, signed)
+    unsigned.save(options.out)
+    signed.save(truth)
     words = ["bayesid", "identify", str(options.out), *given_robot(options)]
     finish(options, last=f"written to {options.out}, with the signs in {truth}; next: {shlex.join(words)}")
 

@@ -24,11 +24,11 @@ from bayesid.cli.terminal import line_of
 from bayesid.discrepancy.comparison import LogComparison, compare_logs
 from bayesid.discrepancy.workflow import Discrepancy, find_discrepancy
 from bayesid.errors import InputError
-from bayesid.identification.model_file import load_model
+from bayesid.identification.model_file import load
 from bayesid.identification.options import Preparation
 from bayesid.identification.pipeline import QUICK
 from bayesid.log.formats import is_log_folder
-from bayesid.log.reading import find_logs
+from bayesid.log.sources import find_logs
 from bayesid.report.brief import in_brief
 from bayesid.report.comparison import comparison_conclusion
 from bayesid.report.comparison import in_brief as changes_in_brief
@@ -70,7 +70,7 @@ def _compare_with_result(options: argparse.Namespace) -> None:
             raise InputError("a result has its own robot and terms", f"--{name}", "leave it out")
     (path,) = options.logs
     folder = _folder(options, [options.result, path])
-    identified = load_model(options.result)
+    identified = load(options.result)
     reading = reading_options(options, identified)
     logs = [path] if options.holdout is None else [path, options.holdout]
     with stages(options) as progress:

@@ -38,7 +38,7 @@ from bayesid.excitation.next_motion import RunSettings, design_next
 from bayesid.excitation.rivals import Hypotheses, equivalent_classes, hypotheses_of
 from bayesid.files.writing import read_json
 from bayesid.identification.identified_model import IdentifiedModel
-from bayesid.identification.model_file import load_model
+from bayesid.identification.model_file import load
 from bayesid.motion import Motion
 from bayesid.progress import Progress
 from bayesid.report.findings import read_findings
@@ -149,7 +149,7 @@ def _design_for_result(options: argparse.Namespace) -> tuple[str, str]:
     check_taken(options, folder)
     with stages(options) as progress:
         with progress.stage("read"):
-            identified = load_model(options.result)
+            identified = load(options.result)
             recorded = _recorded_motion(options.result)
             robot = _robot_with_shapes(options, identified)
             clearance = _clearance(options, robot, _poses(options, identified.model.robot, recorded))

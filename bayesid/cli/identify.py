@@ -35,7 +35,7 @@ from bayesid.identification.identification import KNOWN, SURE, Identification
 from bayesid.identification.options import Preparation
 from bayesid.identification.pipeline import identify
 from bayesid.log.log import Log, join_logs
-from bayesid.log.reading import find_logs
+from bayesid.log.sources import find_logs
 from bayesid.motion import check_label
 from bayesid.report import verdicts
 from bayesid.report.conclusion import Conclusion, conclude

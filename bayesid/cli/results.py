@@ -23,7 +23,7 @@ from bayesid.cli.options import (
 from bayesid.cli.terminal import line_of, table
 from bayesid.errors import InputError
 from bayesid.identification.checks import Check, State
-from bayesid.identification.model_file import load_model
+from bayesid.identification.model_file import load
 from bayesid.identification.options import Preparation
 from bayesid.identification.payload import identify_payload
 from bayesid.identification.pipeline import QUICK
@@ -80,7 +80,7 @@ def _unvalidated(result: Validation) -> Conclusion:
 
 def _validation(options: argparse.Namespace, path: Path, progress: Progress) -> Validation:
     with progress.stage("read"):
-        identified = load_model(options.result)
+        identified = load(options.result)
         log = read_for(identified, path, reading_options(options, identified))
     with progress.stage("validate"):
         return identified.validate(log, options.cutoff)
@@ -103,7 +103,7 @@ def predict_command(options: argparse.Namespace) -> None:
     check_file(options, options.out)
     with stages(options) as progress:
         with progress.stage("read"):
-            identified = load_model(options.result)
+            identified = load(options.result)
             said = motion_options(options)
             motion = read_motion_for(identified, options.motion, said)
             read_as_corrected = (said["correct"] or identified.motion_reading.get("correct")) is not None
@@ -144,7 +144,7 @@ def payload_command(options: argparse.Namespace) -> None:
     posterior = Sampling(budget=options.posterior_budget, time_limit=options.time_limit, seed=options.seed)
     with stages(options) as progress:
         with progress.stage("read"):
-            identified = load_model(options.result)
+            identified = load(options.result)
             log = read_for(identified, options.log, reading_options(options, identified))
         result = identify_payload(
             identified,

@@ -19,12 +19,12 @@ from bayesid.cli.tuning import TUNING
 from bayesid.errors import BayesidError, InputError
 from bayesid.files.writing import plain, save_folder
 from bayesid.identification.identified_model import IdentifiedModel
-from bayesid.identification.model_file import load_model
+from bayesid.identification.model_file import load
 from bayesid.log.formats import STANDARD_INPUT, Options
 from bayesid.log.formats.encodings import Encoding
 from bayesid.log.log import Log, check_exact_gains
-from bayesid.log.reading import joint_names
 from bayesid.log.rows import RowReader
+from bayesid.log.sources import joint_names
 from bayesid.monitor.changes import CONTACT, Alarm
 from bayesid.monitor.replay import StreamFigures, agreement, contradicts, known_signs, replay, timed
 from bayesid.monitor.tracker import SignTracker
@@ -72,7 +72,7 @@ def _replay(options: argparse.Namespace) -> None:
     folder = check_new(options, folder, STREAM_FILES, STREAM)
     with stages(options) as progress:
         with progress.stage("read"):
-            identified = load_model(options.result)
+            identified = load(options.result)
             log = read_for(identified, options.log, reading_options(options, identified))
         log = log.carrying(options.payload) if options.payload else log
         check_joints(identified.model.robot, log.n_joints, log.source)
@@ -169,7 +169,7 @@ def _follow(options: argparse.Namespace) -> None:
             remedy = "leave it out, and track the recording afterwards"
             raise InputError("takes a whole recording", f"--{name}", remedy)
     folder = None if options.out is None else check_new(options, options.out, STREAM_FILES, STREAM)
-    identified = load_model(options.result)
+    identified = load(options.result)
     _tracker(options, identified, options.rate)  # bad options need no rows
     try:
         reader = _reader(options, identified)

@@ -129,7 +129,7 @@ class LogComparison:
             f"cannot be told           {named(UNDECIDED)}",
             f"parameters that moved    {', '.join(moved) or 'none'} (of {len(self.timeline.tracked)})",
             f"warnings                 {len(self.warnings) or 'none'}",
-            "go on with               .of('changed'), .timeline, .found[-1], bayesid.save_comparison(this, folder)",
+            "go on with               .of('changed'), .timeline, .found[-1], bayesid.save(this, folder)",
         ]
         return "\n  ".join(lines)
 

@@ -110,7 +110,7 @@ class Discrepancy:
             "joint     before      after      floor",
             *joints,
             f"warnings     {len(self.warnings) or 'none'}",
-            "go on with   .added, .identification, bayesid.save_discrepancy(this, folder)",
+            "go on with   .added, .identification, bayesid.save(this, folder)",
         ]
         return "\n  ".join(lines)
 

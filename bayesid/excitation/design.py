@@ -118,7 +118,7 @@ class ExcitationDesign:
             f"ExcitationDesign for {self.model.robot.name}: {len(self.motion)} instants at {self.rate:g} Hz",
             f"condition number  {self.start.condition:.1f} at the start, {self.reached.condition:.1f} now",
             f"undecided         {len(self.undecided)} of {len(self.coefficients)} coefficients",
-            "go on with        .motion, bayesid.save_design(this, folder)",
+            "go on with        .motion, bayesid.save(this, folder)",
         ]
         return "\n  ".join(lines)
 

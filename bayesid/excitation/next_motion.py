@@ -130,7 +130,7 @@ class NextMotion:
                 for (true, other), value in self.predicted.log10_bayes_factors.items()
             ),
             f"not checked   {'; '.join(self.unchecked) or 'nothing'}",
-            "go on with    .motion, .predicted, .never, bayesid.save_next_motion(this, folder)",
+            "go on with    .motion, .predicted, .never, bayesid.save(this, folder)",
         ]
         return "\n  ".join(lines)
 

@@ -353,5 +353,5 @@ def identified_of(model: object, name: str) -> IdentifiedModel:
     """
     if not isinstance(model, IdentifiedModel):
         folder = repr(str(model)) if isinstance(model, str | PathLike) else "folder"
-        raise InputError(f"{model!r:.60} is no result", name, f"give bayesid.load_model({folder})")
+        raise InputError(f"{model!r:.60} is no result", name, f"give bayesid.load({folder})")
     return model.identified if isinstance(model, Identification) else model

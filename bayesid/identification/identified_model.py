@@ -34,8 +34,9 @@ from bayesid.identification.tuning import TUNING
 from bayesid.log.corrections import corrections
 from bayesid.log.kept_reading import OF_MOTION, as_corrected, exact_gains
 from bayesid.log.log import Log, check_exact_gains
-from bayesid.log.reading import LogSource, as_log, joint_names
+from bayesid.log.reading import LogSource, as_log
 from bayesid.log.signals import prepare
+from bayesid.log.sources import joint_names
 from bayesid.motion import Motion
 from bayesid.regression.knowledge import Knowledge
 from bayesid.regression.noise import Noise
@@ -76,7 +77,7 @@ class IdentifiedModel:
         listed: its coefficients as the identification gave them; none of a model that was written by hand.
 
     Example:
-        >>> stored = bayesid.load_model("result")
+        >>> stored = bayesid.load("result")
         >>> stored.predict("motion.csv").mean.shape
         (201, 3)
     """
@@ -138,7 +139,7 @@ class IdentifiedModel:
         return Records(Coefficient, made)
 
     def coefficient(self, name: str) -> Coefficient:
-        """A base coefficient by its name, as in `bayesid.load_model("result").coefficient("Fc2").mean`.
+        """A base coefficient by its name, as in `bayesid.load("result").coefficient("Fc2").mean`.
 
         Raises:
             InputError: there is none of this name; near names are told.
@@ -221,7 +222,7 @@ class IdentifiedModel:
                 wanted.
 
         Example:
-            >>> stored = bayesid.load_model("result")
+            >>> stored = bayesid.load("result")
             >>> stored.predict("motion.csv").to_dataframe().columns.tolist()[:5]
             ['t', 'tau1', 'tau2', 'tau3', 'sd1']
         """
@@ -302,7 +303,7 @@ class IdentifiedModel:
             InputError: the log cannot be read, or has another number of joints.
 
         Example:
-            >>> check = bayesid.load_model("result").validate("another_log.csv")
+            >>> check = bayesid.load("result").validate("another_log.csv")
             >>> check.coverage.round(2)
             array([0.93, 0.97, 0.99])
         """

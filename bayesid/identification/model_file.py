@@ -36,18 +36,18 @@ _BEYOND = ("lacking", "by_gains")
 """Covariances of `IdentifiedModel` that there may be."""
 
 
-def load_model(folder: str | Path, effects: Iterable[type[Effect]] = ()) -> IdentifiedModel:
+def load(folder: str | Path, effects: Iterable[type[Effect]] = ()) -> IdentifiedModel:
     """The model of a result folder.
 
     Args:
-        folder: what `bayesid identify` or `save_identification` wrote.
+        folder: what `bayesid identify` or `bayesid.save` wrote.
         effects: classes of one's own that the model has and no installed package registers.
 
     Raises:
         InputError: there is no readable model.toml, or it has an effect that is not known.
 
     Example:
-        >>> bayesid.load_model("result").model.robot.name
+        >>> bayesid.load("result").model.robot.name
         'arm'
     """
     path = Path(folder) / "model.toml"
@@ -147,7 +147,7 @@ def _named(
     for row in rows:
         if not issubclass(known.get(row["name"], object), base):
             remedy = (
-                "install the package that registers it, read it by bayesid.load_model(folder, effects=[its class]), or "
+                "install the package that registers it, read it by bayesid.load(folder, effects=[its class]), or "
                 "with the version of bayesid that wrote it"
             )
             raise InputError(f"unknown {base.__name__.lower()} {row['name']!r}", where, remedy)

@@ -97,7 +97,7 @@ def call_of_log(log: Log) -> str:
         f"bayesid.read_log({source!r}{options})" + (f".carrying({payload!r})" if payload else "")
         for source, payload in carried.items()
     ]
-    return read[0] if len(read) == 1 else f"bayesid.join_logs([{', '.join(read)}])"
+    return read[0] if len(read) == 1 else f"bayesid.read_log([{', '.join(read)}])"
 
 
 def call_of(function: str, *given: str, **options: tuple[object, object]) -> str:

@@ -208,7 +208,7 @@ class PayloadReading:
             f"Payload from {self.identification.log.source}: {mass.value:.4g} +- {mass.sd:.2g} kg on {self.frame}"
             f"{'' if self.body.shown else ', which cannot be told from none'}",
             f"else         {'nothing has changed' if self.check.passed else f'CHANGED: joint {changed}'}",
-            "go on with   .body.mass, .body.centre, .body.inertia, .check, bayesid.save_payload(this, folder)",
+            "go on with   .body.mass, .body.centre, .body.inertia, .check, bayesid.save(this, folder)",
         ]
         return "\n  ".join(lines)
 

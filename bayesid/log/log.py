@@ -127,12 +127,32 @@ class Log:
         `mcx_tool1`, ..), which act in the logs of its label alone: letters, digits and underscores, else an InputError.
 
         Example:
-            >>> both = bayesid.join_logs([log, other_log.carrying("tool1")])
+            >>> both = bayesid.read_log([log, other_log.carrying("tool1")])
             >>> [piece.payload for piece in both.pieces]
             ['', 'tool1']
         """
         check_label(label)
         return replace(self, pieces=tuple(replace(piece, payload=label) for piece in _pieces(self, 0)))
+
+    def save(self, path: str | Path) -> Path:
+        """Writes a CSV file that `read_log` reads, with as many digits as it takes to come back the same.
+
+        Nothing in the file says which joints are signed: `read_log` looks for negative efforts, unless `unsigned` says
+        it.
+
+        Raises:
+            InputError: the file cannot be written.
+
+        Example:
+            >>> copy = log.save("copy.csv")
+            >>> bool(np.array_equal(bayesid.read_log(copy).effort, log.effort))
+            True
+        """
+        blocks = {"q": self.q, **({} if self.dq is None else {"dq": self.dq}), "tau": self.effort}
+        names = ["t", *(name for kind in blocks for name in numbered(kind, self.n_joints))]
+        place = Path(path)
+        replace_file(place, lambda aside: write_columns(aside, names, self.t, np.hstack(list(blocks.values()))))
+        return place
 
     @property
     def payload(self) -> Labels:
@@ -246,16 +266,6 @@ def check_exact_gains(log: Log) -> None:
     if log.gains is not None:
         remedy = "read it with the earlier result's own, as in bayesid.read_log(file, gains=result.gains.found)"
         raise InputError(f"was read with uncertain gains {log.gains.text}", log.source, remedy)
-
-
-def write_log(path: str | Path, log: Log) -> None:
-    """Writes a log in the format that `read_log` reads, with as many digits as it takes to come back the same.
-
-    Nothing in the file says which joints are signed: `read_log` looks for negative efforts, unless `unsigned` says it.
-    """
-    blocks = {"q": log.q, **({} if log.dq is None else {"dq": log.dq}), "tau": log.effort}
-    names = ["t", *(name for kind in blocks for name in numbered(kind, log.n_joints))]
-    replace_file(Path(path), lambda aside: write_columns(aside, names, log.t, np.hstack(list(blocks.values()))))
 
 
 @dataclass(frozen=True)

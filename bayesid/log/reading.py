@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from glob import glob
-from itertools import chain, pairwise
+from itertools import pairwise
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, TypeAlias
+from typing import Any, Literal, TypeAlias, overload
 
 import numpy as np
 
@@ -19,15 +17,14 @@ from bayesid.errors import InputError
 from bayesid.files.bounded import whole_number
 from bayesid.files.writing import numbered
 from bayesid.log.corrections import corrections
-from bayesid.log.formats import Column, Options, Table, is_log_folder, read_table
+from bayesid.log.formats import Column, Options, Table
 from bayesid.log.formats.encodings import MAGNITUDE, TAKEN
 from bayesid.log.formats.labels import factor_of, pattern_of, split_brackets
-from bayesid.log.formats.memory import Variables, read_variables
-from bayesid.log.formats.parts import JOINT, join_parts
+from bayesid.log.formats.memory import Variables
 from bayesid.log.formats.stated import parse_columns
 from bayesid.log.formats.table import DEGREE, check, far_positions, rows_of
 from bayesid.log.gains import Gains, gains_of
-from bayesid.log.kept_reading import read_alike
+from bayesid.log.kept_reading import OF_MOTION, read_alike
 from bayesid.log.log import GIVEN, Log, RecordedMotion, join_logs
 from bayesid.log.mending import (
     at_own_rate,
@@ -38,17 +35,18 @@ from bayesid.log.mending import (
     remarks_on_time,
     wrapped_in_degrees,
 )
+from bayesid.log.sources import Parts, joint_names, table_of
 from bayesid.log.tuning import TUNING
 from bayesid.log.velocities import check_speeds
 from bayesid.robot import Robot
 
-Parts: TypeAlias = Sequence["str | Path | Variables"]
-"""The files of one run, or what is in memory of it: they are joined by time."""
-LogSource: TypeAlias = Log | str | Path | Variables | Parts  # what stands for a log wherever one is asked for
+LogSource: TypeAlias = Log | str | Path | Variables | Parts | list["LogSource"]
+"""What stands for a log wherever one is asked for; a list for several, which are joined."""
 
 
-def read_log(  # noqa: PLR0913  a source, and what may be said of it
-    source: str | Path | Variables | Parts,
+@overload
+def read_log(
+    source: LogSource,
     gains: Sequence[float] | Gains | str | None = None,
     unsigned: str | None = None,
     *,
@@ -59,7 +57,38 @@ def read_log(  # noqa: PLR0913  a source, and what may be said of it
     encoding: str | None = None,
     robot: Robot | None = None,
     correct: str | None = None,
-) -> Log:
+    effort: Literal[True] = True,
+) -> Log: ...
+
+
+@overload
+def read_log(
+    source: str | Path | Variables | Parts,
+    *,
+    degrees: bool | None = None,
+    topic: str | None = None,
+    joints: Sequence[str] | None = None,
+    columns: Mapping[str, str] | str | Path | None = None,
+    robot: Robot | None = None,
+    correct: str | None = None,
+    effort: Literal[False],
+) -> RecordedMotion: ...
+
+
+def read_log(  # noqa: PLR0913  a source, and what may be said of it
+    source: LogSource,
+    gains: Sequence[float] | Gains | str | None = None,
+    unsigned: str | None = None,
+    *,
+    degrees: bool | None = None,
+    topic: str | None = None,
+    joints: Sequence[str] | None = None,
+    columns: Mapping[str, str] | str | Path | None = None,
+    encoding: str | None = None,
+    robot: Robot | None = None,
+    correct: str | None = None,
+    effort: bool = True,
+) -> Log | RecordedMotion:
     """Reads and checks a log in one of the formats of `bayesid.log.formats`, or one that is in memory.
 
     What had to be assumed, such as the order of a bag's joints, is said in a `UserWarning`.
@@ -67,7 +96,9 @@ def read_log(  # noqa: PLR0913  a source, and what may be said of it
     Args:
         source: the file, or a folder that is a recording; or a data frame, a structured array or a dict with columns
             named as in a file, or with `t` (N,), `q` (N, n), `tau` or `i` (N, n), and `dq` (N, n) if measured. Parts of
-            one run, such as positions and currents, in a list or as in "positions.csv+currents.csv" are joined by time.
+            one run, such as positions and currents, in a tuple or as in "positions.csv+currents.csv" are joined by
+            time. Several logs of one robot in a list are joined one after the other, with a pause between them; a
+            `Log` among them stays as it is.
         gains: n drive gains, N m/A, for a log of currents i1..in; efforts that the format leaves open (those of a ROS
             bag) are then currents. Gains that are not exact, as in "12~20%,16~20%,10" or "unknown", a CSV file with
             the columns gain and sd, or `Gains`, become unknowns of the identification; those may correct torques too.
@@ -87,6 +118,10 @@ def read_log(  # noqa: PLR0913  a source, and what may be said of it
             what a column of directions holds below zero; or "magnitude", not at all. By default what they show.
         robot: whose joints are looked for by their names, where the log has such; by default in the log's order.
         correct: joints to exchange, to turn round or to scale, and zeros, as in "q1=q3,q3=q1,tau2=-tau2,q5=q5+1.5708".
+        effort: False for a motion, to predict efforts of: efforts need not be there, and are left out.
+
+    Returns:
+        A `Log`, or positions and velocities over time without efforts.
 
     Raises:
         InputError: the file, a row, a column or an option cannot be used.
@@ -96,25 +131,37 @@ def read_log(  # noqa: PLR0913  a source, and what may be said of it
         >>> q = np.column_stack([np.sin(t), np.cos(3.0 * t)])
         >>> bayesid.read_log({"t": t, "q": q, "tau": 5.0 * q}).n_joints
         2
+        >>> len(bayesid.read_log(["log.csv", "another_log.csv"]).pieces)
+        2
+        >>> bayesid.read_log("motion.csv", effort=False).q.shape
+        (201, 3)
     """
+    given: dict[str, Any] = {"gains": gains, "unsigned": unsigned, "degrees": degrees, "topic": topic, "joints": joints}
+    given |= {"columns": columns, "encoding": encoding, "correct": correct}
+    if not effort:
+        return _motion_alone(source, robot, given)
+    if isinstance(source, list):
+        return _joined(source, robot, given)
+    if isinstance(source, Log):
+        raise InputError("is read already", source.source, "use it as it is, or give its file")
     _check_lists(gains=None if isinstance(gains, Gains | str) else gains, joints=joints)
     stated = parse_columns(str(columns)) if isinstance(columns, str | Path) else columns
     options = Options(topic=topic, joints=joints, currents=gains is not None, columns=stated, encoding=encoding)
     if robot is not None:
         options = replace(options, robot_joints=joint_names(robot), n_joints=robot.n_joints)
-    table = at_own_rate(_table_of(source, options))
+    table = at_own_rate(table_of(source, options))
     angle, made_with = angle_unit(table, degrees), gains_of_table(table, gains)
-    read_by = made_with
+    given |= {"gains": _as_read(gains, made_with), "columns": stated, "joints": table.joints or joints}
     table = wrapped_in_degrees(table) if degrees is None else table
     q, notes = positions_of(table, angle)
-    effort = table.block("tau" if "tau1" in table.columns else "i")
+    measured = table.block("tau" if "tau1" in table.columns else "i")
     decoded = table.encoding is not None and unsigned is None  # then also joints that are never negative
-    signed = signed_joints(effort, "none" if decoded else unsigned, table.n_joints)
+    signed = signed_joints(measured, "none" if decoded else unsigned, table.n_joints)
     if not any(TAKEN in one for one in table.mended):
-        notes += check_magnitudes(effort, q, signed, table.source, stated=encoding == MAGNITUDE)
-    effort *= made_with.value
+        notes += check_magnitudes(measured, q, signed, table.source, stated=encoding == MAGNITUDE)
+    measured *= made_with.value
     dq = table.block("dq", angle) if "dq1" in table.columns else None
-    check_readings(table, q, effort)
+    check_readings(table, q, measured)
     if dq is not None:
         notes += mend_velocities(table, q, dq)
     if degrees is None:
@@ -122,18 +169,18 @@ def read_log(  # noqa: PLR0913  a source, and what may be said of it
     notes = [*table.mended, *notes, *remarks_on_time(table, q)]
     if correct is not None:
         positions, efforts = corrections(correct, table.n_joints)
-        q, effort = positions.of(q, zero=True), efforts.of(effort)
+        q, measured = positions.of(q, zero=True), efforts.of(measured)
         made_with = made_with.ordered(efforts.order)
         dq = None if dq is None else positions.of(dq)
         signed = signed[efforts.order] if unsigned is None else signed
     for note in (*table.notes, *notes):
         warnings.warn(note, stacklevel=2)
-    np.abs(effort, out=effort, where=~signed)
+    np.abs(measured, out=measured, where=~signed)
     recordings = [
         Log(
             t=table.t[rows],
             q=_part(q, rows),
-            effort=_part(effort, rows),
+            effort=_part(measured, rows),
             signed=signed,
             dq=dq if dq is None else _part(dq, rows),
             source=name,
@@ -143,17 +190,22 @@ def read_log(  # noqa: PLR0913  a source, and what may be said of it
         )
         for name, rows in _recordings(table)
     ]
-    asked = {
-        "gains": _as_read(gains, read_by),
-        "unsigned": unsigned,
-        "degrees": degrees,
-        "topic": topic,
-        "joints": joints,
-        "columns": stated,
-    }
-    asked |= {"encoding": encoding, "joints": table.joints or joints, "correct": correct}
-    used = {name: list(one) if isinstance(one, tuple) else one for name, one in asked.items() if one is not None}
+    used = {name: list(one) if isinstance(one, tuple) else one for name, one in given.items() if one is not None}
     return replace(join_logs(recordings), read_with=used)
+
+
+def _joined(sources: list[LogSource], robot: Robot | None, given: Mapping[str, Any]) -> Log:
+    if not sources:
+        raise InputError("names no log", field="source", remedy="give one log or more")
+    return join_logs([one if isinstance(one, Log) else read_log(one, **given, robot=robot) for one in sources])
+
+
+def _motion_alone(source: Any, robot: Robot | None, given: Mapping[str, Any]) -> RecordedMotion:
+    for name in ("gains", "unsigned", "encoding"):
+        if given[name] is not None:
+            remedy = "leave it out, or read a log, with `effort=True`"
+            raise InputError("is of efforts, which a motion has none of", field=name, remedy=remedy)
+    return read_motion(source, **{name: given[name] for name in OF_MOTION}, robot=robot)
 
 
 def _as_read(stated: Sequence[float] | Gains | str | None, read_by: Gains) -> list[float] | str | None:
@@ -165,32 +217,6 @@ def _as_read(stated: Sequence[float] | Gains | str | None, read_by: Gains) -> li
         exact: list[float] = read_by.value.tolist()
         return exact
     return stated if isinstance(stated, str) else read_by.text
-
-
-def _table_of(source: str | Path | Variables | Parts, options: Options) -> Table:
-    parts = source if isinstance(source, list | tuple) and all(map(_is_part, source)) else _named_parts(source)
-    if parts:
-        tables = [_table_of(one, replace(options, part=True)) for one in parts]
-        return check(join_parts(tables, options.named, motion=options.motion), options.columns)
-    if isinstance(source, str | Path):
-        return read_table(Path(source), options)
-    for name in ("topic", "joints"):
-        if getattr(options, name) is not None:
-            raise InputError(f"is in memory, which has no {name}", type(source).__name__, f"leave {name} out")
-    return read_variables(source, options)
-
-
-def _named_parts(source: object) -> list[str]:
-    """The files of one run that a name with a `+` between them stands for, each perhaps a pattern."""
-    if not isinstance(source, str | Path) or JOINT not in str(source) or os.path.exists(source):
-        return []
-    names = [name.strip() for name in str(source).split(JOINT) if name.strip()]
-    return [one for name in names for one in (sorted(glob(name)) or [name])]
-
-
-def _is_part(source: object) -> bool:
-    named = isinstance(source, np.ndarray) and source.dtype.names is not None
-    return named or isinstance(source, str | Path | Mapping) or (hasattr(source, "columns"))
 
 
 def _recordings(table: Table) -> list[tuple[str, slice]]:
@@ -215,38 +241,6 @@ def _part(values: Array, rows: slice) -> Array:
 def as_log(source: LogSource, robot: Robot, kept: Mapping[str, Any] = MappingProxyType({})) -> Log:
     """A log as it is, and anything else as `read_log` reads it for a robot, by options kept of a result's log."""
     return source if isinstance(source, Log) else read_alike(read_log, source, kept, {}, robot=robot)
-
-
-def joint_names(robot: Robot) -> tuple[str, ...]:
-    """Names of a robot's joints from base to tip; none unless each has one."""
-    names = tuple(joint.name for joint in robot.joints)
-    return names if all(names) else ()
-
-
-def find_logs(patterns: Sequence[str | Path]) -> list[Path]:
-    """The logs that paths and patterns such as "runs/*.csv" name; those of a pattern in alphabetical order.
-
-    InputError if no file matches a pattern, or a log is named twice.
-    """
-    named: dict[str, Path] = {}
-    for path in chain.from_iterable(map(_matches, patterns)):
-        place = os.path.realpath(path)
-        if place in named:
-            said = "is named twice" if named[place] == path else f"is the same file as {named[place]}"
-            raise InputError(said, str(path), "name every log once: it would count twice")
-        named[place] = path
-    return list(named.values())
-
-
-def _matches(pattern: str | Path) -> list[Path]:
-    """The path itself, whether it exists or not, or the logs that match it; not the files of a folder that is a log."""
-    if os.path.exists(pattern) or JOINT in str(pattern) or not set("*?[") & set(str(pattern)):
-        return [Path(pattern)]
-    matches = [Path(match) for match in sorted(glob(str(pattern), recursive=True))]
-    logs = [path for path in matches if is_log_folder(path) or (path.is_file() and not is_log_folder(path.parent))]
-    if not logs:
-        raise InputError("matches no file", str(pattern), "give the path of a log, or a pattern of several")
-    return logs
 
 
 def angle_unit(table: Table, degrees: bool | None) -> float:
@@ -309,26 +303,25 @@ def signed_joints(measured: Array, unsigned: str | None, n: int) -> Mask:
 
 
 def read_motion(
-    path: str | Path | Variables,
+    source: str | Path | Variables | Parts,
     *,
     degrees: bool | None = None,
-    columns: Mapping[str, str] | None = None,
+    columns: Mapping[str, str] | str | Path | None = None,
     topic: str | None = None,
     joints: Sequence[str] | None = None,
     robot: Robot | None = None,
     correct: str | None = None,
 ) -> RecordedMotion:
-    """Reads and checks a motion in one of the formats of logs, or in memory; efforts may be there, and are left out.
-
-    Options are as for `read_log`.
+    """`read_log` without efforts, with its options.
 
     Raises:
         InputError: the file, a row, a column or an option cannot be used.
     """
-    options = Options(topic=topic, joints=joints, columns=columns, motion=True)
+    stated = parse_columns(str(columns)) if isinstance(columns, str | Path) else columns
+    options = Options(topic=topic, joints=joints, columns=stated, motion=True)
     if robot is not None:
         options = replace(options, robot_joints=joint_names(robot), n_joints=robot.n_joints)
-    table = _table_of(path, options)
+    table = table_of(source, options)
     for note in table.notes:
         warnings.warn(note, stacklevel=2)
     angle = angle_unit(table, degrees)

@@ -37,7 +37,7 @@ class Accumulator:
     long the stream is. It can be pickled, and goes on to the digit.
 
     Args:
-        model: an `IdentifiedModel`, as of `bayesid.load_model`, or an `Identification`.
+        model: an `IdentifiedModel`, as of `bayesid.load`, or an `Identification`.
         forget: time constant, s, by which what has come counts less and less, exp(-dt / forget), and with it the number
             of samples: the sd is that of the samples which count, as if nothing had changed while they do. Nothing is
             forgotten by default.

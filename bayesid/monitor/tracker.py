@@ -113,7 +113,7 @@ class SignTracker:
     with a stated rate of false ones (`bayesid.monitor.changes`). There is no thread, no clock and nothing that grows.
 
     Args:
-        model: an identification, or its model as `bayesid.load_model` gives it.
+        model: an identification, or its model as `bayesid.load` gives it.
         rate: of the samples, Hz; they may jitter, be late or be missing. One that is more than five times too high
             makes a gap of every step, and nothing is known: `counts.gaps` then grows with `counts.updates`.
         lag: s that the caller can wait: an instant is judged with the samples up to so much later. Half of it lets the
@@ -127,7 +127,7 @@ class SignTracker:
         InputError: the model, the rate, the lag, the rate of false alarms, the label or `signed` cannot be used.
 
     Example:
-        >>> tracker = bayesid.SignTracker(bayesid.load_model("result"), rate=50.0, lag=0.05)
+        >>> tracker = bayesid.SignTracker(bayesid.load("result"), rate=50.0, lag=0.05)
         >>> seen = [tracker.update(t, q, e) for t, q, e in zip(log.t, log.q, log.effort)]
         >>> seen[-1].probability.shape, tracker.counts.updates == len(log)
         ((3,), True)

@@ -38,7 +38,7 @@ from bayesid.identification.model_file import model_table
 from bayesid.identification.prediction import Validation
 from bayesid.log.corrections import corrections
 from bayesid.log.kept_reading import as_corrected
-from bayesid.log.log import Log, Piece, write_log
+from bayesid.log.log import Log, Piece
 from bayesid.log.signals import Signals
 from bayesid.log.velocities import derived
 from bayesid.parallel import one_blas_thread
@@ -126,7 +126,7 @@ def save_identification(
         identification: what to write.
         folder: where.
         with_log: whether the log itself goes in too, as log.csv.
-        report: whether report.html is made too, which takes some seconds; `bayesid.make_report` makes it later.
+        report: whether report.html is made too, which takes some seconds; `make_report` makes it later.
         validation: of another log, for the report.
         progress: of the report.
 
@@ -136,16 +136,11 @@ def save_identification(
 
     Warns:
         IncompleteWarning: an export or the report could not be written; the rest stands.
-
-    Example:
-        >>> folder = bayesid.save_identification(result, "saved", report=False)
-        >>> (folder / "model.toml").is_file()
-        True
     """
 
     def write(place: Path) -> None:
         if with_log:
-            write_log(place / "log.csv", identification.log)
+            identification.log.save(place / "log.csv")
 
     return _save_result(identification, folder, report, progress, write, validation=validation)
 
@@ -156,10 +151,6 @@ def save_discrepancy(
     """Writes discrepancy.json, a report of it, and the result folder of the extended model.
 
     Arguments, errors and warnings are those of `save_identification`; `report` is of the extended model's report.html.
-
-    Example:
-        >>> (bayesid.save_discrepancy(found, "found", report=False) / "discrepancy.json").is_file()
-        True
     """
     from bayesid.report.discrepancy import discrepancy_summary  # takes long to import, for these results alone
 
@@ -181,11 +172,6 @@ def save_comparison(
     """Writes discrepancy.json, timeline.csv, a report of both, and the result folder of the last log's extended model.
 
     Arguments, errors and warnings are those of `save_discrepancy`.
-
-    Example:
-        >>> both = bayesid.compare_logs(robot, [log, other_log], terms, posterior=False)
-        >>> (bayesid.save_comparison(both, "days", report=False) / "timeline.csv").is_file()
-        True
     """
     from bayesid.report.comparison import comparison_summary, timeline_rows
 
@@ -259,7 +245,7 @@ def make_report(
     """Makes the report of a result folder: one file that needs no other.
 
     Args:
-        folder: a result of `save_identification`.
+        folder: a result of `bayesid.save`.
         validation: of another log; the folder keeps what its report shows of it, in place of an earlier one.
         out: the file; report.html in the folder by default. A file that is there is replaced.
         progress: of the report.
@@ -327,10 +313,6 @@ def save_validation(validation: Validation, folder: str | Path) -> Path:
 
     Raises:
         InputError: the folder cannot be written, or holds other files than an earlier validation.
-
-    Example:
-        >>> (bayesid.save_validation(check, "validation") / "summary.json").is_file()
-        True
     """
     n = validation.log.n_joints
 

@@ -42,10 +42,6 @@ def save_design(design: ExcitationDesign, folder: str | Path) -> Path:
 
     Raises:
         InputError: the folder cannot be written, or holds other files than an earlier design.
-
-    Example:
-        >>> sorted(path.name for path in bayesid.save_design(design, "design").iterdir())
-        ['design.json', 'excitation.svg', 'trajectory.csv']
     """
 
     def write(place: Path) -> None:
@@ -195,11 +191,6 @@ def save_next_motion(design: NextMotion, folder: str | Path) -> Path:
 
     Raises:
         InputError: the folder cannot be written, or holds other files than an earlier one.
-
-    Example:
-        >>> design = bayesid.design_next(result, run=bayesid.RunSettings(duration=4.0), changes=10)
-        >>> sorted(path.name for path in bayesid.save_next_motion(design, "next").iterdir())[:4]
-        ['next_motion.json', 'next_motion.svg', 'predicted.csv', 'speed_10']
     """
     check_next_folder(folder)
 

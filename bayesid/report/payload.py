@@ -23,10 +23,6 @@ def save_payload(reading: PayloadReading, folder: str | Path) -> Path:
 
     Raises:
         InputError: the folder cannot be written, or holds other files than an earlier payload.
-
-    Example:
-        >>> (bayesid.save_payload(reading, "payload") / "payload.json").is_file()
-        True
     """
     summary = _payload_summary(reading)
     return save_folder(folder, PAYLOAD_FILES, PAYLOAD, lambda place: write_json(place / PAYLOAD, summary))

@@ -1,6 +1,6 @@
 """Several logs of one robot, each identified by itself on the runner, and whether the results agree.
 
-Pooled (`bayesid.join_logs`) they would give one model with smaller standard deviations; separately they show whether
+Pooled (`bayesid.read_log`) they would give one model with smaller standard deviations; separately they show whether
 these standard deviations are true.
 """
 

@@ -13,7 +13,6 @@ from rich.console import Console
 import bayesid
 from bayesid.cli import bars
 from bayesid.cli.tuning import TUNING
-from bayesid.log.log import write_log
 
 
 class Clock:
@@ -30,9 +29,9 @@ class Clock:
 def made(tmp_path_factory):
     """A result, a log of the same arm with a payload, and one without."""
     place, arm = tmp_path_factory.mktemp("made"), PayloadCase(0)
-    bayesid.save_identification(arm.result, place / "result", report=False)
-    write_log(place / "loaded.csv", arm.later(PAYLOAD))
-    write_log(place / "log.csv", arm.later())
+    bayesid.save(arm.result, place / "result", report=False)
+    arm.later(PAYLOAD).save(place / "loaded.csv")
+    arm.later().save(place / "log.csv")
     return place
 
 

@@ -229,7 +229,7 @@ def test_a_bad_verdict_is_an_exit_code_where_that_is_asked_for(arm_result, arm_p
     """After all has been written; the model does not predict a log of another arm's efforts."""
     table = bayesid.read_log("log.csv")
     other = bayesid.Log(table.t, table.q, 3.0 * table.effort + 1.0, table.signed)
-    bayesid.write_log("other.csv", other)
+    other.save("other.csv")
     command = "validate", "result", "other.csv"
     for options, code in (((), 0), (("--strict", "--out", "checked"), 3), (("--strict", "--quiet"), 3)):
         assert run(*command, *options) == code
@@ -370,7 +370,7 @@ def test_demo_is_the_papers_experiment(arm_shop, arm_place, capfd):
     assert run("demo", "--seed", 1, "--posterior-budget", 0, "--force", "--strict") == 3
     out, _ = capfd.readouterr()
     assert names(arm_place / "bayesid-demo") == RESULT | {"log.csv", "posterior.nc", "report.html"}
-    assert bayesid.load_model("bayesid-demo").model.robot.name != "arm"
+    assert bayesid.load("bayesid-demo").model.robot.name != "arm"
     assert len(bayesid.read_log("bayesid-demo/log.csv")) == 667
     assert "0 of " in out
     shown = json.loads((arm_place / "bayesid-demo" / "summary.json").read_text())["verdict"]

@@ -7,7 +7,6 @@ import bayesid
 from bayesid.cli.arguments import parse
 from bayesid.cli.options import finish
 from bayesid.identification.checks import Check
-from bayesid.log.log import write_log
 from bayesid.report.conclusion import conclude
 
 
@@ -31,14 +30,14 @@ def test_a_motion_is_judged_with_a_verdict_and_the_next_command(tmp_path, monkey
     monkeypatch.chdir(tmp_path)
     (tmp_path / "arm.toml").write_text(ARM)
     log = bayesid.simulate_log(bayesid.load_robot("arm.toml"), 20.0, 50.0, 0.02, (), seed=1)[0]
-    write_log(tmp_path / "log.csv", log)
+    log.save(tmp_path / "log.csv")
     assert run("excite", "--robot", "arm.toml", "--log", "log.csv", "--strict") == 0
     out = capfd.readouterr().out
     assert "Verdict: " in out
     assert out.splitlines()[-1] == "next: bayesid identify log.csv --robot arm.toml"
     q = np.array(log.q)
     q[:, 1] = 0.3
-    write_log(tmp_path / "still.csv", bayesid.Log(log.t, q, log.effort, log.signed))
+    bayesid.Log(log.t, q, log.effort, log.signed).save(tmp_path / "still.csv")
     for options, code in (((), 0), (("--strict",), 3)):
         assert run("excite", "--robot", "arm.toml", "--log", "still.csv", *options) == code
         out = capfd.readouterr().out

@@ -21,7 +21,7 @@ def made(tmp_path_factory):
     """A result, and a folder of a discrepancy that could not tell two effects apart."""
     place, arm = tmp_path_factory.mktemp("made"), PayloadCase(0)
     for name in ("result", "found"):
-        bayesid.save_identification(arm.result, place / name, report=False)
+        bayesid.save(arm.result, place / name, report=False)
     found = {
         "effect": "torque_offset",
         "joints": [1],
@@ -80,11 +80,11 @@ def test_programs_for_a_corrected_result_count_as_the_controller_does(made, tmp_
     """Joint 2 turns the other way with a zero of its own, and joints 1 and 3 are exchanged."""
     written = {}
     for name, correct in (("plain", None), ("turned", "q1=q3,q3=q1,q2=-q2+0.5")):
-        stored = bayesid.load_model(made / "result")
+        stored = bayesid.load(made / "result")
         if correct is not None:
             stored = replace(stored, read_with={"correct": correct})
         design = bayesid.design_next(stored, ["Fc2"], run=bayesid.RunSettings(duration=4.0, rate=50.0), changes=10)
-        place = bayesid.save_next_motion(design, tmp_path / name)
+        place = bayesid.save(design, tmp_path / name)
         table = np.genfromtxt(place / "speed_100" / "motion.csv", delimiter=",", names=True)
         written[name] = table, (place / "speed_100" / "motion.src").read_text()
     (plain, _), (turned, program) = written["plain"], written["turned"]

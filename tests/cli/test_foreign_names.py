@@ -9,7 +9,7 @@ import pytest
 from command_line import TWO_JOINTS
 
 from bayesid.cli import main
-from bayesid.identification.model_file import load_model
+from bayesid.identification.model_file import load
 
 NAME = 'name = "arm"'
 QUICK = ("--robot", "arm.toml", "--no-posterior", "--complete", "off")
@@ -44,7 +44,7 @@ def test_a_result_is_kept_whatever_the_names(place):
     done = subprocess.run([sys.executable, "-c", code], env=os.environ | ASCII, capture_output=True, timeout=120)
     assert (done.returncode, done.stderr) == (0, b"")
     assert b"\x1b" not in done.stdout
-    assert load_model(place / "result").model.robot.name == "é中"
+    assert load(place / "result").model.robot.name == "é中"
     summary = json.loads((place / "result" / "summary.json").read_text(encoding="utf-8"))
     assert summary["log"] == r"l\udcff\x1b[31m\n.csv"
     assert (place / "result" / "report.html").stat().st_size > 50_000

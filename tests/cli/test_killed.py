@@ -100,7 +100,7 @@ def is_one_of(folder, wholes):
     tables = [(folder / name).read_bytes() for name in TABLES]
     assert any(tables == [(whole / name).read_bytes() for name in TABLES] for whole in wholes)
     assert {path.name for path in folder.iterdir() if not path.name.startswith(".")} >= {"summary.json", "robot.urdf"}
-    assert bayesid.load_model(folder).model.robot.name == "arm"
+    assert bayesid.load(folder).model.robot.name == "arm"
     read_findings(folder)
 
 

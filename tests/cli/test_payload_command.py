@@ -8,7 +8,6 @@ from command_line import run, unfolded
 from payload_cases import MASS, PAYLOAD, PayloadCase
 
 import bayesid
-from bayesid.log.log import write_log
 
 GAINS = [10.0, 20.0, 5.0]
 QUICK = "--posterior-budget", 0
@@ -18,12 +17,12 @@ QUICK = "--posterior-budget", 0
 def made(tmp_path_factory):
     """A result, logs with a payload, without one, and of currents."""
     place, arm = tmp_path_factory.mktemp("made"), PayloadCase(0)
-    bayesid.save_identification(arm.result, place / "result", report=False)
+    bayesid.save(arm.result, place / "result", report=False)
     loaded = arm.later(PAYLOAD)
-    write_log(place / "loaded.csv", loaded)
-    write_log(place / "empty.csv", arm.later())
-    write_log(place / "first.csv", arm.first)
-    write_log(place / "currents.csv", bayesid.Log(loaded.t, loaded.q, loaded.effort / GAINS, loaded.signed))
+    loaded.save(place / "loaded.csv")
+    arm.later().save(place / "empty.csv")
+    arm.first.save(place / "first.csv")
+    bayesid.Log(loaded.t, loaded.q, loaded.effort / GAINS, loaded.signed).save(place / "currents.csv")
     path = place / "currents.csv"
     path.write_text(path.read_text().replace("tau", "i", 3))
     return place

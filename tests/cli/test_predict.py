@@ -8,7 +8,6 @@ from command_line import assert_refused, run
 from conftest import small_robot, smooth_motion
 
 import bayesid
-from bayesid.log.log import write_log
 
 COLUMNS = ["t", *(f"{kind}{j}" for kind in ("tau", "sd", "lower", "upper") for j in (1, 2))]
 
@@ -23,11 +22,11 @@ def made(tmp_path_factory):
     theta = bayesid.random_parameters(model, rng)
     log = bayesid.simulate(model, theta, motion, rng=rng, noise=0.03, signed=True)
     result = bayesid.identify(robot, log, ["rigid_body", "viscous_friction"], complete="off", posterior=False)
-    bayesid.save_identification(result, place / "result", report=False)
+    bayesid.save(result, place / "result", report=False)
     new = smooth_motion(2, 4.0, 125.0, seed=3)
     values = np.column_stack([new.t, new.q])
     np.savetxt(place / "motion.csv", values, delimiter=",", header="t,q1,q2", comments="", fmt="%.17g")
-    write_log(place / "log.csv", log)
+    log.save(place / "log.csv")
     return place, result
 
 
@@ -68,7 +67,7 @@ def test_the_file_holds_what_python_gives(made, place, capfd, options, noise):
 
 
 def test_repeated_rows_of_a_file_are_left_out_and_arrays_with_them_are_refused(place, capfd):
-    stored = bayesid.load_model("result")
+    stored = bayesid.load("result")
     _, values = table(place / "motion.csv")
     np.savetxt("twice.csv", np.repeat(values, 2, axis=0), delimiter=",", header="t,q1,q2", comments="", fmt="%.17g")
     for name in ("motion", "twice"):
@@ -86,6 +85,6 @@ def test_without_a_name_the_file_is_torques(made, place, capfd):
     assert run("predict", "result", "motion.csv") == 0
     assert table(place / "torques.csv")[0] == COLUMNS
     assert_refused(capfd, ("predict", "result", "motion.csv"), ["torques.csv", "--out torques-2.csv"])
-    stored = bayesid.load_model("result")
+    stored = bayesid.load("result")
     name = made[1].parameters_table()[3].name
     assert (stored.parameter(name).mean, stored.parameter(name).decided_by) == (made[1].parameter(name).mean, "unknown")

@@ -9,7 +9,6 @@ from command_line import ARM, run
 
 from bayesid.effects.catalogue import make_terms
 from bayesid.effects.model import Model
-from bayesid.log.log import write_log
 from bayesid.robot import load_robot
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters
@@ -31,7 +30,7 @@ def shop(tmp_path_factory):
         model = Model(robot, make_terms(["rigid_body", "viscous_friction"], robot, motion))
         theta = random_parameters(model, np.random.default_rng(5))
         theta[20:30] += extra * TOOL
-        write_log(place / name, simulate(model, theta, motion, rng=np.random.default_rng(seed), noise=0.02))
+        simulate(model, theta, motion, rng=np.random.default_rng(seed), noise=0.02).save(place / name)
     return place
 
 

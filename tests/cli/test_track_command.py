@@ -19,7 +19,6 @@ from payload_cases import PAYLOAD, PayloadCase
 
 import bayesid
 from bayesid.identification.model_file import model_table
-from bayesid.log.log import write_log
 from bayesid.report import stream as stream_folder
 
 RATE = 50.0
@@ -39,13 +38,13 @@ def shortened(log, seconds):
 def made(tmp_path_factory):
     """A result, a log like the first, one in which a payload comes at 4 s, and one with signs."""
     place, arm = tmp_path_factory.mktemp("made"), PayloadCase(0)
-    bayesid.save_identification(arm.result, place / "result", report=False)
+    bayesid.save(arm.result, place / "result", report=False)
     later, loaded = arm.later(), arm.later(PAYLOAD)
-    write_log(place / "log.csv", shortened(later, 4.0))
+    shortened(later, 4.0).save(place / "log.csv")
     taken = (loaded.t >= 4.0)[:, None]
-    write_log(place / "taken.csv", replace(later, effort=np.where(taken, loaded.effort, later.effort)))
+    replace(later, effort=np.where(taken, loaded.effort, later.effort)).save(place / "taken.csv")
     signed = np.where(arm.result.predict(arm.after).mean < 0.0, -later.effort, later.effort)
-    write_log(place / "signed.csv", shortened(replace(later, effort=signed, signed=np.ones(3, dtype=bool)), 4.0))
+    shortened(replace(later, effort=signed, signed=np.ones(3, dtype=bool)), 4.0).save(place / "signed.csv")
     return place
 
 
@@ -87,7 +86,7 @@ def test_a_recording_is_signed_as_it_would_have_been_live(place, monkeypatch, ca
         assert said in unfolded(out)
     stream, alarms, summary = read(place / "bayesid-track-log")
     assert alarms == []
-    tracker = bayesid.SignTracker(bayesid.load_model("result"), RATE, 0.04)
+    tracker = bayesid.SignTracker(bayesid.load("result"), RATE, 0.04)
     log = bayesid.read_log("log.csv")
     seen = [tracker.update(*row) for row in zip(log.t, log.q, log.effort, strict=True)]
     seen = [now for now in seen if np.isfinite(now.predicted).all()]
@@ -220,9 +219,9 @@ def test_a_stream_is_decoded_as_the_log_of_the_result_was(place, monkeypatch, ca
     coded = np.column_stack([log.t, log.q, np.where(counts < 0, counts + 65536, counts)])
     np.savetxt("coded.csv", coded, delimiter=",", header=",".join(names), comments="")
     (place / "of_counts").mkdir()
-    stored = replace(bayesid.load_model("result"), encoding="twos:16")
+    stored = replace(bayesid.load("result"), encoding="twos:16")
     (place / "of_counts" / "model.toml").write_text(tomli_w.dumps(model_table(stored)))
-    assert bayesid.load_model("of_counts").encoding == "twos:16"
+    assert bayesid.load("of_counts").encoding == "twos:16"
     on_input(monkeypatch, (place / "coded.csv").read_bytes())
     gains = "--gains", ",".join([repr(float(step))] * 3)
     assert run("track", "of_counts", *FOLLOW[2:], *gains) == 0

@@ -61,7 +61,7 @@ def test_one_arm_from_log_to_validation(place, capfd):
     assert table["notes"][0] == held
     assert run("validate", "left", "left_signed.csv") == 0
     robot = bayesid.load_robot("two arms.urdf", tip="left_hand", hold={"lift": 0.3})
-    assert bayesid.load_model("left").model.robot.same_kinematics(robot)
+    assert bayesid.load("left").model.robot.same_kinematics(robot)
     provenance = summary["provenance"]
     again = eval(provenance["call"], {"bayesid": bayesid})
     assert again.model.robot.same_kinematics(robot)

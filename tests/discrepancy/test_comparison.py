@@ -12,7 +12,7 @@ from bayesid.discrepancy.comparison import names_of
 from bayesid.discrepancy.timeline import ABSENT, PAYLOAD, SHOWN
 from bayesid.effects.catalogue import make_terms
 from bayesid.effects.model import Model
-from bayesid.log.log import Log, write_log
+from bayesid.log.log import Log
 from bayesid.report.comparison import columns
 from bayesid.report.discrepancy import discrepancy_checks, discrepancy_summary
 from bayesid.report.plot.discrepancy import timeline_figure
@@ -121,10 +121,10 @@ FIRST, SECOND, _ = WORN
 def place(tmp_path_factory):
     folder = tmp_path_factory.mktemp("weeks")
     for k, (name, factor) in enumerate(WORN.items(), 1):
-        write_log(folder / name, arm_log(k, worn=(1.0, factor, 1.0)))
+        arm_log(k, worn=(1.0, factor, 1.0)).save(folder / name)
     log = arm_log(3)
-    write_log(folder / "two.csv", Log(log.t, log.q[:, :2], log.effort[:, :2], log.signed[:2]))
-    write_log(folder / "copy.csv", arm_log(1))
+    Log(log.t, log.q[:, :2], log.effort[:, :2], log.signed[:2]).save(folder / "two.csv")
+    arm_log(1).save(folder / "copy.csv")
     (folder / "arm.toml").write_bytes(tomli_w.dumps(robot_table(small_robot(3, seed=2))).encode())
     (folder / "result").mkdir()
     return folder
@@ -148,7 +148,7 @@ def test_the_command_finds_friction_that_grew_and_writes_json_time_line_and_repo
         assert np.all(np.abs(value - first * np.array([*WORN.values()])) < 4.0 * sd)
     assert "joint 2: Coulomb friction" in (out / "discrepancy.html").read_text()
     assert (out / "report.html").is_file()
-    assert bayesid.load_model(out).model.robot.n_joints == 3
+    assert bayesid.load(out).model.robot.n_joints == 3
 
 
 def test_bad_input_is_one_line_and_exit_code_2(place, tmp_path, capsys):

@@ -10,7 +10,7 @@ from made_trials import TERMS, arm_log
 import bayesid
 from bayesid.cli import main
 from bayesid.discrepancy.tuning import TUNING
-from bayesid.log.log import Log, write_log
+from bayesid.log.log import Log
 from bayesid.log.reading import read_log
 from bayesid.report.discrepancy import discrepancy_summary
 from bayesid.studies import blind
@@ -142,11 +142,11 @@ def test_what_a_log_cannot_show_is_not_testable(healthy):
 @pytest.fixture(scope="module")
 def folder(healthy, tmp_path_factory):
     place = tmp_path_factory.mktemp("logs")
-    bayesid.save_identification(healthy, place / "healthy", report=False)
-    write_log(place / "first.csv", arm_log(1))
-    write_log(place / "log.csv", arm_log(2, spring))
-    write_log(place / "holdout.csv", arm_log(3, spring))
-    write_log(place / "short.csv", arm_log(2, spring, duration=1.2))
+    bayesid.save(healthy, place / "healthy", report=False)
+    arm_log(1).save(place / "first.csv")
+    arm_log(2, spring).save(place / "log.csv")
+    arm_log(3, spring).save(place / "holdout.csv")
+    arm_log(2, spring, duration=1.2).save(place / "short.csv")
     return place
 
 
@@ -164,7 +164,7 @@ def test_command_leaves_report_and_extended_model(folder):
     assert written["gap"]["holdout"].endswith("holdout.csv")
     assert written["gap"]["after"][1] < 0.5 * written["gap"]["before"][1]
     assert "spring" in (out / "discrepancy.html").read_text()
-    stored = bayesid.load_model(out)
+    stored = bayesid.load(out)
     assert stored.seen(arm_log(1))  # what the earlier log has shown is in it
     assert stored.seen(read_log(folder / "log.csv"))
     assert not stored.seen(arm_log(4, spring))
@@ -177,9 +177,9 @@ def test_command_leaves_report_and_extended_model(folder):
 
 def test_bad_input_is_one_line_and_exit_code_2(folder, tmp_path, capsys):
     log = arm_log(2)
-    write_log(folder / "two.csv", Log(log.t, log.q[:, :2], log.effort[:, :2], log.signed[:2]))
-    write_log(folder / "other.csv", arm_log(2, robot=9))
-    write_log(folder / "still.csv", replace(log, q=np.zeros_like(log.q)))
+    Log(log.t, log.q[:, :2], log.effort[:, :2], log.signed[:2]).save(folder / "two.csv")
+    arm_log(2, robot=9).save(folder / "other.csv")
+    replace(log, q=np.zeros_like(log.q)).save(folder / "still.csv")
     shutil.copytree(folder / "healthy", folder / "broken")
     (folder / "broken" / "model.toml").write_text("robot = 3\n")
     for change, said in (
@@ -210,7 +210,7 @@ def test_nominal_model_says_what_it_does_not_know(folder, tmp_path):
     path = tmp_path / "nominal" / "model.toml"
     text = path.read_text()
     path.write_text(text[: text.index("[knowledge]")])
-    result = bayesid.find_discrepancy(bayesid.load_model(tmp_path / "nominal"), arm_log(2), posterior=False)
+    result = bayesid.find_discrepancy(bayesid.load(tmp_path / "nominal"), arm_log(2), posterior=False)
     assert any("nothing is known" in warning for warning in result.warnings)
 
 

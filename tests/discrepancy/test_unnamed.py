@@ -54,9 +54,9 @@ def test_it_is_the_function_that_was_hidden(found):
 
 
 def test_it_is_kept_with_the_model_and_drawn_on_the_page(found, tmp_path):
-    folder = bayesid.save_discrepancy(found, tmp_path / "found")
+    folder = bayesid.save(found, tmp_path / "found")
     motion = found.trial.signals.motion
-    kept = bayesid.load_model(folder)
+    kept = bayesid.load(folder)
     assert np.allclose(kept.predict(motion).mean, found.identification.predict(motion).mean, rtol=1e-9)
     (told,) = [one for one in json.loads((folder / "discrepancy.json").read_text())["found"] if one["variables"]]
     assert told["effect"] == "learned_effect"

@@ -28,7 +28,7 @@ import bayesid
 from bayesid.cli import demo, main
 from bayesid.effects.catalogue import make_terms
 from bayesid.effects.model import Model
-from bayesid.log.log import Log, write_log
+from bayesid.log.log import Log
 from bayesid.report.summary import as_json, summarise
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters
@@ -102,12 +102,12 @@ def write_logs(folder: Path, page: str) -> None:
     """What the user of a page has recorded."""
     robot = ROBOTS.get(page, "robot.toml")
     log, other = (simulated(robot, 6.0, 50.0, seed) for seed in (1, 2))
-    write_log(folder / "log.csv", log.rectified())
-    write_log(folder / "another_log.csv", other.rectified())
-    write_log(folder / "signed.csv", log)
+    log.rectified().save(folder / "log.csv")
+    other.rectified().save(folder / "another_log.csv")
+    log.save(folder / "signed.csv")
     (folder / "week").mkdir()
     for day, recorded in (("monday", log), ("tuesday", other)):
-        write_log(folder / "week" / f"{day}.csv", recorded.rectified())
+        recorded.rectified().save(folder / "week" / f"{day}.csv")
     if page not in ROBOTS:
         write_currents(folder / "currents.csv", log)
         write_currents(folder / "loaded.csv", simulated(robot, 6.0, 50.0, seed=3, load=PAYLOAD))
@@ -115,7 +115,7 @@ def write_logs(folder: Path, page: str) -> None:
 
 def write_currents(path: Path, log: Log) -> None:
     """A log of |current|."""
-    write_log(path, replace(log.rectified(), effort=np.abs(log.effort) / GAINS))
+    replace(log.rectified(), effort=np.abs(log.effort) / GAINS).save(path)
     path.write_text(path.read_text().replace("tau", "i", len(GAINS)))
 
 
@@ -180,8 +180,8 @@ def test_result_folder_names_every_file_column_and_key(tmp_path):
     write_files(tmp_path)
     log = simulated(tmp_path / "robot.toml", 6.0, 50.0, seed=1)
     result = bayesid.identify(tmp_path / "robot.toml", log, ["rigid_body", "viscous_friction"], posterior=FEW)
-    bayesid.save_identification(result, tmp_path / "result")
-    bayesid.save_validation(result.validate(log), tmp_path / "validation")
+    bayesid.save(result, tmp_path / "result")
+    bayesid.save(result.validate(log), tmp_path / "validation")
     for path in [*(tmp_path / "result").iterdir(), *(tmp_path / "validation").iterdir()]:
         assert f"`{path.name}`" in text, path.name
         if path.suffix == ".csv":

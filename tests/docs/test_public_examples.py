@@ -42,7 +42,7 @@ def make_namespace(folder: Path) -> dict[str, object]:
     np.savetxt("motion.csv", np.column_stack([motion.t, motion.q]), delimiter=",", header=header, comments="")
     model = bayesid.Model(robot, bayesid.make_terms(TERMS, robot, motion))
     result = bayesid.identify(robot, log, TERMS, posterior=FEW)
-    bayesid.save_identification(result, "result", report=False)
+    bayesid.save(result, "result", report=False)
     shape, objective = bayesid.TrajectoryShape(duration=4.0, rate=50.0, harmonics=2), bayesid.Objective(evaluations=20)
     return {
         "bayesid": bayesid,

@@ -182,12 +182,12 @@ def test_a_term_of_ones_own_is_identified(result, kinds):
 
 
 def test_its_model_is_read_back_with_its_class_and_refused_without(tmp_path, result, kinds):
-    bayesid.save_identification(result, tmp_path / "result", report=False)
-    again = bayesid.load_model(tmp_path / "result", effects=kinds)
+    bayesid.save(result, tmp_path / "result", report=False)
+    again = bayesid.load(tmp_path / "result", effects=kinds)
     assert again.model.terms == result.identified.model.terms
     np.testing.assert_array_equal(again.theta, result.identified.theta)
     with pytest.raises(bayesid.InputError, match=r"unknown term 'fan_drag'; .*effects=\[its class\]"):
-        bayesid.load_model(tmp_path / "result")
+        bayesid.load(tmp_path / "result")
 
 
 def columns_of(shape, value=1.0):

@@ -24,9 +24,10 @@ from scipy.io import savemat
 from bayesid.errors import InputError
 from bayesid.excitation.limits import read_limits
 from bayesid.files.writing import check_folder
-from bayesid.identification.model_file import load_model
+from bayesid.identification.model_file import load
 from bayesid.log.formats.stated import parse_columns
-from bayesid.log.reading import find_logs, read_log, read_motion
+from bayesid.log.reading import read_log, read_motion
+from bayesid.log.sources import find_logs
 from bayesid.regression.knowledge import Beliefs, read_nominal
 from bayesid.report.findings import read_findings
 from bayesid.robot import load_robot, robot_from_table
@@ -168,7 +169,7 @@ def test_names_beyond_all_recorders_and_systems(tmp_path):
         with pytest.raises(InputError, match="q1"):
             read_log(path)
     for path in ("a\0b.csv", "x" * 5000, "/".join(["d" * 200] * 50)):
-        for read in (read_log, read_limits, read_nominal, load_model, read_findings, load_robot):
+        for read in (read_log, read_limits, read_nominal, load, read_findings, load_robot):
             with pytest.raises(InputError):
                 read(path)
         with pytest.raises(InputError, match="cannot be the name of a file"):

@@ -17,7 +17,7 @@ from bayesid.effects.coefficients import base_coefficients
 from bayesid.effects.model import Model
 from bayesid.errors import InputError
 from bayesid.identification.identified_model import IdentifiedModel
-from bayesid.identification.model_file import load_model, model_table
+from bayesid.identification.model_file import load, model_table
 from bayesid.regression.noise import Noise
 from bayesid.report.findings import read_findings, write_findings
 from bayesid.report.folders import make_report
@@ -61,7 +61,7 @@ def test_bytes(folder, sample, examples):
     def reads(named):
         name, content = named
         (folder / name).write_bytes(content)
-        reads = [check_reader(lambda: load_model(folder))] if name != "findings.npz" else []
+        reads = [check_reader(lambda: load(folder))] if name != "findings.npz" else []
         reads += [check_reader(lambda: read_findings(folder))] if name != "model.toml" else []
         (folder / name).write_bytes(sample[name])
         return all(reads)
@@ -77,7 +77,7 @@ def test_tables_of_the_model_and_the_summary(folder, sample, examples):
             (folder / "model.toml").write_bytes(tomli_w.dumps(table).encode())
         except (TypeError, UnicodeEncodeError, ValueError):  # what TOML cannot hold
             return
-        check_reader(lambda: load_model(folder))
+        check_reader(lambda: load(folder))
 
     def check_summary(table):
         (folder / "summary.json").write_text(json.dumps(table), encoding="utf-8")

@@ -15,11 +15,10 @@ from identified_arm import MODEL, ROBOT, THETA, by_least_squares, log_of, sample
 from bayesid.cli import main
 from bayesid.effects.bodies import Payload
 from bayesid.errors import InputError
-from bayesid.identification.model_file import load_model
+from bayesid.identification.model_file import load
 from bayesid.identification.payload import identify_payload
 from bayesid.identification.pipeline import identify
 from bayesid.log.gains import gains_of
-from bayesid.log.log import write_log
 from bayesid.posterior.sampler import Sampling
 from bayesid.report.findings import find_findings
 from bayesid.report.folders import save_identification
@@ -100,7 +99,7 @@ def test_a_result_keeps_them_and_loading_needs_no_cvxpy(constrained, tmp_path, m
         decided = {row["name"]: row["decided_by"] for row in csv.DictReader(file)}
     assert decided["m2"] == "constraints"
     monkeypatch.setitem(__import__("sys").modules, "cvxpy", None)
-    stored = load_model(folder)
+    stored = load(folder)
     theta = constrained.theta + 0.01
     np.testing.assert_allclose(stored.model.cone.stated.slack(theta), constrained.model.cone.stated.slack(theta))
     np.testing.assert_allclose(stored.model.cone.stated.matrices(theta), constrained.model.cone.stated.matrices(theta))
@@ -148,14 +147,14 @@ def test_draws_that_completion_widens_satisfy_them():
 
 
 def test_the_command_takes_a_file_and_refuses_a_bad_one_in_one_line(tmp_path, capsys):
-    write_log(tmp_path / "log.csv", log_of(0))
+    log_of(0).save(tmp_path / "log.csv")
     (tmp_path / "robot.toml").write_text(tomli_w.dumps(robot_table(ROBOT)))
     known = tmp_path / "known.toml"
     known.write_text(f"total_mass = [0.2, {1.2 * sum(MASS):.4f}]\n[bounds]\n{about('m2', 0.1)}\n")
     call = ["identify", str(tmp_path / "log.csv"), "--robot", str(tmp_path / "robot.toml"), "--constraints", str(known)]
     call += ["--complete", "off", "--no-posterior", "--no-report", "--quiet"]
     assert main([*call, "--out", str(tmp_path / "result")]) == 0
-    assert load_model(tmp_path / "result").model.constraints.labels == ("total_mass", "bounds.m2")
+    assert load(tmp_path / "result").model.constraints.labels == ("total_mass", "bounds.m2")
     summary = json.loads((tmp_path / "result" / "summary.json").read_text())
     assert f"constraints='{known}'" in summary["provenance"]["call"]
     assert summary["provenance"]["options"]["constraints"] == str(known)

@@ -11,7 +11,7 @@ import bayesid
 from bayesid.effects import STANDARD
 from bayesid.errors import InputError
 from bayesid.identification.gains import BY_DATA, BY_PRIOR, GIVEN, IdentifiedGains
-from bayesid.identification.model_file import load_model
+from bayesid.identification.model_file import load
 from bayesid.identification.pipeline import identify, identify_again
 from bayesid.log.gains import Gains
 from bayesid.motion import Motion
@@ -159,7 +159,7 @@ def test_a_payload_of_known_mass_fixes_the_factor(arm):
     loaded.theta[20:30] += body
     logs = [wrong(arm.log(noise=0.03)), wrong(loaded.log(noise=0.03)).carrying("tool")]
     beliefs = Beliefs(nominal={"m_tool": (2.0, 0.004)})
-    gains = settle(arm, bayesid.join_logs(logs), beliefs=beliefs).gains
+    gains = settle(arm, bayesid.read_log(logs), beliefs=beliefs).gains
     assert gains.factor_decided_by == BY_DATA
     assert gains.factor_sd < 0.05, "a fifth of what is stated of each"
     assert abs(gains.weights @ np.log(gains.value)) < 3.5 * gains.factor_sd
@@ -183,13 +183,13 @@ def test_gains_that_nobody_knows_are_found_from_readings_in_other_units(arm, kno
 
 def test_the_result_folder_keeps_them(found, tmp_path):
     save_identification(found, tmp_path / "result", report=False)
-    again = load_model(tmp_path / "result").gains
+    again = load(tmp_path / "result").gains
     assert isinstance(again, IdentifiedGains)
     np.testing.assert_allclose(again.value, found.gains.value)
     np.testing.assert_allclose(again.covariance, found.gains.covariance)
     assert again.decided_by == found.gains.decided_by
     assert again.found.exact.all()
-    draws = load_model(tmp_path / "result").draws
+    draws = load(tmp_path / "result").draws
     assert draws.log_gain.std(axis=0) == pytest.approx(found.gains.relative_sd, rel=0.1)
 
 

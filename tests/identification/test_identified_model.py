@@ -11,7 +11,7 @@ from bayesid.effects.catalogue import make_effect
 from bayesid.effects.coefficients import base_coefficients
 from bayesid.errors import InputError
 from bayesid.identification.identified_model import IdentifiedModel, ParameterDraws
-from bayesid.identification.model_file import load_model
+from bayesid.identification.model_file import load
 from bayesid.identification.options import hashes
 from bayesid.identification.pipeline import identify
 from bayesid.log.log import join_logs
@@ -196,7 +196,7 @@ def test_a_prediction_is_the_same_from_a_folder_and_in_frames_datasets_and_files
     size = len(by_least_squares().coefficients)
     lacking = replace(by_least_squares(), lacking=np.diag(np.arange(1.0, size + 1.0)))
     save_identification(lacking, tmp_path / "result", report=False)
-    there = load_model(tmp_path / "result")
+    there = load(tmp_path / "result")
     np.testing.assert_array_equal(there.lacking, lacking.lacking)
     predicted, again = (one.predict(motion_of(7), draws=5) for one in (lacking, there))
     np.testing.assert_allclose(again.mean, predicted.mean, rtol=1e-9, atol=1e-9)

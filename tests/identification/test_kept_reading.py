@@ -33,8 +33,8 @@ def identified(place, path, **options):
     """A stored result of a log as it is read by these options."""
     log = bayesid.read_log(path, **options)
     result = bayesid.identify(ROBOT, log, TERMS, complete="off", posterior=False)
-    bayesid.save_identification(result, place / "result", report=False)
-    return bayesid.load_model(place / "result")
+    bayesid.save(result, place / "result", report=False)
+    return bayesid.load(place / "result")
 
 
 @pytest.fixture(scope="module")

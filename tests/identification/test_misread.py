@@ -14,7 +14,7 @@ from bayesid.effects.model import Model
 from bayesid.errors import InputError
 from bayesid.identification.misread import better_reading, misread_before
 from bayesid.identification.pipeline import identify
-from bayesid.log.log import Log, write_log
+from bayesid.log.log import Log
 from bayesid.log.reading import read_log
 from bayesid.log.segments import find_segments
 from bayesid.log.signals import prepare
@@ -322,7 +322,7 @@ def test_a_hidden_effect_is_no_misreading(effect):
 def test_what_is_surely_misread_is_refused_with_what_mends_it(tmp_path):
     """Unless it is wanted anyway; what is said to mend it does."""
     log, path = signed_log(), tmp_path / "log.csv"
-    write_log(path, moved(log, (2, 1, 0, 3, 4, 5)).rectified())
+    moved(log, (2, 1, 0, 3, 4, 5)).rectified().save(path)
     quick = {"complete": "off", "search": Certified(budget=0.1), "posterior": False}
     with pytest.raises(InputError, match="joints 1 and 3 exchanged") as refused:
         identify("kr5", read_log(path), **quick)

@@ -19,7 +19,7 @@ from bayesid.effects.coefficients import base_coefficients
 from bayesid.effects.model import Model
 from bayesid.errors import InputError
 from bayesid.identification.identified_model import IdentifiedModel
-from bayesid.identification.model_file import load_model, model_table
+from bayesid.identification.model_file import load, model_table
 from bayesid.identification.pipeline import identify, identify_again
 from bayesid.regression.noise import Noise
 from bayesid.robot import load_robot, robot_from_urdf
@@ -35,7 +35,7 @@ def test_a_model_comes_back_the_same(robot, tmp_path):
         other = load_robot("tx40") if robot == "tx40" else robot_from_urdf(urdf_text(), "test")
         result = identify(other, simulated(other, signed=True), posterior=False, complete="off")
     folder = save(result, tmp_path / "r")
-    loaded, arm = load_model(folder), result.model.robot
+    loaded, arm = load(folder), result.model.robot
     assert loaded.model.robot.same_kinematics(arm)
     assert loaded.draws is None
     np.testing.assert_array_equal(loaded.model.robot.coupling, arm.coupling)
@@ -58,7 +58,7 @@ def test_a_loaded_model_has_the_coefficients_of_its_identification(made, tmp_pat
     """Means, deviations and intervals of coefficients.csv; without that file they follow from the model."""
     result = made()
     folder = save(result, tmp_path / "r")
-    loaded, expected = load_model(folder), result.coefficients_table()
+    loaded, expected = load(folder), result.coefficients_table()
     assert loaded.coefficients.names == result.coefficients.names
     keys = "name", "expression", "unit", "decided_by"
     assert [[getattr(one, key) for key in keys] for one in loaded.coefficients_table()] == [
@@ -70,9 +70,9 @@ def test_a_loaded_model_has_the_coefficients_of_its_identification(made, tmp_pat
     with (folder / "coefficients.csv").open("a") as file:
         file.write("stray,words\n")
     with pytest.raises(InputError, match=r"coefficients\.csv"):
-        load_model(folder)
+        load(folder)
     (folder / "coefficients.csv").unlink()
-    alone = load_model(folder).coefficients_table()
+    alone = load(folder).coefficients_table()
     np.testing.assert_allclose([one.mean for one in alone], result.beta, rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose([one.sd for one in alone], result.sd, rtol=0.05)
 
@@ -116,7 +116,7 @@ def of_everything(rng, terms=(), distortions=()):
 
 def there_and_back(stored, folder):
     (folder / "model.toml").write_text(tomli_w.dumps(model_table(stored)))
-    return load_model(folder)
+    return load(folder)
 
 
 def assert_same(found, stored):
@@ -158,7 +158,7 @@ def test_a_robot_that_took_up_a_payload_comes_back(tmp_path):
     again = identify_again(model, log, result.knowledge, theta)
     own = base_coefficients(model)
     assert len(again.coefficients) == len(own) + 10
-    loaded = load_model(save(again, tmp_path / "r"))
+    loaded = load(save(again, tmp_path / "r"))
     assert loaded.model.terms == model.terms
     assert loaded.model.distortions == model.distortions
     np.testing.assert_allclose(loaded.theta, again.theta, rtol=1e-12, atol=0.0)
@@ -217,6 +217,6 @@ def test_a_broken_model_file_is_refused_in_one_line_that_names_it(tmp_path, rng)
         change(content)
         path.write_text(tomli_w.dumps(content))
         with pytest.raises(InputError, match=says) as refusal:
-            load_model(tmp_path)
+            load(tmp_path)
         assert str(path) in refusal.value.where
         assert "\n" not in str(refusal.value)

@@ -15,7 +15,7 @@ from bayesid.effects.bodies import CarriedPayload
 from bayesid.effects.catalogue import make_effect, make_terms
 from bayesid.effects.model import Model
 from bayesid.errors import InputError
-from bayesid.identification.model_file import load_model
+from bayesid.identification.model_file import load
 from bayesid.log.log import join_logs
 from bayesid.report.folders import save_identification
 from bayesid.robot.inertia import NAMES
@@ -99,7 +99,7 @@ def test_model_file_brings_the_payload_back(tmp_path, two):
     log = join_logs([two.logs[0], two.logs[1].carrying("tool1")])
     found = bayesid.identify(ROBOT, log, TERMS, complete="off", posterior=False)
     save_identification(found, tmp_path / "result", report=False)
-    stored = load_model(tmp_path / "result")
+    stored = load(tmp_path / "result")
     assert stored.model.payloads == ("tool1",)
     assert [term.shape for term in stored.model.terms if term.payloads] == [{"label": ["tool1"]}]
     np.testing.assert_allclose(stored.theta, found.theta, rtol=1e-15)
@@ -116,7 +116,7 @@ def test_model_file_brings_the_payload_back(tmp_path, two):
     assert written != text
     (tmp_path / "result" / "model.toml").write_text(written)
     with pytest.raises(InputError, match=r"model\.toml"):
-        load_model(tmp_path / "result")
+        load(tmp_path / "result")
 
 
 def test_labels_are_letters_digits_and_underscores(two):

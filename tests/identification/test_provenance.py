@@ -13,7 +13,7 @@ from identified_arm import ROBOT, log_of
 
 import bayesid
 from bayesid.identification.options import call_of, call_of_log, fingerprint, hashes, plain_options, record_provenance
-from bayesid.log.log import Log, join_logs, write_log
+from bayesid.log.log import Log, join_logs
 from bayesid.log.reading import read_log
 from bayesid.posterior.sampler import Sampling
 from bayesid.progress import SILENT, no_steps
@@ -37,7 +37,7 @@ def test_a_run_is_told_as_a_python_call(tmp_path):
     log = log_of(0, signed=False)
     assert call_of_log(log) == "log"
     path = tmp_path / "a log.csv"
-    write_log(path, log)
+    log.save(path)
     again = eval(call_of_log(replace(read_log(path), signed=np.array([False, True, False]))))
     np.testing.assert_array_equal(again.signed, [False, True, False])
     np.testing.assert_array_equal(again.q, read_log(path).q)
@@ -119,7 +119,7 @@ def test_the_fingerprint_by_hand():
 def test_a_log_is_known_again_however_it_is_read_or_joined(tmp_path):
     """By its file where signs are taken for known, by its samples where the file is another one."""
     for name, shift in (("a.csv", 0.0), ("b.csv", 0.5), ("c.csv", 0.7)):
-        write_log(tmp_path / name, long_log(shift))
+        long_log(shift).save(tmp_path / name)
     recorded = record_provenance({}, read_log(tmp_path / "a.csv"))
     assert recorded.files == {str(tmp_path / "a.csv"): hashlib.sha256((tmp_path / "a.csv").read_bytes()).hexdigest()}
     first, second, third = (read_log(tmp_path / name, unsigned="1") for name in ("a.csv", "b.csv", "c.csv"))

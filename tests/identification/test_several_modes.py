@@ -10,9 +10,9 @@ import pytest
 from bayesid.cli import main
 from bayesid.effects.catalogue import make_terms
 from bayesid.effects.model import Model
-from bayesid.identification.model_file import load_model
+from bayesid.identification.model_file import load
 from bayesid.identification.pipeline import identify
-from bayesid.log.log import Log, write_log
+from bayesid.log.log import Log
 from bayesid.log.signals import signed_effort
 from bayesid.motion import Motion
 from bayesid.posterior.sampler import Sampling
@@ -99,7 +99,7 @@ def test_checks_and_summary_name_the_other_model(robot, tmp_path):
     weights = [mode.weight for mode in result.posterior.modes]
     assert [mode["weight"] for mode in summary["modes"]] == pytest.approx(weights)
     assert [mode["turned_joints"] for mode in summary["modes"][:2]] == [[], [1]]
-    np.testing.assert_allclose(load_model(tmp_path / "out").theta, result.theta)
+    np.testing.assert_allclose(load(tmp_path / "out").theta, result.theta)
     drawn = az.from_netcdf(tmp_path / "out" / "posterior.nc").posterior
     sides = np.sign(drawn["beta"].sel(coefficient="mc1y"))
     side = np.sign(result.beta[2])
@@ -108,11 +108,11 @@ def test_checks_and_summary_name_the_other_model(robot, tmp_path):
 
 
 def test_the_command_writes_the_other_one(robot, tmp_path, capsys):
-    write_log(tmp_path / "log.csv", made_log(robot))
+    made_log(robot).save(tmp_path / "log.csv")
     options = ["--terms", "rigid_body", "--complete", "off", "--no-report", "--mode", "2"]
     command = ["identify", str(tmp_path / "log.csv"), "--robot", str(robot), *options]
     assert main([*command, "--out", str(tmp_path / "two")]) == 0
-    np.testing.assert_allclose(load_model(tmp_path / "two").theta, identified(robot, 2).theta, rtol=1e-6)
+    np.testing.assert_allclose(load(tmp_path / "two").theta, identified(robot, 2).theta, rtol=1e-6)
     printed = capsys.readouterr()
     assert "mode 2" in printed.out + printed.err, "as a warning, or with the verdict"
     assert main([*command[:-1], "0"]) == 2

@@ -5,8 +5,9 @@ import pytest
 from log_files import refusal
 
 from bayesid.errors import InputError
-from bayesid.log.log import Log, Piece, join_logs, write_log
-from bayesid.log.reading import find_logs, read_log
+from bayesid.log.log import Log, Piece, join_logs
+from bayesid.log.reading import read_log
+from bayesid.log.sources import find_logs
 
 ROWS = 60
 
@@ -105,7 +106,7 @@ def test_write_then_read_gives_the_same_log(tmp_path, offset, velocity):
         signed=[True, False, True],
         dq=rng.normal(size=(ROWS, 3)) if velocity else None,
     )
-    write_log(tmp_path / "log.csv", log)
+    log.save(tmp_path / "log.csv")
     back = read_log(tmp_path / "log.csv")
     for name in ("t", "q", "effort", "signed", "dq"):
         np.testing.assert_array_equal(getattr(back, name), getattr(log, name))
@@ -180,6 +181,17 @@ def test_logs_that_do_not_belong_together():
     ):
         with pytest.raises(InputError, match=f"b.csv: {said}"):
             join_logs([recorded(), recorded(**other, name="b.csv")])
+
+
+def test_a_list_is_several_logs(tmp_path):
+    """Files are read by the options, a log stays as it is; a tuple would be parts of one run."""
+    first, second = (recorded(n, signed=(True, True), name=f"{n}") for n in (90, 70))
+    joined = read_log([first.save(tmp_path / "first.csv"), second.rectified()], unsigned="all")
+    np.testing.assert_array_equal(joined.effort, np.abs(np.concatenate([first.effort, second.effort])))
+    assert [len(piece.t) for piece in joined.pieces] == [90, 70]
+    for wrong, said in (([], "`source`: names no log"), (first, "90: is read already")):
+        with pytest.raises(InputError, match=said):
+            read_log(wrong)
 
 
 def test_the_clock_of_joined_logs():

@@ -10,7 +10,8 @@ import pytest
 from conftest import real_log
 from log_files import Bag, assert_same, flat, kuka, refusal, save, save_hdf5, save_matlab, save_parquet, text, without
 
-from bayesid.log.reading import find_logs, read_log
+from bayesid.log.reading import read_log
+from bayesid.log.sources import find_logs
 
 ROWS = 64
 N = 3

@@ -31,18 +31,22 @@ def test_a_motion_needs_no_efforts(tmp_path, columns):
         save_hdf5(tmp_path / "73.mat", given),
         save(tmp_path / "kuka.csv", kuka(given)),
     ):
-        motion = bayesid.read_motion(path)
+        motion = bayesid.read_log(path, effort=False)
         for name in ("t", "q", "dq"):
             np.testing.assert_allclose(getattr(motion, name), columns[name], atol=1e-12)
         with pytest.raises(InputError):
             read_log(path, gains=[1.0, 1.0, 1.0])
-    np.testing.assert_array_equal(bayesid.read_motion(save(tmp_path / "log.csv", flat(columns))).q, columns["q"])
+    np.testing.assert_array_equal(
+        bayesid.read_log(save(tmp_path / "log.csv", flat(columns)), effort=False).q, columns["q"]
+    )
     bag = Bag()
     states = bag.states({name: columns[name] for name in ("t", "q")}, ["j1", "j2", "j3"])
     path = bag.write(tmp_path / "bag", {"/a": states, "/talk": []})
-    motion = bayesid.read_motion(path, topic="/a", joints=["j3", "j1"])
+    motion = bayesid.read_log(path, effort=False, topic="/a", joints=["j3", "j1"])
     np.testing.assert_allclose(motion.q, columns["q"][:, [2, 0]], atol=1e-15)
     assert motion.dq is None
+    with pytest.raises(InputError, match="`gains`: is of efforts, which a motion has none of"):
+        bayesid.read_log(path, gains="12,16,10", effort=False)
 
 
 def test_a_motion_at_its_own_rows_is_that_of_the_even_grid():

@@ -163,7 +163,7 @@ def test_velocities_that_are_left_out(tmp_path):
     assert read_log(path, columns="dq=none").dq is None
     assert read_log({"t": t, "q": q, "dq": dq, "tau": 5.0 * q}, columns={"dq": "none"}).dq is None
     assert read_log({"t": t, "q": q, "dq": dq, "tau": 5.0 * q}).dq is not None
-    parts = [{"t": t, "q": q, "dq": dq}, {"t": t, "tau": 5.0 * q}]
+    parts = ({"t": t, "q": q, "dq": dq}, {"t": t, "tau": 5.0 * q})
     assert (read_log(parts).dq is None, read_log(parts, columns={"dq": "none"}).dq is None) == (False, True)
 
 

@@ -47,7 +47,7 @@ def test_positions_and_efforts_in_two_files(places):
     assert "q.csv (125 Hz) by a spline; 101 rows that others do not cover are left out" in said
     fast, slow = np.arange(1250) / 125.0, 1.003 + np.arange(1000) / 100.0
     given = {"t": fast, "q": motion(fast)}
-    for parts in (list(places), [given, {"t": slow, "tau": efforts(slow)}], (given, places[1])):
+    for parts in (tuple(places), (given, {"t": slow, "tau": efforts(slow)}), (given, places[1])):
         again, _ = read(parts)
         np.testing.assert_allclose(again.q, log.q, atol=1e-12)
         np.testing.assert_array_equal(again.effort, log.effort)

@@ -415,7 +415,7 @@ def test_what_cannot_be_accumulated_is_told():
         bayesid.Accumulator(case.identified()).coefficient("Fc7")
     for make in (bayesid.Accumulator, partial(bayesid.SignTracker, rate=RATE)):
         for given, remedy in ((Path("ur"), "'ur'"), (3, "folder")):
-            with pytest.raises(InputError, match=re.escape(f"bayesid.load_model({remedy})")):
+            with pytest.raises(InputError, match=re.escape(f"bayesid.load({remedy})")):
                 make(given)
 
 

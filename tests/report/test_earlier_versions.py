@@ -30,7 +30,7 @@ joints = [
 @pytest.mark.parametrize("folder", FOLDERS, ids=lambda folder: folder.name)
 def test_models_of_earlier_versions_load(folder):
     """At rest joint 2 bears what weighs about it; with its axis horizontal, gravity is along y of its frame."""
-    identified = bayesid.load_model(folder)
+    identified = bayesid.load(folder)
     assert identified.model.robot.name == "arm"
     names = [parameter.name for parameter in identified.model.parameters]
     x, y = (identified.theta[names.index(name)] for name in ("mc2x", "mc2y"))
@@ -48,7 +48,7 @@ def test_findings_load_or_say_how_to_write_them_anew():
     findings = bayesid.read_findings(later)
     assert findings.summary.robot == "arm"
     assert findings.draws.shape[2] == findings.summary.n_coefficients
-    assert np.isfinite(bayesid.load_model(later).draws.theta).all()
+    assert np.isfinite(bayesid.load(later).draws.theta).all()
 
 
 @pytest.mark.parametrize("folder", FOLDERS, ids=lambda folder: folder.name)
@@ -60,5 +60,5 @@ def test_an_earlier_result_makes_room_for_a_new_one(folder, tmp_path, monkeypatc
     run = "identify log.csv --robot other.toml --no-posterior --no-report --complete off --search beam --out result"
     assert main([*run.split(), "--quiet"]) == 2, "nothing is replaced unless that is asked for"
     assert main([*run.split(), "--quiet", "--force"]) == 0
-    assert bayesid.load_model("result").model.robot.name == "another"
+    assert bayesid.load("result").model.robot.name == "another"
     assert not (tmp_path / "result" / "posterior.nc").exists()

@@ -156,7 +156,7 @@ def test_exports_that_fail_are_named_and_the_rest_stands(result, tmp_path, monke
     assert not_written(tmp_path / "r") == dict.fromkeys(("robot.urdf", "report.html"), why)
     (warning,) = said
     assert all(one in str(warning.message) for one in ("report.html", "robot.urdf", why))
-    assert bayesid.load_model(tmp_path / "r").model.robot.name == "arm3"
+    assert bayesid.load(tmp_path / "r").model.robot.name == "arm3"
     make_report(tmp_path / "r", out=tmp_path / "elsewhere.html")
     assert set(not_written(tmp_path / "r")) == {"robot.urdf", "report.html"}
     assert make_report(tmp_path / "r").is_file()
@@ -189,7 +189,7 @@ def test_a_disk_that_is_full_by_then_does_not_lose_the_result(shop, tmp_path, mo
     assert "No space left on device" in line
     (kept,) = aside.glob("*/r")
     assert str(kept) in line
-    assert bayesid.load_model(kept).model.robot.name == "arm"
+    assert bayesid.load(kept).model.robot.name == "arm"
     assert [path.name for path in tmp_path.iterdir()] == ["temporary"]
 
 

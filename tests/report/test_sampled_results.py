@@ -14,7 +14,7 @@ from saved_results import sampled as sample
 import bayesid
 from bayesid.effects import STANDARD
 from bayesid.errors import InputError
-from bayesid.identification.model_file import load_model
+from bayesid.identification.model_file import load
 
 KEYS = {
     *("converged", "max_rhat", "min_ess", "max_rhat_of_parameters", "draws", "ensembles", "walkers", "seed", "seconds"),
@@ -65,7 +65,7 @@ def test_coefficients_are_those_of_the_draws(sampled, folder):
 
 def test_the_model_is_the_mean_and_feasible(sampled, folder):
     theta, _, noise, _ = draws_in(folder)
-    loaded = load_model(folder)
+    loaded = load(folder)
     mean = sampled.posterior.draws.theta.reshape(-1, theta.shape[1]).mean(axis=0)
     np.testing.assert_allclose(loaded.theta, mean, rtol=1e-9, atol=1e-12)
     assert np.abs((theta.mean(axis=0) - mean) / theta.std(axis=0)).max() < 0.3, "links' own parameters mix slowly"
@@ -140,8 +140,8 @@ def test_damaged_draws_are_bad_input(folder, tmp_path):
         else:
             path.write_bytes(content)
         with pytest.raises(InputError) as refusal:
-            load_model(place)
+            load(place)
         assert refusal.value.where == str(path)
         assert "\n" not in str(refusal.value)
     path.unlink()
-    assert load_model(place).draws is None
+    assert load(place).draws is None

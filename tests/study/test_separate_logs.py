@@ -8,7 +8,6 @@ import bayesid
 from bayesid.cli import main
 from bayesid.effects.catalogue import make_terms
 from bayesid.effects.model import Model
-from bayesid.log.log import write_log
 from bayesid.log.reading import read_log
 from bayesid.robot import robot_from_table
 from bayesid.simulation.logs import simulate
@@ -40,7 +39,7 @@ def week(tmp_path_factory):
         theta = random_parameters(model, np.random.default_rng(5))
         names = [parameter.name for parameter in model.parameters]
         theta[names.index("Fv2")] *= 1.0 if day != "wed" else 1.5
-        write_log(place / f"{day}.csv", simulate(model, theta, motion, rng=np.random.default_rng(10 + k), noise=0.05))
+        simulate(model, theta, motion, rng=np.random.default_rng(10 + k), noise=0.05).save(place / f"{day}.csv")
     return place
 
 

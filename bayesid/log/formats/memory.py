@@ -164,7 +164,7 @@ def _by_name(source: Any) -> dict[str, Any]:
         return _of_frame(source)
     said = "an array without names" if isinstance(source, np.ndarray) else f"no log: {kind}"
     remedy = "give a path, a Log, a data frame, a structured array, or a dict of arrays t, q and tau or i"
-    raise InputError(f"is {said}", "log", f"{remedy}; bayesid.join_logs makes several one")
+    raise InputError(f"is {said}", "log", f"{remedy}; bayesid.read_log makes several one")
 
 
 def _of_frame(frame: Frame) -> dict[str, Any]:

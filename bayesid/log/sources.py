@@ -1,0 +1,82 @@
+"""Sources of logs and motions: files, patterns of files, parts of one run, and what is in memory."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from glob import glob
+from itertools import chain
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+
+from bayesid.errors import InputError
+from bayesid.log.formats import Options, Table, is_log_folder, read_table
+from bayesid.log.formats.memory import Variables, read_variables
+from bayesid.log.formats.parts import JOINT, join_parts
+from bayesid.log.formats.table import check
+from bayesid.robot import Robot
+
+Parts: TypeAlias = tuple["str | Path | Variables", ...]
+"""The files of one run, or what is in memory of it: they are joined by time."""
+
+
+def table_of(source: str | Path | Variables | Parts, options: Options) -> Table:
+    """The table of a file or of what is in memory; that of parts of one run is joined by time."""
+    parts = source if isinstance(source, tuple) and all(map(_is_part, source)) else _named_parts(source)
+    if parts:
+        tables = [table_of(one, replace(options, part=True)) for one in parts]
+        return check(join_parts(tables, options.named, motion=options.motion), options.columns)
+    if isinstance(source, str | Path):
+        return read_table(Path(source), options)
+    for name in ("topic", "joints"):
+        if getattr(options, name) is not None:
+            raise InputError(f"is in memory, which has no {name}", type(source).__name__, f"leave {name} out")
+    return read_variables(source, options)
+
+
+def _named_parts(source: object) -> list[str]:
+    """The files of one run that a name with a `+` between them stands for, each perhaps a pattern."""
+    if not isinstance(source, str | Path) or JOINT not in str(source) or os.path.exists(source):
+        return []
+    names = [name.strip() for name in str(source).split(JOINT) if name.strip()]
+    return [one for name in names for one in (sorted(glob(name)) or [name])]
+
+
+def _is_part(source: object) -> bool:
+    named = isinstance(source, np.ndarray) and source.dtype.names is not None
+    return named or isinstance(source, str | Path | Mapping) or (hasattr(source, "columns"))
+
+
+def joint_names(robot: Robot) -> tuple[str, ...]:
+    """Names of a robot's joints from base to tip; none unless each has one."""
+    names = tuple(joint.name for joint in robot.joints)
+    return names if all(names) else ()
+
+
+def find_logs(patterns: Sequence[str | Path]) -> list[Path]:
+    """The logs that paths and patterns such as "runs/*.csv" name; those of a pattern in alphabetical order.
+
+    InputError if no file matches a pattern, or a log is named twice.
+    """
+    named: dict[str, Path] = {}
+    for path in chain.from_iterable(map(_matches, patterns)):
+        place = os.path.realpath(path)
+        if place in named:
+            said = "is named twice" if named[place] == path else f"is the same file as {named[place]}"
+            raise InputError(said, str(path), "name every log once: it would count twice")
+        named[place] = path
+    return list(named.values())
+
+
+def _matches(pattern: str | Path) -> list[Path]:
+    """The path itself, whether it exists or not, or the logs that match it; not the files of a folder that is a log."""
+    if os.path.exists(pattern) or JOINT in str(pattern) or not set("*?[") & set(str(pattern)):
+        return [Path(pattern)]
+    matches = [Path(match) for match in sorted(glob(str(pattern), recursive=True))]
+    logs = [path for path in matches if is_log_folder(path) or (path.is_file() and not is_log_folder(path.parent))]
+    if not logs:
+        raise InputError("matches no file", str(pattern), "give the path of a log, or a pattern of several")
+    return logs

@@ -1,0 +1,67 @@
+"""One `save` for all results."""
+
+from __future__ import annotations
+
+from functools import singledispatch
+from pathlib import Path
+from typing import Any
+
+from bayesid.discrepancy.comparison import LogComparison
+from bayesid.discrepancy.workflow import Discrepancy
+from bayesid.errors import InputError
+from bayesid.excitation.design import ExcitationDesign
+from bayesid.excitation.next_motion import NextMotion
+from bayesid.identification.identification import Identification
+from bayesid.identification.payload import PayloadReading
+from bayesid.identification.prediction import Validation
+from bayesid.report.folders import save_comparison, save_discrepancy, save_identification, save_validation
+from bayesid.report.motions import save_design, save_next_motion
+from bayesid.report.payload import save_payload
+
+
+@singledispatch
+def save(result: object, folder: str | Path, **options: Any) -> Path:
+    """Writes the folder of a result; an earlier one there of its kind is replaced as a whole.
+
+    Args:
+        result: an identification, a validation, a discrepancy, a comparison of logs, a payload, or a motion that was
+            designed. Predicted efforts and logs have a method `save` of their own.
+        folder: where. What each kind holds: docs/result-folder.md.
+        options: `report=False` leaves report.html out, which takes some seconds (`bayesid.make_report` makes it later),
+            and `progress` shows how it is made: of an identification, a discrepancy and a comparison. Of an
+            identification also `with_log=True`, for the log as log.csv, and `validation`, of another log, for the
+            report.
+
+    Returns:
+        The folder.
+
+    Raises:
+        InputError: this is no result, or the folder cannot be written or holds other files than an earlier result.
+        KeyboardInterrupt: with a text that says so where the result stands already.
+
+    Warns:
+        IncompleteWarning: an export or the report could not be written; the rest stands.
+
+    Example:
+        >>> folder = bayesid.save(result, "saved", report=False)
+        >>> bayesid.load(folder).model.robot.name
+        'arm'
+        >>> sorted(path.name for path in bayesid.save(check, "validation").iterdir())
+        ['prediction.csv', 'signed_log.csv', 'summary.json']
+        >>> (bayesid.save(found, "found", report=False) / "discrepancy.json").is_file()
+        True
+        >>> sorted(path.name for path in bayesid.save(reading, "payload").iterdir())
+        ['payload.json']
+        >>> sorted(path.name for path in bayesid.save(design, "design").iterdir())
+        ['design.json', 'excitation.svg', 'trajectory.csv']
+    """
+    raise InputError(f"{type(result).__name__} is no result", field="result", remedy="give what a function returned")
+
+
+save.register(Identification, save_identification)
+save.register(Validation, save_validation)
+save.register(Discrepancy, save_discrepancy)
+save.register(LogComparison, save_comparison)
+save.register(PayloadReading, save_payload)
+save.register(ExcitationDesign, save_design)
+save.register(NextMotion, save_next_motion)
