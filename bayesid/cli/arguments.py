@@ -46,6 +46,10 @@ _CORRECT = (
     "joints to exchange, turn round, scale or shift (rad), as in q1=q3,q3=q1,tau2=-tau2,tau3=0.001*tau3,q5=q5+1.5708; "
     "tau=-tau for all"
 )
+_CONSTRAINTS = (
+    "what parameters satisfy: total_mass = [27, 31], tables [link.2] with mass, com_box, hull (a mesh file) or "
+    "ellipsoid, a table [bounds] with m3 = [3, 5]"
+)
 _SHARED = dict(
     [
         path("result", "folder that `bayesid identify` wrote"),
@@ -58,6 +62,7 @@ _SHARED = dict(
             "in the base frame, m/s^2 (default: the file's): 0,0,9.81 upside down, 0,0,0 for efforts without weight",
         ),
         option("--terms", "of the model (default: %(default)s)", default=TERMS),
+        path("--constraints TOML", _CONSTRAINTS),
         path("--nominal CSV", "parameters known beforehand: name,mean,sd, names as in parameters.csv"),
         option("--cutoff HZ", "of the motion's low-pass (default: from the data)", type=float),
         option("--gains K1,K2,..", _GAINS),
@@ -130,10 +135,6 @@ _COMPLETE = (
     "auto: add detected effects, and let the rest of the catalogue widen the uncertainty; only-uncertainty: add none; "
     "off: neither (default: %(default)s)"
 )
-_CONSTRAINTS = (
-    "what parameters satisfy: total_mass = [27, 31], tables [link.2] with mass, com_box, hull (a mesh file) or "
-    "ellipsoid, a table [bounds] with m3 = [3, 5]"
-)
 _TOLERANCE = "sd of the robot's geometry; a log may show more (default: 1mm,0.1deg, or what the log shows)"
 _IDENTIFY = Command(
     "identify",
@@ -164,7 +165,7 @@ _IDENTIFY = Command(
         option("--kinematic-tolerance LENGTH,ANGLE", _TOLERANCE),
         *_shared("--no-posterior", "skip sampling; uncertainties leave the cone out"),
         *_shared("--posterior-budget --nominal --seed --time-limit"),
-        path("--constraints TOML", _CONSTRAINTS),
+        *_shared("--constraints"),
         option("--links KG,M", "scales of a link's mass and of its distances from its frame (default: from the robot)"),
         option(
             "--mode K", "of several, that the model is written from (default: 1, the heaviest)", type=whole, default=1
@@ -220,6 +221,7 @@ _DISCREPANCY = Command(
         *_shared("--robot", f"of logs without a result: {_ROBOT}", required=False),
         *_shared("--tip --hold --gravity"),
         *_shared("--terms", f"with --robot: what effects are beyond (default: {TERMS})", default=None),
+        *_shared("--constraints", f"with --robot: {_CONSTRAINTS}"),
         path("--holdout LOG", _HOLDOUT),
         *_READING,
         *_shared("--cutoff"),

@@ -65,9 +65,9 @@ def _compare_with_result(options: argparse.Namespace) -> None:
         given = "no log" if not options.logs else f"{len(options.logs)} logs beside a result"
         remedy = "give a result and one log, and --holdout for another; or logs alone, with --robot"
         raise InputError(given, str(options.result), remedy)
-    for name in ("robot", "tip", "hold", "terms"):
+    for name in ("robot", "tip", "hold", "terms", "constraints"):
         if getattr(options, name) is not None:
-            raise InputError("a result has its own robot and terms", f"--{name}", "leave it out")
+            raise InputError("a result has its own robot, terms and constraints", f"--{name}", "leave it out")
     (path,) = options.logs
     folder = _folder(options, [options.result, path])
     identified = load(options.result)
@@ -113,6 +113,7 @@ def _compare_logs(options: argparse.Namespace) -> None:
             logs,
             terms,
             holdout,
+            constraints=options.constraints,
             search=_search(options, Certified().budget),
             posterior=sampling(options),
             preparation=Preparation(cutoff=options.cutoff),

@@ -32,7 +32,9 @@ from bayesid.discrepancy.timeline import (
 from bayesid.discrepancy.tuning import TUNING
 from bayesid.discrepancy.workflow import Discrepancy, find_discrepancy
 from bayesid.effects import STANDARD, Distortion, Term
+from bayesid.effects.bodies import RigidBody
 from bayesid.effects.catalogue import of_shape
+from bayesid.effects.constraints import Constraints
 from bayesid.effects.effect import Effect
 from bayesid.effects.friction import DryTerm
 from bayesid.effects.model import Model
@@ -47,6 +49,7 @@ from bayesid.parallel import one_blas_thread
 from bayesid.posterior.sampler import Sampling
 from bayesid.progress import SILENT, Progress
 from bayesid.regression.selection.added_effect import AddedEffect
+from bayesid.regression.stated import Says
 from bayesid.robot import Robot, check_joints, load_robot
 from bayesid.signs.search.certified import Certified
 from bayesid.signs.search.protocol import Search
@@ -139,12 +142,13 @@ class LogComparison:
 
 
 @one_blas_thread
-def compare_logs(
+def compare_logs(  # noqa: PLR0913  a robot, logs, terms, what is stated, and four groups of options by their names
     robot: Robot | str | Path,
     logs: Sequence[LogSource],
     terms: Iterable[str | Term] = STANDARD,
     holdout: LogSource | None = None,
     *,
+    constraints: Says | str | Path | None = None,
     search: Search = Certified(),
     posterior: Sampling | bool = True,
     preparation: Preparation = Preparation(),
@@ -157,6 +161,7 @@ def compare_logs(
         logs: two or more, the earliest first, or anything that `bayesid.read_log` reads.
         terms: names of the catalogue, or terms of your own: what effects are beyond.
         holdout: one more log of the robot as it was in the last one, to score that comparison by.
+        constraints: as of `identify`; they hold for every log, but those on the last link not where it has a payload.
         search: how signs are searched in the first log; in later ones, which that one helps to settle, briefly.
         posterior: how those of the first model and of the last log's extended model are sampled, or whether they are.
         preparation: how the logs are made ready.
@@ -184,6 +189,7 @@ def compare_logs(
         robot,
         read[0],
         terms,
+        constraints=constraints,
         search=search,
         posterior=posterior,
         preparation=preparation,
@@ -264,8 +270,9 @@ def _alone(
     """All terms that any log has shown by itself, and each log's own distortions, identified on each log by itself.
 
     What only a comparison can show stays out: a payload, which its log's links then hold, but for the load that they
-    are for friction. A gain is one of its log's distortions. What a comparison has added and its log by itself does not
-    bear out stays out as well. Dry friction turns round as it does for each log: below a speed that is too slow for it.
+    are for friction, and for what is stated of the last link. A gain is one of its log's distortions. What a comparison
+    has added and its log by itself does not bear out stays out as well. Dry friction turns round as it does for each
+    log: below a speed that is too slow for it.
     """
     new = [_new(one) for one in found]
     terms = {key_of(one): one for effects in new for one in effects if isinstance(one, Term)}
@@ -282,12 +289,19 @@ def _alone(
         distortions = [*held, *(one for one in kept if isinstance(one, Distortion))]
         speed = told.model.robot.actuators(told.signals.motion).standstill_speed
         own = tuple(_turning_below(_carrying(term, body), speed) for term in shared)
-        model = reduce(
-            Model.extend, distortions, Model(earlier.model.robot, own, constraints=earlier.model.constraints)
-        )
+        stated = _stated(earlier.model, loaded=body is not None)
+        model = reduce(Model.extend, distortions, Model(earlier.model.robot, own, constraints=stated))
         theta = _values(model, told)
         runs.append(identify_again(model, log, None, theta, preparation=preparation, progress=headings[k]))
     return runs
+
+
+def _stated(model: Model, *, loaded: bool) -> Constraints | None:
+    """What is stated of a robot, whose last link may hold a payload besides."""
+    stated, robot = model.constraints, model.robot
+    if stated is None or not loaded:
+        return stated
+    return stated.sparing([one.name for one in RigidBody().parameters(robot) if one.joint == robot.n_joints])
 
 
 def _new(found: Discrepancy) -> list[Effect]:

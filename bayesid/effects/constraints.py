@@ -86,6 +86,11 @@ class Constraints:
         """All but those of a label."""
         return self.only(k for k, other in enumerate(self.labels) if other != label)
 
+    def sparing(self, names: Sequence[str]) -> Constraints:
+        """Those that say nothing of some parameters."""
+        speaks = self.involved[:, [name in names for name in self.names]].any(axis=1)
+        return self.only(np.flatnonzero(~speaks).tolist())
+
     @property
     def homogeneous(self) -> Constraints:
         """Those that hold for theta as for any positive multiple of it."""
@@ -98,7 +103,7 @@ class Constraints:
         """Of all parameters of a model, in its order; without those that speak of a parameter that it lacks."""
         places = {name: k for k, name in enumerate(names)}
         lacking = np.array([name not in places for name in self.names], dtype=bool)
-        kept = self.only(np.flatnonzero(~self.involved[:, lacking].any(axis=1)).tolist())
+        kept = self.sparing(np.array(self.names)[lacking].tolist())
         own = [places[name] for name in np.array(self.names)[~lacking].tolist()]
         rows = np.zeros((len(kept.rows), len(names)))
         basis = np.zeros((len(kept.basis), len(names), 4, 4))
