@@ -1,6 +1,6 @@
 """The promised names; `bayesid/__init__.py` loads each from here where it is first used."""
 
-from .discrepancy.comparison import LogComparison as LogComparison
+from .discrepancy.comparison import ChangeReport as ChangeReport
 from .discrepancy.comparison import compare_logs as compare_logs
 from .discrepancy.workflow import Discrepancy as Discrepancy
 from .discrepancy.workflow import find_discrepancy as find_discrepancy
@@ -13,11 +13,11 @@ from .excitation.design import ExcitationDesign as ExcitationDesign
 from .excitation.design import Objective as Objective
 from .excitation.design import TrajectoryShape as TrajectoryShape
 from .excitation.design import design_excitation as design_excitation
-from .excitation.judgement import ExcitationJudgement as ExcitationJudgement
-from .excitation.judgement import judge_log as judge_log
+from .excitation.judgement import ExcitationAssessment as ExcitationAssessment
+from .excitation.judgement import assess_excitation as assess_excitation
 from .excitation.limits import read_limits as read_limits
-from .excitation.next_motion import NextMotion as NextMotion
-from .excitation.next_motion import RunSettings as RunSettings
+from .excitation.next_motion import MotionSettings as MotionSettings
+from .excitation.next_motion import NextExperiment as NextExperiment
 from .excitation.next_motion import design_next as design_next
 from .export import mjcf as mjcf
 from .export import urdf as urdf
@@ -25,9 +25,9 @@ from .identification.gains import IdentifiedGains as IdentifiedGains
 from .identification.identification import Identification as Identification
 from .identification.identified_model import IdentifiedModel as IdentifiedModel
 from .identification.model_file import load as load
-from .identification.options import Preparation as Preparation
-from .identification.payload import PayloadBody as PayloadBody
-from .identification.payload import PayloadReading as PayloadReading
+from .identification.options import Preprocessing as Preprocessing
+from .identification.payload import InertialParameters as InertialParameters
+from .identification.payload import PayloadEstimate as PayloadEstimate
 from .identification.payload import identify_payload as identify_payload
 from .identification.pipeline import identify as identify
 from .identification.prediction import PredictedEfforts as PredictedEfforts
@@ -35,24 +35,24 @@ from .identification.prediction import Validation as Validation
 from .log.gains import Gains as Gains
 from .log.log import Log as Log
 from .log.reading import read_log as read_log
-from .log.segments import Cutting as Cutting
-from .monitor.accumulator import Accumulator as Accumulator
+from .log.segments import Segmentation as Segmentation
+from .monitor.accumulator import RecursiveEstimator as RecursiveEstimator
 from .monitor.changes import Alarm as Alarm
 from .monitor.tracker import SignTracker as SignTracker
-from .monitor.tracker import Tracked as Tracked
+from .monitor.tracker import TrackedSample as TrackedSample
 from .posterior.sampler import Sampling as Sampling
 from .progress import Progress as Progress
 from .regression.constraint_file import read_constraints as read_constraints
-from .regression.knowledge import Beliefs as Beliefs
 from .regression.knowledge import KinematicTolerance as KinematicTolerance
-from .regression.knowledge import Links as Links
+from .regression.knowledge import LinkPrior as LinkPrior
+from .regression.knowledge import ParameterPrior as ParameterPrior
 from .regression.knowledge import read_nominal as read_nominal
 from .regression.selection.explanation import Thresholds as Thresholds
 from .regression.stated import StatedParameters as StatedParameters
 from .report import plot as plot
-from .report.findings import Findings as Findings
-from .report.findings import find_findings as find_findings
-from .report.findings import read_findings as read_findings
+from .report.findings import ReportData as ReportData
+from .report.findings import read_report_data as read_report_data
+from .report.findings import report_data as report_data
 from .report.folders import inference_data as inference_data
 from .report.folders import make_report as make_report
 from .report.saving import save as save
@@ -71,7 +71,7 @@ from .simulation.logs import simulate_log as simulate_log
 from .simulation.parameters import random_parameters as random_parameters
 from .simulation.trajectories import exciting_trajectory as exciting_trajectory
 from .simulation.trajectories import random_trajectory as random_trajectory
-from .study.separate_logs import Separate as Separate
-from .study.separate_logs import identify_separately as identify_separately
+from .study.separate_logs import BatchResult as BatchResult
+from .study.separate_logs import identify_each as identify_each
 
 __version__: str

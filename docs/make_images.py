@@ -39,7 +39,7 @@ def main() -> None:
         os.chdir(DOCS)
     search, sampling = bayesid.Certified(), bayesid.Sampling()
     result = bayesid.identify("kr5r650", monday, search=search, posterior=sampling)
-    found = findings.find_findings(result).with_validation(result.validate(tuesday))
+    found = findings.report_data(result).with_validation(result.validate(tuesday))
     pictures = {
         "signs": plot.torques(found, joints=[2, 6]),
         "coefficients": [plot.coefficients(found)],

@@ -175,10 +175,8 @@ def trial(scenario: Scenario | Simulated, seed: int) -> Row:
         truth = result.coefficients.project(theta)
     else:
         case = make_case(scenario, seed)
-        log, stated = case.log, scenario.beliefs
-        result = identify(
-            case.robot, log.rectified(), scenario.terms, search=search, posterior=sampling, beliefs=stated
-        )
+        log, stated = case.log, scenario.prior
+        result = identify(case.robot, log.rectified(), scenario.terms, search=search, posterior=sampling, prior=stated)
         truth = _truth(case, result)
     return {**_of_signs(result, log), **_of_coefficients(result, truth), **_of_search(result, search, log)}
 

@@ -34,7 +34,7 @@ from bayesid.identification.prediction import NORMAL_95
 from bayesid.log.log import Log
 from bayesid.log.reading import read_log
 from bayesid.posterior.sampler import Sampling
-from bayesid.regression.knowledge import Beliefs
+from bayesid.regression.knowledge import ParameterPrior
 from bayesid.robot import Robot, load_robot
 from bayesid.signs.search.certified import Certified
 from bayesid.studies.complete_report import MODES, draw, report
@@ -163,7 +163,7 @@ def _of_simulated(scenario: Simulated, seed: int) -> Row:
     case = make_case(scenario, seed)
     modes = MODES[1:] if scenario.part == "noise" else MODES
     results: dict[str, Identification] = {
-        mode: _identified(case.robot, case.log, mode, scenario.beliefs, scenario.posterior, seed) for mode in modes
+        mode: _identified(case.robot, case.log, mode, scenario.prior, scenario.posterior, seed) for mode in modes
     }
     of_coefficients = _of_coefficients(case, results) if scenario.part == "classes" else {}
     hidden = [named(effect, joints) for effect, joints in case.hidden]
@@ -174,7 +174,7 @@ def _of_recorded(scenario: Recorded, seed: int) -> Row:
     data = Path(scenario.data)
     log, robot = _read(data, scenario.log), _robot(data, scenario.log)
     results: dict[str, Identification] = {
-        mode: _identified(robot, log, mode, Beliefs(), scenario.posterior, seed) for mode in MODES
+        mode: _identified(robot, log, mode, ParameterPrior(), scenario.posterior, seed) for mode in MODES
     }
     errors = {}
     if scenario.target:
@@ -202,11 +202,11 @@ def _read(data: Path, name: str) -> Log:
 
 
 def _identified(
-    robot: Robot, log: Log, mode: Completeness, beliefs: Beliefs, posterior: bool, seed: int
+    robot: Robot, log: Log, mode: Completeness, prior: ParameterPrior, posterior: bool, seed: int
 ) -> Identification:
     """From the log without its signs."""
     sampling = Sampling(seed=seed) if posterior else False
-    return identify(robot, log.rectified(), complete=mode, search=Certified(), posterior=sampling, beliefs=beliefs)
+    return identify(robot, log.rectified(), complete=mode, search=Certified(), posterior=sampling, prior=prior)
 
 
 def named(effect: str, joints: tuple[int, ...]) -> str:

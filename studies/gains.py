@@ -22,7 +22,7 @@ from bayesid.identification.pipeline import identify
 from bayesid.identification.prediction import NORMAL_95
 from bayesid.log.gains import Gains
 from bayesid.log.log import Log, join_logs
-from bayesid.regression.knowledge import Beliefs
+from bayesid.regression.knowledge import ParameterPrior
 from bayesid.robot.inertia import from_pseudo_inertia
 from bayesid.signs.search.certified import Certified
 from bayesid.simulation.logs import simulate
@@ -69,10 +69,10 @@ def trial(scenario: Scenario, seed: int) -> Row:
     """Identifies a log with wrong gains, and with right ones."""
     truth = make_truth(Made(robot=scenario.robot, noise=_NOISE, trajectory="random"), seed)
     robot, n = truth.model.robot, truth.log.n_joints
-    logs, beliefs = [truth.log], Beliefs()
+    logs, prior = [truth.log], ParameterPrior()
     if scenario.payload:
         logs.append(_loaded(truth, seed).carrying(_LABEL))
-        beliefs = Beliefs(nominal={f"m_{_LABEL}": (_WEIGHED, _SCALES)})
+        prior = ParameterPrior(nominal={f"m_{_LABEL}": (_WEIGHED, _SCALES)})
     off = np.exp(np.random.default_rng([seed, 1]).uniform(np.log(_FARTHEST[0]), np.log(_FARTHEST[1]), n))
     wrong = [replace(log.rescaled(off), gains=Gains(off, np.full(n, _SD))) for log in logs]
     found, known = (
@@ -83,7 +83,7 @@ def trial(scenario: Scenario, seed: int) -> Row:
             complete="off",
             search=Certified(budget=_BUDGET),
             posterior=False,
-            beliefs=beliefs,
+            prior=prior,
         )
         for some in (wrong, logs)
     )

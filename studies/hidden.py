@@ -21,7 +21,7 @@ from bayesid.effects.coefficients import BaseCoefficients, base_coefficients
 from bayesid.effects.model import Model
 from bayesid.log.log import Log
 from bayesid.motion import Motion
-from bayesid.regression.knowledge import Beliefs, KinematicTolerance
+from bayesid.regression.knowledge import KinematicTolerance, ParameterPrior
 from bayesid.robot import Robot, robot_from_table
 from bayesid.studies.discrepancy import generator
 from bayesid.studies.readings import READINGS
@@ -89,11 +89,11 @@ class Simulated:
     posterior: bool = False
 
     @property
-    def beliefs(self) -> Beliefs:
+    def prior(self) -> ParameterPrior:
         """What is stated beforehand."""
         if self.unstated or not (self.length or self.exact):
-            return Beliefs()
-        return Beliefs(kinematics=KinematicTolerance(length=self.length, angle=self.angle))
+            return ParameterPrior()
+        return ParameterPrior(kinematics=KinematicTolerance(length=self.length, angle=self.angle))
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ from bayesid.discrepancy.workflow import Discrepancy, find_discrepancy
 from bayesid.effects import STANDARD
 from bayesid.effects.catalogue import make_terms
 from bayesid.effects.model import Model
-from bayesid.excitation.next_motion import NextMotion, RunSettings, design_next
+from bayesid.excitation.next_motion import MotionSettings, NextExperiment, design_next
 from bayesid.excitation.splines import largest_efforts
 from bayesid.excitation.tuning import TUNING
 from bayesid.identification.identification import KNOWN, Identification
@@ -196,7 +196,7 @@ def _of_coefficients(scenario: Scenario, seed: int) -> Row:
     truth = _truth(robot, seed, _SENSOR, limited=scenario.limited)
     log = truth.log(first, seed)
     now = _identified(truth, log, seed)
-    run = RunSettings(duration=_DURATION, rate=_RATE, limits=truth.limits)
+    run = MotionSettings(duration=_DURATION, rate=_RATE, limits=truth.limits)
     design = design_next(now, run=run, changes=scenario.changes)
     motions = {"designed": design.motion, "random": _random(n, _DURATION, seed + _ANOTHER), "repeat": first}
     logs = {name: join_logs([log, truth.log(motion, seed + _ANOTHER)]) for name, motion in motions.items()}
@@ -222,7 +222,7 @@ def _of_coefficients(scenario: Scenario, seed: int) -> Row:
     }
 
 
-def _allowed(design: NextMotion, motion: Motion) -> bool | None:
+def _allowed(design: NextExperiment, motion: Motion) -> bool | None:
     """Whether the result knows that a motion keeps the limits of efforts; None without any."""
     if not design.feasibility.limits_effort:
         return None
@@ -260,7 +260,7 @@ def _right(result: Identification, t: Array, effort: Array) -> float:
     return float((result.sample_signs[rows] == np.sign(effort))[strong].mean())
 
 
-def _ratios(design: NextMotion, result: Identification) -> Row:
+def _ratios(design: NextExperiment, result: Identification) -> Row:
     """Achieved standard deviations over predicted ones, matched by names: how many are near."""
     assert result.posterior is not None
     predicted = design.predicted
@@ -278,7 +278,7 @@ def _ratios(design: NextMotion, result: Identification) -> Row:
     }
 
 
-def kept_limits(truth: _Truth, design: NextMotion) -> Row:
+def kept_limits(truth: _Truth, design: NextExperiment) -> Row:
     """Whether the true robot keeps its limits at every ms of the motion, and how near it comes to each.
 
     Derivatives are differences of the positions: means of the true ones, so no larger.
@@ -320,7 +320,7 @@ def _of_hypotheses(scenario: Scenario, seed: int) -> Row:
             break
     else:
         return {"ambiguous": False}
-    run = RunSettings(duration=_SHORT, rate=_RATE, limits=truth.limits)
+    run = MotionSettings(duration=_SHORT, rate=_RATE, limits=truth.limits)
     design = design_next(found, run=run, changes=scenario.changes)
     random = _random(healthy.model.robot.n_joints, _SHORT, seed - 1 + _ANOTHER)
     after: Row = {}

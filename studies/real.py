@@ -39,7 +39,7 @@ from bayesid.posterior.sampler import Sampling
 from bayesid.regression.evidence import Evidence
 from bayesid.regression.least_squares import fit_signed
 from bayesid.report.conclusion import conclude
-from bayesid.report.findings import find_findings
+from bayesid.report.findings import report_data
 from bayesid.report.verdicts import check_findings
 from bayesid.robot import load_robot
 from bayesid.signs.search.certified import Certified
@@ -119,7 +119,7 @@ def _scored(result: Identification, log: Log) -> Row:
     wrong = _wrong_segments(result, log.effort, rows)
     posterior = result.posterior
     assert posterior is not None
-    conclusion = conclude(check_findings(find_findings(result)))
+    conclusion = conclude(check_findings(report_data(result)))
     return {
         "verdict": conclusion.state,
         "why": "; ".join(one.message.partition("; ")[0] for one in conclusion.actions if one.state == conclusion.state),

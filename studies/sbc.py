@@ -45,7 +45,7 @@ from bayesid.motion import Motion
 from bayesid.posterior.likelihood import make_likelihood
 from bayesid.posterior.sampler import Draws, Sampling, sample
 from bayesid.posterior.target import Prior, Target, make_prior
-from bayesid.regression.knowledge import Links
+from bayesid.regression.knowledge import LinkPrior
 from bayesid.regression.moments import moments
 from bayesid.robot import robot_from_table
 from bayesid.robot.inertia import pseudo_inertia
@@ -57,7 +57,7 @@ from bayesid.studies.study import Study, in_turn
 if TYPE_CHECKING:
     from bayesid.studies.figures import Figure
 
-LINKS = Links()
+LINKS = LinkPrior()
 """What is believed of any link: the default."""
 SIGMA = np.array([10.0, 30.0])
 """N m, the reference noise."""

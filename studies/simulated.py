@@ -15,14 +15,14 @@ from bayesid.effects.catalogue import make_terms
 from bayesid.effects.coefficients import base_coefficients
 from bayesid.effects.model import Model
 from bayesid.identification.identification import Identification
-from bayesid.identification.options import Preparation
+from bayesid.identification.options import Preprocessing
 from bayesid.identification.pipeline import identify
 from bayesid.identification.prediction import NORMAL_95
 from bayesid.log.log import Log
-from bayesid.log.segments import Cutting
+from bayesid.log.segments import Segmentation
 from bayesid.motion import Motion
 from bayesid.posterior.sampler import Sampling
-from bayesid.regression.knowledge import Beliefs, Links
+from bayesid.regression.knowledge import LinkPrior, ParameterPrior
 from bayesid.regression.noise import relative_rms
 from bayesid.robot import Robot, load_robot
 from bayesid.signs.search.beam import Beam
@@ -73,8 +73,8 @@ class Scenario:
         speed: share of the highest speeds; accelerations take its square.
         encoder: sd of the positions' noise, rad.
         cutoff: of the motion's low-pass, Hz; 0 leaves it to the data.
-        prominence: see `bayesid.log.segments.Cutting`.
-        threshold: see `Cutting`.
+        prominence: see `bayesid.log.segments.Segmentation`.
+        threshold: see `Segmentation`.
         search: "certified" or "beam".
         beam_width: of a beam.
         initial_segments: of a beam.
@@ -92,8 +92,8 @@ class Scenario:
     speed: float = 1.0
     encoder: float = 0.0
     cutoff: float = 0.0
-    prominence: float = Cutting().prominence
-    threshold: float = Cutting().threshold
+    prominence: float = Segmentation().prominence
+    threshold: float = Segmentation().threshold
     search: str = "certified"
     beam_width: int = 5
     initial_segments: int = 5
@@ -122,7 +122,7 @@ class Truth:
 def trial(scenario: Scenario, seed: int) -> Row:
     """Simulates a log, identifies the robot without its signs, and scores the result."""
     truth = make_truth(scenario, seed)
-    cutting = Cutting(scenario.prominence, scenario.threshold)
+    segmentation = Segmentation(scenario.prominence, scenario.threshold)
     result = identify(
         truth.model.robot,
         truth.log,
@@ -130,8 +130,8 @@ def trial(scenario: Scenario, seed: int) -> Row:
         complete="off",
         search=_search(scenario),
         posterior=Sampling(seed=seed) if scenario.posterior else False,
-        preparation=Preparation(cutoff=scenario.cutoff or None, cutting=cutting),
-        beliefs=Beliefs(links=_links(scenario.prior_width), nominal=_nominal(truth, scenario.nominal, seed)),
+        preprocessing=Preprocessing(cutoff=scenario.cutoff or None, segmentation=segmentation),
+        prior=ParameterPrior(links=_links(scenario.prior_width), nominal=_nominal(truth, scenario.nominal, seed)),
     )
     return {**_of_signs(truth, result), **_of_model(truth, result, seed), "timings": result.timings}
 
@@ -181,8 +181,8 @@ def _search(scenario: Scenario) -> Search:
     return beam if scenario.search == "beam" else Certified(budget=_BUDGET, fallback=beam)
 
 
-def _links(width: float) -> Links | None:
-    return None if width == 1.0 else Links(mass=width * Links().mass)
+def _links(width: float) -> LinkPrior | None:
+    return None if width == 1.0 else LinkPrior(mass=width * LinkPrior().mass)
 
 
 def _nominal(truth: Truth, error: float, seed: int) -> dict[str, tuple[float, float]]:

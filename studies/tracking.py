@@ -24,7 +24,7 @@ from bayesid.effects.model import Model
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.pipeline import identify
 from bayesid.monitor.changes import CONTACT, FRICTION, GAIN, PAYLOAD, Alarm
-from bayesid.monitor.tracker import SignTracker, Tracked
+from bayesid.monitor.tracker import SignTracker, TrackedSample
 from bayesid.motion import Motion
 from bayesid.signs.search.certified import Certified
 from bayesid.simulation.logs import simulate
@@ -145,7 +145,7 @@ def _pushed(motion: Motion, usual: Array, rng: np.random.Generator) -> _Stream:
     return _Stream(motion, effort, usual, tuple(pushes))
 
 
-def _tracked(known: IdentifiedModel, stream: _Stream, lag: float = 0.0) -> tuple[SignTracker, list[Tracked], Row]:
+def _tracked(known: IdentifiedModel, stream: _Stream, lag: float = 0.0) -> tuple[SignTracker, list[TrackedSample], Row]:
     """The tracker, its records, and what they cost."""
     tracker, records, seconds = SignTracker(known, _RATE, lag), [], []
     for t, q, effort in zip(stream.motion.t, stream.motion.q, np.abs(stream.effort), strict=True):
@@ -161,7 +161,7 @@ def _tracked(known: IdentifiedModel, stream: _Stream, lag: float = 0.0) -> tuple
     return tracker, records, costs
 
 
-def _right(records: Sequence[Tracked], stream: _Stream) -> float:
+def _right(records: Sequence[TrackedSample], stream: _Stream) -> float:
     """Share of the strong samples in motion whose sign is right, by the model that was identified."""
     at = np.searchsorted(stream.motion.t, [record.t - 1e-6 for record in records])
     strong: Mask = np.abs(stream.effort) >= STRONG * np.abs(stream.effort).max(axis=0)
@@ -182,7 +182,7 @@ def _others(alarms: Sequence[Alarm], stream: _Stream, happens: str) -> int:
     return sum(one not in own and not (happens in KINDS and one.raised >= _CHANGED) for one in alarms)
 
 
-def _pushes(alarms: Sequence[Alarm], records: Sequence[Tracked], stream: _Stream) -> Row:
+def _pushes(alarms: Sequence[Alarm], records: Sequence[TrackedSample], stream: _Stream) -> Row:
     found, right, delays, unseen = 0, 0, [], 0
     for start, joint, _ in stream.pushes:
         alarm = _of_push(alarms, start)

@@ -9,8 +9,8 @@ from bayesid.report.findings import (
     Alternatives,
     CoefficientTable,
     Correlation,
-    Findings,
     Prediction,
+    ReportData,
     Samples,
     SegmentTable,
 )
@@ -200,7 +200,7 @@ def make_findings(n=2, count=300, per_joint=6, coefficients=8, draws=True, valid
     table = make_coefficients(coefficients)
     rng = np.random.default_rng(1)
     lag = np.arange(20) / RATE
-    made = Findings(
+    made = ReportData(
         summary=make_summary(n, coefficients, changes.pop("signed_joints", ())),
         effort_unit=("N m",) * (n - 1) + ("N",),
         position_unit=("rad",) * (n - 1) + ("m",),

@@ -17,7 +17,7 @@ from bayesid.posterior.modes import find_modes
 from bayesid.posterior.sampler import Sampling
 from bayesid.posterior.target import PosteriorProblem, Target, make_prior
 from bayesid.progress import SILENT
-from bayesid.regression.knowledge import Information, Links, Nominal
+from bayesid.regression.knowledge import Information, LinkPrior, Nominal
 from bayesid.regression.noise import Noise
 from bayesid.regression.solver import ConeLeastSquares
 from bayesid.signs.search.certified import certified
@@ -68,7 +68,7 @@ class Log:
     def target(self):
         none = np.zeros(len(self.joint), dtype=np.int64)
         likelihood = make_likelihood(self.moments, self.coefficients, self.sigma, self.time, none)
-        return Target(make_prior(self.cone, likelihood, Links(), self.nominal), likelihood, self.earlier)
+        return Target(make_prior(self.cone, likelihood, LinkPrior(), self.nominal), likelihood, self.earlier)
 
     def search(self):
         return certified(self.scaled, replace(self, earlier=None).solver, budget=20.0)
@@ -176,7 +176,7 @@ def nonnegative():
 
 def problem_of(log):
     return PosteriorProblem(
-        one_each(log.moments), log.coefficients, log.cone, log.noise, Links(), log.nominal, log.earlier
+        one_each(log.moments), log.coefficients, log.cone, log.noise, LinkPrior(), log.nominal, log.earlier
     )
 
 

@@ -51,18 +51,18 @@ def test_terms_and_options_are_named_as_arguments(log):
     assert refusal(bayesid.Certified, budget=-1.0).startswith("`Certified.budget`: ")
     assert refusal(bayesid.Beam, width=0).startswith("`Beam.width`: ")
     assert refusal(bayesid.Sampling, mode=0).startswith("`Sampling.mode`: ")
-    assert refusal(bayesid.Links, mass=-1.0).startswith("`Beliefs.links`: ")
+    assert refusal(bayesid.LinkPrior, mass=-1.0).startswith("`ParameterPrior.links`: ")
     assert refusal(bayesid.identify, robot, log, search="beam").startswith("search: 'beam' is no search")
     assert refusal(bayesid.identify, robot, log, posterior=60.0).startswith("posterior: 60.0 is no sampling")
-    assert refusal(bayesid.identify, robot, log, beliefs={"m2": (1.0, 0.1)}).startswith("beliefs: dict are no")
-    fast = bayesid.Preparation(cutoff=99.0)
-    assert refusal(bayesid.identify, robot, log, preparation=fast).startswith("`cutoff`: ")
+    assert refusal(bayesid.identify, robot, log, prior={"m2": (1.0, 0.1)}).startswith("prior: dict is no prior")
+    fast = bayesid.Preprocessing(cutoff=99.0)
+    assert refusal(bayesid.identify, robot, log, preprocessing=fast).startswith("`cutoff`: ")
 
 
 @pytest.mark.parametrize("stated", [0.7, (0.7,), (0.7, 0.1, 2.0), "0.7", None, ("a", "b")])
 def test_a_nominal_value_without_its_sd_is_refused(log, stated):
-    said = refusal(bayesid.identify, small_robot(2), log, beliefs=bayesid.Beliefs(nominal={"m2": stated}))
-    assert said.startswith(f"`Beliefs.nominal`: m2 = {stated!r} is no mean with its sd")
+    said = refusal(bayesid.identify, small_robot(2), log, prior=bayesid.ParameterPrior(nominal={"m2": stated}))
+    assert said.startswith(f"`ParameterPrior.nominal`: m2 = {stated!r} is no mean with its sd")
     assert "{'m2': (0.7, 0.1)}" in said
 
 

@@ -17,7 +17,7 @@ from bayesid.effects.catalogue import make_terms
 from bayesid.effects.model import Model
 from bayesid.parallel import one_blas_thread, quiet
 from bayesid.posterior.sampler import Sampling
-from bayesid.report.findings import find_findings
+from bayesid.report.findings import report_data
 from bayesid.report.pages.identification_page import identification_page
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters
@@ -67,7 +67,7 @@ def compute(seed):
     sampling = Sampling(walkers=16, most_sweeps=32, seed=seed)  # what is compared need not converge
     search = bayesid.Certified()
     result = bayesid.identify(ROBOT, log, TERMS, search=search, posterior=sampling)
-    figures = re.findall(r"<svg.*?</svg>", identification_page(find_findings(result)), re.DOTALL)
+    figures = re.findall(r"<svg.*?</svg>", identification_page(report_data(result)), re.DOTALL)
     return result.identified.theta, result.probability, result.posterior.plus, figures
 
 

@@ -24,10 +24,10 @@ from bayesid.identification.pipeline import identify
 from bayesid.log.log import Log
 from bayesid.posterior.sampler import Sampling
 from bayesid.progress import SILENT, Progress
-from bayesid.regression.knowledge import Beliefs
+from bayesid.regression.knowledge import ParameterPrior
 from bayesid.regression.noise import relative_rms
 from bayesid.report.conclusion import Conclusion, conclude, sentence
-from bayesid.report.findings import find_findings
+from bayesid.report.findings import report_data
 from bayesid.report.folders import IDENTIFICATION_FILES, MARKER, collect_incomplete, save_identification
 from bayesid.report.verdicts import check_findings, unsaid
 from bayesid.report.words import counted
@@ -122,15 +122,15 @@ def demo_command(options: argparse.Namespace) -> None:
         sampling = Sampling(budget=options.posterior_budget, seed=options.seed)
         experiment = run_experiment(options.seed, search=search, posterior=sampling, progress=progress)
         parameters = zip(experiment.result.model.parameters, truth.tolist(), strict=True)
-        stated = Beliefs(nominal={parameter.name: (value, np.nan) for parameter, value in parameters})
+        stated = ParameterPrior(nominal={parameter.name: (value, np.nan) for parameter, value in parameters})
         run_by = replace(experiment.result.provenance, command=command_line())
-        result = replace(experiment.result, beliefs=stated, provenance=run_by)
+        result = replace(experiment.result, prior=stated, provenance=run_by)
         with progress.stage("validate"):
             validation = result.validate(experiment.new_log)
         save_identification(result, folder, with_log=True, validation=validation, progress=progress)
     errors = _error_lines(experiment, validation.relative_residual)
     parts = *_signs_lines(experiment), coefficient_table(experiment.estimates, experiment.sd), *errors
-    checks = check_findings(replace(find_findings(result), folder=str(folder)).with_validation(validation))
+    checks = check_findings(replace(report_data(result), folder=str(folder)).with_validation(validation))
     conclusion = conclude(checks)
     finish(
         options,

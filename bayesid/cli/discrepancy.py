@@ -21,11 +21,11 @@ from bayesid.cli.options import (
     term_names,
 )
 from bayesid.cli.terminal import line_of
-from bayesid.discrepancy.comparison import LogComparison, compare_logs
+from bayesid.discrepancy.comparison import ChangeReport, compare_logs
 from bayesid.discrepancy.workflow import Discrepancy, find_discrepancy
 from bayesid.errors import InputError
 from bayesid.identification.model_file import load
-from bayesid.identification.options import Preparation
+from bayesid.identification.options import Preprocessing
 from bayesid.identification.pipeline import QUICK
 from bayesid.log.formats import is_log_folder
 from bayesid.log.sources import find_logs
@@ -82,7 +82,7 @@ def _compare_with_result(options: argparse.Namespace) -> None:
             holdout[0] if holdout else None,
             search=_search(options, QUICK.budget),
             posterior=sampling(options),
-            preparation=Preparation(cutoff=options.cutoff),
+            preprocessing=Preprocessing(cutoff=options.cutoff),
             progress=progress,
         )
         result = _with_command(result)
@@ -116,7 +116,7 @@ def _compare_logs(options: argparse.Namespace) -> None:
             constraints=options.constraints,
             search=_search(options, Certified().budget),
             posterior=sampling(options),
-            preparation=Preparation(cutoff=options.cutoff),
+            preprocessing=Preprocessing(cutoff=options.cutoff),
             progress=progress,
         )
         result = replace(result, found=(*result.found[:-1], _with_command(result.found[-1])))
@@ -152,7 +152,7 @@ def _save(save: Callable[[Path], object], folder: Path) -> list[str]:
     return incomplete
 
 
-def _end(options: argparse.Namespace, result: Discrepancy | LogComparison, folder: Path, incomplete: list[str]) -> None:
+def _end(options: argparse.Namespace, result: Discrepancy | ChangeReport, folder: Path, incomplete: list[str]) -> None:
     if isinstance(result, Discrepancy):
         lines, said = in_brief(result), discrepancy_conclusion(result).in_brief()
     else:

@@ -15,12 +15,12 @@ from bayesid.arrays import Array
 from bayesid.cli.arguments import FOR_RESULT, FOR_ROBOT
 from bayesid.cli.bars import stages
 from bayesid.cli.options import (
-    beliefs,
     check_new,
     check_taken,
     finish,
     given_robot,
     numbers,
+    prior,
     read,
     reading_options,
     robot_of,
@@ -32,16 +32,16 @@ from bayesid.cli.tuning import TUNING
 from bayesid.discrepancy.numbers import CHANGE_OF
 from bayesid.errors import InputError
 from bayesid.excitation.design import Objective, TrajectoryShape, design_excitation
-from bayesid.excitation.judgement import ExcitationJudgement, judge_log
+from bayesid.excitation.judgement import ExcitationAssessment, assess_excitation
 from bayesid.excitation.limits import read_limits
-from bayesid.excitation.next_motion import RunSettings, design_next
+from bayesid.excitation.next_motion import MotionSettings, design_next
 from bayesid.excitation.rivals import Hypotheses, equivalent_classes, hypotheses_of
 from bayesid.files.writing import read_json
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.model_file import load
 from bayesid.motion import Motion
 from bayesid.progress import Progress
-from bayesid.report.findings import read_findings
+from bayesid.report.findings import read_report_data
 from bayesid.report.motions import (
     DESIGN_FILES,
     DESIGN_MARKER,
@@ -115,12 +115,12 @@ def _refuse(options: argparse.Namespace, refused: Sequence[Option], said: str, r
             raise InputError(said, name, remedy)
 
 
-def _judge(robot: Robot, options: argparse.Namespace, progress: Progress) -> ExcitationJudgement:
+def _judge(robot: Robot, options: argparse.Namespace, progress: Progress) -> ExcitationAssessment:
     with progress.stage("read"):
         log = read(options.log, reading_options(options), robot)
     with progress.stage("judge"):
         settings = {"noise": options.noise, "cutoff": options.cutoff, "seed": options.seed}
-        return judge_log(robot, log, term_names(options), **settings)
+        return assess_excitation(robot, log, term_names(options), **settings)
 
 
 def _design(robot: Robot, options: argparse.Namespace, progress: Progress) -> tuple[str, str]:
@@ -134,7 +134,7 @@ def _design(robot: Robot, options: argparse.Namespace, progress: Progress) -> tu
         ),
         limits=_limits(options, robot),
         objective=Objective(noise=options.noise),
-        beliefs=beliefs(options),
+        prior=prior(options),
         seed=options.seed,
         progress=progress,
     )
@@ -153,7 +153,7 @@ def _design_for_result(options: argparse.Namespace) -> tuple[str, str]:
             recorded = _recorded_motion(options.result)
             robot = _robot_with_shapes(options, identified)
             clearance = _clearance(options, robot, _poses(options, identified.model.robot, recorded))
-        run = RunSettings(
+        run = MotionSettings(
             duration=options.duration,
             rate=options.rate,
             start=numbers(options.start, "--start"),
@@ -189,7 +189,7 @@ def _recorded_motion(folder: Path) -> Motion | None:
     if not (folder / "findings.npz").exists():
         warn(f"{folder} holds no findings.npz: the motion of its log is not known")
         return None
-    samples = read_findings(folder).samples
+    samples = read_report_data(folder).samples
     ddq = np.gradient(samples.velocity, samples.t, axis=0)
     return Motion(samples.t, samples.position, samples.velocity, ddq)
 

@@ -15,11 +15,11 @@ from rich.text import Text
 
 from bayesid.cli.bars import counts, stages
 from bayesid.cli.options import (
-    beliefs,
     check_new,
     check_taken,
     command_line,
     finish,
+    prior,
     read,
     reading_options,
     robot_of,
@@ -32,14 +32,14 @@ from bayesid.errors import BayesidError, InputError, near_names, printable
 from bayesid.files.bounded import LARGEST, read_source, toml_of
 from bayesid.identification.checks import Check, State
 from bayesid.identification.identification import KNOWN, SURE, Identification
-from bayesid.identification.options import Preparation
+from bayesid.identification.options import Preprocessing
 from bayesid.identification.pipeline import identify
 from bayesid.log.log import Log, join_logs
 from bayesid.log.sources import find_logs
 from bayesid.motion import check_label
 from bayesid.report import verdicts
 from bayesid.report.conclusion import Conclusion, conclude
-from bayesid.report.findings import find_findings
+from bayesid.report.findings import report_data
 from bayesid.report.folders import IDENTIFICATION_FILES, MARKER, collect_incomplete, save_identification, save_or_rescue
 from bayesid.report.summary import Summary
 from bayesid.report.words import counted, quantity
@@ -48,7 +48,7 @@ from bayesid.signs.search.beam import Beam
 from bayesid.signs.search.certified import Certified
 from bayesid.signs.search.protocol import Search
 from bayesid.study.agreement import text as agreement_text
-from bayesid.study.separate_logs import Separate, identify_separately
+from bayesid.study.separate_logs import BatchResult, identify_each
 
 _PAYLOAD = re.compile(r"(?:(?P<label>[^:~@]*):)?(?P<mass>[^:~@]*)(?:~(?P<sd>[^:~@]*))?@(?P<file>.+)")
 _PAYLOAD_REMEDY = "give [LABEL:]KG[~SD]@LOG, as in 2.8~0.005@loaded.csv"
@@ -73,8 +73,8 @@ def identify_command(options: argparse.Namespace) -> None:
         "anyway": options.anyway,
         "search": _search(options),
         "posterior": sampling(options),
-        "preparation": Preparation(cutoff=options.cutoff, max_memory=options.max_memory),
-        "beliefs": beliefs(options, _known_masses(logs)),
+        "preprocessing": Preprocessing(cutoff=options.cutoff, max_memory=options.max_memory),
+        "prior": prior(options, _known_masses(logs)),
         "constraints": options.constraints,
     }
     if options.each:
@@ -98,7 +98,7 @@ def identify_command(options: argparse.Namespace) -> None:
         with collect_incomplete() as incomplete:
             shown = not options.no_report
             save_or_rescue(lambda place: save_identification(result, place, report=shown, progress=progress), folder)
-    findings = replace(find_findings(result), folder=str(folder))
+    findings = replace(report_data(result), folder=str(folder))
     checks = verdicts.check_findings(findings)
     last = f"open {folder}/report.html" if shown else f"written to {folder}/; its page: bayesid report {folder}"
     conclusion, summary = conclude(checks), findings.summary
@@ -137,7 +137,7 @@ def _identify_each(options: argparse.Namespace, logs: Sequence[Recording], setti
     with counts(options, "logs") as show:
         settings = {**settings, "reading": reading_options(options), "report": not options.no_report}
         settings |= {"workers": options.workers, "scheduler": options.scheduler, "progress": show}
-        separate = identify_separately(robot, [one.path for one in logs], folder, **settings)
+        separate = identify_each(robot, [one.path for one in logs], folder, **settings)
     failed = [result for result in separate.runs if result.error]
     refused = all(result.bad_input for result in failed)
     for result in separate.runs:
@@ -247,7 +247,7 @@ def _sampling_effort(result: Identification) -> str:
     return f"{modes}; {posterior.seconds:.1f} s"
 
 
-def _worst_of(separate: Separate) -> Conclusion:
+def _worst_of(separate: BatchResult) -> Conclusion:
     """The worst verdict of all logs."""
     runs = [(str(run.log), run.figures["verdict"], str(run.folder)) for run in separate.runs]
     return conclude(
@@ -255,7 +255,7 @@ def _worst_of(separate: Separate) -> Conclusion:
     )
 
 
-def _separate_parts(separate: Separate) -> list[RenderableType]:
+def _separate_parts(separate: BatchResult) -> list[RenderableType]:
     rows = []
     for log, figures in ((run.log, run.figures) for run in separate.runs if run.figures):
         proven, converged = ({"": "-", True: "yes", False: "NO"}[figures[key]] for key in ("certified", "converged"))

@@ -28,7 +28,7 @@ from bayesid.log.kept_reading import in_words, read_alike
 from bayesid.log.log import Log, RecordedMotion
 from bayesid.log.reading import read_log, read_motion
 from bayesid.posterior.sampler import Sampling
-from bayesid.regression.knowledge import Beliefs, KinematicTolerance, Links, read_nominal
+from bayesid.regression.knowledge import KinematicTolerance, LinkPrior, ParameterPrior, read_nominal
 from bayesid.report.conclusion import Conclusion
 from bayesid.robot import Robot, load_robot
 from bayesid.robot.load import alias_note
@@ -230,7 +230,9 @@ def term_names(options: argparse.Namespace) -> list[str]:
     return terms
 
 
-def beliefs(options: argparse.Namespace, known: Mapping[str, tuple[float, float]] = MappingProxyType({})) -> Beliefs:
+def prior(
+    options: argparse.Namespace, known: Mapping[str, tuple[float, float]] = MappingProxyType({})
+) -> ParameterPrior:
     """What is believed before the log; the geometry's tolerance where a command asks for it.
 
     Args:
@@ -243,16 +245,16 @@ def beliefs(options: argparse.Namespace, known: Mapping[str, tuple[float, float]
             raise InputError(f"{name} is stated by --payload too", str(options.nominal), "state it once")
     nominal |= known
     links, tolerance = getattr(options, "links", None), getattr(options, "kinematic_tolerance", None)
-    kinematics = Beliefs().kinematics if tolerance is None else _tolerance(tolerance)
-    return Beliefs(links=None if links is None else _links(links), nominal=nominal, kinematics=kinematics)
+    kinematics = ParameterPrior().kinematics if tolerance is None else _tolerance(tolerance)
+    return ParameterPrior(links=None if links is None else _links(links), nominal=nominal, kinematics=kinematics)
 
 
-def _links(text: str) -> Links:
+def _links(text: str) -> LinkPrior:
     remedy = "give the scales of a link's mass and of its distances in kg and m, as in 30,0.5"
     scales = numbers(text, "--links", remedy) or ()
     if len(scales) != 2:
         raise InputError(f"{text!r} are no scales of links", "--links", remedy)
-    return Links(mass=scales[0], reach=scales[1])
+    return LinkPrior(mass=scales[0], reach=scales[1])
 
 
 def _tolerance(text: str) -> KinematicTolerance:

@@ -24,7 +24,7 @@ from bayesid.cli.terminal import line_of, table
 from bayesid.errors import InputError
 from bayesid.identification.checks import Check, State
 from bayesid.identification.model_file import load
-from bayesid.identification.options import Preparation
+from bayesid.identification.options import Preprocessing
 from bayesid.identification.payload import identify_payload
 from bayesid.identification.pipeline import QUICK
 from bayesid.identification.prediction import Validation
@@ -33,7 +33,7 @@ from bayesid.posterior.sampler import Sampling
 from bayesid.progress import Progress
 from bayesid.regression.tuning import TUNING as REGRESSION
 from bayesid.report.conclusion import VALIDATED, Conclusion, conclude, sentence
-from bayesid.report.findings import FILE, read_findings
+from bayesid.report.findings import FILE, read_report_data
 from bayesid.report.folders import MARKER, REPORT, VALIDATION_FILES, make_report, save_validation
 from bayesid.report.payload import HEADINGS, PAYLOAD, PAYLOAD_FILES, payload_checks, payload_rows, save_payload
 from bayesid.report.verdicts import check_findings, validation
@@ -64,7 +64,7 @@ def _validated(result: Validation, folder: Path) -> Conclusion | None:
         return _unvalidated(result)
     if not (folder / FILE).exists():
         return None
-    findings = replace(read_findings(folder), folder=str(folder)).with_validation(result)
+    findings = replace(read_report_data(folder), folder=str(folder)).with_validation(result)
     return conclude([validation(findings)], VALIDATED)
 
 
@@ -131,7 +131,7 @@ def report_command(options: argparse.Namespace) -> None:
         tried = None if options.validation is None else _validation(options, options.validation, progress)
         path = make_report(options.result, tried, options.out, progress)
     parts = [] if tried is None else _validation_parts(tried)
-    conclusion = conclude(check_findings(replace(read_findings(options.result), folder=str(options.result))))
+    conclusion = conclude(check_findings(replace(read_report_data(options.result), folder=str(options.result))))
     finish(options, *parts, conclusion=conclusion, last=f"open {path}")
 
 
@@ -153,7 +153,7 @@ def payload_command(options: argparse.Namespace) -> None:
             common_sd=None if options.common_sd is None else _share(options.common_sd),
             search=search,
             posterior=posterior,
-            preparation=Preparation(cutoff=options.cutoff),
+            preprocessing=Preprocessing(cutoff=options.cutoff),
             progress=progress,
         )
         if folder is not None:

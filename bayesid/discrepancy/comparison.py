@@ -40,7 +40,7 @@ from bayesid.effects.friction import DryTerm
 from bayesid.effects.model import Model
 from bayesid.errors import InputError
 from bayesid.identification.identification import Identification
-from bayesid.identification.options import Preparation, hashes
+from bayesid.identification.options import Preprocessing, hashes
 from bayesid.identification.pipeline import identify, identify_again
 from bayesid.log.dates import Dates, dates_of
 from bayesid.log.log import Log, check_exact_gains
@@ -87,7 +87,7 @@ class EffectHistory:
 
 
 @dataclass(frozen=True)
-class LogComparison:
+class ChangeReport:
     """What several logs of one robot show one after the other.
 
     Attributes:
@@ -125,7 +125,7 @@ class LogComparison:
         line = self.timeline
         moved = [line.tracked[c].name for c in np.flatnonzero(line.moved.any(axis=0)).tolist()]
         lines = [
-            f"LogComparison of {self.earlier.model.robot.name}: {len(self.logs)} logs by {self.dates.basis}",
+            f"ChangeReport of {self.earlier.model.robot.name}: {len(self.logs)} logs by {self.dates.basis}",
             f"changed since the first  {named(CHANGED)}",
             f"missing all along        {named(ALL_ALONG)}",
             f"gone since the first     {named(GONE)}",
@@ -151,9 +151,9 @@ def compare_logs(  # noqa: PLR0913  a robot, logs, terms, what is stated, and fo
     constraints: Says | str | Path | None = None,
     search: Search = Certified(),
     posterior: Sampling | bool = True,
-    preparation: Preparation = Preparation(),
+    preprocessing: Preprocessing = Preprocessing(),
     progress: Progress = SILENT,
-) -> LogComparison:
+) -> ChangeReport:
     """Compares logs of one robot, one after the other: what has changed since the first, what was missing all along.
 
     Args:
@@ -164,7 +164,7 @@ def compare_logs(  # noqa: PLR0913  a robot, logs, terms, what is stated, and fo
         constraints: as of `identify`; they hold for every log, but those on the last link not where it has a payload.
         search: how signs are searched in the first log; in later ones, which that one helps to settle, briefly.
         posterior: how those of the first model and of the last log's extended model are sampled, or whether they are.
-        preparation: how the logs are made ready.
+        preprocessing: how the logs are made ready.
         progress: of long stages.
 
     Raises:
@@ -192,7 +192,7 @@ def compare_logs(  # noqa: PLR0913  a robot, logs, terms, what is stated, and fo
         constraints=constraints,
         search=search,
         posterior=posterior,
-        preparation=preparation,
+        preprocessing=preprocessing,
         anyway=True,
         progress=headings[0],
     )
@@ -202,14 +202,14 @@ def compare_logs(  # noqa: PLR0913  a robot, logs, terms, what is stated, and fo
             log,
             later if log is read[-1] else None,
             posterior=posterior if log is read[-1] else False,
-            preparation=preparation,
+            preprocessing=preprocessing,
             progress=heading,
         )
         for log, heading in zip(read[1:], headings[1:], strict=True)
     ]
-    runs = _alone(earlier, found, read, preparation, headings)
+    runs = _alone(earlier, found, read, preprocessing, headings)
     timeline = make_timeline(runs, [False, *(_payload(one) is not None for one in found)])
-    return LogComparison(
+    return ChangeReport(
         logs=tuple(read),
         dates=dates,
         earlier=earlier,
@@ -264,7 +264,7 @@ def _alone(
     earlier: Identification,
     found: Sequence[Discrepancy],
     logs: Sequence[Log],
-    preparation: Preparation,
+    preprocessing: Preprocessing,
     headings: Sequence[Progress],
 ) -> list[Identification]:
     """All terms that any log has shown by itself, and each log's own distortions, identified on each log by itself.
@@ -292,7 +292,7 @@ def _alone(
         stated = _stated(earlier.model, loaded=body is not None)
         model = reduce(Model.extend, distortions, Model(earlier.model.robot, own, constraints=stated))
         theta = _values(model, told)
-        runs.append(identify_again(model, log, None, theta, preparation=preparation, progress=headings[k]))
+        runs.append(identify_again(model, log, None, theta, preprocessing=preprocessing, progress=headings[k]))
     return runs
 
 

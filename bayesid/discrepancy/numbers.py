@@ -15,7 +15,7 @@ from bayesid.effects.distortion import Distortion
 from bayesid.effects.formula import Description
 from bayesid.effects.model import Model
 from bayesid.identification.identification import Identification
-from bayesid.identification.payload import AXES, PayloadBody, PayloadReading
+from bayesid.identification.payload import AXES, InertialParameters, PayloadEstimate
 from bayesid.motion import Motion
 from bayesid.regression.selection.added_effect import LARGEST_READING, RATED, AddedEffect, EffortSize, Quantity
 from bayesid.regression.selection.hypotheses import Hypothesis
@@ -25,7 +25,7 @@ CHANGE_OF = "change of "
 
 
 def with_numbers(
-    case: Case, selection: Selection, again: Identification, body: PayloadReading | None = None
+    case: Case, selection: Selection, again: Identification, body: PayloadEstimate | None = None
 ) -> tuple[AddedEffect, ...]:
     """The selected effects with their numbers; those of a payload are what `identify_payload` has read."""
     numbers = Numbers(case.model, case.knowledge.theta, again, body)
@@ -56,7 +56,7 @@ class Numbers:
     A payload's are those of `body`, where it was read: of the same log under the model as it was.
     """
 
-    def __init__(self, model: Model, theta: Array, again: Identification, body: PayloadReading | None = None) -> None:
+    def __init__(self, model: Model, theta: Array, again: Identification, body: PayloadEstimate | None = None) -> None:
         self._body = body
         self._again, self._names = again, [parameter.name for parameter in again.model.parameters]
         self._earlier = {p.name: float(value) for p, value in zip(model.parameters, theta, strict=True)}
@@ -111,7 +111,7 @@ class Numbers:
         return {f"{CHANGE_OF}{name}": (value - self._earlier[name], sd, unit)}
 
 
-def _of_body(body: PayloadBody) -> dict[str, Quantity]:
+def _of_body(body: InertialParameters) -> dict[str, Quantity]:
     """As `Payload.readable` names them."""
     told = {"mass": (body.mass, "kg")}
     told |= {f"centre of mass {axis}": (one, "m") for axis, one in zip("xyz", body.centre or (), strict=True)}

@@ -22,8 +22,8 @@ from bayesid.effects.coefficients import base_coefficients
 from bayesid.errors import InputError, SolverError
 from bayesid.identification.identification import Identification
 from bayesid.identification.identified_model import IdentifiedModel
-from bayesid.identification.options import Preparation, call_of, call_of_log
-from bayesid.identification.payload import BRIEF, PayloadReading, identify_payload
+from bayesid.identification.options import Preprocessing, call_of, call_of_log
+from bayesid.identification.payload import BRIEF, PayloadEstimate, identify_payload
 from bayesid.identification.pipeline import QUICK, identify_again
 from bayesid.log.log import Log
 from bayesid.log.reading import LogSource, as_log
@@ -128,7 +128,7 @@ def find_discrepancy(
     *,
     search: Search = QUICK,
     posterior: Sampling | bool = True,
-    preparation: Preparation = Preparation(),
+    preprocessing: Preprocessing = Preprocessing(),
     progress: Progress = SILENT,
     thresholds: Thresholds = Thresholds(),
 ) -> Discrepancy:
@@ -140,7 +140,7 @@ def find_discrepancy(
         holdout: another one, to score by; without it stretches of the log are held back.
         search: how signs are searched under the extended model.
         posterior: how that of the extended model is sampled, or whether it is.
-        preparation: how the logs are made ready.
+        preprocessing: how the logs are made ready.
         progress: of long stages.
         thresholds: that decide which effects are added, and what is explained.
 
@@ -155,7 +155,7 @@ def find_discrepancy(
         ('no_discrepancy', array([1.1, 0.9, 0.8]))
     """
     began = time.perf_counter()
-    model, cutoff = earlier.knowledge.model, preparation.cutoff
+    model, cutoff = earlier.knowledge.model, preprocessing.cutoff
     known = earlier.identified if isinstance(earlier, Identification) else earlier
     log = as_log(log, model.robot, known.reading)
     later = None if holdout is None else as_log(holdout, model.robot, known.reading)
@@ -179,13 +179,13 @@ def find_discrepancy(
         extension.theta,
         search=search,
         posterior=posterior,
-        preparation=preparation,
+        preprocessing=preprocessing,
         progress=progress,
     )
     again = _with_origin(again, known, log, later)
     body = None
     if any(isinstance(effect.hypothesis.source, Payload) for effect in selection.added):
-        body = _body(known, log, search, posterior, preparation, progress)
+        body = _body(known, log, search, posterior, preprocessing, progress)
     return replace(_discrepancy(case, selection, again, body), seconds=time.perf_counter() - began)
 
 
@@ -194,9 +194,9 @@ def _body(
     log: Log,
     search: Search,
     posterior: Sampling | bool,
-    preparation: Preparation,
+    preprocessing: Preprocessing,
     progress: Progress,
-) -> PayloadReading | None:
+) -> PayloadEstimate | None:
     """The payload as `identify_payload` reads it, so that it has one number; None where that cannot read it."""
     brief = (
         replace(BRIEF, seed=posterior.seed, time_limit=posterior.time_limit)
@@ -204,7 +204,9 @@ def _body(
         else BRIEF
     )
     try:
-        read = identify_payload(known, log, search=search, posterior=brief, preparation=preparation, progress=progress)
+        read = identify_payload(
+            known, log, search=search, posterior=brief, preprocessing=preprocessing, progress=progress
+        )
     except (InputError, SolverError):
         return None
     return read if read.body.shown else None
@@ -223,7 +225,7 @@ def _with_origin(again: Identification, known: IdentifiedModel, log: Log, later:
 # ---------------------------------------------------------------------------------------------------------------
 # The result
 # ---------------------------------------------------------------------------------------------------------------
-def _discrepancy(case: Case, selection: Selection, again: Identification, body: PayloadReading | None) -> Discrepancy:
+def _discrepancy(case: Case, selection: Selection, again: Identification, body: PayloadEstimate | None) -> Discrepancy:
     trial, scoring = case.trial, case.held_back.trial
     scores = assess(selection.before, selection.library)
     before, after = _gaps(case, selection, again)

@@ -45,7 +45,7 @@ from bayesid.excitation.tuning import TUNING
 from bayesid.motion import Motion
 from bayesid.parallel import one_blas_thread
 from bayesid.progress import SILENT, Progress
-from bayesid.regression.knowledge import Beliefs
+from bayesid.regression.knowledge import ParameterPrior
 from bayesid.robot import Robot, load_robot
 from bayesid.simulation.trajectories import HARMONICS, MotionLimits, log_condition_of
 
@@ -149,7 +149,7 @@ def design_excitation(
     shape: TrajectoryShape = TrajectoryShape(),
     limits: MotionLimits | None = None,
     objective: Objective = Objective(),
-    beliefs: Beliefs = Beliefs(),
+    prior: ParameterPrior = ParameterPrior(),
     seed: int = 0,
     progress: Progress = SILENT,
 ) -> ExcitationDesign:
@@ -161,7 +161,7 @@ def design_excitation(
         shape: duration, rate, harmonics and periods.
         limits: of the joints; they hold at every instant. By default those that suit most small arms.
         objective: what the design aims at.
-        beliefs: parameters that are known beforehand (CAD); others are drawn.
+        prior: parameters that are known beforehand (CAD); others are drawn.
         seed: of the random starts and of the expected robots.
         progress: of the design.
 
@@ -177,7 +177,7 @@ def design_excitation(
     robot = robot if isinstance(robot, Robot) else load_robot(robot)
     limits = check_limits(limits, robot)
     model = Model(robot, catalogue.make_terms(terms, robot, _fastest(limits)))
-    expectation = expect(model, seed, beliefs)
+    expectation = expect(model, seed, prior)
     search = _search(expectation, shape, limits, objective)
     start, best = best_motion(search, objective.evaluations, progress, seed)
     motion = _played(best, shape)

@@ -38,7 +38,7 @@ from bayesid.robot import Robot, check_joints, load_robot
 
 
 @dataclass(frozen=True, kw_only=True)
-class ExcitationJudgement(Excitation):
+class ExcitationAssessment(Excitation):
     """What a log's motion shows, at a noise relative to the RMS efforts."""
 
     model: Model  #: robot and terms
@@ -52,7 +52,7 @@ class ExcitationJudgement(Excitation):
 
     def __repr__(self) -> str:
         lines = [
-            f"ExcitationJudgement of {self.source}: {self.light}, condition number {self.condition:.1f}",
+            f"ExcitationAssessment of {self.source}: {self.light}, condition number {self.condition:.1f}",
             f"undecided  {len(self.undecided)} of {len(self.coefficients)} coefficients",
             *(f"- {remark}" for remark in self.remarks),
         ]
@@ -76,7 +76,7 @@ class ExcitationJudgement(Excitation):
 
 
 @one_blas_thread
-def judge_log(
+def assess_excitation(
     robot: Robot | str | Path,
     log: LogSource,
     terms: Iterable[str | Term] = STANDARD,
@@ -84,7 +84,7 @@ def judge_log(
     noise: float = 0.05,
     cutoff: float | None = None,
     seed: int = 0,
-) -> ExcitationJudgement:
+) -> ExcitationAssessment:
     """Says what a log's excitation leaves undecided, without identifying anything.
 
     Args:
@@ -99,7 +99,7 @@ def judge_log(
         InputError: the robot, the log or an option cannot be used.
 
     Example:
-        >>> judgement = bayesid.judge_log("robot.toml", "log.csv", terms)
+        >>> judgement = bayesid.assess_excitation("robot.toml", "log.csv", terms)
         >>> judgement.light, round(judgement.condition)
         ('green', 11)
     """
@@ -125,7 +125,7 @@ def judge_log(
     flips = expectation.joint_flips(grams, sigma, weight, groups) if unsigned else []
     measured = turn_measured(sums.scaled(noise * sums.rms_effort(n)), segments.start, segments.end, weight)
     wrong = np.bincount(measured.joint, sums.energy[sums.known == 0] * mistaken(measured.resolvability), n)
-    return ExcitationJudgement(
+    return ExcitationAssessment(
         model=model,
         coefficients=expectation.coefficients,
         source=log.source,
@@ -143,17 +143,17 @@ def judge_log(
 
 
 # ---- In words ----
-def _still(judgement: ExcitationJudgement) -> list[int]:
+def _still(judgement: ExcitationAssessment) -> list[int]:
     """0-based actuators that hardly move."""
     return np.flatnonzero((judgement.reach < TUNING.little) | (judgement.speed < TUNING.slow)).tolist()
 
 
-def _idle(judgement: ExcitationJudgement) -> list[int]:
+def _idle(judgement: ExcitationAssessment) -> list[int]:
     """Others that often stand still."""
     return sorted(set(np.flatnonzero(judgement.idle > TUNING.idle).tolist()) - set(_still(judgement)))
 
 
-def _turned(judgement: ExcitationJudgement) -> list[tuple[int, ...]]:
+def _turned(judgement: ExcitationAssessment) -> list[tuple[int, ...]]:
     """Groups of others whose signs could all be turned unnoticed; no group that holds another one."""
     flips, groups = judgement.joints, list[tuple[int, ...]]()
     if flips is None:
@@ -164,7 +164,7 @@ def _turned(judgement: ExcitationJudgement) -> list[tuple[int, ...]]:
     return [group for group in groups if not set(group) <= set(_still(judgement))]
 
 
-def _remarks(judgement: ExcitationJudgement) -> Iterator[str]:
+def _remarks(judgement: ExcitationAssessment) -> Iterator[str]:
     model, coefficients = judgement.model, judgement.coefficients
     for j in _still(judgement):
         unit = "m" if model.robot.joints[j].prismatic else "rad"

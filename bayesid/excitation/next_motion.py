@@ -54,7 +54,7 @@ SPEEDS = (0.1, 0.3, 1.0)
 
 
 @dataclass(frozen=True, kw_only=True)
-class RunSettings:
+class MotionSettings:
     """How a motion is to be run.
 
     Raises:
@@ -101,12 +101,12 @@ class PredictedKnowledge:
 
 
 @dataclass(frozen=True)
-class NextMotion:
+class NextExperiment:
     """A motion to be run and recorded."""
 
     known: Known  #: the result that it was designed for
     trajectory: SplineTrajectory  #: the motion, exact at every instant
-    run: RunSettings  #: how it is to be run, limits and start with one number for each joint
+    run: MotionSettings  #: how it is to be run, limits and start with one number for each joint
     goal: Goal | None  #: what it settles; None where it tells hypotheses apart
     rivals: tuple[RivalEffects, ...]  #: classes of hypotheses that it tells apart
     predicted: PredictedKnowledge  #: what will be known after its recording
@@ -122,7 +122,7 @@ class NextMotion:
     def __repr__(self) -> str:
         after, now = self.predicted.open, self.predicted.open_now
         lines = [
-            f"NextMotion for {self.known.model.robot.name}: {self.run.duration:g} s at {self.run.rate:g} Hz",
+            f"NextExperiment for {self.known.model.robot.name}: {self.run.duration:g} s at {self.run.rate:g} Hz",
             f"coefficients  {now} of {len(self.predicted.names)} open now, {after} after its recording if the model is "
             f"right, {self.predicted.open_lacking} at most ({self.of_random.open} after a random motion)",
             *(
@@ -170,12 +170,12 @@ def design_next(
     about: Sequence[str] = (),
     between: Sequence[str] | Hypotheses = (),
     *,
-    run: RunSettings = RunSettings(),
+    run: MotionSettings = MotionSettings(),
     recorded: Motion | None = None,
     criterion: str = "D",
     changes: int | None = None,
     progress: Progress = SILENT,
-) -> NextMotion:
+) -> NextExperiment:
     """Designs the motion whose recording settles most of what a result leaves open.
 
     Args:
@@ -196,7 +196,7 @@ def design_next(
             start.
 
     Example:
-        >>> design = bayesid.design_next(result, ["Fc2"], run=bayesid.RunSettings(duration=4.0), changes=40)
+        >>> design = bayesid.design_next(result, ["Fc2"], run=bayesid.MotionSettings(duration=4.0), changes=40)
         >>> friction = design.predicted.names.index("Fc2")
         >>> bool(design.predicted.sd[friction] < design.predicted.sd_now[friction])
         True
@@ -218,7 +218,7 @@ def design_next(
     usual = TUNING.telling_changes if goal is None else TUNING.changes
     _, trajectory = best_motion(search, changes or (usual // TUNING.whole if search.whole else usual), progress)
     alike = [pair for made in rivals for pair in inseparable(made, reference)]
-    return NextMotion(
+    return NextExperiment(
         known=known,
         trajectory=trajectory,
         run=run,
@@ -285,7 +285,7 @@ def _with_lacking(result: Identification) -> IdentifiedModel:
     return replace(result.identified, lacking=lacking)
 
 
-def _settled(run: RunSettings, known: Known, recorded: Motion | None) -> tuple[MotionLimits, RunSettings]:
+def _settled(run: MotionSettings, known: Known, recorded: Motion | None) -> tuple[MotionLimits, MotionSettings]:
     """With limits and a start of one number for each joint."""
     robot = known.model.robot
     limits = check_limits(run.limits, robot)
@@ -319,7 +319,7 @@ def _check_start(feasibility: Feasibility, still: SplineTrajectory) -> None:
     for j in np.flatnonzero(np.abs(mean) + TUNING.band * sd > feasibility.effort)[:1].tolist():
         needed = f"{mean[j]:.3g} +- {TUNING.band * sd[j]:.3g} N m"
         said = f"joint {j + 1} may need {needed} at the start, its limit is {feasibility.effort[j]:.3g} N m"
-        remedy = "give another `start`, or state what is known (`Beliefs.nominal`) when the log is identified"
+        remedy = "give another `start`, or state what is known (`ParameterPrior.nominal`) when the log is identified"
         raise InputError(said, field="effort_limits", remedy=remedy)
     if clearance is not None and not feasibility.clear(still, 0.0, still.duration):
         distance = float(clearance.distance(pose[None])[0])
@@ -329,7 +329,7 @@ def _check_start(feasibility: Feasibility, still: SplineTrajectory) -> None:
         raise InputError(said, field="start", remedy="give another pose, or a smaller `margin`")
 
 
-def _instants(run: RunSettings) -> Array:
+def _instants(run: MotionSettings) -> Array:
     return np.linspace(0.0, run.duration, round(run.duration * run.rate) + 1)
 
 
@@ -386,7 +386,7 @@ def _prediction(
     )
 
 
-def _unchecked(run: RunSettings, limits: MotionLimits, *, assumed: bool) -> tuple[str, ...]:
+def _unchecked(run: MotionSettings, limits: MotionLimits, *, assumed: bool) -> tuple[str, ...]:
     usual = "the robot's own joint limits: usual ones are assumed, widened to where the log has been (--limits)"
     said = [usual] if assumed else []
     if limits.effort is None:

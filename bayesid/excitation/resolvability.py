@@ -42,7 +42,7 @@ from bayesid.effects.model import Model
 from bayesid.errors import InputError
 from bayesid.excitation.tuning import TUNING
 from bayesid.motion import Motion
-from bayesid.regression.knowledge import Beliefs
+from bayesid.regression.knowledge import ParameterPrior
 from bayesid.regression.moments import Moments
 from bayesid.simulation.parameters import random_parameters
 from bayesid.simulation.trajectories import UNEXCITED, log_condition_of
@@ -253,7 +253,7 @@ class Expectation:
         return np.sqrt(np.diag(np.linalg.inv(precision)))
 
 
-def expect(model: Model, seed: int = 0, beliefs: Beliefs = Beliefs()) -> Expectation:
+def expect(model: Model, seed: int = 0, prior: ParameterPrior = ParameterPrior()) -> Expectation:
     """Draws robots that are plausible for a model; parameters that are believed take the place of drawn ones.
 
     Raises:
@@ -262,7 +262,7 @@ def expect(model: Model, seed: int = 0, beliefs: Beliefs = Beliefs()) -> Expecta
     rng, coefficients = np.random.default_rng(seed), base_coefficients(model)
     drawn = np.array([random_parameters(model, rng) for _ in range(TUNING.sized)])
     size = np.sqrt(np.mean(coefficients.project(drawn) ** 2, axis=0))
-    stated = beliefs.of(model.parameters).mean
+    stated = prior.of(model.parameters).mean
     return Expectation(model, coefficients, np.where(np.isnan(stated), drawn, stated)[: TUNING.robots], size)
 
 

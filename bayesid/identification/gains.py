@@ -16,7 +16,7 @@ from bayesid.log.log import Log
 from bayesid.posterior.target import usual_links
 from bayesid.regression.evidence import Evidence
 from bayesid.regression.gains import GainFit, GainPrior, fit_gains, likely_gains, prior_of, signed_moments
-from bayesid.regression.knowledge import Beliefs, Links, inverse_of
+from bayesid.regression.knowledge import LinkPrior, ParameterPrior, inverse_of
 from bayesid.regression.moments import Moments
 from bayesid.regression.noise import Noise
 from bayesid.regression.tuning import TUNING as REGRESSION
@@ -128,8 +128,8 @@ class IdentifiedGains:
 class UnknownGains:
     """The gains of a log while signs are searched: they move, and its efforts with them."""
 
-    def __init__(self, log: Log, beliefs: Beliefs) -> None:
-        self.log, self._beliefs, self._stated = log, beliefs, log.gains
+    def __init__(self, log: Log, prior: ParameterPrior) -> None:
+        self.log, self._of_parameters, self._stated = log, prior, log.gains
         self.fit: GainFit | None = None
         self._like_friction: tuple[int, ...] = ()
         self._prior: GainPrior | None = None if log.gains is None else prior_of(log.gains)
@@ -175,7 +175,8 @@ class UnknownGains:
 
     def _fit(self, prior: GainPrior, evidence: Evidence, noise: Noise, probability: Array) -> GainFit:
         moments = signed_moments(evidence, 2.0 * probability - 1.0)
-        links, nominal = links_of(self._beliefs, evidence, moments), self._beliefs.of(evidence.model.parameters)
+        stated = self._of_parameters
+        links, nominal = links_of(stated, evidence, moments), stated.of(evidence.model.parameters)
         return fit_gains(evidence, moments, noise, prior, links, nominal)
 
     def _keep(self, fit: GainFit, evidence: Evidence, noise: Noise) -> None:
@@ -204,11 +205,11 @@ class UnknownGains:
         )
 
 
-def links_of(beliefs: Beliefs, evidence: Evidence, moments: Moments) -> Links:
+def links_of(prior: ParameterPrior, evidence: Evidence, moments: Moments) -> LinkPrior:
     """What is believed of any link: as stated or, where nothing is, as usual for such a robot."""
     model = evidence.model
     usual = model.robot, evidence.signals.motion, evidence.coefficients, model.cone, moments
-    return beliefs.links or usual_links(*usual)
+    return prior.links or usual_links(*usual)
 
 
 def _like_friction(evidence: Evidence, noise: Noise, fit: GainFit) -> tuple[int, ...]:

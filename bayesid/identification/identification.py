@@ -24,7 +24,7 @@ from bayesid.log.segments import Segments
 from bayesid.log.signals import Signals
 from bayesid.posterior.inference import Posterior
 from bayesid.posterior.tuning import TUNING as POSTERIOR
-from bayesid.regression.knowledge import Beliefs
+from bayesid.regression.knowledge import ParameterPrior
 from bayesid.regression.least_squares import Fit
 from bayesid.regression.prices import ConstraintPrice
 from bayesid.signs.completion import Completion
@@ -76,7 +76,7 @@ class Identification(IdentifiedModel):
         proofs: how often the last word was said: again where the final noise weights change the signs.
         timings: stage to seconds.
         warnings: what the user should know.
-        beliefs: what was stated beforehand.
+        prior: what was stated beforehand.
         provenance: what was run on which data.
         completion: what the catalogue had to say beyond the terms asked for; None where it was not asked.
         better_reading: of the log, than with this robot file, joint order and these units; None where there is none or
@@ -110,7 +110,7 @@ class Identification(IdentifiedModel):
     proofs: int
     timings: dict[str, float]
     warnings: tuple[str, ...]
-    beliefs: Beliefs
+    prior: ParameterPrior
     provenance: Provenance
     completion: Completion | None = None
     better_reading: Misreading | None = None
@@ -130,7 +130,7 @@ class Identification(IdentifiedModel):
             f"warnings      {len(self.warnings) or 'none'}",
             *(f"  - {warning}" for warning in self.warnings[: TUNING.warnings_shown]),
             *(["  - .warnings has all"] if len(self.warnings) > TUNING.warnings_shown else []),
-            "checks        bayesid.check_findings(bayesid.find_findings(result))",
+            "checks        bayesid.check_findings(bayesid.report_data(result))",
             "go on with    .coefficient(NAME), .segments_table(), .predict(motion), .validate(log)",
         ]
         return "\n  ".join(lines)
@@ -232,7 +232,7 @@ class Identification(IdentifiedModel):
     @property
     def nominal_beta(self) -> Array:
         """(r,) the coefficients of the parameters known beforehand; NaN where these do not give one."""
-        stated = {name: mean for name, (mean, _) in self.beliefs.nominal.items()}
+        stated = {name: mean for name, (mean, _) in self.prior.nominal.items()}
         if not stated:
             return np.full(len(self.coefficients), np.nan)
         nominal = np.array([stated.get(parameter.name, np.nan) for parameter in self.model.parameters])

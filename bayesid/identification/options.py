@@ -17,7 +17,7 @@ import numpy as np
 from bayesid.errors import InputError
 from bayesid.identification.tuning import TUNING
 from bayesid.log.log import Log
-from bayesid.log.segments import USUAL, Cutting
+from bayesid.log.segments import USUAL, Segmentation
 
 _PACKAGES = ("bayesid", "numpy", "scipy", "pin", "clarabel", "emcee", "arviz")
 """Whose versions may change a result."""
@@ -38,31 +38,31 @@ def check_completeness(value: str) -> str:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Preparation:
+class Preprocessing:
     """How a log is made ready.
 
     Attributes:
         cutoff: of the motion's low-pass, Hz; from the data by default.
-        cutting: thresholds by which efforts are cut into segments, and small ones left out.
+        segmentation: thresholds by which efforts are cut into segments, and small ones left out.
         max_memory: GB that the run may need; 0.8 of the machine's memory by default.
 
     Raises:
         InputError: a limit that is none.
 
     Example:
-        >>> preparation = bayesid.Preparation(cutoff=8.0)
-        >>> bayesid.identify(robot, log, terms, preparation=preparation, posterior=False).signals.cutoff
+        >>> preprocessing = bayesid.Preprocessing(cutoff=8.0)
+        >>> bayesid.identify(robot, log, terms, preprocessing=preprocessing, posterior=False).signals.cutoff
         8.0
     """
 
     cutoff: float | None = None
-    cutting: Cutting = USUAL
+    segmentation: Segmentation = USUAL
     max_memory: float | None = None
 
     def __post_init__(self) -> None:
         if self.max_memory is not None and not self.max_memory > 0.0:
             said = f"a memory of {self.max_memory:g} GB"
-            raise InputError(said, field="Preparation.max_memory", remedy="give more than 0")
+            raise InputError(said, field="Preprocessing.max_memory", remedy="give more than 0")
 
 
 def plain_options(options: Mapping[str, object]) -> dict[str, object]:
@@ -131,7 +131,7 @@ def check_memory(log: Log, limit: float | None) -> None:
     if needed > allowed:
         rows = f"{len(log)} rows of {log.n_joints} joints"
         said = f"{rows} need about {needed:.2g} GB of memory, {allowed:.2g} are allowed"
-        remedy = "give more `Preparation.max_memory`, resample the log at a lower rate, or cut it"
+        remedy = "give more `Preprocessing.max_memory`, resample the log at a lower rate, or cut it"
         raise InputError(said, log.source, remedy)
 
 

@@ -28,7 +28,7 @@ from bayesid.identification.checks import on_edge
 from bayesid.identification.gains import BY_PRIOR, IdentifiedGains
 from bayesid.identification.identification import Identification, identified_of
 from bayesid.identification.identified_model import IdentifiedModel
-from bayesid.identification.options import Preparation, call_of, call_of_log
+from bayesid.identification.options import Preprocessing, call_of, call_of_log
 from bayesid.identification.pipeline import QUICK, identify_again
 from bayesid.identification.tuning import TUNING
 from bayesid.identification.unchanged import UnchangedCheck, check_unchanged, chi_square_of
@@ -71,7 +71,7 @@ class Estimate:
 
 
 @dataclass(frozen=True)
-class PayloadBody:
+class InertialParameters:
     """A body on the last link, in that link's frame; mass and inertia in the scale of the efforts.
 
     Attributes:
@@ -90,7 +90,7 @@ class PayloadBody:
         return self.centre is not None
 
     @classmethod
-    def of_draws(cls, draws: Array, shown: bool = True, common_sd: float = 0.0) -> PayloadBody:
+    def of_draws(cls, draws: Array, shown: bool = True, common_sd: float = 0.0) -> InertialParameters:
         """From draws of its ten parameters.
 
         Args:
@@ -166,7 +166,7 @@ def _normal(count: int) -> Array:
 
 
 @dataclass(frozen=True)
-class PayloadReading:
+class PayloadEstimate:
     """What a log says about a payload.
 
     Attributes:
@@ -189,7 +189,7 @@ class PayloadReading:
         (True, ())
     """
 
-    body: PayloadBody
+    body: InertialParameters
     check: UnchangedCheck
     evidence: float
     gain_factor: Estimate | None
@@ -252,9 +252,9 @@ def identify_payload(
     common_sd: float | None = None,
     search: Search = QUICK,
     posterior: Sampling = BRIEF,
-    preparation: Preparation = Preparation(),
+    preprocessing: Preprocessing = Preprocessing(),
     progress: Progress = SILENT,
-) -> PayloadReading:
+) -> PayloadEstimate:
     """Reads mass, centre of mass and inertia of a payload from a log.
 
     Args:
@@ -265,7 +265,7 @@ def identify_payload(
             `common_factor` says: 0.1 where nobody has stated gains.
         search: how signs are searched.
         posterior: how it is sampled.
-        preparation: how the log is made ready.
+        preprocessing: how the log is made ready.
         progress: of long stages.
 
     Raises:
@@ -294,7 +294,7 @@ def identify_payload(
         np.concatenate([known.theta, np.zeros(10)]),
         search=search,
         posterior=posterior,
-        preparation=preparation,
+        preprocessing=preprocessing,
         progress=progress,
     )
     _check_shown(again)
@@ -306,8 +306,8 @@ def identify_payload(
     of_payload = again.coefficients.kept >= len(again.model.before_sensors.parameters) - 10
     evidence, _ = chi_square_of(again.fit.information, again.fit.beta, of_payload)
     shown = evidence > float(chdtri(10, TUNING.payload_false_alarm))
-    return PayloadReading(
-        body=PayloadBody.of_draws(draws, shown, factor_sd),
+    return PayloadEstimate(
+        body=InertialParameters.of_draws(draws, shown, factor_sd),
         check=check_unchanged(known.knowledge, known.noise, again),
         evidence=evidence,
         gain_factor=gain_factor(evenly_sized(draws)[:, 9], *stated) if stated is not None and shown else None,

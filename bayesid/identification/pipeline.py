@@ -27,7 +27,7 @@ from bayesid.identification.identification import Identification
 from bayesid.identification.misread import Misreading, misread_after, misread_before
 from bayesid.identification.options import (
     Completeness,
-    Preparation,
+    Preprocessing,
     call_of,
     call_of_log,
     check_completeness,
@@ -49,7 +49,7 @@ from bayesid.posterior.sampler import Sampling
 from bayesid.progress import SILENT, Progress
 from bayesid.regression.constraint_file import read_constraints
 from bayesid.regression.evidence import Evidence
-from bayesid.regression.knowledge import Beliefs, Knowledge
+from bayesid.regression.knowledge import Knowledge, ParameterPrior
 from bayesid.regression.prices import constraint_prices
 from bayesid.regression.stated import Says, constraints_of
 from bayesid.robot import Robot, check_joints, load_robot
@@ -75,8 +75,8 @@ def identify(  # noqa: PLR0913  robot, log, terms, and six groups of options by 
     complete: Completeness = "auto",
     search: Search = Certified(),
     posterior: Sampling | bool = True,
-    preparation: Preparation = Preparation(),
-    beliefs: Beliefs = Beliefs(),
+    preprocessing: Preprocessing = Preprocessing(),
+    prior: ParameterPrior = ParameterPrior(),
     constraints: Says | str | Path | None = None,
     anyway: bool = False,
     progress: Progress = SILENT,
@@ -91,8 +91,8 @@ def identify(  # noqa: PLR0913  robot, log, terms, and six groups of options by 
             "only-uncertainty"; or "off", nothing.
         search: how signs are searched: `Certified`, `Beam`, or an object of your own with their protocol.
         posterior: how it is sampled, or whether it is.
-        preparation: how the log is made ready.
-        beliefs: what is known of links and parameters beforehand (CAD, data sheet).
+        preprocessing: how the log is made ready.
+        prior: what is known of links and parameters beforehand (CAD, data sheet).
         constraints: that parameters satisfy, everywhere: a function of `StatedParameters` that gives constraints of
             cvxpy, or a TOML file (`read_constraints`).
         anyway: whether signs are searched even if the log is surely misread: joints exchanged, turned or in other
@@ -121,10 +121,10 @@ def identify(  # noqa: PLR0913  robot, log, terms, and six groups of options by 
     subject = {**loaded, "terms": [str(one) for one in terms], "complete": check_completeness(complete)}
     if constraints is not None:
         subject["constraints"] = "a function" if callable(constraints) else str(constraints)
-    run = _Run(search, posterior, preparation, beliefs, progress, subject)
+    run = _Run(search, posterior, preprocessing, prior, progress, subject)
     log, model, signals, segments = _prepared(run, robot, log, terms, constraints)
     run.call = _call(run, robot, log, terms, constraints)
-    gains = UnknownGains(log, beliefs)
+    gains = UnknownGains(log, prior)
     _check_scale(log, model)
     if log.gains is None:  # else what looks like another unit is a gain
         run.misread = _misread(run, log, model, signals, segments, anyway=anyway)
@@ -133,11 +133,11 @@ def identify(  # noqa: PLR0913  robot, log, terms, and six groups of options by 
         signals, segments = _cut(run, model, gains.log)
     completing = None
     if complete != "off":
-        completing = Completing(complete == "auto", beliefs.kinematics, preparation.cutting)
+        completing = Completing(complete == "auto", prior.kinematics, preprocessing.segmentation)
     plain = True
     while True:  # until gains and signs agree, first under the terms asked for, then under the completed model
         search = run.budget()  # what was spent on signs by other gains proves nothing of these
-        asked, found = settle_unfiltered(model, signals, segments, search, preparation.cutting, progress)
+        asked, found = settle_unfiltered(model, signals, segments, search, preprocessing.segmentation, progress)
         run.lap("search")
         plain = plain and gains.moved(asked.evidence, asked.fit.noise, asked.mixed)
         if plain:
@@ -202,7 +202,7 @@ def identify_again(
     *,
     search: Search = QUICK,
     posterior: Sampling | bool = False,
-    preparation: Preparation = Preparation(),
+    preprocessing: Preprocessing = Preprocessing(),
     progress: Progress = SILENT,
 ) -> Identification:
     """Identifies a given model from a log; no effect enters.
@@ -218,32 +218,34 @@ def identify_again(
         theta: (P,) parameters from which signs are settled too.
         search: how signs are searched.
         posterior: how it is sampled, or whether it is.
-        preparation: how the log is made ready.
+        preprocessing: how the log is made ready.
         progress: of long stages.
 
     Raises:
         SolverError: an optimisation failed.
     """
-    run = _Run(search, posterior, preparation, Beliefs(), progress, {"model": [one.name for one in model.effects]})
+    run = _Run(
+        search, posterior, preprocessing, ParameterPrior(), progress, {"model": [one.name for one in model.effects]}
+    )
     check_exact_gains(log)
-    check_memory(log, preparation.max_memory)
-    as_read = prepare(log, preparation.cutoff)
+    check_memory(log, preprocessing.max_memory)
+    as_read = prepare(log, preprocessing.cutoff)
     signals, rows = restored(model, as_read), model.before_sensors
-    segments = find_segments(signals, model.robot.actuators(signals.motion), preparation.cutting)
+    segments = find_segments(signals, model.robot.actuators(signals.motion), preprocessing.segmentation)
     run.lap("prepare")
     earlier = knowledge
     if earlier is None:
         size = len(base_coefficients(rows))
         earlier = Knowledge(rows, theta, np.zeros((size, size)))
     asked, segments = settle_unfiltered(
-        rows, signals, segments, run.budget(), preparation.cutting, progress, Earlier(earlier, theta)
+        rows, signals, segments, run.budget(), preprocessing.segmentation, progress, Earlier(earlier, theta)
     )
     run.lap("search")
     settled, averaged, completion = asked.evidence.signals, AveragedSigns.alone(asked), None
     shown, signals = as_read if settled.after_rectifier is None else settled, settled
     if knowledge is None:
         averaged = AveragedSigns.alone(replace(asked, evidence=replace(asked.evidence, information=None)))
-        completing = Completing(False, run.beliefs.kinematics, preparation.cutting)
+        completing = Completing(False, run.prior.kinematics, preprocessing.segmentation)
         completed = complete_model(averaged, segments, run.budget(), completing, progress)
         averaged, signals, completion = completed.averaged, completed.signals, completed.completion
         run.lap("complete")
@@ -268,7 +270,9 @@ def identify_with(
     Raises:
         SolverError: an optimisation failed.
     """
-    run = _Run(search, False, Preparation(), Beliefs(), progress, {"model": [one.name for one in model.effects]})
+    run = _Run(
+        search, False, Preprocessing(), ParameterPrior(), progress, {"model": [one.name for one in model.effects]}
+    )
     run.laps["search"] = searched.search.seconds
     with progress.stage("fit"):
         averaged = AveragedSigns.alone(fitted_to(base_coefficients(model), model, signals, searched))
@@ -281,8 +285,8 @@ class _Run:
 
     search: Search
     posterior: Sampling | bool
-    preparation: Preparation
-    beliefs: Beliefs
+    preprocessing: Preprocessing
+    prior: ParameterPrior
     progress: Progress
     subject: Mapping[str, object]
     call: str = ""
@@ -296,9 +300,9 @@ class _Run:
         if not isinstance(self.posterior, bool | Sampling):
             remedy = "give True, False or bayesid.Sampling()"
             raise InputError(f"{self.posterior!r} is no sampling", "posterior", remedy)
-        if not isinstance(self.beliefs, Beliefs):
-            said = f"{type(self.beliefs).__name__} are no beliefs"
-            raise InputError(said, "beliefs", "give bayesid.Beliefs(nominal=..., links=...)")
+        if not isinstance(self.prior, ParameterPrior):
+            said = f"{type(self.prior).__name__} is no prior"
+            raise InputError(said, "prior", "give bayesid.ParameterPrior(nominal=..., links=...)")
 
     @property
     def sampling(self) -> Sampling | None:
@@ -310,8 +314,8 @@ class _Run:
     @property
     def asked(self) -> dict[str, object]:
         """All that was asked for, by name, as plain values."""
-        objects = {"search": self.search, "posterior": self.sampling, "preparation": self.preparation}
-        return plain_options({**self.subject, **objects, "beliefs": self.beliefs})
+        objects = {"search": self.search, "posterior": self.sampling, "preprocessing": self.preprocessing}
+        return plain_options({**self.subject, **objects, "prior": self.prior})
 
     @cached_property
     def _searching_since(self) -> float:
@@ -337,17 +341,17 @@ def _prepared(
     """Log, model, signals and segments; what cannot be used is refused before the search."""
     with run.progress.stage("prepare"):
         log = as_log(log, robot)
-        check_memory(log, run.preparation.max_memory)
+        check_memory(log, run.preprocessing.max_memory)
         _check(robot, log)
-        signals = prepare(log, run.preparation.cutoff)
+        signals = prepare(log, run.preprocessing.cutoff)
         payloads = (one for one in carried_payloads(signals.motion) if one not in terms)
         model = Model(robot, catalogue.make_terms((*terms, *payloads), robot, signals.motion))
         if constraints is not None:
             says = read_constraints(constraints) if isinstance(constraints, str | Path) else constraints
             model = replace(model, constraints=constraints_of(says, model))
-        segments = find_segments(signals, robot.actuators(signals.motion), run.preparation.cutting)
+        segments = find_segments(signals, robot.actuators(signals.motion), run.preprocessing.segmentation)
         _check_amount(signals, segments, base_coefficients(model), log)
-        run.beliefs.of(model.parameters)
+        run.prior.of(model.parameters)
     run.lap("prepare")
     return log, model, signals, segments
 
@@ -368,8 +372,8 @@ def _misread(
 
 def _cut(run: _Run, model: Model, log: Log) -> tuple[Signals, Segments]:
     """Signals and segments of the log once its efforts have changed."""
-    signals = prepare(log, run.preparation.cutoff)
-    segments = find_segments(signals, model.robot.actuators(signals.motion), run.preparation.cutting)
+    signals = prepare(log, run.preprocessing.cutoff)
+    segments = find_segments(signals, model.robot.actuators(signals.motion), run.preprocessing.segmentation)
     run.lap("gains")
     return signals, segments
 
@@ -386,8 +390,8 @@ def _call(
         complete=(run.subject["complete"], "auto"),
         search=(run.search, Certified()),
         posterior=(run.posterior, True),
-        preparation=(run.preparation, Preparation()),
-        beliefs=(run.beliefs, Beliefs()),
+        preprocessing=(run.preprocessing, Preprocessing()),
+        prior=(run.prior, ParameterPrior()),
         constraints=(_Named(constraints), _Named(None)),
     )
 
@@ -456,10 +460,10 @@ def _identification(
         proofs=settled.signs.proofs,
         timings=run.laps,
         warnings=(
-            *warnings_of(log, averaged, doubt, posterior, reading, known, run.beliefs.of(asked.model.parameters)),
+            *warnings_of(log, averaged, doubt, posterior, reading, known, run.prior.of(asked.model.parameters)),
             *map(str, dear_constraints(prices)),
         ),
-        beliefs=run.beliefs,
+        prior=run.prior,
         provenance=record_provenance(run.asked, log, run.call),
         better_reading=reading,
         constraints=prices,
@@ -469,7 +473,7 @@ def _identification(
 def _sampled(run: _Run, averaged: AveragedSigns) -> _Sampled:
     if run.sampling is None:
         return averaged, None, averaged.mixed
-    posterior = sample(averaged, run.left(run.sampling), run.beliefs, run.progress)
+    posterior = sample(averaged, run.left(run.sampling), run.prior, run.progress)
     run.lap("posterior")
     averaged = replace(averaged, fit=fit_of_mode(averaged, posterior))
     probability = averaged.mixed

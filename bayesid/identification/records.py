@@ -28,9 +28,9 @@ class Coefficient:
     sd: float  #: its standard deviation; inf where the log shows nothing of it
     lower: float  #: lower end of its 95 % interval
     upper: float  #: upper end
-    #: "data", "constraints" or "prior"; of an `Accumulator` also "earlier log"; "unknown" of a model written by hand
+    #: "data", "constraints" or "prior"; of a `RecursiveEstimator` also "earlier log"; "unknown" of a model made by hand
     decided_by: str
-    prior_sd: float  #: what the prior alone knows, or of an `Accumulator` the earlier log; NaN without one
+    prior_sd: float  #: what the prior alone knows, or of an `RecursiveEstimator` the earlier log; NaN without one
     nominal: float  #: what the nominal parameters give; NaN where they do not give one
 
     @property

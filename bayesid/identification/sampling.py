@@ -21,13 +21,13 @@ from bayesid.posterior.tuning import TUNING as POSTERIOR
 from bayesid.progress import Progress
 from bayesid.regression.evidence import Evidence
 from bayesid.regression.gains import GainFit
-from bayesid.regression.knowledge import Beliefs, of_base
+from bayesid.regression.knowledge import ParameterPrior, of_base
 from bayesid.regression.least_squares import Fit, fit_signed
 from bayesid.signs.averaging import AveragedSigns
 from bayesid.signs.smoothing import sign_probabilities
 
 
-def sample(averaged: AveragedSigns, sampling: Sampling, beliefs: Beliefs, progress: Progress) -> Posterior:
+def sample(averaged: AveragedSigns, sampling: Sampling, prior: ParameterPrior, progress: Progress) -> Posterior:
     """The posterior of the model asked for; signs that another model has settled are given, all others summed out."""
     evidence, settled, fit = averaged.asked.evidence, averaged.settled, averaged.fit
     search = settled.signs.search
@@ -45,8 +45,8 @@ def sample(averaged: AveragedSigns, sampling: Sampling, beliefs: Beliefs, progre
         coefficients=evidence.coefficients,
         cone=evidence.model.cone,
         noise=fit.noise,
-        links=links_of(beliefs, evidence, moments),
-        nominal=beliefs.of(evidence.model.parameters),
+        links=links_of(prior, evidence, moments),
+        nominal=prior.of(evidence.model.parameters),
         information=evidence.information,
     )
     posterior = infer(problem, search, sampling, progress)

@@ -23,7 +23,7 @@ from bayesid.motion import Motion
 
 
 @dataclass(frozen=True)
-class Cutting:
+class Segmentation:
     """Thresholds by which an effort of unknown sign is cut, shares of the 99th percentile of the filtered |effort|.
 
     Attributes:
@@ -40,12 +40,12 @@ class Cutting:
 
     def __post_init__(self) -> None:
         if not 0.0 < self.prominence < 1.0:
-            raise InputError(f"a prominence of {self.prominence:g}", "cutting", "give a number between 0 and 1")
+            raise InputError(f"a prominence of {self.prominence:g}", "segmentation", "give a number between 0 and 1")
         if not 0.0 <= self.threshold < 1.0:
-            raise InputError(f"a threshold of {self.threshold:g}", "cutting", "give 0, or a number below 1")
+            raise InputError(f"a threshold of {self.threshold:g}", "segmentation", "give 0, or a number below 1")
 
 
-USUAL = Cutting()
+USUAL = Segmentation()
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ class Segments:
         return laid
 
 
-def find_segments(signals: Signals, actuators: Motion, cutting: Cutting = USUAL) -> Segments:
+def find_segments(signals: Signals, actuators: Motion, segmentation: Segmentation = USUAL) -> Segments:
     """Cuts every joint's effort of a filtered log, whose motion is given in actuator coordinates, into segments."""
     n_samples = len(actuators)
     half_period = max(1, round(signals.rate / (2.0 * signals.effort_cutoff)))
@@ -104,9 +104,11 @@ def find_segments(signals: Signals, actuators: Motion, cutting: Cutting = USUAL)
         moving = signals.measured[:, j] & (np.abs(speed) > actuators.standstill_speed[j])
         edges, fitted, effort = _changes(moving), moving, signals.effort[:, j]
         if not signals.signed[j]:
-            cuts = _reversals(speed) | _minima(effort, cutting.prominence) | _jerks(actuators.ddq[:, j], half_period)
+            cuts = (
+                _reversals(speed) | _minima(effort, segmentation.prominence) | _jerks(actuators.ddq[:, j], half_period)
+            )
             edges |= cuts | _slope_jumps(effort, half_period, edges | cuts)
-            fitted = moving & (np.abs(effort) >= cutting.threshold * np.percentile(effort, 99))
+            fitted = moving & (np.abs(effort) >= segmentation.threshold * np.percentile(effort, 99))
             edges |= _changes(fitted)  # last: they mark no sign change, and must not stand in for a cut that does
         bounds = sorted({0, n_samples} | edges)
         known = int(signals.signed[j])

@@ -15,7 +15,7 @@ from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.prediction import NORMAL_95, check_payloads
 from bayesid.identification.records import Coefficient, Records, named
 from bayesid.monitor.stream_moments import SignCheck, StreamMoments, check_signs
-from bayesid.monitor.tracker import MOVING, Tracked, signed_joints
+from bayesid.monitor.tracker import MOVING, TrackedSample, signed_joints
 from bayesid.motion import SLOWEST, STANDSTILL, Motion
 from bayesid.posterior.tuning import TUNING as POSTERIOR_TUNING
 from bayesid.regression.knowledge import Information
@@ -28,7 +28,7 @@ from bayesid.signs.search.protocol import Search
 _BY_DATA, _BY_EARLIER, _BY_PRIOR = "data", "earlier log", "prior"
 
 
-class Accumulator:
+class RecursiveEstimator:
     """A running identification: chunks of a stream go in, coefficients with their uncertainty come out at any time.
 
     The model's terms, its noise and the autocorrelation of that are taken from an identification; rows are weighted and
@@ -52,7 +52,7 @@ class Accumulator:
         InputError: the model, `forget`, `signed` or `most_individual` cannot be used.
 
     Example:
-        >>> running = bayesid.Accumulator(result.identified, forget=60.0)
+        >>> running = bayesid.RecursiveEstimator(result.identified, forget=60.0)
         >>> sure = result.probability  # or what a tracker says, chunk by chunk
         >>> for part in (slice(0, 100), slice(100, 301)):
         ...     running.add(result.signals.motion[part], result.signals.raw_effort[part], sure[part])
@@ -88,7 +88,7 @@ class Accumulator:
         robot, running = self._identified.model.robot, self._running
         came = f"{running.time - running.began:.6g} s" if np.isfinite(running.time) else "nothing yet"
         count = ", ".join(f"{count:.0f}" for count in self.effective_samples)
-        return f"Accumulator of {robot.name}: {came}; effective samples of each joint {count}"
+        return f"RecursiveEstimator of {robot.name}: {came}; effective samples of each joint {count}"
 
     def add(self, motion: Motion, effort: Array, probability: Array, moving: Mask | None = None) -> None:
         """Takes one more chunk of the stream; where it cannot be used, nothing has changed.
@@ -129,7 +129,7 @@ class Accumulator:
         running.add(of_motion | own, motion.origin)
         running.top_speed = top[-1]
 
-    def add_tracked(self, records: Iterable[Tracked], payload: str = "") -> None:
+    def add_tracked(self, records: Iterable[TrackedSample], payload: str = "") -> None:
         """Takes what a tracker has said, record by record: its motion and signs, where its joints are "moving".
 
         Records that brought nothing new or know nothing yet are left out, and efforts that were not read.
@@ -249,7 +249,7 @@ class Accumulator:
 
     def _check_begun(self) -> None:
         if not self._running.weight.any():
-            raise InputError("no sample in motion has come yet", "Accumulator", "add chunks of the stream first")
+            raise InputError("no sample in motion has come yet", "RecursiveEstimator", "add chunks of the stream first")
 
     def _check_motion(self, motion: Motion) -> None:
         """A chunk's motion is of this robot and goes on where the one before has ended."""

@@ -14,7 +14,7 @@ from bayesid.identification.identification import SURE
 from bayesid.identification.prediction import Validation
 from bayesid.log.log import Log
 from bayesid.monitor.changes import Alarm
-from bayesid.monitor.tracker import REST, Counts, SignTracker, Tracked
+from bayesid.monitor.tracker import REST, Counts, SignTracker, TrackedSample
 from bayesid.monitor.tuning import TUNING
 from bayesid.parallel import one_blas_thread
 from bayesid.progress import SILENT, Progress
@@ -49,7 +49,7 @@ class StreamFigures:
         """Before the first sample."""
         return cls(np.zeros(n, dtype=np.int64), np.zeros(n), np.full(n, np.nan))
 
-    def add(self, now: Tracked) -> None:
+    def add(self, now: TrackedSample) -> None:
         """One instant more that was looked at."""
         self.instants += 1
         counts = np.array([state != REST for state in now.state]) & np.isfinite(now.residual)
@@ -84,7 +84,9 @@ class Replay:
     rate: float  # Hz
 
 
-def timed(tracker: SignTracker, figures: StreamFigures, t: float, q: Array, effort: Array, dq: Array | None) -> Tracked:
+def timed(
+    tracker: SignTracker, figures: StreamFigures, t: float, q: Array, effort: Array, dq: Array | None
+) -> TrackedSample:
     """One update, counted among a stream's figures."""
     began = time.perf_counter()
     now = tracker.update(t, q, effort, dq)

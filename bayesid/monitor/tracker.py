@@ -29,7 +29,7 @@ the joint has changed."""
 
 
 @dataclass(frozen=True)
-class Tracked:
+class TrackedSample:
     """What is known of n joints at an instant."""
 
     #: the instant, s: that of the oldest sample that is still waited for, which is the tracker's lag before the newest
@@ -98,10 +98,12 @@ class TrackerState:
     belief: Belief | None = None  # about the model's error; None before the first instant
     readings: list[tuple[float, Array]] = field(default_factory=list)  # efforts of the newest samples, with their times
     memory: dict[object, tuple[Array, Array]] = field(default_factory=dict)  # states of effects with a memory
-    waiting: list[tuple[Tracked, Array, Mask]] = field(default_factory=list)  # without signs, readings, joints held
+    waiting: list[tuple[TrackedSample, Array, Mask]] = field(
+        default_factory=list
+    )  # without signs, readings, joints held
     late: tuple[int, float] = (0, np.inf)  # late samples in a row that went up, how many and the last, s
     counts: Counts = field(default_factory=Counts)  # what became of the samples
-    latest: Tracked | None = None  # what was known last
+    latest: TrackedSample | None = None  # what was known last
 
 
 class SignTracker:
@@ -213,14 +215,14 @@ class SignTracker:
 
     def update(
         self, t: float, q: ArrayLike, effort: ArrayLike, dq: ArrayLike | None = None, ddq: ArrayLike | None = None
-    ) -> Tracked:
+    ) -> TrackedSample:
         """What is known after one more sample, of the instant `lag` before it.
 
         A sample that is late, repeated or not a number is counted, left out, and answered by what was known before
-        (`Tracked.fresh` is False). An effort of one joint that is nan leaves that joint's sign to the model. After a
-        gap of more than five periods the tracker begins anew, but for tests and alarms. Five late samples in a row
-        whose times go up are no longer late: the clock was set back, and what was timed by it is forgotten too, but for
-        the alarms that were raised.
+        (`TrackedSample.fresh` is False). An effort of one joint that is nan leaves that joint's sign to the model.
+        After a gap of more than five periods the tracker begins anew, but for tests and alarms. Five late samples in a
+        row whose times go up are no longer late: the clock was set back, and what was timed by it is forgotten too, but
+        for the alarms that were raised.
 
         Args:
             t: instant of the sample, s, on a clock of the caller's.
@@ -258,7 +260,7 @@ class SignTracker:
             state.latest = self._look(state, local, *state.readings[0])
         return state.latest
 
-    def _look(self, state: TrackerState, local: LocalMotion, t: float, reading: Array) -> Tracked:
+    def _look(self, state: TrackerState, local: LocalMotion, t: float, reading: Array) -> TrackedSample:
         motion = q, dq, ddq = local.at(t)
         running, instant = self._running, self._instant(state, local, t, motion)
         here, speeds = running.at(instant), running.actuator_speeds(dq)
@@ -308,7 +310,7 @@ class SignTracker:
             return replace(self._nothing(state.waiting[0][0].t), alarms=alarms)
         return replace(self._with_signs(*state.waiting.pop(0), found), alarms=alarms)
 
-    def _with_signs(self, record: Tracked, reading: Array, held: Mask, probability: Array) -> Tracked:
+    def _with_signs(self, record: TrackedSample, reading: Array, held: Mask, probability: Array) -> TrackedSample:
         """A record with P(sign = +) (n,), which is that of a guess where a change has made the model another's."""
         probability = np.where(held, 0.5 + TUNING.trust * (probability - 0.5), probability)
         probability = np.where(self.signed & ~np.isnan(reading), reading >= 0.0, probability)
@@ -429,11 +431,11 @@ class SignTracker:
     def _filter_of(self, at_rest: Array) -> SignFilter:
         return SignFilter.of(self._noise, at_rest, self.rate, self._sign_wait)
 
-    def _nothing(self, t: float) -> Tracked:
+    def _nothing(self, t: float) -> TrackedSample:
         """What is known without a motion, of the oldest sample that is waited for: its instant, s."""
         names = ("effort", "effort_sd", "predicted", "predicted_sd", "residual", "external", "q", "dq", "ddq")
         unknown: dict[str, Any] = dict.fromkeys(names, np.full(self.n_joints, np.nan))
-        return Tracked(
+        return TrackedSample(
             t=t,
             probability=np.full(self.n_joints, 0.5),
             threshold=np.full(self.n_joints, np.inf),

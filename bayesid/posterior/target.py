@@ -13,7 +13,7 @@ Parameters theta and logarithms u of the noise scales are independent before the
   stated (`bayesid.effects.constraints`) and by windows: each body's radius of gyration about its frame,
   tr(Sigma) <= R^2 m, and the mass of all bodies together.
 - A body's ten parameters are centred on a typical link, with sd M for the mass, M R for first moments, M R^2 for
-  inertias, for M and R of `Links`. Where CAD values are known, they and their sd take the place of these.
+  inertias, for M and R of `LinkPrior`. Where CAD values are known, they and their sd take the place of these.
 - A parameter of an actuator (friction, rotor inertia, offset) is (half-)normal about zero; its sd is the size at which
   it would by itself explain the effort of its joints: it cannot well be larger. Where the log does not show it but an
   earlier one did, it is the size that explains that one's effort, and 1 is the least.
@@ -36,7 +36,7 @@ from bayesid.posterior.likelihood import Likelihood, SegmentBlocks, make_likelih
 from bayesid.posterior.region import Centre, Region, barrier_minimum
 from bayesid.posterior.tuning import TUNING
 from bayesid.regression.inside import deepest_point
-from bayesid.regression.knowledge import Information, Links, Nominal
+from bayesid.regression.knowledge import Information, LinkPrior, Nominal
 from bayesid.regression.moments import Moments
 from bayesid.regression.noise import Noise
 from bayesid.regression.solver import ConeLeastSquares
@@ -112,7 +112,7 @@ class Prior:
 def make_prior(
     cone: Cone,
     likelihood: Likelihood,
-    links: Links,
+    links: LinkPrior,
     nominal: Nominal | None = None,
     information: Information | None = None,
 ) -> Prior:
@@ -156,7 +156,7 @@ def _within_stated(cone: Cone, windows: tuple[Window, ...], near: Array, sd: Arr
         windows = left
 
 
-def _inner_point(cone: Cone, links: Links, sd: Array) -> Array:
+def _inner_point(cone: Cone, links: LinkPrior, sd: Array) -> Array:
     """(P,) typical links, in the middle of the window of the total mass if they would not lie in it; friction > 0."""
     point = np.zeros(cone.size)
     point[cone.nonnegative] = sd[cone.nonnegative]
@@ -183,7 +183,7 @@ def _sizes(likelihood: Likelihood, information: Information | None) -> Array:
     return sizes
 
 
-def _windows(cone: Cone, links: Links) -> tuple[Window, ...]:
+def _windows(cone: Cone, links: LinkPrior) -> tuple[Window, ...]:
     if not len(cone.bodies):
         return ()
     windows, total, none = [], np.zeros(cone.size), np.zeros(cone.size)
@@ -199,8 +199,10 @@ def _windows(cone: Cone, links: Links) -> tuple[Window, ...]:
     return tuple(windows)
 
 
-def usual_links(robot: Robot, motion: Motion, coefficients: BaseCoefficients, cone: Cone, moments: Moments) -> Links:
-    """The scales of a robot's links; the default of `Links` for what neither its lengths nor its efforts show.
+def usual_links(
+    robot: Robot, motion: Motion, coefficients: BaseCoefficients, cone: Cone, moments: Moments
+) -> LinkPrior:
+    """The scales of a robot's links; the default of `LinkPrior` for what neither its lengths nor its efforts show.
 
     Lengths are the arm's: a link's mass lies within a quarter of the stretched arm of its frame, give or take. The mass
     is the one whose efforts are those of the log: under the prior N(mu, D^2) of the links alone, for masses of 1 kg,
@@ -215,7 +217,7 @@ def usual_links(robot: Robot, motion: Motion, coefficients: BaseCoefficients, co
     """
     sliding = np.array([joint.prismatic for joint in robot.joints])
     span = robot.stretched + float(np.ptp(motion.q, axis=0)[sliding].sum())
-    usual = Links() if span <= 0.0 else Links(reach=TUNING.link_reach * span)
+    usual = LinkPrior() if span <= 0.0 else LinkPrior(reach=TUNING.link_reach * span)
     arm = np.where(sliding, usual.reach, 1.0)  # by which the force of a sliding joint is a torque
     scaled = moments.scaled(1.0 / arm)
     hessian, energy = scaled.hessian.total(), float(scaled.energy.sum())
@@ -226,7 +228,7 @@ def usual_links(robot: Robot, motion: Motion, coefficients: BaseCoefficients, co
     expected = float(np.sum(spread * (hessian @ spread)) + middle @ hessian @ middle)
     if expected <= 1e-12 * energy or energy <= TINY:
         return usual
-    return Links(mass=TUNING.link_mass * usual.mass * np.sqrt(energy / expected), reach=usual.reach)
+    return LinkPrior(mass=TUNING.link_mass * usual.mass * np.sqrt(energy / expected), reach=usual.reach)
 
 
 @dataclass(frozen=True)
@@ -303,7 +305,7 @@ class PosteriorProblem:
     coefficients: BaseCoefficients  #: the r base coefficients
     cone: Cone  #: of the P parameters
     noise: Noise  #: of the efforts; the reference of the noise scales
-    links: Links  #: what is believed of any link
+    links: LinkPrior  #: what is believed of any link
     nominal: Nominal | None = None  #: what is stated of the parameters
     #: of the r coefficients, from an earlier log; its c says what effort it explains: sizes are judged by it
     information: Information | None = None

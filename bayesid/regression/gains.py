@@ -28,7 +28,7 @@ from bayesid.effects.coefficients import BaseCoefficients
 from bayesid.effects.model import Model
 from bayesid.log.gains import Gains
 from bayesid.regression.evidence import Evidence
-from bayesid.regression.knowledge import Links, Nominal
+from bayesid.regression.knowledge import LinkPrior, Nominal
 from bayesid.regression.least_squares import constant_stretches
 from bayesid.regression.moments import Moments
 from bayesid.regression.noise import Noise
@@ -151,7 +151,12 @@ class GainFit:
 
 
 def fit_gains(
-    evidence: Evidence, moments: Moments, noise: Noise, prior: GainPrior, links: Links, nominal: Nominal | None = None
+    evidence: Evidence,
+    moments: Moments,
+    noise: Noise,
+    prior: GainPrior,
+    links: LinkPrior,
+    nominal: Nominal | None = None,
 ) -> GainFit:
     """The gains that suit a log with known signs best, and how well it shows them.
 
@@ -224,7 +229,9 @@ class _Problem:
     body: Mask
 
     @classmethod
-    def of(cls, evidence: Evidence, moments: Moments, noise: Noise, links: Links, nominal: Nominal | None) -> _Problem:
+    def of(
+        cls, evidence: Evidence, moments: Moments, noise: Noise, links: LinkPrior, nominal: Nominal | None
+    ) -> _Problem:
         n, cone = evidence.model.robot.n_joints, evidence.model.cone
         scaled = moments.scaled(noise.sigma * np.sqrt(noise.autocorrelation))
         gradient = np.zeros((n, scaled.gradient.shape[1]))

@@ -138,7 +138,7 @@ def inverse_root(matrix: Array) -> tuple[Array, float]:
 
 
 @dataclass(frozen=True)
-class Links:
+class LinkPrior:
     """What is believed of any link before the data: two scales, and all else in proportion to them.
 
     Attributes:
@@ -149,7 +149,7 @@ class Links:
         InputError: one of them is no positive number.
 
     Example:
-        >>> small = bayesid.Links(mass=3.0, reach=0.2)  # bayesid.identify(..., beliefs=bayesid.Beliefs(links=small))
+        >>> small = bayesid.LinkPrior(mass=3.0, reach=0.2)  # for bayesid.ParameterPrior(links=small)
         >>> small.total_mass  # kg, of all bodies
         (0.03, 90.0)
     """
@@ -162,7 +162,7 @@ class Links:
             if not 1.0 / LARGEST <= value <= LARGEST:
                 raise InputError(
                     f"links of {value:g} {unit}",
-                    field="Beliefs.links",
+                    field="ParameterPrior.links",
                     remedy=f"give two numbers from {1.0 / LARGEST:g} to {LARGEST:g}, as in 30,0.5",
                 )
 
@@ -213,8 +213,8 @@ class KinematicTolerance:
 
     Example:
         >>> tolerance = bayesid.KinematicTolerance(length=2e-3, angle=np.radians(0.2))
-        >>> beliefs = bayesid.Beliefs(kinematics=tolerance)  # for bayesid.identify(..., beliefs=beliefs)
-        >>> beliefs.kinematics.stated
+        >>> prior = bayesid.ParameterPrior(kinematics=tolerance)  # for bayesid.identify(..., prior=prior)
+        >>> prior.kinematics.stated
         True
     """
 
@@ -228,7 +228,7 @@ class KinematicTolerance:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Beliefs:
+class ParameterPrior:
     """What is stated before any log.
 
     Attributes:
@@ -239,13 +239,13 @@ class Beliefs:
             may show that it is less.
 
     Example:
-        >>> beliefs = bayesid.Beliefs(nominal={"Fc2": (1.4, 0.1)}, links=bayesid.Links(mass=3.0, reach=0.2))
-        >>> result = bayesid.identify(robot, log, terms, beliefs=beliefs, posterior=False)
+        >>> prior = bayesid.ParameterPrior(nominal={"Fc2": (1.4, 0.1)}, links=bayesid.LinkPrior(mass=3.0, reach=0.2))
+        >>> result = bayesid.identify(robot, log, terms, prior=prior, posterior=False)
         >>> round(result.coefficient("Fc2").nominal, 2)
         1.4
     """
 
-    links: Links | None = None
+    links: LinkPrior | None = None
     kinematics: KinematicTolerance = KinematicTolerance(stated=False)
     nominal: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
@@ -259,11 +259,11 @@ class Beliefs:
         mean, sd = np.full(len(places), np.nan), np.full(len(places), np.nan)
         for name, stated in self.nominal.items():
             if name not in places:
-                raise InputError(f"the model has no parameter {name!r}", field="Beliefs.nominal", remedy=_REMEDY)
+                raise InputError(f"the model has no parameter {name!r}", field="ParameterPrior.nominal", remedy=_REMEDY)
             value, spread = _pair(name, stated)
             if not (abs(value) <= LARGEST and 1.0 / LARGEST**2 <= spread <= LARGEST**2):
                 raise InputError(
-                    f"{name} = {value:g} +- {spread:g} cannot be used", field="Beliefs.nominal", remedy=_REMEDY
+                    f"{name} = {value:g} +- {spread:g} cannot be used", field="ParameterPrior.nominal", remedy=_REMEDY
                 )
             mean[places[name]], sd[places[name]] = value, spread
         return Nominal(mean, sd)
@@ -277,7 +277,7 @@ def _pair(name: str, stated: object) -> tuple[float, float]:
             f"{name} = {stated!r} is no mean with its sd",
             f"give two numbers, as in {{{name!r}: (0.7, 0.1)}}",
         )
-        raise InputError(said, field="Beliefs.nominal", remedy=remedy) from None
+        raise InputError(said, field="ParameterPrior.nominal", remedy=remedy) from None
     return mean, sd
 
 

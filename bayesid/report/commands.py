@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from bayesid.identification.checks import Check
-from bayesid.report.findings import Findings
+from bayesid.report.findings import ReportData
 from bayesid.report.summary import Summary
 from bayesid.report.tuning import TUNING
 
@@ -16,7 +16,7 @@ ANOTHER_LOG = "ANOTHER_LOG.csv"
 """Stands for a log that only the user knows."""
 
 
-def find_discrepancy(findings: Findings, log: str = "") -> str:
+def find_discrepancy(findings: ReportData, log: str = "") -> str:
     """What names what the model lacks to explain another log."""
     source, tried = ANOTHER_LOG, findings.prediction
     if log and Path(log).exists():
@@ -25,7 +25,7 @@ def find_discrepancy(findings: Findings, log: str = "") -> str:
     return f"`bayesid discrepancy {_folder(findings)} {source}`"
 
 
-def validate(findings: Findings) -> str:
+def validate(findings: ReportData) -> str:
     """What tries the model on another log, in the report."""
     return f"`bayesid report {_folder(findings)} --validation {ANOTHER_LOG}`"
 
@@ -83,5 +83,5 @@ def _words(summary: Summary) -> list[str]:
         return []
 
 
-def _folder(findings: Findings) -> str:
+def _folder(findings: ReportData) -> str:
     return shlex.quote(findings.folder) if findings.folder else "RESULT"

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from bayesid.discrepancy.comparison import ALL_ALONG, CHANGED, GONE, UNDECIDED, EffectHistory, LogComparison, names_of
+from bayesid.discrepancy.comparison import ALL_ALONG, CHANGED, GONE, UNDECIDED, ChangeReport, EffectHistory, names_of
 from bayesid.discrepancy.timeline import ABSENT, OPEN, PAYLOAD, SHOWN, Standing, TrackedParameter
 from bayesid.discrepancy.tuning import TUNING as DISCREPANCY
 from bayesid.effects import RigidBody
@@ -50,14 +50,14 @@ class Moved:
     text: str  # all in one line
 
 
-def moved_parameters(comparison: LogComparison) -> list[Moved]:
+def moved_parameters(comparison: ChangeReport) -> list[Moved]:
     """Those that moved in any log, by joint; coefficients of links last."""
     line = comparison.timeline
     rows = [_moved(comparison, place) for place in np.flatnonzero(line.moved.any(axis=0)).tolist()]
     return sorted(rows, key=lambda row: (row.of_links, line.tracked[row.place].joint))
 
 
-def _moved(comparison: LogComparison, place: int) -> Moved:
+def _moved(comparison: ChangeReport, place: int) -> Moved:
     line = comparison.timeline
     one = line.tracked[place]
     people, name = _people(one), tracked_name(one)
@@ -101,7 +101,7 @@ def _people(one: TrackedParameter) -> ReadableUnit:
     return people_unit(Phrase() if one.name == PAYLOAD else forms()[one.effect].phrase, one.name, one.unit)
 
 
-def timeline_rule(comparison: LogComparison) -> str:
+def timeline_rule(comparison: ChangeReport) -> str:
     """By which rule a parameter has moved."""
     return (
         "A parameter has moved if its change since the first log, in standard deviations of both, is too large for "
@@ -110,7 +110,7 @@ def timeline_rule(comparison: LogComparison) -> str:
     )
 
 
-def columns(comparison: LogComparison) -> dict[str, list[str]]:
+def columns(comparison: ChangeReport) -> dict[str, list[str]]:
     """What to say under `CHANGED`, `ALL_ALONG`, `GONE` and `UNDECIDED`, a line each."""
     rows = _other_changes(comparison)
     changed = [_came(comparison, one) for one in _new(comparison)]
@@ -129,7 +129,7 @@ def columns(comparison: LogComparison) -> dict[str, list[str]]:
     }
 
 
-def in_brief(comparison: LogComparison) -> tuple[Check, ...]:
+def in_brief(comparison: ChangeReport) -> tuple[Check, ...]:
     """What changed, what all logs have beyond the terms asked for; gap, rest and next step of the last one."""
     changed = [effect_name(one.effect) for one in _new(comparison)]
     changed += [f"{effect_name(one.effect)} is gone" for one in comparison.of(GONE)]
@@ -150,7 +150,7 @@ def _few(texts: list[str]) -> str:
     return "; ".join([*texts[: TUNING.most_listed], *([f"{more} more"] if more > 0 else [])])
 
 
-def comparison_conclusion(comparison: LogComparison) -> Conclusion:
+def comparison_conclusion(comparison: ChangeReport) -> Conclusion:
     """The verdict: whether something has changed, or was missing."""
     moved = bool(comparison.of(CHANGED) or comparison.timeline.moved.any() or comparison.of(GONE))
     missing = bool(comparison.of(ALL_ALONG))
@@ -160,11 +160,11 @@ def comparison_conclusion(comparison: LogComparison) -> Conclusion:
     return Conclusion(state, sentence(state, said))
 
 
-def _new(comparison: LogComparison) -> list[EffectHistory]:
+def _new(comparison: ChangeReport) -> list[EffectHistory]:
     return [one for one in comparison.of(CHANGED) if not any(e.hypothesis.changes for e in one.found.values())]
 
 
-def _other_changes(comparison: LogComparison) -> list[Moved]:
+def _other_changes(comparison: ChangeReport) -> list[Moved]:
     """Parameters that moved, but those of what came or went, which are told with that."""
     effects = [one.effect for one in (*_new(comparison), *comparison.of(GONE))]
 
@@ -180,7 +180,7 @@ def effect_name(effect: Effect) -> str:
     return f"{form_label(effect.name)}{f', {joints_in_words(effect.joints)}' if effect.joints else ''}"
 
 
-def _came(comparison: LogComparison, history: EffectHistory) -> str:
+def _came(comparison: ChangeReport, history: EffectHistory) -> str:
     """An effect that came, with its size, and the logs that have it."""
     k = max(history.found)
     found = comparison.found[k - 1]
@@ -190,12 +190,12 @@ def _came(comparison: LogComparison, history: EffectHistory) -> str:
     return told if len(comparison.logs) == 2 else f"{told.rstrip('.')} ({_in_logs(comparison, history)})"
 
 
-def _in_logs(comparison: LogComparison, history: EffectHistory) -> str:
+def _in_logs(comparison: ChangeReport, history: EffectHistory) -> str:
     names = names_of(comparison.logs)
     return f"in {listed([names[k] for k in sorted(history.found)])}"
 
 
-def _by_log(comparison: LogComparison, history: EffectHistory, other: str) -> str:
+def _by_log(comparison: ChangeReport, history: EffectHistory, other: str) -> str:
     """As in a.csv: shown; b.csv and c.csv: not there. Of logs that show it and of the others."""
     named, parts = list(zip(names_of(comparison.logs), history.by_log, strict=True)), []
     for said in (SHOWN, other):
@@ -204,7 +204,7 @@ def _by_log(comparison: LogComparison, history: EffectHistory, other: str) -> st
     return ", ".join(parts)
 
 
-def _why_open(comparison: LogComparison, history: EffectHistory) -> str:
+def _why_open(comparison: ChangeReport, history: EffectHistory) -> str:
     if any(what.says == SHOWN for what in history.by_log):
         return _by_log(comparison, history, OPEN)
     held = not history.by_log and any(effect.hypothesis.changes for effect in history.found.values())
@@ -212,7 +212,7 @@ def _why_open(comparison: LogComparison, history: EffectHistory) -> str:
     return f"{what} by comparison {_in_logs(comparison, history)}, which no log by itself bears out"
 
 
-def _sizes(comparison: LogComparison, history: EffectHistory) -> str:
+def _sizes(comparison: ChangeReport, history: EffectHistory) -> str:
     """An effect's own parameters in the first and the last log that show them; nothing where none is followed."""
     line, texts = comparison.timeline, []
     for place, one in enumerate(line.tracked):
@@ -232,14 +232,14 @@ def says(what: Standing) -> str:
     return f"{_SAYS[what.says]}{factor}"
 
 
-def log_names(comparison: LogComparison) -> list[str]:
+def log_names(comparison: ChangeReport) -> list[str]:
     """Short names of the logs, with their dates where these are known."""
     names, dates = names_of(comparison.logs), comparison.dates
     pairs = zip(names, dates.texts, strict=True)
     return [f"{name}, {text}" if dates.known and text not in name else name for name, text in pairs]
 
 
-def comparison_summary(comparison: LogComparison) -> dict[str, Any]:
+def comparison_summary(comparison: ChangeReport) -> dict[str, Any]:
     """discrepancy.json of several logs: that of the last one, what became of each effect, and the time line."""
     said, dates = columns(comparison), comparison.dates
     texts = dates.texts if dates.known else [None] * len(comparison.logs)
@@ -257,7 +257,7 @@ def comparison_summary(comparison: LogComparison) -> dict[str, Any]:
     return discrepancy_summary(comparison.found[-1]) | more
 
 
-def _history(comparison: LogComparison, history: EffectHistory) -> dict[str, Any]:
+def _history(comparison: ChangeReport, history: EffectHistory) -> dict[str, Any]:
     sources = [log.source for log in comparison.logs]
     by_log = zip(sources, history.by_log, strict=False)
     return {
@@ -269,7 +269,7 @@ def _history(comparison: LogComparison, history: EffectHistory) -> dict[str, Any
     }
 
 
-def _moved_summary(comparison: LogComparison, row: Moved) -> dict[str, Any]:
+def _moved_summary(comparison: ChangeReport, row: Moved) -> dict[str, Any]:
     line = comparison.timeline
     tracked = line.tracked[row.place]
     return {
@@ -286,7 +286,7 @@ def _moved_summary(comparison: LogComparison, row: Moved) -> dict[str, Any]:
     }
 
 
-def timeline_rows(comparison: LogComparison) -> Iterator[dict[str, object]]:
+def timeline_rows(comparison: ChangeReport) -> Iterator[dict[str, object]]:
     """timeline.csv: one row a log and parameter, in the parameter's own unit; empty where nothing is known."""
     line, dates = comparison.timeline, comparison.dates
     for k, log in enumerate(comparison.logs):

@@ -1,6 +1,6 @@
 """What figures and the report of an identification show: computed once, kept in the result folder, drawn anywhere.
 
-It comes from an identification (`find_findings`) or from its folder (`read_findings`: findings.npz beside summary.json
+It comes from an identification (`report_data`) or from its folder (`read_report_data`: findings.npz beside summary.json
 and posterior.nc), which gives the same.
 """
 
@@ -125,11 +125,11 @@ class Prediction:
 
 
 @dataclass(frozen=True)
-class Findings:
+class ReportData:
     """All that is shown of an identification.
 
     Example:
-        >>> findings = bayesid.find_findings(result)
+        >>> findings = bayesid.report_data(result)
         >>> findings.samples.predicted.shape, len(findings.coefficients.name)
         ((301, 3), 21)
     """
@@ -152,7 +152,9 @@ class Findings:
         drawn = "no draws" if self.draws is None else f"draws of {self.n_ensembles} ensembles"
         other = "no validation" if self.prediction is None else f"validated on {self.prediction.source}"
         size = f"{len(self.samples.t)} samples, {len(self.segments.joint)} segments, {len(self.coefficients.name)}"
-        return f"Findings of {self.summary.robot}: {size} coefficients, {drawn}, {other}; bayesid.check_findings judges"
+        return (
+            f"ReportData of {self.summary.robot}: {size} coefficients, {drawn}, {other}; bayesid.check_findings judges"
+        )
 
     @property
     def n_joints(self) -> int:
@@ -202,7 +204,7 @@ class Findings:
         scaled: Array = (self.draws[:, :, chosen] - table.mean[chosen]) / table.prior_sd[chosen]
         return scaled
 
-    def with_validation(self, validation: Validation) -> Findings:
+    def with_validation(self, validation: Validation) -> ReportData:
         """The same, with a validation."""
         rows = evenly(len(validation.measured), TUNING.samples)
         motion = validation.signals.motion
@@ -212,18 +214,18 @@ class Findings:
         return replace(self, prediction=filled(Prediction, validation, **said, **curves))
 
 
-def find_findings(identification: Identification) -> Findings:
+def report_data(identification: Identification) -> ReportData:
     """What there is to show of an identification.
 
     Example:
-        >>> findings = bayesid.find_findings(result)
+        >>> findings = bayesid.report_data(result)
         >>> int(findings.segments.ambiguous.sum()), len(findings.segments.sign)
         (0, 70)
     """
     sliding = [joint.prismatic for joint in identification.model.robot.joints]
     samples, posterior = _samples(identification), identification.posterior
     by_data = zip(identification.model.parameters, identification.parameter_sd[1], strict=True)
-    return Findings(
+    return ReportData(
         summary=summarise(identification),
         effort_unit=tuple("N" if slides else "N m" for slides in sliding),
         position_unit=tuple("m" if slides else "rad" for slides in sliding),
@@ -331,7 +333,7 @@ _BULKY = ("samples", "prediction")
 _WORDS = ("effort_unit", "position_unit", "prior_parameters")
 
 
-def write_findings(findings: Findings, path: Path) -> None:
+def write_findings(findings: ReportData, path: Path) -> None:
     """Writes the arrays as `findings.npz`, keys as in `samples.t`; efforts and motion in single precision."""
     arrays: dict[str, Any] = {name: np.array(getattr(findings, name), dtype=str) for name in _WORDS}
     for part in _PARTS:
@@ -344,14 +346,14 @@ def write_findings(findings: Findings, path: Path) -> None:
         np.savez_compressed(file, **arrays)
 
 
-def read_findings(folder: str | Path) -> Findings:
+def read_report_data(folder: str | Path) -> ReportData:
     """What a result folder holds to show.
 
     Raises:
         InputError: the folder is no result, or one of a version that kept less.
 
     Example:
-        >>> findings = bayesid.read_findings("result")
+        >>> findings = bayesid.read_report_data("result")
         >>> findings.summary.robot, findings.n_joints
         ('arm', 3)
     """
@@ -366,7 +368,7 @@ def read_findings(folder: str | Path) -> Findings:
                 name: _part(name, arrays) for name in _PARTS if name != "prediction" or "prediction.t" in arrays
             }
             parts |= {name: tuple(arrays[name].tolist()) for name in _WORDS}
-        return Findings(summary=summary, **parts, draws=_draws(place / "posterior.nc"), folder=str(folder))
+        return ReportData(summary=summary, **parts, draws=_draws(place / "posterior.nc"), folder=str(folder))
     except InputError as error:
         raise InputError(f"{Path(error.where).name} {error.what}", str(folder), _REMEDY) from None
     except KeyError as error:

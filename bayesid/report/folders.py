@@ -44,14 +44,14 @@ from bayesid.log.velocities import derived
 from bayesid.parallel import one_blas_thread
 from bayesid.progress import SILENT, Progress
 from bayesid.report.findings import FILE as FINDINGS
-from bayesid.report.findings import Findings, find_findings, read_findings, write_findings
+from bayesid.report.findings import ReportData, read_report_data, report_data, write_findings
 from bayesid.report.summary import as_json, as_object, log_parts, summarise, taken
 from bayesid.report.verdicts import check_findings, verdict
 
 if TYPE_CHECKING:
     from xarray import DataTree  # takes half a second to import
 
-    from bayesid.discrepancy.comparison import LogComparison
+    from bayesid.discrepancy.comparison import ChangeReport
     from bayesid.discrepancy.workflow import Discrepancy
 
 MARKER, REPORT = "summary.json", "report.html"
@@ -167,7 +167,7 @@ def save_discrepancy(
 
 
 def save_comparison(
-    comparison: LogComparison, folder: str | Path, report: bool = True, progress: Progress = SILENT
+    comparison: ChangeReport, folder: str | Path, report: bool = True, progress: Progress = SILENT
 ) -> Path:
     """Writes discrepancy.json, timeline.csv, a report of both, and the result folder of the last log's extended model.
 
@@ -199,7 +199,7 @@ def _save_result(
     validation: Validation | None = None,
 ) -> Path:
     """As `save_identification`, with what else is written into the folder, and the text of discrepancy.html."""
-    missing, findings = dict[str, str](), replace(find_findings(identification), folder=str(folder))
+    missing, findings = dict[str, str](), replace(report_data(identification), folder=str(folder))
     findings = findings if validation is None else findings.with_validation(validation)
 
     def write(place: Path) -> None:
@@ -261,7 +261,7 @@ def make_report(
         >>> bayesid.make_report("result", check).name
         'report.html'
     """
-    findings = read_findings(folder)
+    findings = read_report_data(folder)
     path = Path(folder) / REPORT if out is None else Path(out)
     if path.is_dir():
         raise InputError("is a folder", str(path), "give `folder` the name of a file")
@@ -280,14 +280,14 @@ def make_report(
     return path
 
 
-def _report(findings: Findings, progress: Progress) -> str:
+def _report(findings: ReportData, progress: Progress) -> str:
     from bayesid.report.pages.identification_page import identification_page  # jinja2, for pages alone
 
     return identification_page(findings, progress)
 
 
 def _write_identification(
-    place: Path, findings: Findings, identification: Identification, missing: dict[str, str]
+    place: Path, findings: ReportData, identification: Identification, missing: dict[str, str]
 ) -> None:
     """Into a place beside the folder, which it becomes; the summary last, which says what is missing."""
     write_table(place / "segments.csv", segment_rows(identification))

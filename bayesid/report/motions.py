@@ -11,8 +11,8 @@ import numpy as np
 
 from bayesid.arrays import Array
 from bayesid.excitation.design import ExcitationDesign, Quality
-from bayesid.excitation.judgement import ExcitationJudgement
-from bayesid.excitation.next_motion import NextMotion, PredictedKnowledge
+from bayesid.excitation.judgement import ExcitationAssessment
+from bayesid.excitation.next_motion import NextExperiment, PredictedKnowledge
 from bayesid.excitation.resolvability import JointFlips
 from bayesid.excitation.splines import DEGREE
 from bayesid.excitation.tuning import TUNING as EXCITATION
@@ -142,7 +142,7 @@ def _group(flips: JointFlips) -> str:
     return f"all signs of joint{'s' * (len(group) > 1)} {', '.join(str(j + 1) for j in group)} ({cost:.3g})"
 
 
-def judgement_text(judgement: ExcitationJudgement) -> str:
+def judgement_text(judgement: ExcitationAssessment) -> str:
     """A table of the joints, the condition number, and what the log leaves undecided."""
     one, flips = judgement, judgement.joints
     of_joint = {} if flips is None else dict(zip(flips.groups, flips.resolvability.tolist(), strict=True))
@@ -165,7 +165,7 @@ def judgement_text(judgement: ExcitationJudgement) -> str:
     return "\n".join(lines)
 
 
-def judgement_conclusion(judgement: ExcitationJudgement, design: str) -> Conclusion:
+def judgement_conclusion(judgement: ExcitationAssessment, design: str) -> Conclusion:
     """Whether the motion suffices, and a command that designs another where it does not."""
     state = _STATES[judgement.light]
     said: dict[State, str] = {
@@ -184,7 +184,7 @@ def check_next_folder(folder: str | Path) -> Path:
     return place
 
 
-def save_next_motion(design: NextMotion, folder: str | Path) -> Path:
+def save_next_motion(design: NextExperiment, folder: str | Path) -> Path:
     """Writes next_motion.json, predicted.csv, next_motion.svg, and a folder of programs for each speed.
 
     An earlier one there is replaced as a whole.
@@ -205,7 +205,7 @@ def save_next_motion(design: NextMotion, folder: str | Path) -> Path:
     return save_folder(folder, NEXT_FILES, NEXT_MARKER, write)
 
 
-def planned(design: NextMotion) -> PlannedMotion:
+def planned(design: NextExperiment) -> PlannedMotion:
     """The motion as programs take it: its positions count as in the log, before that was corrected."""
     robot, run = design.known.model.robot, design.run
     positions, _ = corrections(design.correct, robot.n_joints)
@@ -229,7 +229,7 @@ def planned(design: NextMotion) -> PlannedMotion:
     return as_logged if design.correct is None else replace(as_logged, count=f"{_COUNT} ({design.correct})")
 
 
-def picture(design: NextMotion) -> Any:
+def picture(design: NextExperiment) -> Any:
     """What `bayesid.report.plot.motions` draws."""
     from bayesid.report.plot.motions import MotionPicture, extreme_poses
 
@@ -268,7 +268,7 @@ def predicted_rows(predicted: PredictedKnowledge) -> list[dict[str, object]]:
     return rows
 
 
-def next_summary(design: NextMotion, programs: Programs) -> dict[str, Any]:
+def next_summary(design: NextExperiment, programs: Programs) -> dict[str, Any]:
     """next_motion.json: what will be known, what no motion tells, limits given and reached, what was not checked."""
     run, after, limits, clearance = design.run, design.predicted, design.run.limits, design.run.clearance
     assert limits is not None
@@ -302,7 +302,7 @@ def _factors(predicted: PredictedKnowledge) -> list[dict[str, object]]:
     return [{"true": true, "against": other, "expected": value} for (true, other), value in factors]
 
 
-def next_motion_text(design: NextMotion) -> str:
+def next_motion_text(design: NextExperiment) -> str:
     """What will be known, what no motion tells, how far limits are used, and what was not checked."""
     run, predicted = design.run, design.predicted
     carried = f", with {run.payload} on the flange" if run.payload else ""
@@ -324,7 +324,7 @@ def next_motion_text(design: NextMotion) -> str:
     return "\n".join(lines)
 
 
-def _of_goal(design: NextMotion, names: Sequence[str]) -> Iterator[str]:
+def _of_goal(design: NextExperiment, names: Sequence[str]) -> Iterator[str]:
     after, random = design.predicted, design.of_random
     yield (
         f"coefficients not known to {KNOWN:.0%}: {after.open_now} now, {after.open} after this motion if the "
@@ -352,7 +352,7 @@ def _of_rivals(predicted: PredictedKnowledge, random: PredictedKnowledge) -> Ite
         yield "this motion is not expected to tell any apart: a longer one may (--duration), or wider --limits"
 
 
-def _joints(design: NextMotion) -> list[list[str]]:
+def _joints(design: NextExperiment) -> list[list[str]]:
     motion, limits, n = design.motion, design.run.limits, design.known.model.robot.n_joints
     assert limits is not None
     speed, acceleration = (np.broadcast_to(limit, n) for limit in (limits.velocity, limits.acceleration))
@@ -362,7 +362,7 @@ def _joints(design: NextMotion) -> list[list[str]]:
     return _joint_rows(motion, motion.dq / speed, motion.ddq / acceleration, efforts)
 
 
-def _clearance(design: NextMotion) -> Iterator[str]:
+def _clearance(design: NextExperiment) -> Iterator[str]:
     if (clearance := design.run.clearance) is not None:
         distances = clearance.distance(design.motion.q)
         least, (one, other) = clearance.nearest(design.motion.q[int(distances.argmin())])

@@ -8,7 +8,7 @@ from typing import Any
 
 from bayesid.files.writing import save_folder, write_json
 from bayesid.identification.checks import Check, convergence
-from bayesid.identification.payload import ASSUMED, AXES, BY_GAINS, Estimate, PayloadReading
+from bayesid.identification.payload import ASSUMED, AXES, BY_GAINS, Estimate, PayloadEstimate
 from bayesid.log.kept_reading import in_words
 from bayesid.report.summary import as_object, taken
 from bayesid.report.words import in_percent, joints_in_words, quantity, rounded
@@ -18,7 +18,7 @@ PAYLOAD_FILES = frozenset({PAYLOAD})
 HEADINGS = ("payload", "value", "sd", "95 % interval", "unit")
 
 
-def save_payload(reading: PayloadReading, folder: str | Path) -> Path:
+def save_payload(reading: PayloadEstimate, folder: str | Path) -> Path:
     """Writes payload.json: mass, centre of mass, inertia, the check, and the efforts' factor.
 
     Raises:
@@ -28,7 +28,7 @@ def save_payload(reading: PayloadReading, folder: str | Path) -> Path:
     return save_folder(folder, PAYLOAD_FILES, PAYLOAD, lambda place: write_json(place / PAYLOAD, summary))
 
 
-def _payload_summary(reading: PayloadReading) -> dict[str, Any]:
+def _payload_summary(reading: PayloadEstimate) -> dict[str, Any]:
     """payload.json: SI units, joints from 1; null where there is nothing to say."""
     body, check, known, gains = reading.body, reading.check, reading.known_mass, reading.gains
     doubts = [one for one in payload_checks(reading) if one.state != "good"]
@@ -57,7 +57,7 @@ def _payload_summary(reading: PayloadReading) -> dict[str, Any]:
     )
 
 
-def payload_rows(reading: PayloadReading) -> list[tuple[str, ...]]:
+def payload_rows(reading: PayloadEstimate) -> list[tuple[str, ...]]:
     """Of a table with `HEADINGS`: mass, centre of mass, inertia about it, the efforts' factor, as far as known."""
     body, factor = reading.body, reading.gain_factor
     rows = [_row("mass", body.mass, "kg")]
@@ -72,12 +72,12 @@ def _row(name: str, one: Estimate, unit: str) -> tuple[str, ...]:
     return name, f"{one.value:.{behind}f}", sd, f"{low:.{behind}f} to {high:.{behind}f}", unit
 
 
-def payload_checks(reading: PayloadReading, result: str = "RESULT") -> tuple[Check, ...]:
+def payload_checks(reading: PayloadEstimate, result: str = "RESULT") -> tuple[Check, ...]:
     """How far the payload can be trusted; `result` is the folder of the earlier log's result, for the remedy."""
     return (_gains(reading), _mass(reading), _unchanged(reading, result), _sampling(reading))
 
 
-def _mass(reading: PayloadReading) -> Check:
+def _mass(reading: PayloadEstimate) -> Check:
     mass = reading.body.mass
     if reading.body.shown:
         low, high = (rounded(end) for end in mass.interval)
@@ -88,7 +88,7 @@ def _mass(reading: PayloadReading) -> Check:
     return Check("Payload", "look", said)
 
 
-def _unchanged(reading: PayloadReading, result: str) -> Check:
+def _unchanged(reading: PayloadEstimate, result: str) -> Check:
     name, check = "Besides the payload", reading.check
     worst, most = int(check.residual.argmax()), int((check.moved / check.moved_limits).argmax())
     residual = f"residual at most {check.residual[worst]:.2f} times the earlier log's noise (joint {worst + 1}; limit "
@@ -108,14 +108,14 @@ def _unchanged(reading: PayloadReading, result: str) -> Check:
     return Check(name, "bad", f"something else has changed in {which}; the payload may be wrong by it: {seen}", remedy)
 
 
-def _sampling(reading: PayloadReading) -> Check:
+def _sampling(reading: PayloadEstimate) -> Check:
     figures = convergence(reading.posterior.max_rhat, reading.posterior.min_ess)
     if reading.posterior.converged:
         return Check("Sampling", "good", f"converged ({figures})")
     return Check("Sampling", "look", f"has not converged ({figures})", "give a larger --posterior-budget")
 
 
-def _gains(reading: PayloadReading) -> Check:
+def _gains(reading: PayloadEstimate) -> Check:
     """What all efforts may be off by, which mass and inertia share; with a known mass, what they are off by."""
     if reading.known_mass is not None:
         return _gains_by_mass(reading)
@@ -129,7 +129,7 @@ def _gains(reading: PayloadReading) -> Check:
     return Check("Gains", "good", f"stated: {exact}")
 
 
-def _gains_by_mass(reading: PayloadReading) -> Check:
+def _gains_by_mass(reading: PayloadEstimate) -> Check:
     factor, passed, known = reading.gain_factor, reading.check.passed, reading.identification.identified.gains
     if factor is None:
         return Check("Gains", "bad", "without a payload that the log shows, its known mass says nothing of them")

@@ -6,13 +6,13 @@ from functools import singledispatch
 from pathlib import Path
 from typing import Any
 
-from bayesid.discrepancy.comparison import LogComparison
+from bayesid.discrepancy.comparison import ChangeReport
 from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.errors import InputError
 from bayesid.excitation.design import ExcitationDesign
-from bayesid.excitation.next_motion import NextMotion
+from bayesid.excitation.next_motion import NextExperiment
 from bayesid.identification.identification import Identification
-from bayesid.identification.payload import PayloadReading
+from bayesid.identification.payload import PayloadEstimate
 from bayesid.identification.prediction import Validation
 from bayesid.report.folders import save_comparison, save_discrepancy, save_identification, save_validation
 from bayesid.report.motions import save_design, save_next_motion
@@ -61,7 +61,7 @@ def save(result: object, folder: str | Path, **options: Any) -> Path:
 save.register(Identification, save_identification)
 save.register(Validation, save_validation)
 save.register(Discrepancy, save_discrepancy)
-save.register(LogComparison, save_comparison)
-save.register(PayloadReading, save_payload)
+save.register(ChangeReport, save_comparison)
+save.register(PayloadEstimate, save_payload)
 save.register(ExcitationDesign, save_design)
-save.register(NextMotion, save_next_motion)
+save.register(NextExperiment, save_next_motion)

@@ -16,7 +16,7 @@ from bayesid.files.writing import numbered, save_folder, write_columns, write_js
 from bayesid.identification.checks import Check
 from bayesid.monitor.changes import CONTACT, FRICTION, GAIN, PAYLOAD, Alarm
 from bayesid.monitor.replay import Agreement, Replay, StreamFigures
-from bayesid.monitor.tracker import Counts, Tracked
+from bayesid.monitor.tracker import Counts, TrackedSample
 from bayesid.report.conclusion import Conclusion, first, sentence
 from bayesid.report.plot.stream import stream_figure
 from bayesid.report.summary import as_json, as_object, taken
@@ -58,7 +58,7 @@ def stream_names(n: int) -> list[str]:
     return ["t", *(name for kind in ("tau", "p", "predicted", "external") for name in numbered(kind, n))]
 
 
-def stream_line(now: Tracked) -> str:
+def stream_line(now: TrackedSample) -> str:
     """A row of signed_stream.csv."""
     values = np.concatenate([now.effort, np.round(now.probability, 6), now.predicted, now.external])
     return ",".join([repr(float(now.t)), *(f"{value:.8g}" for value in values.tolist())])

@@ -17,7 +17,7 @@ from bayesid.files.writing import plain, typed
 from bayesid.identification.identification import Identification
 from bayesid.identification.misread import Misreading
 from bayesid.identification.options import Provenance
-from bayesid.identification.payload import Estimate, PayloadBody, common_factor
+from bayesid.identification.payload import Estimate, InertialParameters, common_factor
 from bayesid.log.log import Log
 from bayesid.posterior.inference import Posterior
 from bayesid.regression.selection.unseen import TooNarrow
@@ -410,8 +410,8 @@ def _payloads(identification: Identification) -> dict[str, dict[str, Any]] | Non
     for term in model.terms:
         stop = first + len(term.parameters(model.robot))
         if term.payloads:
-            stated = model.parameters[stop - 1].name in identification.beliefs.nominal  # its mass, the last of ten
-            body = PayloadBody.of_draws(every[:, first:stop], common_sd=0.0 if stated else factor_sd)
+            stated = model.parameters[stop - 1].name in identification.prior.nominal  # its mass, the last of ten
+            body = InertialParameters.of_draws(every[:, first:stop], common_sd=0.0 if stated else factor_sd)
             axes = {"com": body.centre, "inertia": body.inertia}
             numbers = {name: [_estimate(one) for one in ones or ()] for name, ones in axes.items()}
             carried |= {payload: {"mass": _estimate(body.mass), **numbers} for payload in term.payloads}

@@ -22,7 +22,7 @@ from bayesid.identification.identification import SURE, sure_shares_of
 from bayesid.identification.tuning import TUNING as IDENTIFICATION
 from bayesid.regression.tuning import TUNING as REGRESSION
 from bayesid.report import commands
-from bayesid.report.findings import Findings
+from bayesid.report.findings import ReportData
 from bayesid.report.summary import CompletionSummary, Numbers, Summary
 from bayesid.report.tuning import TUNING
 from bayesid.report.words import counted, in_percent, joints_in_words, label, listed, quantity, rounded
@@ -41,7 +41,7 @@ def graded(name: str, value: float, limits: tuple[float, float], message: str, l
     return Check(name, state, message, remedy, value, good)
 
 
-def check_findings(findings: Findings) -> tuple[Check, ...]:
+def check_findings(findings: ReportData) -> tuple[Check, ...]:
     """All checks of an identification, in the order of the pipeline.
 
     Example:
@@ -117,7 +117,7 @@ def robot_file(summary: Summary) -> Check:
     return Check("Robot file", "good", "robot, joint order and units look consistent")
 
 
-def _excitation(findings: Findings) -> Check:
+def _excitation(findings: ReportData) -> Check:
     condition, design = findings.summary.fit.condition_number, commands.excite(findings.summary)
     silent = np.flatnonzero(np.isinf(findings.coefficients.sd))
     blind = [j for j, left in enumerate(findings.summary.fit.relative_residual, start=1) if left == 0.0]
@@ -138,7 +138,7 @@ def _joint_of(name: str) -> int:
     return int(digits[-1]) if digits else 0
 
 
-def _segments(findings: Findings) -> Check:
+def _segments(findings: ReportData) -> Check:
     name, share, segments = "Signs of the segments", sure_share(findings), findings.segments
     if not findings.summary.hidden_joints:
         return Check(name, "good", "all signs were known")
@@ -156,7 +156,7 @@ def _segments(findings: Findings) -> Check:
     return replace(found, state=state, message=f"{message}; {checks.confidences_lowered(doubt)}", remedy=remedy)
 
 
-def sure_share(findings: Findings) -> float:
+def sure_share(findings: ReportData) -> float:
     """Share of the |effort| in motion, each joint alike, whose sign is as good as certain."""
     samples, shares = findings.samples, findings.summary.signs.sure
     of_samples = sure_shares_of(samples.probability, samples.recorded, samples.used)  # of an earlier version
@@ -210,7 +210,7 @@ def sampling(summary: Summary) -> Check:
     return commands.with_more(summary, found, "posterior")
 
 
-def _modes(findings: Findings) -> list[Check]:
+def _modes(findings: ReportData) -> list[Check]:
     """Whether the log allows other models than the one that is written; nothing without a posterior."""
     posterior, of_log = findings.summary.posterior, findings.summary.modes
     if posterior is None:
@@ -231,7 +231,7 @@ def _modes(findings: Findings) -> list[Check]:
 # ---------------------------------------------------------------------------------------------------------------
 # The model
 # ---------------------------------------------------------------------------------------------------------------
-def _fit(findings: Findings) -> Check:
+def _fit(findings: ReportData) -> Check:
     summary, names_it = findings.summary, _names_it(findings)
     share = np.array(summary.fit.relative_residual, dtype=float)
     if share.max() > REGRESSION.poor_fit:
@@ -242,7 +242,7 @@ def _fit(findings: Findings) -> Check:
     return graded("Fit", share.max(), (IDENTIFICATION.suspicious, REGRESSION.poor_fit), message, names_it)
 
 
-def _names_it(findings: Findings, log: str = "") -> str:
+def _names_it(findings: ReportData, log: str = "") -> str:
     return f"{commands.find_discrepancy(findings, log)} names what the model lacks on another log"
 
 
@@ -403,7 +403,7 @@ def intervals(summary: Summary) -> list[Check]:
     return [Check(name, state, "; ".join(parts), " and ".join(dict.fromkeys(remedies)))]
 
 
-def _whiteness(findings: Findings) -> Check:
+def _whiteness(findings: ReportData) -> Check:
     """Whether enough samples are left once those that a lasting residual ties together count as one."""
     noise, count = findings.summary.noise, len(findings.coefficients.mean)
     lasting = (np.array(noise.coloured_sd, dtype=float) / np.array(noise.sd, dtype=float)) ** 2
@@ -417,7 +417,7 @@ def _whiteness(findings: Findings) -> Check:
     return graded("Whiteness of the residual", independent, limits, message, remedy)
 
 
-def _decided(findings: Findings) -> Check:
+def _decided(findings: ReportData) -> Check:
     table, count = findings.coefficients, len(findings.coefficients.mean)
     by_data, poor = int(table.by_data.sum()), int((table.relative_sd > TUNING.poorly_known).sum())
     apart = ""
@@ -438,7 +438,7 @@ def _decided(findings: Findings) -> Check:
     return graded("Data or prior", by_data, limits, message, remedy)
 
 
-def validation(findings: Findings) -> Check:
+def validation(findings: ReportData) -> Check:
     """How well the model predicts a log that it has not seen."""
     name, prediction = "Validation", findings.prediction
     if prediction is None or prediction.seen:

@@ -166,7 +166,7 @@ def collision_model(
 
     Example:
         >>> shapes = bayesid.collision_model(robot, motion.q[::20], bayesid.Capsules(0.03), floor=None)
-        >>> run = bayesid.RunSettings(clearance=shapes)
+        >>> run = bayesid.MotionSettings(clearance=shapes)
     """
     if capsules is not None:
         shapes, radii = capsule_shapes(robot, capsules.radii, capsules.tool), np.unique(capsules.radii)

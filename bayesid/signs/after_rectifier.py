@@ -19,7 +19,7 @@ import scipy
 from bayesid.arrays import TINY, Array, Integers, Mask
 from bayesid.effects.model import Model
 from bayesid.log.low_pass import AfterRectifier, LowPass, mean_magnitude
-from bayesid.log.segments import Cutting, Segments, find_segments
+from bayesid.log.segments import Segmentation, Segments, find_segments
 from bayesid.log.signals import Signals, signed_effort
 from bayesid.parallel import in_parallel
 from bayesid.progress import SILENT, Progress
@@ -34,7 +34,7 @@ def settle_unfiltered(
     signals: Signals,
     segments: Segments,
     search: Search,
-    cutting: Cutting,
+    segmentation: Segmentation,
     progress: Progress = SILENT,
     earlier: Earlier | None = None,
 ) -> tuple[Settled, Segments]:
@@ -57,7 +57,7 @@ def settle_unfiltered(
     predicted = fitted(low_pass)[0]
     settled = settled_again(settled, freed(settled, low_pass, predicted), predicted)
     signals = freed(settled, low_pass, settled.predicted)
-    segments = find_segments(signals, model.robot.actuators(signals.motion), cutting)
+    segments = find_segments(signals, model.robot.actuators(signals.motion), segmentation)
     return settle_signs(model, signals, segments, search, progress.under("unfiltered"), earlier), segments
 
 

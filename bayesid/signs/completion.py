@@ -18,7 +18,7 @@ import numpy as np
 from bayesid.arrays import Array, Mask
 from bayesid.effects.effect import Effect
 from bayesid.effects.model import Model
-from bayesid.log.segments import Cutting, Segments, find_segments
+from bayesid.log.segments import Segmentation, Segments, find_segments
 from bayesid.log.signals import Signals
 from bayesid.progress import SILENT, Progress
 from bayesid.regression.evidence import Evidence
@@ -95,7 +95,7 @@ class Completing:
 
     enter: bool  # whether effects may enter the model; else they widen its uncertainty alone
     kinematics: KinematicTolerance  # how far the robot's geometry may be from its table
-    cutting: Cutting  # how efforts are cut
+    segmentation: Segmentation  # how efforts are cut
 
 
 @dataclass(frozen=True)
@@ -113,13 +113,13 @@ class _Searching:
     as_read: Signals
     segments: Segments
     search: Search
-    cutting: Cutting
+    segmentation: Segmentation
 
     def under(self, model: Model, begun: Settled, progress: Progress, also: Sequence[Array] = ()) -> _Opinion:
         """Signs under a model, from those under another one, and from other ones (N, n)."""
         signals, segments = restored(model, self.as_read), self.segments
         if model.before_sensors is not model and model.before_sensors.distortions != model.distortions:
-            segments = find_segments(signals, model.robot.actuators(signals.motion), self.cutting)
+            segments = find_segments(signals, model.robot.actuators(signals.motion), self.segmentation)
         found = settle_signs(model.before_sensors, signals, segments, self.search, progress, begun=begun, also=also)
         return _Opinion(model, replace(found, reading=Reading(model, self.as_read)))
 
@@ -134,7 +134,7 @@ def complete(
     Raises:
         SolverError: an optimisation failed.
     """
-    searching = _Searching(averaged.asked.evidence.signals, segments, search, how.cutting)
+    searching = _Searching(averaged.asked.evidence.signals, segments, search, how.segmentation)
     plain = _Opinion(averaged.asked.model, averaged.asked)
     may_enter, lifted = how.enter and search.any_model, tuple[EnteredEffect, ...]()
     while may_enter and (free := _with_bounds_lifted(plain, searching, progress)) is not plain:

@@ -20,7 +20,7 @@ from bayesid.identification.identification import Identification
 from bayesid.identification.pipeline import identify
 from bayesid.log.formats import is_stream
 from bayesid.log.reading import read_log
-from bayesid.report.findings import find_findings
+from bayesid.report.findings import report_data
 from bayesid.report.folders import check_result_folder, coefficient_rows, collect_incomplete, save_identification
 from bayesid.report.verdicts import check_findings, worst
 from bayesid.robot import Robot, load_robot
@@ -47,7 +47,7 @@ class Run:
 
 
 @dataclass(frozen=True)
-class Separate:
+class BatchResult:
     """Runs, in the order of the logs, and how well they agree; None with fewer than two results."""
 
     runs: tuple[Run, ...]
@@ -57,10 +57,10 @@ class Separate:
         found = [run.error or f"{len(run.coefficients)} coefficients in {run.folder}" for run in self.runs]
         said = "nothing to compare" if self.agreement is None else f"{len(self.agreement.names)} coefficients compared"
         heads = [f"{run.log}: {one}" for run, one in zip(self.runs, found, strict=True)]
-        return "\n  ".join([f"Separate: {len(self.runs)} logs, {said}", *heads])
+        return "\n  ".join([f"BatchResult: {len(self.runs)} logs, {said}", *heads])
 
 
-def identify_separately(
+def identify_each(
     robot: Robot | str | Path,
     logs: Sequence[str | Path],
     out: str | Path,
@@ -71,7 +71,7 @@ def identify_separately(
     report: bool = True,
     progress: Tally = no_tally,
     **options: Any,
-) -> Separate:
+) -> BatchResult:
     """Identifies a robot from each log by itself; results stand in a folder for each, named like its log.
 
     Args:
@@ -92,7 +92,7 @@ def identify_separately(
 
     Example:
         >>> days = ["week/monday.csv", "week/tuesday.csv"]
-        >>> both = bayesid.identify_separately("robot.toml", days, "both", workers=1, report=False, posterior=False)
+        >>> both = bayesid.identify_each("robot.toml", days, "both", workers=1, report=False, posterior=False)
         >>> len(both.runs), both.agreement is None
         (2, False)
     """
@@ -115,7 +115,7 @@ def identify_separately(
         raise KeyboardInterrupt(kept) from None
     runs = tuple(done[k] for k in range(len(jobs)))
     good = [result.coefficients for result in runs if not result.error]
-    separate = Separate(runs, agreement(good) if len(good) > 1 else None)
+    separate = BatchResult(runs, agreement(good) if len(good) > 1 else None)
     if good or not all(result.bad_input for result in runs):  # of refused input nothing is left behind
         _save(separate, place)
     return separate
@@ -144,7 +144,7 @@ def _figures(result: Identification) -> dict[str, Any]:
         "condition_number": float(result.fit.condition),
         "worst_relative_residual": float(result.fit.relative_residual.max()),
         "seconds": float(sum(result.timings.values())),
-        "verdict": worst(check_findings(find_findings(result))),
+        "verdict": worst(check_findings(report_data(result))),
     }
 
 
@@ -183,7 +183,7 @@ def _check(place: Path, folders: Sequence[Path], logs: Sequence[Path]) -> None:
         check_result_folder(folder)
 
 
-def _save(separate: Separate, place: Path) -> None:
+def _save(separate: BatchResult, place: Path) -> None:
     place.mkdir(parents=True, exist_ok=True)
     empty = dict.fromkeys((name for run in separate.runs for name in run.figures), "")
     rows = [

@@ -115,12 +115,12 @@ def identify(arm: Arm) -> bayesid.Identification:
     return bayesid.identify(arm.model.robot, log, TERMS, complete="off", posterior=False)
 
 
-def track(tracker: bayesid.SignTracker, run: Recording) -> list[bayesid.Tracked]:
+def track(tracker: bayesid.SignTracker, run: Recording) -> list[bayesid.TrackedSample]:
     """A run as a stream: one update a sample."""
     return [tracker.update(*sample) for sample in zip(run.t, run.q, np.abs(run.effort), strict=True)]
 
 
-def tell(run: Recording, seen: list[bayesid.Tracked]) -> str:
+def tell(run: Recording, seen: list[bayesid.TrackedSample]) -> str:
     """When the contact began and when that was said, and the observer's torques beside the true ones."""
     touching = run.external.any(axis=1)
     began, ended = run.t[touching][[0, -1]]

@@ -17,9 +17,9 @@ from bayesid.effects import STANDARD
 from bayesid.effects.catalogue import make_terms
 from bayesid.effects.model import Model
 from bayesid.excitation.design import ExcitationDesign, Objective, TrajectoryShape, design_excitation
-from bayesid.identification.options import Preparation
+from bayesid.identification.options import Preprocessing
 from bayesid.identification.pipeline import identify
-from bayesid.log.segments import Cutting
+from bayesid.log.segments import Segmentation
 from bayesid.motion import Motion
 from bayesid.robot import Robot
 from bayesid.signs.search.certified import Certified
@@ -49,7 +49,7 @@ _EVALUATIONS = 3000
 """Of a design's objective, half of the default: both objectives have converged by then."""
 _BUDGET = 0.3
 """Nominal seconds of a proof: signs are scored, not proven."""
-_COARSE = Cutting(prominence=0.1)
+_COARSE = Segmentation(prominence=0.1)
 """So much noise makes hundreds of minima that mean nothing."""
 
 
@@ -72,8 +72,10 @@ def share_right(robot: Robot, motion: Motion, case: Case, seed: int) -> float:
     model = Model(robot, make_terms(case.terms, robot, motion))
     theta = random_parameters(model, rng)
     log = simulate(model, theta, motion, rng=rng, noise=case.noise)
-    search, preparation = Certified(budget=_BUDGET), Preparation(cutoff=case.cutoff, cutting=_COARSE)
-    result = identify(robot, log, case.terms, complete="off", search=search, posterior=False, preparation=preparation)
+    search, preprocessing = Certified(budget=_BUDGET), Preprocessing(cutoff=case.cutoff, segmentation=_COARSE)
+    result = identify(
+        robot, log, case.terms, complete="off", search=search, posterior=False, preprocessing=preprocessing
+    )
     effort = model.effort(motion, theta)
     strong = np.abs(effort) >= STRONG * np.abs(effort).max(axis=0)
     return float((result.sample_signs == np.sign(effort))[strong].mean())

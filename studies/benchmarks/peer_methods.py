@@ -24,7 +24,7 @@ from bayesid.log.segments import find_segments
 from bayesid.log.signals import Signals, prepare, signed_effort
 from bayesid.motion import Motion
 from bayesid.parallel import quiet
-from bayesid.regression.knowledge import Links
+from bayesid.regression.knowledge import LinkPrior
 from bayesid.robot import Robot
 from bayesid.robot.inertia import PSEUDO_INERTIA_BASIS
 
@@ -243,7 +243,7 @@ def _usual(model: Model) -> tuple[Array, Array]:
     """(P,) sizes of the parameters, and (P,) the usual link in every body."""
     scale, usual = np.ones(model.cone.size), np.zeros(model.cone.size)
     for body in model.cone.bodies:
-        scale[body], usual[body] = Links().sd, Links().centre
+        scale[body], usual[body] = LinkPrior().sd, LinkPrior().centre
     return scale, usual
 
 

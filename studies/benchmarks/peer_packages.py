@@ -27,7 +27,7 @@ from bayesid.effects.coefficients import BaseCoefficients, base_coefficients
 from bayesid.effects.model import Model
 from bayesid.errors import SolverError
 from bayesid.export import mjcf, urdf
-from bayesid.regression.knowledge import Links
+from bayesid.regression.knowledge import LinkPrior
 from bayesid.robot.inertia import change_of_frame
 from bayesid.studies.benchmarks.peer_methods import Answer, Method, Recording, timed
 
@@ -60,7 +60,7 @@ def _usual(model: Model) -> Array:
     """(P,) the usual link in every body, and nothing else."""
     theta = np.zeros(model.cone.size)
     for body in model.cone.bodies:
-        theta[body] = Links().centre
+        theta[body] = LinkPrior().centre
     return theta
 
 

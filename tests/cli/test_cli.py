@@ -157,20 +157,20 @@ def test_options_reach_the_identification(arm_place, monkeypatch):
     assert run(*identify(), "--terms", "rigid_body,torque_offset", *options) == 130
     assert (seen["robot"].origin.source, seen["terms"]) == ("arm.toml", ["rigid_body", "torque_offset"])
     assert seen["search"] == bayesid.Beam(width=7, initial_segments=4, budget=2.5)
-    assert seen["preparation"] == bayesid.Preparation(cutoff=11.5)
+    assert seen["preprocessing"] == bayesid.Preprocessing(cutoff=11.5)
     assert seen["posterior"] == bayesid.Sampling(budget=3.5, seed=8)
-    assert seen["beliefs"].nominal == {"m2": (1.5, 0.25)}  # the other line has no sd
-    assert seen["beliefs"].kinematics.length == pytest.approx(3e-3)
-    assert seen["beliefs"].kinematics.angle == pytest.approx(np.radians(0.5))
+    assert seen["prior"].nominal == {"m2": (1.5, 0.25)}  # the other line has no sd
+    assert seen["prior"].kinematics.length == pytest.approx(3e-3)
+    assert seen["prior"].kinematics.angle == pytest.approx(np.radians(0.5))
     assert seen["complete"] == "only-uncertainty"
     assert seen["log"].signed.tolist() == [False, True, False]
     limits = "--search-budget", 2.5, "--beam-width", 3, "--time-limit", 9, "--kinematic-tolerance", "2cm, 1mrad"
     assert run(*identify(), *limits) == 130
-    assert (seen["beliefs"].kinematics.length, seen["beliefs"].kinematics.angle) == pytest.approx((0.02, 1e-3))
+    assert (seen["prior"].kinematics.length, seen["prior"].kinematics.angle) == pytest.approx((0.02, 1e-3))
     assert seen["search"] == bayesid.Certified(budget=2.5, time_limit=9.0, fallback=bayesid.Beam(width=3))
     assert seen["posterior"] == bayesid.Sampling(time_limit=9.0)
     assert run(*identify(), "--no-posterior") == 130
-    assert (seen["posterior"], dict(seen["beliefs"].nominal), seen["search"]) == (False, {}, bayesid.Certified())
+    assert (seen["posterior"], dict(seen["prior"].nominal), seen["search"]) == (False, {}, bayesid.Certified())
     assert (seen["complete"], tuple(seen["terms"])) == ("auto", STANDARD)
 
 
@@ -311,7 +311,7 @@ def test_report_is_made_anew_with_a_validation(arm_result, arm_place, capfd):
     assert "log.csv: errors against measured efforts" in text
     changed = {path for path, content in everything(arm_result).items() if others.get(path) != content}
     assert {path.name for path in changed} == {"findings.npz"}
-    assert bayesid.report.findings.read_findings("result").prediction.source == "log.csv"
+    assert bayesid.report.findings.read_report_data("result").prediction.source == "log.csv"
     assert run("report", "result", "--quiet") == 0  # in the folder
     assert capfd.readouterr() == ("", "")
     assert (arm_result / "report.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
@@ -379,7 +379,7 @@ def test_demo_is_the_papers_experiment(arm_shop, arm_place, capfd):
     true, measured = (
         next(x for x in out.splitlines() if x.startswith(f"  against {what}")) for what in ("the", "meas")
     )
-    shown = bayesid.read_findings("bayesid-demo").prediction.relative_residual
+    shown = bayesid.read_report_data("bayesid-demo").prediction.relative_residual
     assert measured.split(":")[1].split() == [f"{share:.2%}" for share in shown]
     assert all(float(error[:-1]) < 2.0 for error in true.split(":")[1].split())
     assert sum(line.lstrip()[:2].strip().isdigit() for line in out.splitlines()) >= 27

@@ -13,7 +13,7 @@ from command_line import TWO_JOINTS
 
 from bayesid.cli import main
 from bayesid.study import separate_logs as several_logs
-from bayesid.study.separate_logs import identify_separately
+from bayesid.study.separate_logs import identify_each
 
 pytestmark = pytest.mark.usefixtures("any_motion")
 
@@ -80,6 +80,6 @@ def test_interrupted_between_logs(place, monkeypatch):
 
     monkeypatch.setattr(several_logs, "save_identification", save)
     with pytest.raises(KeyboardInterrupt, match="1 of 2 results stand in each"):
-        identify_separately("arm.toml", ["a.csv", "b.csv"], "each", workers=0, report=False, posterior=False)
+        identify_each("arm.toml", ["a.csv", "b.csv"], "each", workers=0, report=False, posterior=False)
     assert left_in(place / "each") == ["a"]
     shutil.rmtree(place / "each")

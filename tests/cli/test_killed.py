@@ -14,7 +14,7 @@ from command_line import TWO_JOINTS
 
 import bayesid
 from bayesid.cli import main
-from bayesid.report.findings import read_findings
+from bayesid.report.findings import read_report_data
 
 pytestmark = [pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork"), pytest.mark.usefixtures("any_motion")]
 
@@ -101,7 +101,7 @@ def is_one_of(folder, wholes):
     assert any(tables == [(whole / name).read_bytes() for name in TABLES] for whole in wholes)
     assert {path.name for path in folder.iterdir() if not path.name.startswith(".")} >= {"summary.json", "robot.urdf"}
     assert bayesid.load(folder).model.robot.name == "arm"
-    read_findings(folder)
+    read_report_data(folder)
 
 
 @pytest.mark.parametrize("moments", [4, pytest.param(100, marks=pytest.mark.long)])

@@ -57,7 +57,7 @@ def make_namespace(folder: Path) -> dict[str, object]:
         "result": result,
         "check": result.validate(other_log),
         "predicted": result.predict(motion),
-        "findings": bayesid.find_findings(result),
+        "findings": bayesid.report_data(result),
         "reading": bayesid.identify_payload(
             result, bayesid.read_log("loaded.csv", gains=GAINS.tolist()), known_mass=2.0
         ),

@@ -9,12 +9,12 @@ from open_results import TERMS, earlier_motion, open_result
 
 from bayesid.discrepancy.workflow import find_discrepancy
 from bayesid.effects.friction import StribeckFriction
-from bayesid.excitation.next_motion import RunSettings, design_next
+from bayesid.excitation.next_motion import MotionSettings, design_next
 from bayesid.excitation.rivals import equivalent_classes
 from bayesid.identification.pipeline import identify
 from bayesid.simulation.logs import simulate
 
-RUN = RunSettings(duration=3.0, rate=50.0)
+RUN = MotionSettings(duration=3.0, rate=50.0)
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ from bayesid.effects.coefficients import base_coefficients
 from bayesid.effects.model import Model
 from bayesid.errors import InputError
 from bayesid.excitation.design import Objective, TrajectoryShape, design_excitation
-from bayesid.excitation.judgement import judge_log
+from bayesid.excitation.judgement import assess_excitation
 from bayesid.excitation.resolvability import (
     JointFlips,
     SegmentFlips,
@@ -228,13 +228,13 @@ def log_of(model, trajectory, duration=20.0, rate=50.0, signed=False):
 
 def test_a_good_log_is_green_and_a_joint_that_hardly_moves_is_found(model):
     series = random_trajectory(3, 20.0, seed=2, periods=4, limits=LIMITS)
-    good = judge_log(model.robot, log_of(model, series), TERMS)
+    good = assess_excitation(model.robot, log_of(model, series), TERMS)
     assert good.light == "green"
     exact = condition_number(model, good.coefficients, series.motion(np.arange(1001) / 50.0))
     assert good.condition == pytest.approx(exact, rel=0.05)
     assert good.doubtful.max() < 0.05
     still = np.array([1.0, 0.02, 1.0])[:, None]
-    bad = judge_log(
+    bad = assess_excitation(
         model.robot, log_of(model, replace(series, sine=still * series.sine, cosine=still * series.cosine)), TERMS
     )
     assert bad.light == "red"
@@ -244,7 +244,7 @@ def test_a_good_log_is_green_and_a_joint_that_hardly_moves_is_found(model):
     assert bad.condition > 10.0 * good.condition
     log = log_of(model, series)
     held = {name: np.pad(getattr(log, name), ((0, 1500), (0, 0)), "edge") for name in ("q", "effort")}
-    resting = judge_log(model.robot, replace(log, t=np.arange(len(log) + 1500) / 50.0, **held), TERMS)
+    resting = assess_excitation(model.robot, replace(log, t=np.arange(len(log) + 1500) / 50.0, **held), TERMS)
     np.testing.assert_allclose(resting.idle, 0.6, atol=0.05)
     assert [remark[:7] for remark in resting.remarks if " stands still" in remark] == ["joint 1", "joint 2", "joint 3"]
 
@@ -252,10 +252,10 @@ def test_a_good_log_is_green_and_a_joint_that_hardly_moves_is_found(model):
 def test_a_joint_that_nothing_but_the_cone_can_sign_is_found():
     model = Model(small_robot(1, seed=5), (RigidBody(), ViscousFriction()))
     trajectory = random_trajectory(1, 20.0, seed=3, periods=3)
-    judgement = judge_log(model.robot, log_of(model, trajectory), TERMS)
+    judgement = assess_excitation(model.robot, log_of(model, trajectory), TERMS)
     assert judgement.light == "red"
     assert any("signs of joint 1 could all be turned" in remark for remark in judgement.remarks)
-    signed = judge_log(model.robot, log_of(model, trajectory, signed=True), TERMS)
+    signed = assess_excitation(model.robot, log_of(model, trajectory, signed=True), TERMS)
     assert signed.joints is None
     assert len(signed.segments.joint) == 0
     assert signed.light == "green"
@@ -263,6 +263,6 @@ def test_a_joint_that_nothing_but_the_cone_can_sign_is_found():
 
 @pytest.mark.real
 def test_a_real_log_of_the_ur10e_excites_well():
-    judgement = judge_log("ur10e", real_log("ur10e/a_50s.csv"))
+    judgement = assess_excitation("ur10e", real_log("ur10e/a_50s.csv"))
     assert judgement.light == "green"
     assert 5.0 < judgement.condition < 30.0

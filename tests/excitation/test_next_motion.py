@@ -8,7 +8,7 @@ from open_results import LIMITS, TERMS, earlier_motion, open_result
 from bayesid.cli.terminal import in_options
 from bayesid.effects.bodies import CarriedPayload
 from bayesid.errors import InputError
-from bayesid.excitation.next_motion import RunSettings, design_next, slowed
+from bayesid.excitation.next_motion import MotionSettings, design_next, slowed
 from bayesid.excitation.tuning import TUNING
 from bayesid.identification.pipeline import identify
 from bayesid.log.log import join_logs
@@ -19,7 +19,7 @@ EFFORT = (60.0, 8.5, 1.6)
 QUICK = {"changes": 100}
 EFFECTS = ("dead_zone", "hysteresis", "thermal_drift", "payload", "link_length", "gain_error", "base_tilt")
 """That differ in how they act."""
-RUN = RunSettings(duration=5.0, rate=50.0, limits=replace(LIMITS, jerk=(150.0, 90.0, 120.0), effort=EFFORT))
+RUN = MotionSettings(duration=5.0, rate=50.0, limits=replace(LIMITS, jerk=(150.0, 90.0, 120.0), effort=EFFORT))
 
 
 class Table:
@@ -255,7 +255,7 @@ def test_what_the_posterior_s_draws_say_that_the_model_lacks_no_recording_tells(
         covariance=result.covariance,
         interval=lambda share: result.interval_95,
     )
-    run = RunSettings(duration=2.0, rate=50.0, limits=LIMITS)
+    run = MotionSettings(duration=2.0, rate=50.0, limits=LIMITS)
     told = design_next(replace(result, posterior=posterior), run=run, changes=1).predicted
     wider, narrow = (result.coefficients.project(one.theta).var(axis=0, ddof=1) for one in (uncertain, draws))
     np.testing.assert_allclose(told.sd_lacking**2 - told.sd**2, wider - narrow, rtol=1e-6)

@@ -28,8 +28,8 @@ from bayesid.identification.model_file import load
 from bayesid.log.formats.stated import parse_columns
 from bayesid.log.reading import read_log, read_motion
 from bayesid.log.sources import find_logs
-from bayesid.regression.knowledge import Beliefs, read_nominal
-from bayesid.report.findings import read_findings
+from bayesid.regression.knowledge import ParameterPrior, read_nominal
+from bayesid.report.findings import read_report_data
 from bayesid.robot import load_robot, robot_from_table
 
 RECORDED = {name: values.round(5) for name, values in smooth_recording(2, 60, 50.0).items()}
@@ -80,7 +80,7 @@ OTHERS = {
 READERS = {
     "robot": load_robot,
     "limits": read_limits,
-    "nominal": lambda path: Beliefs(nominal=read_nominal(path)),
+    "nominal": lambda path: ParameterPrior(nominal=read_nominal(path)),
     "columns": lambda path: parse_columns(str(path)),
 }
 
@@ -169,7 +169,7 @@ def test_names_beyond_all_recorders_and_systems(tmp_path):
         with pytest.raises(InputError, match="q1"):
             read_log(path)
     for path in ("a\0b.csv", "x" * 5000, "/".join(["d" * 200] * 50)):
-        for read in (read_log, read_limits, read_nominal, load, read_findings, load_robot):
+        for read in (read_log, read_limits, read_nominal, load, read_report_data, load_robot):
             with pytest.raises(InputError):
                 read(path)
         with pytest.raises(InputError, match="cannot be the name of a file"):

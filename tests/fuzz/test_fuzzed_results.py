@@ -19,7 +19,7 @@ from bayesid.errors import InputError
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.model_file import load, model_table
 from bayesid.regression.noise import Noise
-from bayesid.report.findings import read_findings, write_findings
+from bayesid.report.findings import read_report_data, write_findings
 from bayesid.report.folders import make_report
 from bayesid.report.summary import as_json
 
@@ -62,7 +62,7 @@ def test_bytes(folder, sample, examples):
         name, content = named
         (folder / name).write_bytes(content)
         reads = [check_reader(lambda: load(folder))] if name != "findings.npz" else []
-        reads += [check_reader(lambda: read_findings(folder))] if name != "model.toml" else []
+        reads += [check_reader(lambda: read_report_data(folder))] if name != "model.toml" else []
         (folder / name).write_bytes(sample[name])
         return all(reads)
 
@@ -81,7 +81,7 @@ def test_tables_of_the_model_and_the_summary(folder, sample, examples):
 
     def check_summary(table):
         (folder / "summary.json").write_text(json.dumps(table), encoding="utf-8")
-        check_reader(lambda: read_findings(folder))
+        check_reader(lambda: read_report_data(folder))
 
     fuzz(mutated_tree(tomllib.loads(sample["model.toml"].decode())), check_model, examples)
     fuzz(mutated_tree(json.loads(sample["summary.json"])), check_summary, examples)

@@ -20,7 +20,7 @@ from bayesid.identification.payload import identify_payload
 from bayesid.identification.pipeline import identify
 from bayesid.log.gains import gains_of
 from bayesid.posterior.sampler import Sampling
-from bayesid.report.findings import find_findings
+from bayesid.report.findings import report_data
 from bayesid.report.folders import save_identification
 from bayesid.report.pages.identification_page import identification_page
 from bayesid.report.summary import summarise
@@ -121,13 +121,13 @@ def test_what_holds_draws_back_is_named_on_the_page_in_the_summary_and_the_warni
     for one in summary.constraints:
         assert (f"{one.label} ({one.at_edge:.1%} at its edge)" in said) == one.presses
     assert all("--links" not in warning for warning in constrained.warnings)
-    page = identification_page(find_findings(constrained))
+    page = identification_page(report_data(constrained))
     table = page.split('id="constraints"')[1].split("</section>")[0]
     rows = [re.sub("(<[^>]*>)+", "|", html.unescape(row)).split("|") for row in table.split("<tr")[2:]]
     for row, one in zip(rows, summary.constraints, strict=True):
         assert {f"{100.0 * one.at_edge:.1f}\xa0%", "yes" if one.presses else "no"} <= set(row)
         assert ("not active" in row) == (one.nats == 0.0)
-    assert 'id="constraints"' not in identification_page(find_findings(sampled()))
+    assert 'id="constraints"' not in identification_page(report_data(sampled()))
 
 
 def test_draws_that_completion_widens_satisfy_them():

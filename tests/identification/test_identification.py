@@ -15,15 +15,15 @@ from bayesid.effects.model import Model
 from bayesid.errors import InputError
 from bayesid.identification import pipeline
 from bayesid.identification.identification import Identification
-from bayesid.identification.options import Preparation
+from bayesid.identification.options import Preprocessing
 from bayesid.log.log import Log
 from bayesid.log.reading import read_log
-from bayesid.log.segments import Cutting, Segments, find_segments
+from bayesid.log.segments import Segmentation, Segments, find_segments
 from bayesid.log.signals import signed_effort
 from bayesid.motion import STANDSTILL, Motion
 from bayesid.posterior.sampler import Sampling
 from bayesid.progress import Progress
-from bayesid.regression.knowledge import Beliefs
+from bayesid.regression.knowledge import ParameterPrior
 from bayesid.robot import Robot, load_robot, robot_from_table
 from bayesid.signs.rounds import crossings
 from bayesid.signs.search.certified import Certified
@@ -320,8 +320,8 @@ def test_rests_of_a_point_to_point_motion_get_their_signs():
     assert right[strong].mean() >= 0.999
 
 
-def cut_at(threshold: float) -> Preparation:
-    return Preparation(cutting=Cutting(threshold=threshold))
+def cut_at(threshold: float) -> Preprocessing:
+    return Preprocessing(segmentation=Segmentation(threshold=threshold))
 
 
 def sample_mask(result: Identification, of_segments: Array) -> Array:
@@ -331,7 +331,7 @@ def sample_mask(result: Identification, of_segments: Array) -> Array:
 def test_samples_under_the_threshold_have_no_say_in_the_fit(truth):
     """Against numpy's least squares on the others alone, with the true signs; the posterior has as many samples."""
     log = truth.log(grid())
-    result = identify(truth.model.robot, log, posterior=Sampling(budget=0.0), preparation=cut_at(0.2))
+    result = identify(truth.model.robot, log, posterior=Sampling(budget=0.0), preprocessing=cut_at(0.2))
     fitted, moving = (sample_mask(result, of) for of in (result.segments.fitted, result.segments.moving))
     top = np.percentile(result.signals.effort, 99, axis=0)
     assert np.array_equal(fitted, moving & (result.signals.effort >= 0.2 * top))
@@ -379,12 +379,12 @@ def test_bad_input_is_named(truth, tmp_path):
         (lambda: {"robot": "kr5"}, "simulated arm3", "3 joints"),
         (lambda: {"terms": ["rigid_body", "magic"]}, "terms", "magic"),
         (lambda: {"terms": ["rigid_body", "rigid_body"]}, "terms", "twice"),
-        (lambda: {"preparation": Preparation(cutoff=0.0)}, "cutoff", "0 Hz"),
-        (lambda: {"preparation": Preparation(cutoff=51.0)}, "cutoff", "51 Hz"),
-        (lambda: {"preparation": cut_at(0.999)}, "simulated arm3", "above the threshold"),
+        (lambda: {"preprocessing": Preprocessing(cutoff=0.0)}, "cutoff", "0 Hz"),
+        (lambda: {"preprocessing": Preprocessing(cutoff=51.0)}, "cutoff", "51 Hz"),
+        (lambda: {"preprocessing": cut_at(0.999)}, "simulated arm3", "above the threshold"),
         (lambda: {"posterior": Sampling(budget=-1.0)}, "Sampling.budget", "-1"),
         (lambda: {"posterior": Sampling(budget=np.nan)}, "Sampling.budget", "nan"),
-        (lambda: {"beliefs": Beliefs(nominal={"m9": (1.0, 0.1)})}, "nominal", "m9"),
+        (lambda: {"prior": ParameterPrior(nominal={"m9": (1.0, 0.1)})}, "nominal", "m9"),
         (lambda: {"log": "nowhere.csv"}, "nowhere.csv", "no such file"),
         (lambda: {"log": str(tmp_path)}, str(tmp_path), "is a folder"),
         (lambda: {"robot": "nobody"}, "nobody", "no such robot"),

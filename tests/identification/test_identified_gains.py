@@ -16,7 +16,7 @@ from bayesid.identification.pipeline import identify, identify_again
 from bayesid.log.gains import Gains
 from bayesid.motion import Motion
 from bayesid.posterior.sampler import Sampling
-from bayesid.regression.knowledge import Beliefs
+from bayesid.regression.knowledge import ParameterPrior
 from bayesid.report.folders import save_identification
 from bayesid.signs.completion import CompletedSigns
 from bayesid.signs.search.certified import Certified
@@ -119,7 +119,7 @@ def test_the_common_factor_is_no_matter_of_the_coefficients(arm, known, found):
         assert np.all(result.sd_apart >= 0.5 * known.sd)
     np.testing.assert_array_equal(known.sd_apart, known.sd)
     assert found.prior_sd[1].sum() >= len(found.sd) - 3
-    content = bayesid.find_findings(found).summary.gains
+    content = bayesid.report_data(found).summary.gains
     np.testing.assert_allclose(content.sd_of_coefficients, found.sd_apart)
 
 
@@ -158,8 +158,8 @@ def test_a_payload_of_known_mass_fixes_the_factor(arm):
     loaded.theta = loaded.theta.copy()
     loaded.theta[20:30] += body
     logs = [wrong(arm.log(noise=0.03)), wrong(loaded.log(noise=0.03)).carrying("tool")]
-    beliefs = Beliefs(nominal={"m_tool": (2.0, 0.004)})
-    gains = settle(arm, bayesid.read_log(logs), beliefs=beliefs).gains
+    prior = ParameterPrior(nominal={"m_tool": (2.0, 0.004)})
+    gains = settle(arm, bayesid.read_log(logs), prior=prior).gains
     assert gains.factor_decided_by == BY_DATA
     assert gains.factor_sd < 0.05, "a fifth of what is stated of each"
     assert abs(gains.weights @ np.log(gains.value)) < 3.5 * gains.factor_sd

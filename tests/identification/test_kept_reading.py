@@ -90,7 +90,7 @@ def test_commands_read_by_what_is_kept_unless_an_option_is_given(turned, tmp_pat
 def test_remedies_name_the_options_that_the_result_does_not_keep(turned, monkeypatch):
     place, stored, _ = turned
     monkeypatch.chdir(place)
-    found = bayesid.read_findings("result")
+    found = bayesid.read_report_data("result")
     for options, told in (({}, ""), ({"correct": "q2=-q2", "unsigned": "1"}, " --correct q2=-q2 --unsigned 1")):
         options = {"correct": OTHER_WAY, **options}
         tried = stored.validate(bayesid.read_log("other.csv", **options))

@@ -44,10 +44,10 @@ def test_identify_asks_first(monkeypatch):
     monkeypatch.setattr("bayesid.identification.pipeline.prepare", lambda *_: pytest.fail("work has begun"))
     t = np.arange(300) / 100
     log = replace(log_of(t, 6), q=np.sin(np.outer(t, np.arange(1.0, 7.0))))
-    with pytest.raises(InputError, match=r"`Preparation\.max_memory`"):
-        bayesid.identify("kr5", log, preparation=bayesid.Preparation(max_memory=0.1))
+    with pytest.raises(InputError, match=r"`Preprocessing\.max_memory`"):
+        bayesid.identify("kr5", log, preprocessing=bayesid.Preprocessing(max_memory=0.1))
     with pytest.raises(InputError, match="a memory of 0 GB"):
-        bayesid.Preparation(max_memory=0.0)
+        bayesid.Preprocessing(max_memory=0.0)
 
 
 DRAWS = 24

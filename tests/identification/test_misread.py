@@ -19,7 +19,7 @@ from bayesid.log.reading import read_log
 from bayesid.log.segments import find_segments
 from bayesid.log.signals import prepare
 from bayesid.regression.evidence import Evidence
-from bayesid.report.findings import find_findings
+from bayesid.report.findings import report_data
 from bayesid.report.folders import save_identification
 from bayesid.report.verdicts import check_findings, verdict
 from bayesid.robot import load_robot, robot_from_table
@@ -198,7 +198,7 @@ def test_the_verdict_is_red_and_its_first_remedy_the_robot_file(tmp_path):
     exchanged = identify("kr5", log, complete="off", search=Certified(budget=0.3), posterior=False, anyway=True)
     assert exchanged.better_reading.change == "joints 2 and 3 exchanged"
     assert "joints 2 and 3 exchanged" in exchanged.warnings[0]
-    assert verdict(check_findings(find_findings(exchanged)))["state"] == "bad"
+    assert verdict(check_findings(report_data(exchanged)))["state"] == "bad"
     save_identification(exchanged, tmp_path / "out", report=False)
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["better_reading"]["kind"] == "joint order"

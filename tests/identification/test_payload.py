@@ -15,7 +15,7 @@ import bayesid
 from bayesid.identification.payload import (
     AXES,
     Estimate,
-    PayloadBody,
+    InertialParameters,
     evenly_sized,
     identify_payload,
     with_common_factor,
@@ -65,7 +65,7 @@ def test_sizes_of_a_flat_posterior_become_flat():
 def test_a_common_factor_moves_mass_and_inertia_alike_and_no_centre():
     rng = np.random.default_rng(3)
     draws = PAYLOAD * (1.0 + 0.01 * rng.standard_normal((4000, 1)))
-    plain, wide = PayloadBody.of_draws(draws), PayloadBody.of_draws(draws, common_sd=0.05)
+    plain, wide = InertialParameters.of_draws(draws), InertialParameters.of_draws(draws, common_sd=0.05)
     for before, after in zip((plain.mass, *plain.inertia), (wide.mass, *wide.inertia), strict=True):
         assert after.value == before.value
         assert after.sd / abs(after.value) == pytest.approx(np.hypot(0.01, 0.05), rel=0.05)

@@ -77,8 +77,8 @@ def test_two_payloads_have_parameters_of_their_own():
 def test_a_stated_mass_that_the_log_contradicts_is_told(two):
     log = join_logs([two.logs[0], two.logs[1].carrying("tool1")])
     for stated, contradicts in ((MASS, False), (1.3 * MASS, True)):
-        beliefs = bayesid.Beliefs(nominal={"m_tool1": (stated, 0.001)})
-        found = bayesid.identify(ROBOT, log, TERMS, complete="off", posterior=False, beliefs=beliefs)
+        prior = bayesid.ParameterPrior(nominal={"m_tool1": (stated, 0.001)})
+        found = bayesid.identify(ROBOT, log, TERMS, complete="off", posterior=False, prior=prior)
         assert any("m_tool1 was stated as" in warning for warning in found.warnings) == contradicts
 
 

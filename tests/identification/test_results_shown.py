@@ -13,14 +13,14 @@ import bayesid
 from bayesid.errors import InputError
 from bayesid.identification.pipeline import identify
 from bayesid.log.log import join_logs
-from bayesid.regression.knowledge import Beliefs
+from bayesid.regression.knowledge import ParameterPrior
 
 
 @pytest.fixture(scope="module")
 def fit():
     """Least squares, of two logs as one; the friction of joint 2 is stated."""
-    beliefs, both = Beliefs(nominal={"Fv2": (0.7, 0.1)}), join_logs([log_of(0), log_of(21)])
-    return identify(ROBOT, both, complete="off", posterior=False, beliefs=beliefs)
+    prior, both = ParameterPrior(nominal={"Fv2": (0.7, 0.1)}), join_logs([log_of(0), log_of(21)])
+    return identify(ROBOT, both, complete="off", posterior=False, prior=prior)
 
 
 @pytest.mark.parametrize("which", ["fit", "sampled"])
@@ -97,8 +97,8 @@ def test_a_result_is_told_in_some_ten_lines(result, fit):
         (result.log, "601 rows in 6 s, 3 joints (none signed), no velocities"),
         (result.signals, "100 Hz"),
         (result.signals.motion, "601 instants of 3 joints, 0 to 6 s"),
-        (bayesid.find_findings(result), "validation"),
-        (bayesid.judge_log(ROBOT, log_of(0)), "condition number"),
+        (bayesid.report_data(result), "validation"),
+        (bayesid.assess_excitation(ROBOT, log_of(0)), "condition number"),
         (result.segments_table(), "confidence"),
     ):
         text = repr(thing)
@@ -113,7 +113,7 @@ def test_a_notebook_shows_text_checks_and_a_figure(result):
     assert "<svg" in text
     assert not re.search("<script|(src|href)=[\"'][^#]", text), "nothing is run, and nothing fetched from elsewhere"
     assert "Identification of arm3 from a.csv" in text
-    checks = bayesid.check_findings(bayesid.find_findings(result))
+    checks = bayesid.check_findings(bayesid.report_data(result))
     assert all(f"<strong>{check.name}:</strong>" in text for check in checks)
     assert "<b>" not in replace(result, log=replace(result.log, source="<b>.csv"))._repr_html_()
 

@@ -16,7 +16,7 @@ from bayesid.log.log import Log
 from bayesid.log.signals import signed_effort
 from bayesid.motion import Motion
 from bayesid.posterior.sampler import Sampling
-from bayesid.report.findings import find_findings
+from bayesid.report.findings import report_data
 from bayesid.report.folders import save_identification
 from bayesid.report.verdicts import check_findings
 from bayesid.robot import load_robot
@@ -90,7 +90,7 @@ def test_fit_signs_and_residual_are_those_of_the_mode_that_is_written(robot):
 
 def test_checks_and_summary_name_the_other_model(robot, tmp_path):
     result = identified(robot)
-    (check,) = [check for check in check_findings(find_findings(result)) if check.name == "Modes"]
+    (check,) = [check for check in check_findings(report_data(result)) if check.name == "Modes"]
     assert check.state == "bad"
     assert "signs of joint 1 turned round" in check.message
     assert "mc1y" in check.message

@@ -18,7 +18,7 @@ from log_files import (
 )
 
 from bayesid.errors import InputError
-from bayesid.excitation.judgement import judge_log
+from bayesid.excitation.judgement import assess_excitation
 from bayesid.log.formats.stated import parse_columns
 from bayesid.log.reading import read_log
 from bayesid.robot import load_robot
@@ -130,7 +130,7 @@ def test_logs_in_memory():
     log = read_log(angles, [2.0, 3.0, 1.0], "all", columns=stated)
     assert_same(log, NO_DQ | {"tau": np.abs(RECORDED["tau"]) * [2.0, 3.0, 1.0]})
     with pytest.raises(InputError, match=r"the log has 3 joints, robot .* has 6"):
-        judge_log(load_robot("kr5"), RECORDED)
+        assess_excitation(load_robot("kr5"), RECORDED)
 
 
 def test_logs_in_memory_that_cannot_be_used():

@@ -4,16 +4,16 @@ from conftest import smooth_motion
 
 from bayesid.errors import InputError
 from bayesid.log.log import Log
-from bayesid.log.segments import USUAL, Cutting, Segments, find_segments
+from bayesid.log.segments import USUAL, Segmentation, Segments, find_segments
 from bayesid.log.signals import prepare
 from bayesid.motion import Motion
 
 
-def cut(motion: Motion, effort, signed=(), cutting=USUAL):
+def cut(motion: Motion, effort, signed=(), segmentation=USUAL):
     """Segments of an effort (N, n); joints in `signed` keep their signs."""
     known = np.isin(np.arange(motion.n_joints), signed)
     signals = prepare(Log(motion.t, motion.q, np.where(known, effort, np.abs(effort)), known), cutoff=8.0)
-    return find_segments(signals, signals.motion, cutting)
+    return find_segments(signals, signals.motion, segmentation)
 
 
 def pure(segments: Segments, effort, least) -> bool:
@@ -125,7 +125,7 @@ def test_the_prominence_decides_which_minima_are_cut():
     dips = 0.5 * np.exp(-0.5 * ((t - 12.0) / 0.1) ** 2) + 1.5 * np.exp(-0.5 * ((t - 17.0) / 0.1) ** 2)
     effort = (np.where(t < 8.0, 10.0, 2.5) - dips)[:, None]
     for prominence, wanted in ((0.02, [1200, 1700]), (0.1, [1700]), (0.2, [])):
-        starts = cut(motion, effort, cutting=Cutting(prominence=prominence)).start
+        starts = cut(motion, effort, segmentation=Segmentation(prominence=prominence)).start
         found = [int(at) for at in starts if 1000 < at < 1900]
         assert len(found) == len(wanted)
         assert all(abs(at - place) <= 3 for at, place in zip(found, wanted, strict=True))
@@ -136,7 +136,7 @@ def test_samples_under_the_threshold_are_set_apart(threshold):
     """|10 sin| is under a share s of its top for the asin(s) of every quarter turn."""
     motion = steady()
     phase = 2.0 * np.pi * 0.2 * motion.t + 0.3
-    segments = cut(motion, 10.0 * np.sin(phase)[:, None], cutting=Cutting(threshold=threshold))
+    segments = cut(motion, 10.0 * np.sin(phase)[:, None], segmentation=Segmentation(threshold=threshold))
     fitted = segments.per_sample(segments.fitted, len(motion), 1)[:, 0] > 0
     expected = np.abs(np.sin(phase)) >= threshold
     assert np.mean(fitted != expected) < 0.01
@@ -151,4 +151,4 @@ def test_samples_under_the_threshold_are_set_apart(threshold):
 def test_shares_that_cannot_be_are_refused():
     for name, share in (("prominence", 0.0), ("prominence", 1.0), ("threshold", -0.1), ("threshold", np.nan)):
         with pytest.raises(InputError, match=f"{name} of {share:g}"):
-            Cutting(**{name: share})
+            Segmentation(**{name: share})

@@ -125,7 +125,7 @@ def weights_of(case, accumulator):
 def test_coefficients_are_those_of_one_fit_to_the_whole_however_it_is_cut(pieces, seed):
     case = stream()
     probability, moving = doubted(case), some_moving(case)
-    accumulator = fed(case, bayesid.Accumulator(case.identified()), pieces, probability, moving, seed)
+    accumulator = fed(case, bayesid.RecursiveEstimator(case.identified()), pieces, probability, moving, seed)
     weights = weights_of(case, accumulator)
     expected = (2.0 * probability - 1.0) * np.abs(case.measured)
     beta, information = by_hand(case, weights, expected, moving, np.ones(len(case.motion)))
@@ -138,7 +138,7 @@ def test_coefficients_are_those_of_one_fit_to_the_whole_however_it_is_cut(pieces
 
 def test_with_forgetting_they_are_those_of_weighted_least_squares():
     case = stream()
-    accumulator = fed(case, bayesid.Accumulator(case.identified(), forget=3.0), 40, moving=some_moving(case))
+    accumulator = fed(case, bayesid.RecursiveEstimator(case.identified(), forget=3.0), 40, moving=some_moving(case))
     weight = np.exp((case.motion.t - case.motion.t[-1]) / 3.0)
     beta, information = by_hand(case, weights_of(case, accumulator), signed_effort(case), some_moving(case), weight)
     np.testing.assert_allclose(means(accumulator), beta, rtol=FINE, atol=FINE * np.abs(beta).max())
@@ -153,7 +153,7 @@ def test_estimates_scatter_as_their_sd_says_where_noise_is_coloured():
     rng = np.random.default_rng(0)
     for noise in np.moveaxis(identified.noise.draw(len(case.motion), 40, RATE, rng), 2, 0):
         measured = case.effort + noise
-        running = bayesid.Accumulator(identified, signed=[True] * 3)
+        running = bayesid.RecursiveEstimator(identified, signed=[True] * 3)
         running.add(case.motion, measured, case.sign, np.ones(measured.shape, dtype=bool))
         scores.append((means(running) - case.beta) / sds(running))
     # 40 draws of 20 and more coefficients that hang together: some 10 independent ones, 5 % of a standard deviation.
@@ -163,7 +163,7 @@ def test_estimates_scatter_as_their_sd_says_where_noise_is_coloured():
 
 def test_what_shows_nothing_stays_as_the_model_has_it():
     case = stream()
-    running = bayesid.Accumulator(case.identified())
+    running = bayesid.RecursiveEstimator(case.identified())
     np.testing.assert_allclose(means(running), case.beta)
     assert np.isinf(sds(running)).all()
     assert {one.decided_by for one in running.coefficients()} == {"prior"}
@@ -180,7 +180,7 @@ def test_what_was_known_before_counts_if_it_is_to():
     case = stream()
     precision = earlier_precision(case)
     identified = case.identified(precision=precision)
-    running = fed(case, bayesid.Accumulator(identified, forget=10.0, earlier=True), moving=some_moving(case))
+    running = fed(case, bayesid.RecursiveEstimator(identified, forget=10.0, earlier=True), moving=some_moving(case))
     weight = np.exp((case.motion.t - case.motion.t[-1]) / 10.0)
     beta, information = by_hand(case, weights_of(case, running), signed_effort(case), some_moving(case), weight)
     left = np.exp(-(case.motion.t[-1] - case.motion.t[0]) / 10.0) * precision
@@ -196,13 +196,13 @@ def test_what_decides_is_the_stream_or_the_log_before_it(sharper, decided_by):
     lacking, by_gains = (np.diag(np.full(len(case.beta), size)) for size in (3.0, 1.0))
     precision = sharper * earlier_precision(case)
     model = replace(case.identified(precision=precision), lacking=lacking, by_gains=by_gains)
-    running = fed(case, bayesid.Accumulator(model, earlier=True), moving=everywhere(case))
+    running = fed(case, bayesid.RecursiveEstimator(model, earlier=True), moving=everywhere(case))
     table = running.coefficients()
     assert {one.decided_by for one in table} == {decided_by}
     expected = np.sqrt(np.diag(np.linalg.inv(precision)) + 4.0)
     np.testing.assert_allclose([one.prior_sd for one in table], expected, rtol=1e-6)
     assert all(2.0 < one.sd < one.prior_sd for one in table)
-    alone = fed(case, bayesid.Accumulator(model), moving=everywhere(case)).coefficients()
+    alone = fed(case, bayesid.RecursiveEstimator(model), moving=everywhere(case)).coefficients()
     assert {one.decided_by for one in alone} == {"data"}
     assert np.isnan([one.prior_sd for one in alone]).all()
 
@@ -217,7 +217,7 @@ def test_records_of_a_tracker_are_chunks():
     q[500] = np.nan
     records = [tracker.update(*row) for row in zip(case.motion.t, q, readings, strict=True)]
     records.insert(400, replace(records[399], fresh=False))
-    told, by_hand_of = (bayesid.Accumulator(case.identified(), signed=np.array(signed)) for _ in range(2))
+    told, by_hand_of = (bayesid.RecursiveEstimator(case.identified(), signed=np.array(signed)) for _ in range(2))
     for part in (records[:3], records[3:450], records[450:]):
         told.add_tracked(part)
     used = [one for one in records if one.fresh and np.isfinite(one.predicted).all()]
@@ -232,12 +232,12 @@ def test_records_of_a_tracker_are_chunks():
     np.testing.assert_allclose(sds(told), sds(by_hand_of), rtol=1e-9)
     assert np.abs((means(told) - case.beta) / sds(told)).max() < 6.0
     with pytest.raises(InputError, match="tool1"):
-        bayesid.Accumulator(case.identified()).add_tracked(records, payload="tool1")
+        bayesid.RecursiveEstimator(case.identified()).add_tracked(records, payload="tool1")
 
 
 def test_the_model_is_in_the_cone_and_near_the_coefficients():
     case = stream()
-    running = fed(case, bayesid.Accumulator(case.identified()), 3, moving=everywhere(case))
+    running = fed(case, bayesid.RecursiveEstimator(case.identified()), 3, moving=everywhere(case))
     model = running.model()
     assert case.model.cone.contains(model.theta)
     spread = case.coefficients.project(model.theta) - case.beta
@@ -247,7 +247,7 @@ def test_the_model_is_in_the_cone_and_near_the_coefficients():
 
 def test_samples_count_by_the_streams_own_rate():
     case, step = stream(), 4
-    running = bayesid.Accumulator(case.identified(correlation=0.1))
+    running = bayesid.RecursiveEstimator(case.identified(correlation=0.1))
     running.add(case.motion[::step], np.abs(case.measured)[::step], case.sign[::step], case.effort[::step] != 0.0)
     expected = case.identified(correlation=0.1).noise.with_time_of_model(RATE / step).autocorrelation
     np.testing.assert_allclose(running.effective_samples, len(case.motion[::step]) / expected, rtol=1e-9)
@@ -258,9 +258,9 @@ def test_standstill_does_not_count_however_the_stream_is_cut():
     speed = np.abs(case.motion.dq)
     moving = speed > 0.01 * np.maximum.accumulate(speed)
     assert 0.0 < np.mean(~moving) < 0.2
-    told = fed(case, bayesid.Accumulator(case.identified()), 1, moving=moving)
+    told = fed(case, bayesid.RecursiveEstimator(case.identified()), 1, moving=moving)
     for pieces in (1, 31):
-        own = fed(case, bayesid.Accumulator(case.identified()), pieces)
+        own = fed(case, bayesid.RecursiveEstimator(case.identified()), pieces)
         own.add(case.motion[:0], case.effort[:0], case.sign[:0])  # of no sample: nothing changes
         np.testing.assert_allclose(own.effective_samples, told.effective_samples, rtol=1e-12)
         np.testing.assert_allclose(means(own), means(told), rtol=FINE, atol=FINE)
@@ -273,8 +273,8 @@ def test_readings_that_show_no_effort_do_not_count():
     clipped, moving = case.model.read(case.measured), everywhere(case)
     below = case.model.unread(np.abs(clipped))[1]
     assert 0.6 < below[:, 1].mean() < 0.8
-    running = fed(case, bayesid.Accumulator(case.identified()), 4, effort=np.abs(clipped), moving=moving)
-    told = fed(case, bayesid.Accumulator(case.identified()), 1, moving=below)
+    running = fed(case, bayesid.RecursiveEstimator(case.identified()), 4, effort=np.abs(clipped), moving=moving)
+    told = fed(case, bayesid.RecursiveEstimator(case.identified()), 1, moving=below)
     np.testing.assert_allclose(means(running), means(told), rtol=FINE, atol=FINE)
 
 
@@ -283,8 +283,8 @@ def test_effects_with_a_memory_see_over_the_borders(monkeypatch):
     case.model = case.model.extend(Delay(lag=(0.023,)))
     monkeypatch.setattr(stream_moments, "EFFECTS", replace(TUNING, look_back=64))  # of a spline's end 0.27^64 is felt
     moving = everywhere(case)
-    whole = fed(case, bayesid.Accumulator(case.identified()), 1, moving=moving)
-    parts = fed(case, bayesid.Accumulator(case.identified()), 23, moving=moving)
+    whole = fed(case, bayesid.RecursiveEstimator(case.identified()), 1, moving=moving)
+    parts = fed(case, bayesid.RecursiveEstimator(case.identified()), 23, moving=moving)
     columns = case.model.columns(case.motion)[: -TUNING.look_ahead, :, case.coefficients.kept]
     rows = (columns / weights_of(case, whole)[:, None]).reshape(-1, columns.shape[2])
     effort = signed_effort(case)[: -TUNING.look_ahead] / weights_of(case, whole)
@@ -309,7 +309,7 @@ def turned(case):
 @pytest.mark.parametrize(("pieces", "forget"), [(1, None), (60, 30.0)])
 def test_signs_that_were_turned_are_found_and_named(pieces, forget):
     case = stream()
-    check = fed(case, bayesid.Accumulator(case.identified(), forget), pieces, turned(case)).check_signs()
+    check = fed(case, bayesid.RecursiveEstimator(case.identified(), forget), pieces, turned(case)).check_signs()
     assert check.certified
     assert check.differ
     assert check.cost < check.cost_taken
@@ -329,7 +329,9 @@ def test_signs_that_were_turned_are_found_and_named(pieces, forget):
 def test_the_check_does_not_depend_on_the_chunks_nor_on_how_many_stretches_are_kept():
     case = stream()
     many, few, merged = (
-        fed(case, bayesid.Accumulator(case.identified(), most_individual=most), pieces, turned(case)).check_signs()
+        fed(
+            case, bayesid.RecursiveEstimator(case.identified(), most_individual=most), pieces, turned(case)
+        ).check_signs()
         for pieces, most in ((90, 10_000), (1, 10_000), (40, 3))
     )
     assert few.cost == pytest.approx(many.cost, rel=1e-6)
@@ -342,11 +344,11 @@ def test_the_check_does_not_depend_on_the_chunks_nor_on_how_many_stretches_are_k
 
 def test_a_joint_that_is_turned_as_a_whole_is_found_though_its_stretches_were_merged():
     case = stream()
-    right = fed(case, bayesid.Accumulator(case.identified()), 9).check_signs()
+    right = fed(case, bayesid.RecursiveEstimator(case.identified()), 9).check_signs()
     assert (right.certified, right.differ) == (True, False)
     probability = case.sign.copy()
     probability[:, 1] = 1.0 - probability[:, 1]
-    running = fed(case, bayesid.Accumulator(case.identified(), most_individual=3), 40, probability)
+    running = fed(case, bayesid.RecursiveEstimator(case.identified(), most_individual=3), 40, probability)
     check = running.check_signs()
     assert check.certified
     assert [one.joint for one in check.stretches if one.merged] == [2]
@@ -354,7 +356,7 @@ def test_a_joint_that_is_turned_as_a_whole_is_found_though_its_stretches_were_me
 
 def test_memory_stays_bounded():
     case, sizes = stream(), []
-    running = bayesid.Accumulator(case.identified(), forget=20.0, most_individual=10)
+    running = bayesid.RecursiveEstimator(case.identified(), forget=20.0, most_individual=10)
     for k in range(8):
         later = replace(case.motion, t=case.motion.t + 12.0 * k)
         for part in cuts_of(len(later), 10, k):
@@ -365,7 +367,7 @@ def test_memory_stays_bounded():
 
 def test_a_restored_accumulator_goes_on_to_the_digit():
     case = stream()
-    running = bayesid.Accumulator(case.identified(), forget=5.0)
+    running = bayesid.RecursiveEstimator(case.identified(), forget=5.0)
     probability = doubted(case)
     fed(case, running, probability=probability)
     restored, later = pickle.loads(pickle.dumps(running)), replace(case.motion, t=case.motion.t + 12.0)
@@ -379,7 +381,7 @@ def test_a_restored_accumulator_goes_on_to_the_digit():
 
 def test_bad_chunks_are_told_and_change_nothing():
     case = stream()
-    running = bayesid.Accumulator(case.identified())
+    running = bayesid.RecursiveEstimator(case.identified())
     with pytest.raises(InputError, match="no sample in motion"):
         running.check_signs()
     motion, effort, sign = case.motion[:50], np.abs(case.measured[:50]), case.sign[:50]
@@ -410,10 +412,10 @@ def test_what_cannot_be_accumulated_is_told():
     case = stream()
     for options in ({"forget": 0.0}, {"forget": np.inf}, {"signed": [True]}, {"most_individual": -1}):
         with pytest.raises(InputError, match=next(iter(options))):
-            bayesid.Accumulator(case.identified(), **options)
+            bayesid.RecursiveEstimator(case.identified(), **options)
     with pytest.raises(InputError, match="did you mean Fc"):
-        bayesid.Accumulator(case.identified()).coefficient("Fc7")
-    for make in (bayesid.Accumulator, partial(bayesid.SignTracker, rate=RATE)):
+        bayesid.RecursiveEstimator(case.identified()).coefficient("Fc7")
+    for make in (bayesid.RecursiveEstimator, partial(bayesid.SignTracker, rate=RATE)):
         for given, remedy in ((Path("ur"), "'ur'"), (3, "folder")):
             with pytest.raises(InputError, match=re.escape(f"bayesid.load({remedy})")):
                 make(given)
@@ -426,7 +428,7 @@ def test_a_real_stream_agrees_with_the_identification_of_its_log():
     offline = bayesid.identify("ur10e", log, search=search, posterior=False, complete="off")
     signals, fit = offline.signals, offline.fit
     used = (offline.segments.per_sample(offline.segments.fitted, *offline.probability.shape) > 0) & signals.inner
-    running = bayesid.Accumulator(offline)
+    running = bayesid.RecursiveEstimator(offline)
     for part in cuts_of(len(signals.motion), 25):
         running.add(signals.motion[part], signals.raw_effort[part], offline.probability[part], used[part])
     # The offline fit weighs rows by another noise and is in the cone: two sd of the least certain coefficients.

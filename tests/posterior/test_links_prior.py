@@ -15,7 +15,7 @@ from bayesid.identification.pipeline import identify
 from bayesid.log.segments import Segments
 from bayesid.posterior.sampler import Sampling
 from bayesid.posterior.target import usual_links
-from bayesid.regression.knowledge import Beliefs, Links
+from bayesid.regression.knowledge import LinkPrior, ParameterPrior
 from bayesid.regression.moments import moments
 from bayesid.robot import robot_from_table
 from bayesid.signs.search.certified import Certified
@@ -90,7 +90,7 @@ def test_a_table_without_lengths_shows_none():
     motion = smooth_motion(1, 3.0, 50.0)
     table = {"name": "pendulum", "convention": "standard", "gravity": [0.0, -9.81, 0.0], "joints": [row]}
     robot = robot_from_table(table, "test")
-    assert links_of(robot, np.full((len(motion), 1), 2.0), motion).reach == Links().reach
+    assert links_of(robot, np.full((len(motion), 1), 2.0), motion).reach == LinkPrior().reach
     table["joints"] = [row | {"type": "prismatic"}]
     slide = robot_from_table(table | {"gravity": [0.0, 0.0, -9.81]}, "test")
     links = links_of(slide, np.full((len(motion), 1), 60.0), motion)
@@ -100,7 +100,7 @@ def test_a_table_without_lengths_shows_none():
 
 def test_efforts_of_nothing_show_no_mass():
     robot, effort = arm()
-    assert links_of(robot, 0.0 * effort).mass == Links().mass
+    assert links_of(robot, 0.0 * effort).mass == LinkPrior().mass
 
 
 @cache
@@ -114,7 +114,9 @@ def identified(total, length, seed, links=None, sampling=Sampling(walkers=32)):
     theta *= total / theta[model.cone.bodies[:, 9]].sum()
     log = simulate(model, theta, motion, rng=rng, noise=0.03)
     search = Certified()
-    return theta, identify(robot, log, complete="off", search=search, posterior=sampling, beliefs=Beliefs(links=links))
+    return theta, identify(
+        robot, log, complete="off", search=search, posterior=sampling, prior=ParameterPrior(links=links)
+    )
 
 
 LONG = [pytest.param(*one, marks=pytest.mark.long) for one in ((0.2, 0.25), (2000.0, 4.0))]
@@ -141,8 +143,8 @@ def test_from_a_desktop_arm_to_a_palletiser(total, length):
 @pytest.mark.parametrize(
     ("links", "named"),
     [
-        (Links(), "mass of all links, from above"),
-        pytest.param(Links(mass=200.0, reach=0.02), "radius", marks=pytest.mark.long),
+        (LinkPrior(), "mass of all links, from above"),
+        pytest.param(LinkPrior(mass=200.0, reach=0.02), "radius", marks=pytest.mark.long),
     ],
 )
 def test_draws_at_a_window_are_named(links, named):

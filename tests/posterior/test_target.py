@@ -10,7 +10,7 @@ from posterior_problems import information_of
 from bayesid.effects.parameters import Cone
 from bayesid.posterior.likelihood import make_likelihood
 from bayesid.posterior.target import make_prior
-from bayesid.regression.knowledge import Links
+from bayesid.regression.knowledge import LinkPrior
 
 PROJECTION = [[1.0, 0.0, 0.6, 0.0], [0.0, 1.0, -2.0, 0.0], [0.0, 0.0, 0.0, 1.5]]
 THETA = (0.8, 0.3, -0.4, 0.9)
@@ -66,7 +66,7 @@ def test_what_the_log_does_not_show_is_as_large_as_the_earlier_one_says():
     known = information_of(columns, columns @ np.array([0.0, 40.0, 0.3, 0.0]))
 
     def sd(information):
-        return make_prior(new.cone, likelihood, Links(), information=information).sd
+        return make_prior(new.cone, likelihood, LinkPrior(), information=information).sd
 
     without, both = sd(None), sd(known)
     assert np.array_equal(without[1:], np.ones(3))

@@ -13,14 +13,14 @@ from bayesid.log.gains import Gains
 from bayesid.log.signals import Signals
 from bayesid.regression.evidence import Evidence
 from bayesid.regression.gains import GainPrior, fit_gains, likely_gains, prior_of, signed_moments
-from bayesid.regression.knowledge import Links, Nominal
+from bayesid.regression.knowledge import LinkPrior, Nominal
 from bayesid.regression.noise import Noise
 from bayesid.simulation.parameters import random_parameters
 
 RATE, NOISE = 100.0, 0.02
 OFF = np.array([1.25, 0.8, 1.1])
 """Gains over the true ones."""
-LINKS = Links(mass=20.0, reach=0.5)
+LINKS = LinkPrior(mass=20.0, reach=0.5)
 
 
 class Case:

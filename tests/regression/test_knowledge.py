@@ -9,7 +9,7 @@ from bayesid.effects.model import Model
 from bayesid.errors import InputError
 from bayesid.identification.pipeline import identify
 from bayesid.posterior.sampler import Sampling
-from bayesid.regression.knowledge import Beliefs, Knowledge, of_base, read_nominal
+from bayesid.regression.knowledge import Knowledge, ParameterPrior, of_base, read_nominal
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters
 from bayesid.simulation.trajectories import random_trajectory
@@ -177,7 +177,7 @@ def test_a_file_that_holds_something_else_or_cannot_be_read_is_refused(tmp_path)
 
 def test_known_parameters_stand_in_the_models_order(model):
     stated = {"Fv2": (0.5, 0.1), "m1": (2.0, 0.3), "mc1y": (-0.4, 0.2)}
-    nominal = Beliefs(nominal=stated).of(model.parameters)
+    nominal = ParameterPrior(nominal=stated).of(model.parameters)
     names = [parameter.name for parameter in model.parameters]
     known = {names[k]: (nominal.mean[k], nominal.sd[k]) for k in np.flatnonzero(np.isfinite(nominal.mean))}
     assert known == stated
@@ -189,7 +189,7 @@ def test_values_that_cannot_be_used_are_refused(model):
     wrong = ((1.0, 0.0), (1.0, -0.1), (np.nan, 0.1), (1.0, np.nan), (np.inf, 0.1), (1.0, np.inf))
     for name, value in (("m3", (1.0, 0.1)), ("", (1.0, 0.1)), *(("m2", value) for value in wrong)):
         with pytest.raises(InputError) as refusal:
-            Beliefs(nominal={"m1": (2.0, 0.1), name: value}).of(model.parameters)
+            ParameterPrior(nominal={"m1": (2.0, 0.1), name: value}).of(model.parameters)
         assert name in refusal.value.what
         assert "\n" not in str(refusal.value)
 
@@ -205,11 +205,11 @@ def test_a_known_parameter_that_the_data_leave_open_is_what_it_is_said_to_be(mod
     names = [parameter.name for parameter in model.parameters]
     first = names.index("m1")
     assert np.abs(model.columns(MOTION)[:, :, first]).max() == 0.0
-    beliefs, sampling = Beliefs(nominal={"m1": (31.5, 0.4)}), Sampling(walkers=16)
-    stated = identify(model.robot, log, TERMS, complete="off", posterior=sampling, beliefs=beliefs)
+    prior, sampling = ParameterPrior(nominal={"m1": (31.5, 0.4)}), Sampling(walkers=16)
+    stated = identify(model.robot, log, TERMS, complete="off", posterior=sampling, prior=prior)
     draws, count = stated.posterior.draws.theta[..., first], 400.0
     assert draws.mean() == pytest.approx(31.5, abs=5.0 * 0.4 / np.sqrt(count))
     assert draws.std() == pytest.approx(0.4, rel=5.0 / np.sqrt(2.0 * count))
     assert stated.posterior.target.prior.sd[first] == 0.4
     with pytest.raises(InputError, match="m9"):
-        identify(model.robot, log, TERMS, beliefs=Beliefs(nominal={"m9": (1.0, 0.1)}))
+        identify(model.robot, log, TERMS, prior=ParameterPrior(nominal={"m9": (1.0, 0.1)}))

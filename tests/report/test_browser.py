@@ -10,7 +10,7 @@ from made_discrepancy import make
 
 from bayesid.identification.pipeline import identify
 from bayesid.posterior.sampler import Sampling
-from bayesid.report.findings import find_findings
+from bayesid.report.findings import report_data
 from bayesid.report.pages.discrepancy_page import discrepancy_page
 from bayesid.report.pages.identification_page import identification_page
 from bayesid.signs.search.certified import Certified
@@ -63,9 +63,7 @@ def report(tmp_path_factory):
     files = {"/home/someone/recordings/with_a_name_that_is_long/of_a_monday_in_march.csv": "ab12" * 16}
     result = replace(result, provenance=replace(result.provenance, files=files))
     path = tmp_path_factory.mktemp("browser") / "report.html"
-    path.write_text(
-        identification_page(find_findings(result).with_validation(result.validate(again))), encoding="utf-8"
-    )
+    path.write_text(identification_page(report_data(result).with_validation(result.validate(again))), encoding="utf-8")
     return path
 
 

@@ -6,7 +6,7 @@ import pytest
 from completion_problems import identified
 
 from bayesid.files.writing import read_json
-from bayesid.report.findings import find_findings
+from bayesid.report.findings import report_data
 from bayesid.report.folders import save_identification
 from bayesid.report.summary import EffectSummary, Summary, as_json
 
@@ -47,7 +47,7 @@ def test_summary_holds_what_entered(case):
 def test_numbers_are_those_of_the_model():
     """Of a term its parameters and what was chosen of its shape; of a delay of the whole robot one number."""
     result = identified("stribeck_friction")
-    (entry,) = as_json(find_findings(result).summary)["complete"]["effects"]
+    (entry,) = as_json(report_data(result).summary)["complete"]["effects"]
     assert list(entry["parameters"]) == ["Fk2", "Fs2", "speed2"]
     names = [parameter.name for parameter in result.model.parameters]
     for name in ("Fk2", "Fs2"):
@@ -58,7 +58,7 @@ def test_numbers_are_those_of_the_model():
     speed = result.completion.effects[0].source.speed[0]
     assert entry["parameters"]["speed2"] == {"value": speed, "sd": None, "unit": "rad/s"}
     late = identified("delay")
-    (entry,) = as_json(find_findings(late).summary)["complete"]["effects"]
+    (entry,) = as_json(report_data(late).summary)["complete"]["effects"]
     (entered,) = late.completion.effects
     expected = {"value": entered.source.lag[0], "sd": entered.number_sd[0], "unit": "s"}
     assert list(entry["parameters"].values()) == [expected]
@@ -66,7 +66,7 @@ def test_numbers_are_those_of_the_model():
 
 def test_summaries_come_back(case):
     result, folder = case
-    summary = find_findings(result).summary
+    summary = report_data(result).summary
     back = read_json(folder / "summary.json", Summary, "again")
     assert back == summary
     assert all(isinstance(effect, EffectSummary) for effect in back.complete.effects)

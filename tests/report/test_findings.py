@@ -12,9 +12,9 @@ from bayesid.errors import InputError
 from bayesid.identification.pipeline import identify
 from bayesid.log.log import join_logs
 from bayesid.posterior.sampler import Sampling
-from bayesid.regression.knowledge import Beliefs
+from bayesid.regression.knowledge import ParameterPrior
 from bayesid.report import findings as findings_module
-from bayesid.report.findings import FILE, find_findings, read_findings, write_findings
+from bayesid.report.findings import FILE, read_report_data, report_data, write_findings
 from bayesid.report.folders import save_identification
 from bayesid.report.summary import as_json
 from bayesid.report.tuning import TUNING
@@ -59,10 +59,10 @@ def half_signed(logs):
 
 @pytest.fixture(scope="module")
 def sampled(logs):
-    beliefs = Beliefs(nominal={"m1": (9.0, 1.0), "J2xy": (0.01, 0.3)})
+    prior = ParameterPrior(nominal={"m1": (9.0, 1.0), "J2xy": (0.01, 0.3)})
     sampling = Sampling(seed=5)
     search = Certified()
-    return identify(ROBOT, logs[0], search=search, posterior=sampling, beliefs=beliefs, complete="off")
+    return identify(ROBOT, logs[0], search=search, posterior=sampling, prior=prior, complete="off")
 
 
 @pytest.fixture(scope="module")
@@ -103,13 +103,13 @@ def kept(findings, folder):
     """Written into a folder and read back."""
     (folder / "summary.json").write_text(json.dumps(as_json(findings.summary)))
     write_findings(findings, folder / FILE)
-    return read_findings(folder)
+    return read_report_data(folder)
 
 
 def test_a_folder_holds_the_same(any_of_them, tmp_path):
-    found = find_findings(any_of_them)
+    found = report_data(any_of_them)
     folder = save_identification(any_of_them, tmp_path / "result", report=False)
-    back = read_findings(folder)
+    back = read_report_data(folder)
     same(found, back)
     assert (found.folder, back.folder) == ("", str(folder))
     assert (found.draws is None) == (any_of_them.posterior is None)
@@ -121,7 +121,7 @@ def test_a_folder_holds_the_same(any_of_them, tmp_path):
 
 def test_samples_are_the_log_and_the_model(any_of_them):
     """The residual by |recorded| and the model alone: the sign of an effort is that of its likelier side."""
-    samples, signals = find_findings(any_of_them).samples, any_of_them.signals
+    samples, signals = report_data(any_of_them).samples, any_of_them.signals
     n, effort = any_of_them.model.robot.n_joints, signals.raw_effort
     predicted = any_of_them.model.columns(signals.motion) @ any_of_them.theta
     np.testing.assert_allclose(samples.predicted, predicted, rtol=1e-9, atol=1e-9 * np.abs(predicted).max())
@@ -138,7 +138,7 @@ def test_samples_are_the_log_and_the_model(any_of_them):
 
 def test_position_and_velocity_are_of_the_motors(coupled):
     """q_m = T q over each motor's own gear, by the transmission that was given."""
-    samples, motion = find_findings(coupled).samples, coupled.signals.motion
+    samples, motion = report_data(coupled).samples, coupled.signals.motion
     (q1, q2), (dq1, dq2) = motion.q.T, motion.dq.T
     np.testing.assert_allclose(samples.position.T, [q1 + 3 / 40 * q2, q2 - 7 / 60 * q1], rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(samples.velocity.T, [dq1 + 3 / 40 * dq2, dq2 - 7 / 60 * dq1], rtol=1e-9, atol=1e-12)
@@ -146,7 +146,7 @@ def test_position_and_velocity_are_of_the_motors(coupled):
 
 def test_segments_are_those_of_the_table(any_of_them, tmp_path):
     """A segment ends where the next one begins, one sample after its last; none reaches over a pause between logs."""
-    found, period = find_findings(any_of_them).segments, 1.0 / any_of_them.signals.rate
+    found, period = report_data(any_of_them).segments, 1.0 / any_of_them.signals.rate
     rows = bayesid.report.folders.segment_rows(any_of_them)
     t = any_of_them.signals.motion.t - any_of_them.signals.motion.origin
     assert len(rows) == len(found.joint)
@@ -166,7 +166,7 @@ def test_segments_are_those_of_the_table(any_of_them, tmp_path):
 
 def test_the_autocorrelation_by_brute_force(pooled):
     """Over pairs of samples that are both in motion, about zero."""
-    found = find_findings(pooled)
+    found = report_data(pooled)
     residual, used = found.samples.residual, found.samples.used
     assert found.correlation.lag[:3] == pytest.approx([0.0, 1.0 / pooled.signals.rate, 2.0 / pooled.signals.rate])
     assert found.correlation.value.shape == (2, int(0.5 * pooled.signals.rate))
@@ -185,7 +185,7 @@ def test_the_autocorrelation_by_brute_force(pooled):
 
 def test_draws_come_in_the_order_of_sweeps(sampled):
     """All walkers of an ensemble's first sweep first."""
-    found, draws = find_findings(sampled).draws, sampled.posterior.uncertain
+    found, draws = report_data(sampled).draws, sampled.posterior.uncertain
     sweeps, ensembles, walkers, r = draws.beta.shape
     assert (found.shape[0], found.shape[2]) == (ensembles, r)
     np.testing.assert_array_equal(found[:, -walkers:], draws.beta[-1])  # the last sweep is kept
@@ -202,7 +202,7 @@ def test_what_differs_in_other_assignments(half_signed):
     decided[1, 4] = False
     costs = search.cost + np.array([0.0, 2.5, 4.25])
     branches = tuple(Branch(one, search.theta, cost, search.cost) for one, cost in zip(signs, costs, strict=True))
-    found = find_findings(replace(half_signed, search=replace(search, branches=branches, decided=decided))).alternatives
+    found = report_data(replace(half_signed, search=replace(search, branches=branches, decided=decided))).alternatives
     np.testing.assert_allclose(found.cost - found.cost[0], [0.0, 2.5, 4.25])
     np.testing.assert_array_equal(found.branch, [1, 2, 2, 2])
     different = [1, 0, 2, 3]
@@ -214,9 +214,9 @@ def test_what_differs_in_other_assignments(half_signed):
 
 
 def test_long_logs_are_thinned(half_signed, monkeypatch, tmp_path):
-    whole, validation = find_findings(half_signed), half_signed.validate(half_signed.log)
+    whole, validation = report_data(half_signed), half_signed.validate(half_signed.log)
     monkeypatch.setattr(findings_module, "TUNING", replace(TUNING, samples=100))
-    thin = find_findings(half_signed).with_validation(validation)
+    thin = report_data(half_signed).with_validation(validation)
     count = len(whole.samples.t)
     assert thin.samples.every == round(count / 100) == 5
     assert len(thin.samples.t) == len(thin.prediction.t) == 100
@@ -231,7 +231,7 @@ def test_long_logs_are_thinned(half_signed, monkeypatch, tmp_path):
     same(other, kept(other, tmp_path))
     with np.load(tmp_path / FILE) as file:  # an earlier version did not say whether the model had seen the log
         np.savez(tmp_path / "findings", **{key: file[key] for key in file.files if key != "prediction.seen"})
-    same(other, read_findings(tmp_path))
+    same(other, read_report_data(tmp_path))
 
 
 def test_what_is_scattered_is_in_motion_and_even():
@@ -302,7 +302,7 @@ def test_what_is_no_findings_is_refused_in_one_line(tmp_path):
         else:
             (tmp_path / name).write_bytes(damaged)
         with pytest.raises(InputError) as caught:
-            read_findings(tmp_path)
+            read_report_data(tmp_path)
         line = str(caught.value)
         assert "\n" not in line
         assert line.startswith(str(tmp_path))

@@ -13,7 +13,7 @@ import bayesid
 from bayesid.cli import main
 from bayesid.errors import InputError
 from bayesid.report import folders
-from bayesid.report.findings import read_findings
+from bayesid.report.findings import read_report_data
 from bayesid.report.folders import (
     IncompleteWarning,
     check_result_folder,
@@ -97,13 +97,13 @@ def test_a_log_that_was_seen_takes_no_validations_place(result, tmp_path):
     """It may stand there, marked, until there is a validation."""
     place, again = save(result, tmp_path / "r"), result.validate(result.log)
     make_report(place, again)
-    assert read_findings(place).prediction.seen
+    assert read_report_data(place).prediction.seen
     make_report(place, validated())
     before = contents(place)
     with pytest.raises(InputError, match="was identified from"):
         make_report(place, again)
     assert contents(place) == before
-    assert not read_findings(place).prediction.seen
+    assert not read_report_data(place).prediction.seen
 
 
 @pytest.mark.parametrize("fault", [OSError(28, "No space left on device"), KeyboardInterrupt()], ids=repr)

@@ -10,7 +10,7 @@ from scipy import linalg, stats
 from bayesid.log.reading import read_log
 from bayesid.log.signals import prepare
 from bayesid.motion import Motion
-from bayesid.report.findings import read_findings
+from bayesid.report.findings import read_report_data
 from bayesid.report.folders import inference_data, parameter_rows, save_identification, save_validation
 
 
@@ -28,7 +28,7 @@ def test_a_result_folder_holds_what_is_promised(folder):
     assert set(contents(folder)) == PROMISED | {"report.html"}
     assert [path for path in folder.parent.iterdir() if path != folder] == []
     assert folder.stat().st_mode & 0o777 == 0o755
-    assert read_findings(folder).prediction is None
+    assert read_report_data(folder).prediction is None
 
 
 def test_the_summary_has_the_promised_keys(result, folder):

@@ -7,7 +7,7 @@ import numpy as np
 
 from bayesid.monitor.changes import Alarm, ChangeTest, Sums
 from bayesid.monitor.replay import Agreement, Replay, StreamFigures, UpdateTimes
-from bayesid.monitor.tracker import Counts, Tracked
+from bayesid.monitor.tracker import Counts, TrackedSample
 from bayesid.report.plot.stream import stream_figure
 from bayesid.report.stream import alarm_line, count_line, stream_conclusion, track_lines, track_rows
 
@@ -61,7 +61,7 @@ def test_an_external_torque_is_told_as_the_test_of_a_contact_takes_it():
     ratios = np.array([[np.nan, 0.2], [0.5, 9.0], [1.64, 0.3], [0.9, 0.4], [0.3, 1.2], [0.2, -1.1], [0.1, np.nan]])
     limit = np.array([20.0, 4.0])
     nothing, nobody = np.zeros(2), np.full(2, np.nan)
-    now = Tracked(0.0, *[nothing] * 6, nobody, limit, ("moving",) * 2, (), (), *[nothing] * 3)
+    now = TrackedSample(0.0, *[nothing] * 6, nobody, limit, ("moving",) * 2, (), (), *[nothing] * 3)
     of_stream = StreamFigures.of_joints(2)
     assert [row[-1] for row in track_rows(of_stream, None)] == ["-", "-"]
     for ratio in ratios:

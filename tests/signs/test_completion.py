@@ -8,11 +8,11 @@ from completion_problems import BASE, LAG, LOAD, STRIBECK, THETA, identified, id
 
 from bayesid.errors import InputError
 from bayesid.identification import sampling
-from bayesid.log.segments import Cutting, find_segments
+from bayesid.log.segments import Segmentation, find_segments
 from bayesid.log.signals import prepare
 from bayesid.posterior.inference import widened
 from bayesid.posterior.sampler import Sampling
-from bayesid.regression.knowledge import Beliefs, KinematicTolerance
+from bayesid.regression.knowledge import KinematicTolerance, ParameterPrior
 from bayesid.signs.averaging import AveragedSigns
 from bayesid.signs.completion import Completing, complete
 from bayesid.signs.search.certified import Certified
@@ -98,9 +98,9 @@ def test_an_unknown_way_to_complete_is_refused():
 
 def test_signs_are_as_sure_as_without_what_is_summed_out():
     """A geometry that may be far off makes coefficients uncertain, not the efforts of the log they were fitted to."""
-    few, wide = Sampling(budget=0.0), Beliefs(kinematics=KinematicTolerance(length=0.02, angle=0.03))
+    few, wide = Sampling(budget=0.0), ParameterPrior(kinematics=KinematicTolerance(length=0.02, angle=0.03))
     off = identify(posterior=few, complete="off")
-    only = identify(posterior=few, complete="only-uncertainty", beliefs=wide)
+    only = identify(posterior=few, complete="only-uncertainty", prior=wide)
     assert (only.sd / off.sd).max() > 2.0
     np.testing.assert_array_equal(only.theta, off.theta)  # no estimate moves
     np.testing.assert_allclose(only.validate(log_with("")).rms_error, off.validate(log_with("")).rms_error)
@@ -113,8 +113,8 @@ def test_signs_are_as_sure_as_without_what_is_summed_out():
 def test_an_effect_enters_only_if_every_assignment_that_nothing_excludes_bears_it_out():
     """The same log and search, but one of two has the second joint's other side on its list."""
     signals = prepare(log_with("stribeck_friction"))
-    segments = find_segments(signals, BASE.robot.actuators(signals.motion), Cutting())
-    search, how = Certified(budget=2.0), Completing(True, KinematicTolerance(), Cutting())
+    segments = find_segments(signals, BASE.robot.actuators(signals.motion), Segmentation())
+    search, how = Certified(budget=2.0), Completing(True, KinematicTolerance(), Segmentation())
     settled = settle_signs(BASE, signals, segments, search)
     plain = complete(AveragedSigns.alone(settled), segments, search, how)
     assert found(plain) == {("stribeck_friction", (2,))}

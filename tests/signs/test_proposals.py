@@ -8,7 +8,7 @@ import pytest
 from completion_problems import BASE, RIPPLE, identified, log_with, true_signs
 
 from bayesid.effects.catalogue import make_effect
-from bayesid.log.segments import Cutting, find_segments
+from bayesid.log.segments import Segmentation, find_segments
 from bayesid.log.signals import prepare
 from bayesid.regression.selection.wanted import SignedLog
 from bayesid.signs.proposals import InTurn, PoorJoint, propose
@@ -20,7 +20,7 @@ from bayesid.signs.settling import settle_signs
 def searched():
     """Segments and log, under the standard terms, two fifths of the second joint's signs wrong."""
     signals = prepare(log_with("torque_ripple"))
-    segments = find_segments(signals, BASE.robot.actuators(signals.motion), Cutting())
+    segments = find_segments(signals, BASE.robot.actuators(signals.motion), Segmentation())
     settled = settle_signs(BASE, signals, segments, Certified(budget=2.0))
     return settled.signs.segments, SignedLog.of(settled.evidence, settled.fit, settled.probability)
 

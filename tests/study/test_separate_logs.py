@@ -13,7 +13,7 @@ from bayesid.robot import robot_from_table
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters
 from bayesid.simulation.trajectories import random_trajectory
-from bayesid.study.separate_logs import identify_separately
+from bayesid.study.separate_logs import identify_each
 
 TERMS = ("rigid_body", "viscous_friction", "coulomb_friction")
 OPTIONS = {"terms": TERMS, "search": bayesid.Certified(), "posterior": False, "complete": "off"}
@@ -47,7 +47,7 @@ def week(tmp_path_factory):
 def separate(week, tmp_path_factory):
     """All three logs, in this process: where the results stand, and what they are."""
     out = tmp_path_factory.mktemp("separate") / "out"
-    return out, identify_separately(week / "arm.toml", sorted(week.glob("*.csv")), out, workers=0, **OPTIONS)
+    return out, identify_each(week / "arm.toml", sorted(week.glob("*.csv")), out, workers=0, **OPTIONS)
 
 
 def test_each_result_is_that_of_its_log_alone(week, separate):
@@ -76,7 +76,7 @@ def test_workers_give_the_same_and_a_table_of_the_robot_will_do(week, separate, 
     joints = [{"a": 0.0, "alpha": np.pi / 2, "d": 0.4, "theta": 0.0}, {"a": 0.35, "alpha": 0.0, "d": 0.0, "theta": 0.0}]
     robot = robot_from_table({"name": "arm", "convention": "standard", "joints": joints}, "arm")
     logs = [week / "mon.csv", week / "tue.csv"]
-    by_workers = identify_separately(robot, logs, tmp_path / "out", workers=2, **OPTIONS)
+    by_workers = identify_each(robot, logs, tmp_path / "out", workers=2, **OPTIONS)
     for here, there in zip(separate[1].runs, by_workers.runs, strict=False):
         assert not there.error
         assert [row["mean"] for row in here.coefficients] == [row["mean"] for row in there.coefficients]
@@ -104,7 +104,7 @@ def test_nothing_of_others_is_replaced(week, tmp_path, theirs):
     place.parent.mkdir(parents=True, exist_ok=True)
     place.write_bytes(log.read_bytes())
     with pytest.raises(bayesid.InputError):
-        identify_separately(
+        identify_each(
             week / "arm.toml", [place if place.name == log.name else log], tmp_path / "out", workers=0, **OPTIONS
         )
     assert place.read_bytes() == log.read_bytes()
@@ -123,8 +123,8 @@ def test_logs_of_one_name_get_folders_of_their_own(week, tmp_path):
         (tmp_path / name).mkdir()
         (tmp_path / name / "log.csv").write_text((week / "mon.csv").read_text())
     logs = [tmp_path / "a" / "log.csv", tmp_path / "b" / "log.csv"]
-    result = identify_separately(week / "arm.toml", logs, tmp_path / "out", workers=0, **OPTIONS)
+    result = identify_each(week / "arm.toml", logs, tmp_path / "out", workers=0, **OPTIONS)
     assert [run.folder.name for run in result.runs] == ["a-log", "b-log"]
     for wrong, says in (([logs[0], logs[0]], "name"), (["-"], "is a stream")):
         with pytest.raises(bayesid.InputError, match=says):
-            identify_separately(week / "arm.toml", wrong, tmp_path / "more", workers=0, **OPTIONS)
+            identify_each(week / "arm.toml", wrong, tmp_path / "more", workers=0, **OPTIONS)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 import numpy as np
 from markupsafe import Markup
 
-from bayesid.discrepancy.comparison import ALL_ALONG, CHANGED, LogComparison
+from bayesid.discrepancy.comparison import ALL_ALONG, CHANGED, ChangeReport
 from bayesid.discrepancy.selection import GROWN, HELD_BACK, ON_LOG
 from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.effects.catalogue import forms
@@ -290,7 +290,7 @@ def _name(hypothesis: Hypothesis) -> str:
 
 
 @one_at_a_time
-def comparison_page(comparison: LogComparison) -> str:
+def comparison_page(comparison: ChangeReport) -> str:
     """The report of several logs, in HTML: opens in a browser from anywhere, light or dark, and prints."""
     last, logs = comparison.found[-1], log_names(comparison)
     robot = comparison.earlier.model.robot.name
@@ -307,7 +307,7 @@ def comparison_page(comparison: LogComparison) -> str:
     )
 
 
-def _changes(comparison: LogComparison) -> html.Section:
+def _changes(comparison: ChangeReport) -> html.Section:
     lists = [
         (SECTIONS[which], lines)
         for which, lines in told_columns(comparison).items()
@@ -328,7 +328,7 @@ def _changes(comparison: LogComparison) -> html.Section:
     return html.section("changes", "What changed, what was missing all along", said, *more)
 
 
-def _timeline(comparison: LogComparison) -> html.Section:
+def _timeline(comparison: ChangeReport) -> html.Section:
     moved, rule, line = moved_parameters(comparison), timeline_rule(comparison), comparison.timeline
     rows = [
         (
@@ -362,7 +362,7 @@ def _timeline(comparison: LogComparison) -> html.Section:
     )
 
 
-def _timeline_picture(comparison: LogComparison, texts: Sequence[str]) -> html.Picture:
+def _timeline_picture(comparison: ChangeReport, texts: Sequence[str]) -> html.Picture:
     over = "days since the first log" if by_date(comparison) else "the logs in their order"
     few = len(texts) - TUNING.moved
     caption = (

@@ -15,7 +15,7 @@ from bayesid.parallel import one_at_a_time
 from bayesid.progress import SILENT, Progress
 from bayesid.report import commands
 from bayesid.report.conclusion import conclude
-from bayesid.report.findings import Alternatives, Findings, SegmentTable, find_findings
+from bayesid.report.findings import Alternatives, ReportData, SegmentTable, report_data
 from bayesid.report.pages import rendering as html
 from bayesid.report.plot.drawing import draw, svg_of
 from bayesid.report.plot.figure import WIDE, Figure, Panel
@@ -61,7 +61,7 @@ _SHOWS = {
 
 
 @one_at_a_time
-def identification_page(findings: Findings, progress: Progress = SILENT) -> str:
+def identification_page(findings: ReportData, progress: Progress = SILENT) -> str:
     """The report of an identification, in HTML: opens in a browser from anywhere, light or dark, and prints.
 
     Args:
@@ -88,7 +88,7 @@ def identification_page(findings: Findings, progress: Progress = SILENT) -> str:
     )
 
 
-def _lead(findings: Findings) -> str:
+def _lead(findings: ReportData) -> str:
     summary, share = findings.summary, np.array(findings.summary.fit.relative_residual, dtype=float)
     n, hidden = findings.n_joints, summary.hidden_joints
     known = int((findings.coefficients.relative_sd < TUNING.well_known).sum())
@@ -105,7 +105,7 @@ def _lead(findings: Findings) -> str:
     )
 
 
-def _about(findings: Findings) -> list[tuple[str, str]]:
+def _about(findings: ReportData) -> list[tuple[str, str]]:
     summary = findings.summary
     return [
         ("Robot", summary.robot),
@@ -116,7 +116,7 @@ def _about(findings: Findings) -> list[tuple[str, str]]:
     ]
 
 
-def _torques(findings: Findings) -> list[Markup]:
+def _torques(findings: ReportData) -> list[Markup]:
     every = findings.samples.every
     bands = (
         "A blue band is a segment whose sign is plus, an orange one minus; the paler, the less sure. Hatched bands and "
@@ -129,7 +129,7 @@ def _torques(findings: Findings) -> list[Markup]:
     return [html.paragraph(f"The efforts as they were recorded{said}{thinned}", note=True), drawn]
 
 
-def _over_time(findings: Findings, panel: Callable[[Findings, int, int], Panel], group: str, shows: str) -> Markup:
+def _over_time(findings: ReportData, panel: Callable[[ReportData, int, int], Panel], group: str, shows: str) -> Markup:
     """A group of figures, one a joint; the legend above the first one is that of all."""
     pictures = []
     for joint in range(1, findings.n_joints + 1):
@@ -139,7 +139,7 @@ def _over_time(findings: Findings, panel: Callable[[Findings, int, int], Panel],
     return html.figures(pictures, linked=True)
 
 
-def _doubts(findings: Findings) -> list[Markup]:
+def _doubts(findings: ReportData) -> list[Markup]:
     segments, size = findings.segments, findings.segment_size
     doubtful = np.flatnonzero(segments.ambiguous & segments.moving)
     largest = doubtful[np.argsort(-size[doubtful], kind="stable")][: TUNING.doubts]
@@ -168,13 +168,13 @@ def _link(of: SegmentTable | Alternatives, k: int, text: str) -> Markup:
     return link.format(int(of.joint[k]) + 1, float(of.start[k]), float(of.end[k]), text)
 
 
-def _effects(findings: Findings) -> list[Markup]:
+def _effects(findings: ReportData) -> list[Markup]:
     rows = effect_rows(findings.summary)
     caption = "Effects that evidence and held-back blocks of the log bear out, given all the others."
     return [html.table(caption, list(map(upper, EFFECT_HEADINGS)), rows)] if rows else []
 
 
-def _gains(findings: Findings) -> list[Markup]:
+def _gains(findings: ReportData) -> list[Markup]:
     rows = gain_rows(findings.summary)
     caption = (
         "Gains as the log leaves them. Data decide a ratio to all other gains where they leave at most a tenth of the "
@@ -183,7 +183,7 @@ def _gains(findings: Findings) -> list[Markup]:
     return [html.table(caption, list(map(upper, GAIN_HEADINGS)), rows)] if rows else []
 
 
-def _constraints(findings: Findings) -> list[Markup]:
+def _constraints(findings: ReportData) -> list[Markup]:
     rows = constraint_rows(findings.summary)
     caption = (
         "Constraints that were stated. Price: by how much the log is likelier without it, the others kept; above "
@@ -193,7 +193,7 @@ def _constraints(findings: Findings) -> list[Markup]:
     return [html.table(caption, list(map(upper, CONSTRAINT_HEADINGS)), rows)] if rows else []
 
 
-def _coefficients(findings: Findings) -> list[Markup]:
+def _coefficients(findings: ReportData) -> list[Markup]:
     found = findings.coefficients
     nominal = bool(np.isfinite(found.nominal).any())
     rows = []
@@ -255,7 +255,7 @@ def _bar(mean: float, low: float, high: float, nominal: float) -> Markup:
     )
 
 
-def _posterior(findings: Findings) -> list[Markup]:
+def _posterior(findings: ReportData) -> list[Markup]:
     posterior = findings.summary.posterior
     if findings.draws is None or posterior is None:
         return [html.paragraph("No posterior was sampled.")]
@@ -276,7 +276,7 @@ def _posterior(findings: Findings) -> list[Markup]:
     return [html.paragraph(note, note=True), html.figures(pictures)]
 
 
-def _residuals(findings: Findings) -> list[Markup]:
+def _residuals(findings: ReportData) -> list[Markup]:
     note = (
         "Recorded effort, with its sign, less the model's. Blue points are samples, thinned; orange lines are means "
         "with twice their standard errors: where they leave zero, the model lacks something. The autocorrelation of "
@@ -291,7 +291,7 @@ def _residuals(findings: Findings) -> list[Markup]:
     return [html.paragraph(note, note=True), html.figures(pictures)]
 
 
-def _proof(findings: Findings) -> list[Markup]:
+def _proof(findings: ReportData) -> list[Markup]:
     search, count = findings.summary.search, len(findings.alternatives.cost)
     if not findings.summary.hidden_joints:
         return []
@@ -309,7 +309,7 @@ def _proof(findings: Findings) -> list[Markup]:
     return parts
 
 
-def _others(findings: Findings) -> Iterator[tuple[str, ...]]:
+def _others(findings: ReportData) -> Iterator[tuple[str, ...]]:
     """The cheapest other assignments."""
     found = findings.alternatives
     for b in range(1, min(len(found.cost), TUNING.assignments + 1)):
@@ -324,7 +324,7 @@ def _others(findings: Findings) -> Iterator[tuple[str, ...]]:
         )
 
 
-def _validation(findings: Findings) -> list[Markup]:
+def _validation(findings: ReportData) -> list[Markup]:
     prediction = findings.prediction
     if prediction is None:
         untried = f"This model has not been tried on a log that it has not seen: {commands.validate(findings)}"
@@ -342,7 +342,7 @@ def _validation(findings: Findings) -> list[Markup]:
     return [*([seen] if prediction.seen else []), told, drawn]
 
 
-def _run(findings: Findings) -> list[Markup]:
+def _run(findings: ReportData) -> list[Markup]:
     run = findings.summary.provenance
     options = {name: value if isinstance(value, str) else json.dumps(value) for name, value in run.options.items()}
     named = [
@@ -360,7 +360,7 @@ def _run(findings: Findings) -> list[Markup]:
     return [html.table(caption, ["What", "Value"], rows)]
 
 
-_PARTS: Mapping[tuple[str, str], Callable[[Findings], list[Markup]]] = {
+_PARTS: Mapping[tuple[str, str], Callable[[ReportData], list[Markup]]] = {
     ("torques", "Efforts and signs"): _torques,
     ("doubts", "Ambiguous segments"): _doubts,
     ("effects", "Beyond the terms asked for"): _effects,
@@ -379,7 +379,7 @@ _PARTS: Mapping[tuple[str, str], Callable[[Findings], list[Markup]]] = {
 @one_at_a_time
 def identification_view(identification: Identification) -> str:
     """What its text says, the checks, and the efforts of the joint that fits worst; HTML without a script."""
-    findings = find_findings(identification)
+    findings = report_data(identification)
     joint = int(identification.fit.relative_residual.argmax()) + 1
     (ax,) = draw(Figure([[torque_panel(findings, joint)]], 3.0, WIDE, key=True))
     return html.fragment(

@@ -8,7 +8,7 @@ import numpy as np
 
 from bayesid.arrays import Array
 from bayesid.discrepancy.case import variables
-from bayesid.discrepancy.comparison import LogComparison
+from bayesid.discrepancy.comparison import ChangeReport
 from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.identification.prediction import NORMAL_95
 from bayesid.regression.selection.added_effect import AddedEffect
@@ -125,7 +125,7 @@ def learned_figure(added: AddedEffect, unit: str) -> fig.Figure:
 # ---------------------------------------------------------------------------------------------------------------
 # Several logs
 # ---------------------------------------------------------------------------------------------------------------
-def timeline_figure(comparison: LogComparison) -> fig.Figure:
+def timeline_figure(comparison: ChangeReport) -> fig.Figure:
     """Each parameter that moved, with 95 % intervals, over days since the first log or, without dates, its logs' order.
 
     Those that moved most come first. The last panel has the changes of all others in their standard deviations.
@@ -154,13 +154,13 @@ def timeline_figure(comparison: LogComparison) -> fig.Figure:
     return fig.Figure(grid, 1.75 * len(grid) + 0.3, x_name=x_name)
 
 
-def by_date(comparison: LogComparison) -> bool:
+def by_date(comparison: ChangeReport) -> bool:
     """Whether the logs stand at their dates: these are known, in the order of the logs, and not all the same."""
     dates = comparison.dates
     return dates.known and dates.ascending and bool(dates.days[-1] > 0.0)
 
 
-def instants(comparison: LogComparison) -> Array:
+def instants(comparison: ChangeReport) -> Array:
     """(K,) where the logs stand: days since the first, or 1, 2, .."""
     return comparison.dates.days if by_date(comparison) else np.arange(1.0, len(comparison.logs) + 1.0)
 

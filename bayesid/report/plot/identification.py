@@ -11,7 +11,7 @@ import numpy as np
 
 from bayesid.arrays import Array
 from bayesid.identification.identification import Identification
-from bayesid.report.findings import Findings, find_findings, read_findings
+from bayesid.report.findings import ReportData, read_report_data, report_data
 from bayesid.report.plot import figure as fig
 from bayesid.report.plot.drawing import chosen_joints, draw
 from bayesid.report.tuning import TUNING
@@ -19,26 +19,26 @@ from bayesid.report.tuning import TUNING
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Source = Identification | Findings | str | Path
+Source = Identification | ReportData | str | Path
 """An identification, its findings, or its result folder."""
 VARIABLES = ("t", "velocity", "position")
 """Over which a residual can be drawn; names as in `bayesid.report.findings.Samples`."""
 
 
-def findings_of(result: Source) -> Findings:
+def findings_of(result: Source) -> ReportData:
     """What there is to draw.
 
     Raises:
         InputError: a folder holds no result.
     """
-    if isinstance(result, Findings):
+    if isinstance(result, ReportData):
         return result
-    return find_findings(result) if isinstance(result, Identification) else read_findings(result)
+    return report_data(result) if isinstance(result, Identification) else read_report_data(result)
 
 
 def _joint_by_joint(
-    findings: Findings,
-    panel: Callable[[Findings, int], fig.Panel],
+    findings: ReportData,
+    panel: Callable[[ReportData, int], fig.Panel],
     joints: Sequence[int] | None,
     axes: Any,
     **look: Any,
@@ -64,7 +64,7 @@ def torques(result: Source, joints: Sequence[int] | None = None, axes: Any = Non
     return _joint_by_joint(findings_of(result), torque_panel, joints, axes, height=2.6, width=fig.WIDE, key=key)
 
 
-def torque_panel(findings: Findings, joint: int, most: int = TUNING.curve) -> fig.Panel:
+def torque_panel(findings: ReportData, joint: int, most: int = TUNING.curve) -> fig.Panel:
     """Of `torques`, for a joint from 1; curves of at most about so many points each."""
     samples, j = findings.samples, joint - 1
     hidden = joint not in findings.summary.signed_joints
@@ -85,7 +85,7 @@ def validation(result: Source, joints: Sequence[int] | None = None, axes: Any = 
     return _joint_by_joint(findings, validation_panel, joints, axes, height=2.6, width=fig.WIDE, key=key)
 
 
-def validation_panel(findings: Findings, joint: int, most: int = TUNING.curve) -> fig.Panel:
+def validation_panel(findings: ReportData, joint: int, most: int = TUNING.curve) -> fig.Panel:
     """Of `validation`, for a joint from 1; curves of at most about so many points each."""
     prediction, j = findings.prediction, joint - 1
     assert prediction is not None
@@ -99,12 +99,12 @@ def validation_panel(findings: Findings, joint: int, most: int = TUNING.curve) -
     return _over_time(findings, joint, prediction.t, marks)
 
 
-def _over_time(findings: Findings, joint: int, t: Array, marks: Sequence[fig.Mark]) -> fig.Panel:
+def _over_time(findings: ReportData, joint: int, t: Array, marks: Sequence[fig.Mark]) -> fig.Panel:
     y_name = f"joint {joint}: effort, {findings.effort_unit[joint - 1]}"
     return fig.Panel(marks, "time, s", y_name, x_limits=(float(t[0]), float(t[-1])))
 
 
-def _signs(findings: Findings, j: int) -> list[fig.Boxes]:
+def _signs(findings: ReportData, j: int) -> list[fig.Boxes]:
     """Behind the curves, a box for each segment with its sign above."""
     table = findings.segments
     boxes = []
@@ -140,7 +140,7 @@ def residuals(result: Source, variable: str = "t", joints: Sequence[int] | None 
     return _joint_by_joint(findings_of(result), partial(residual_panel, variable=variable), joints, axes)
 
 
-def residual_panel(findings: Findings, joint: int, variable: str, most: int = TUNING.scatter) -> fig.Panel:
+def residual_panel(findings: ReportData, joint: int, variable: str, most: int = TUNING.scatter) -> fig.Panel:
     """Of `residuals`, for a joint from 1; at most so many dots."""
     centre, mean, error = findings.trend(joint - 1, variable)
     position = findings.position_unit[joint - 1]
@@ -158,7 +158,7 @@ def autocorrelation(result: Source, joints: Sequence[int] | None = None, axes: A
     return _joint_by_joint(findings_of(result), autocorrelation_panel, joints, axes)
 
 
-def autocorrelation_panel(findings: Findings, joint: int) -> fig.Panel:
+def autocorrelation_panel(findings: ReportData, joint: int) -> fig.Panel:
     """Of `autocorrelation`, for a joint from 1."""
     table = findings.correlation
     bound = float(table.bound[joint - 1])
@@ -206,7 +206,7 @@ def alternatives(result: Source, ax: Axes | None = None) -> Axes:
     return draw(alternatives_figure(findings_of(result)), ax)[0]
 
 
-def alternatives_figure(findings: Findings) -> fig.Figure:
+def alternatives_figure(findings: ReportData) -> fig.Figure:
     """Of `alternatives`."""
     search = findings.summary.search
     if search.lower_bound is None or search.cost is None:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bayesid.arrays import Array, Integers
-from bayesid.report.findings import Findings
+from bayesid.report.findings import ReportData
 from bayesid.report.plot import figure as fig
 from bayesid.report.plot.drawing import draw
 from bayesid.report.plot.identification import Source, findings_of
@@ -31,7 +31,7 @@ def forest(result: Source, count: int = 12, ax: Axes | None = None) -> Axes:
     return draw(forest_figure(findings_of(result), count), ax)[0]
 
 
-def forest_figure(findings: Findings, count: int) -> fig.Figure:
+def forest_figure(findings: ReportData, count: int) -> fig.Figure:
     """Of `forest`."""
     chosen = findings.worst(count)
     quantiles = np.quantile(_values(findings, chosen), (0.025, 0.25, 0.5, 0.75, 0.975), axis=1)
@@ -58,7 +58,7 @@ def pair(result: Source, count: int = 3, axes: Any = None) -> list[Axes]:
     return draw(pair_figure(findings_of(result), count), axes)
 
 
-def pair_figure(findings: Findings, count: int) -> fig.Figure:
+def pair_figure(findings: ReportData, count: int) -> fig.Figure:
     """Of `pair`."""
     chosen = findings.worst(count)
     if len(chosen) < 2:
@@ -80,7 +80,7 @@ def trace(result: Source, count: int = 4, axes: Any = None) -> list[Axes]:
     return draw(trace_figure(findings_of(result), count), axes)
 
 
-def trace_figure(findings: Findings, count: int) -> fig.Figure:
+def trace_figure(findings: ReportData, count: int) -> fig.Figure:
     """Of `trace`."""
     chosen = findings.worst(count)
     names, values = _names(findings, chosen), _values(findings, chosen)
@@ -105,7 +105,7 @@ def rank(result: Source, count: int = 4, axes: Any = None) -> list[Axes]:
     return draw(rank_figure(findings_of(result), count), axes)
 
 
-def rank_figure(findings: Findings, count: int) -> fig.Figure:
+def rank_figure(findings: ReportData, count: int) -> fig.Figure:
     """Of `rank`."""
     chosen = findings.worst(count)
     values = _values(findings, chosen)
@@ -134,12 +134,12 @@ def _ranks(draws: Array, name: str) -> fig.Panel:
     return fig.Panel(marks, "rank among all draws", "ensemble", name, y_ticks=fig.NO_TICKS)
 
 
-def _values(findings: Findings, chosen: Integers) -> Array:
+def _values(findings: ReportData, chosen: Integers) -> Array:
     """(E, D, K) draws of K coefficients."""
     if findings.draws is None:
         raise ValueError("no posterior was sampled")
     return findings.standardised(chosen)
 
 
-def _names(findings: Findings, chosen: Integers) -> list[str]:
+def _names(findings: ReportData, chosen: Integers) -> list[str]:
     return [findings.coefficients.name[k] for k in chosen]

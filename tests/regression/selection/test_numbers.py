@@ -12,7 +12,7 @@ from completion_problems import BASE, LAG, MOTION, THETA, TOP, identified, log_w
 from bayesid.effects.catalogue import make_effect
 from bayesid.effects.coefficients import base_coefficients
 from bayesid.effects.drive import Delay
-from bayesid.log.segments import Cutting, find_segments
+from bayesid.log.segments import Segmentation, find_segments
 from bayesid.log.signals import prepare
 from bayesid.regression.knowledge import Information
 from bayesid.regression.selection.columns import Whitening
@@ -100,7 +100,7 @@ def test_the_lag_is_that_of_the_least_residual():
 def test_distortions_are_linearised_anew_where_what_was_found_changes_the_effort():
     """Not where nothing was found; all of them where the efforts that they distort are half as large by now."""
     signals = prepare(log_with(signed=True))
-    segments = find_segments(signals, BASE.robot.actuators(signals.motion), Cutting())
+    segments = find_segments(signals, BASE.robot.actuators(signals.motion), Segmentation())
     settled = settle_signs(BASE, signals, segments, Certified(budget=2.0))
     log = SignedLog.of(settled.evidence, settled.fit, settled.probability)
     lags = log.made([Delay(lag=(0.01,)), Delay(lag=(0.03,))])
