@@ -501,13 +501,14 @@ def _check(robot: Robot, log: Log) -> None:
 
 
 def _check_scale(log: Log, model: Model) -> None:
-    """Uncertain gains scale all parameters while signs are searched: what is stated has to bear that."""
+    """Uncertain gains scale all parameters, and are drawn after them: what is stated has to bear that."""
     if log.gains is None or model.constraints is None:
         return
     kept = model.constraints.homogeneous.labels
     if bound := [label for label in model.constraints.labels if label not in kept]:
-        said = f"{', '.join(bound)} cannot be used with uncertain gains, which scale all parameters"
-        raise InputError(said, field="constraints", remedy="give exact gains, or ratios and boxes alone")
+        said = f"{', '.join(bound)} cannot be used with uncertain gains: a fixed bound limits the factor common to them"
+        remedy = "give exact gains, or leave it out and state single masses with their sd by --nominal"
+        raise InputError(said, field="constraints", remedy=remedy)
 
 
 def _check_amount(signals: Signals, segments: Segments, coefficients: BaseCoefficients, log: Log) -> None:

@@ -175,8 +175,8 @@ def test_the_command_takes_a_file_and_refuses_a_bad_one_in_one_line(tmp_path, ca
 def test_uncertain_gains_bear_ratios_but_no_bounds():
     log = log_of(0)
     uncertain = replace(log, gains=gains_of("1~20%,1~20%,1~20%", 3))
-    with pytest.raises(InputError, match="uncertain gains"):
-        identify(ROBOT, uncertain, complete="off", posterior=False, constraints=lambda p: p.total_mass <= 50)
+    with pytest.raises(InputError, match=r"total_mass <= 50 cannot .* uncertain gains.*--nominal"):
+        identify(ROBOT, uncertain, complete="off", posterior=False, constraints=lambda p: [p.total_mass <= 50])
     found = identify(
         ROBOT, uncertain, complete="off", posterior=Sampling(budget=0.0), constraints=lambda p: list(right(p))[3:]
     )
