@@ -123,10 +123,15 @@ def stacked(matrix: Array) -> Array:
     return matrix[..., _ROWS, _COLUMNS] * _STRETCH
 
 
-def into_cone(values: Array, linear: int) -> Array:
-    """(m,) the nearest in K, which is its own dual: not negative, then positive semidefinite blocks."""
+def blocks_of(values: Array, linear: int) -> Array:
+    """(k, 4, 4) symmetric blocks of values (m,) stacked as in K, of which the first `linear` are none."""
     blocks = np.zeros((len(values[linear:]) // 10, 4, 4))
     blocks[:, _ROWS, _COLUMNS] = blocks[:, _COLUMNS, _ROWS] = values[linear:].reshape(-1, 10) / _STRETCH
-    eigenvalues, vectors = np.linalg.eigh(blocks)
+    return blocks
+
+
+def into_cone(values: Array, linear: int) -> Array:
+    """(m,) the nearest in K, which is its own dual: not negative, then positive semidefinite blocks."""
+    eigenvalues, vectors = np.linalg.eigh(blocks_of(values, linear))
     nearest = (vectors * np.maximum(eigenvalues, 0.0)[:, None, :]) @ vectors.transpose(0, 2, 1)
     return np.concatenate([np.maximum(values[:linear], 0.0), stacked(nearest).ravel()])

@@ -22,8 +22,7 @@ from typing import Any, NamedTuple
 import clarabel
 import numpy as np
 import scipy
-from scipy.linalg import block_diag, solve_triangular
-from scipy.optimize import nnls
+from scipy.linalg import solve_triangular
 
 from bayesid.arrays import TINY, Array
 from bayesid.effects.coefficients import BaseCoefficients
@@ -43,7 +42,7 @@ from bayesid.regression.conic import (
     typical_sizes,
     units_of,
 )
-from bayesid.regression.knowledge import RIDGE
+from bayesid.regression.dual import WhiteProblem
 from bayesid.regression.tuning import TUNING
 
 MARGIN = 1e-6
@@ -256,7 +255,7 @@ class PreparedLeastSquares:
         For z in the dual cone, min over feasible x of x'Px/2 + q'x >= min over all x of x'Px/2 + q'x + z'(Ax - b)
         = -|L^-1 (q + A'z)|^2 / 2 - b'z with P = LL' (Boyd and Vandenberghe 2004, 5.2); P is positive definite by the
         pull. Of the multiples of z the best is taken; none of it gives the bound without a cone. Where constraints cut
-        the cone, rows that end the solver's tolerance apart from their best weigh more, and each has its own multiple.
+        the cone, the solver's tolerance leaves z too far from the best: then it is improved (`bayesid.regression.dual`).
         """
         offsets, rows, _ = self._stated.rows
         z = into_cone(dual, self._stated.linear_count)
@@ -265,27 +264,10 @@ class PreparedLeastSquares:
         gain, length = -float(plain @ slope + offsets @ z), max(float(slope @ slope), TINY)
         value = -0.5 * float(plain @ plain) + 0.5 * max(gain, 0.0) ** 2 / length
         if self._stated.is_cut:
-            value = max(value, self._scaled_apart(plain, z))
+            white = solve_triangular(self._factor, rows.T.toarray(), lower=True)
+            problem = WhiteProblem(plain, white, offsets, self._stated.linear_count)
+            value = max(value, problem.lower_bound(z, self._stated.tolerance))
         return self._unit * (value + self._pull * float(self._stated.typical @ self._stated.typical))
-
-    def _scaled_apart(self, plain: Array, z: Array) -> float:
-        """The same bound with a multiple of its own for each half space and each matrix, by nonnegative least squares.
-
-        The multiples only have to be good: any that are not negative prove what they prove.
-        """
-        offsets, rows, _ = self._stated.rows
-        linear = self._stated.linear_count
-        parts = block_diag(np.diag(z[:linear]), *z[linear:].reshape(-1, 10, 1)) if len(z) > linear else np.diag(z)
-        parts = parts[:, np.any(parts != 0.0, axis=0)]
-        if not parts.shape[1]:
-            return -np.inf
-        slopes = solve_triangular(self._factor, rows.T @ parts, lower=True)
-        gains = slopes.T @ plain + offsets @ parts
-        size = np.maximum(np.linalg.norm(slopes, axis=0), TINY)
-        gram = slopes.T @ slopes / np.outer(size, size) + RIDGE * np.eye(len(size))
-        root = np.linalg.cholesky(gram).T
-        share = nnls(root, -solve_triangular(root.T, gains / size, lower=True))[0] / size
-        return -0.5 * float(np.sum((plain + slopes @ share) ** 2)) - float((offsets @ parts) @ share)
 
     def _tried(self, linear: Array, tolerance: float, attempt: _Attempt) -> Outcome:
         outcome = solved(self._started(linear, tolerance, attempt))

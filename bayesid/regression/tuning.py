@@ -68,6 +68,9 @@ class Tuning:
     """Weight of the distance to typical parameters, in sizes squared, against a size of depth."""
     precise_tolerances: tuple[float, ...] = (1e-10, 1e-9, 1e-8, 1e-7, 1e-6)
     """Tried one after the other where precision is asked for."""
+    dual_rounds: int = 6
+    """Of the improvement of multipliers where constraints cut the cone: beyond as many, the bound hardly rises
+    (`bayesid study constraints`)."""
 
     # what is stated of parameters
     most_half_spaces: int = 200
