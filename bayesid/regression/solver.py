@@ -255,7 +255,7 @@ class PreparedLeastSquares:
         For z in the dual cone, min over feasible x of x'Px/2 + q'x >= min over all x of x'Px/2 + q'x + z'(Ax - b)
         = -|L^-1 (q + A'z)|^2 / 2 - b'z with P = LL' (Boyd and Vandenberghe 2004, 5.2); P is positive definite by the
         pull. Of the multiples of z the best is taken; none of it gives the bound without a cone. Where constraints cut
-        the cone, the solver's tolerance leaves z too far from the best: then it is improved (`bayesid.regression.dual`).
+        the cone, z is too far from the best for the solver's tolerance, and improved (`bayesid.regression.dual`).
         """
         offsets, rows, _ = self._stated.rows
         z = into_cone(dual, self._stated.linear_count)

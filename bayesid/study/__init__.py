@@ -18,6 +18,8 @@ STUDIES = {
     "sure": "how many signs are said to be sure and are wrong?",
     "poor": "are signs right and effects named where the rigid model is poor?",
     "misread": "is a log that is misread named, and nothing of a right one?",
+    "constraints": "what do constraints on the links say and cost, and how near is the proof's bound?",
+    "constrained_draws": "are draws with constraints those draws without them that satisfy them?",
     "gains": "what do |currents| tell of gains that are uncertain?",
     "tracking": "what does a tracker see of a robot that runs?",
     "next_motion": "does the motion designed for a result settle what the result leaves open, as predicted?",

@@ -252,8 +252,8 @@ def few_rows(model):
         mass, coefficients = truth[9:30:10], base_coefficients(model)
         centre = [truth[10 * k + 6 : 10 * k + 9] / mass[k] for k in range(3)]
 
-        def says(p, total=mass.sum(), centre=centre):
-            yield [p.total_mass >= 1.05 * total, p.total_mass <= 1.1 * total]
+        def says(p, mass=mass, centre=centre):
+            yield [p.total_mass >= 1.05 * mass.sum(), p.total_mass <= 1.1 * mass.sum()]
             yield from (p.com_in_box(k, at - 0.02, at + 0.03) for k, at in enumerate(centre, start=1))
             yield p.density_in_ellipsoid(2, centre[1], [0.3, 0.3, 0.3])
             yield cp.norm(p.first_moment(3) - centre[2] * p["m3"]) <= 0.02 * p["m3"]

@@ -29,7 +29,7 @@ from toy_study import (
 from bayesid import cli, studies
 from bayesid.cli.terminal import in_options
 from bayesid.errors import InputError
-from bayesid.studies import load, real, real_discrepancy
+from bayesid.studies import constraints, load, real, real_discrepancy
 from bayesid.studies import study as machinery
 from bayesid.studies.record import read_rows
 from bayesid.studies.study import in_turn, run_study
@@ -38,7 +38,7 @@ from bayesid.study.runner import Outcome
 
 FAILED = 5
 """Number of the trial that fails."""
-REAL = {"real": real, "real_discrepancy": real_discrepancy}
+REAL = {"constraints": constraints, "real": real, "real_discrepancy": real_discrepancy}
 FIELDS = "trial seed name level window error worker_died draws sum grows absent positive empty timings"
 
 
