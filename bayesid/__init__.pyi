@@ -35,7 +35,6 @@ from .identification.prediction import Validation as Validation
 from .log.gains import Gains as Gains
 from .log.log import Log as Log
 from .log.reading import read_log as read_log
-from .log.segments import Segmentation as Segmentation
 from .monitor.accumulator import RecursiveEstimator as RecursiveEstimator
 from .monitor.changes import Alarm as Alarm
 from .monitor.tracker import SignTracker as SignTracker
@@ -43,10 +42,7 @@ from .monitor.tracker import TrackedSample as TrackedSample
 from .posterior.sampler import Sampling as Sampling
 from .progress import Progress as Progress
 from .regression.constraint_file import read_constraints as read_constraints
-from .regression.knowledge import KinematicTolerance as KinematicTolerance
-from .regression.knowledge import LinkPrior as LinkPrior
 from .regression.knowledge import ParameterPrior as ParameterPrior
-from .regression.knowledge import read_nominal as read_nominal
 from .regression.selection.explanation import Thresholds as Thresholds
 from .regression.stated import StatedParameters as StatedParameters
 from .report import plot as plot

@@ -21,7 +21,7 @@ from bayesid.effects.coefficients import BaseCoefficients, base_coefficients
 from bayesid.effects.model import Model
 from bayesid.log.log import Log
 from bayesid.motion import Motion
-from bayesid.regression.knowledge import KinematicTolerance, ParameterPrior
+from bayesid.regression.knowledge import ParameterPrior
 from bayesid.robot import Robot, robot_from_table
 from bayesid.studies.discrepancy import generator
 from bayesid.studies.readings import READINGS
@@ -93,7 +93,7 @@ class Simulated:
         """What is stated beforehand."""
         if self.unstated or not (self.length or self.exact):
             return ParameterPrior()
-        return ParameterPrior(kinematics=KinematicTolerance(length=self.length, angle=self.angle))
+        return ParameterPrior(length_sd=self.length, angle_sd=self.angle)
 
 
 @dataclass(frozen=True)

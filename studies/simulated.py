@@ -73,8 +73,8 @@ class Scenario:
         speed: share of the highest speeds; accelerations take its square.
         encoder: sd of the positions' noise, rad.
         cutoff: of the motion's low-pass, Hz; 0 leaves it to the data.
-        prominence: see `bayesid.log.segments.Segmentation`.
-        threshold: see `Segmentation`.
+        prominence: see `bayesid.Preprocessing`.
+        threshold: see `bayesid.Preprocessing`.
         search: "certified" or "beam".
         beam_width: of a beam.
         initial_segments: of a beam.
@@ -122,7 +122,6 @@ class Truth:
 def trial(scenario: Scenario, seed: int) -> Row:
     """Simulates a log, identifies the robot without its signs, and scores the result."""
     truth = make_truth(scenario, seed)
-    segmentation = Segmentation(scenario.prominence, scenario.threshold)
     result = identify(
         truth.model.robot,
         truth.log,
@@ -130,8 +129,10 @@ def trial(scenario: Scenario, seed: int) -> Row:
         complete="off",
         search=_search(scenario),
         posterior=Sampling(seed=seed) if scenario.posterior else False,
-        preprocessing=Preprocessing(cutoff=scenario.cutoff or None, segmentation=segmentation),
-        prior=ParameterPrior(links=_links(scenario.prior_width), nominal=_nominal(truth, scenario.nominal, seed)),
+        preprocessing=Preprocessing(
+            cutoff=scenario.cutoff or None, prominence=scenario.prominence, threshold=scenario.threshold
+        ),
+        prior=_prior(scenario, truth, seed),
     )
     return {**_of_signs(truth, result), **_of_model(truth, result, seed), "timings": result.timings}
 
@@ -181,8 +182,11 @@ def _search(scenario: Scenario) -> Search:
     return beam if scenario.search == "beam" else Certified(budget=_BUDGET, fallback=beam)
 
 
-def _links(width: float) -> LinkPrior | None:
-    return None if width == 1.0 else LinkPrior(mass=width * LinkPrior().mass)
+def _prior(scenario: Scenario, truth: Truth, seed: int) -> ParameterPrior:
+    usual, nominal = LinkPrior(), _nominal(truth, scenario.nominal, seed)
+    if scenario.prior_width == 1.0:
+        return ParameterPrior(nominal=nominal)
+    return ParameterPrior(link_mass=scenario.prior_width * usual.mass, link_reach=usual.reach, nominal=nominal)
 
 
 def _nominal(truth: Truth, error: float, seed: int) -> dict[str, tuple[float, float]]:

@@ -28,7 +28,7 @@ from bayesid.log.kept_reading import in_words, read_alike
 from bayesid.log.log import Log, RecordedMotion
 from bayesid.log.reading import read_log, read_motion
 from bayesid.posterior.sampler import Sampling
-from bayesid.regression.knowledge import KinematicTolerance, LinkPrior, ParameterPrior, read_nominal
+from bayesid.regression.knowledge import ParameterPrior, read_nominal
 from bayesid.report.conclusion import Conclusion
 from bayesid.robot import Robot, load_robot
 from bayesid.robot.load import alias_note
@@ -245,19 +245,20 @@ def prior(
             raise InputError(f"{name} is stated by --payload too", str(options.nominal), "state it once")
     nominal |= known
     links, tolerance = getattr(options, "links", None), getattr(options, "kinematic_tolerance", None)
-    kinematics = ParameterPrior().kinematics if tolerance is None else _tolerance(tolerance)
-    return ParameterPrior(links=None if links is None else _links(links), nominal=nominal, kinematics=kinematics)
+    mass, reach = (None, None) if links is None else _links(links)
+    length, angle = (None, None) if tolerance is None else _tolerance(tolerance)
+    return ParameterPrior(link_mass=mass, link_reach=reach, nominal=nominal, length_sd=length, angle_sd=angle)
 
 
-def _links(text: str) -> LinkPrior:
+def _links(text: str) -> tuple[float, float]:
     remedy = "give the scales of a link's mass and of its distances in kg and m, as in 30,0.5"
     scales = numbers(text, "--links", remedy) or ()
     if len(scales) != 2:
         raise InputError(f"{text!r} are no scales of links", "--links", remedy)
-    return LinkPrior(mass=scales[0], reach=scales[1])
+    return scales[0], scales[1]
 
 
-def _tolerance(text: str) -> KinematicTolerance:
+def _tolerance(text: str) -> tuple[float, float]:
     found = re.fullmatch(r"\s*([0-9.eE+-]+)\s*(mm|cm|m)\s*,\s*([0-9.eE+-]+)\s*(deg|mrad|rad)\s*", text)
     try:
         length, angle = (float(found[k]) * _UNITS[found[k + 1]] if found else math.nan for k in (1, 3))
@@ -266,7 +267,7 @@ def _tolerance(text: str) -> KinematicTolerance:
     if not (0.0 <= length < math.inf and 0.0 <= angle < math.inf):
         remedy = "give a length and an angle with their units, as in 1mm,0.1deg; 0mm,0deg for a table that is exact"
         raise InputError(f"{text!r} is no tolerance", "--kinematic-tolerance", remedy)
-    return KinematicTolerance(length=length, angle=angle)
+    return length, angle
 
 
 def sampling(options: argparse.Namespace) -> Sampling | bool:

@@ -206,10 +206,13 @@ class UnknownGains:
 
 
 def links_of(prior: ParameterPrior, evidence: Evidence, moments: Moments) -> LinkPrior:
-    """What is believed of any link: as stated or, where nothing is, as usual for such a robot."""
-    model = evidence.model
-    usual = model.robot, evidence.signals.motion, evidence.coefficients, model.cone, moments
-    return prior.links or usual_links(*usual)
+    """Scales of any link: as stated or, where they are not, as usual for such a robot and log."""
+    if prior.link_mass is not None and prior.link_reach is not None:
+        return prior.links(LinkPrior())
+    model, motion = evidence.model, evidence.signals.motion
+    return prior.links(
+        usual_links(model.robot, motion, evidence.coefficients, model.cone, moments, reach=prior.link_reach)
+    )
 
 
 def _like_friction(evidence: Evidence, noise: Noise, fit: GainFit) -> tuple[int, ...]:

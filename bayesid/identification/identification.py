@@ -232,7 +232,7 @@ class Identification(IdentifiedModel):
     @property
     def nominal_beta(self) -> Array:
         """(r,) the coefficients of the parameters known beforehand; NaN where these do not give one."""
-        stated = {name: mean for name, (mean, _) in self.prior.nominal.items()}
+        stated = {name: mean for name, (mean, _) in self.prior.stated.items()}
         if not stated:
             return np.full(len(self.coefficients), np.nan)
         nominal = np.array([stated.get(parameter.name, np.nan) for parameter in self.model.parameters])

@@ -43,7 +43,10 @@ class Preprocessing:
 
     Attributes:
         cutoff: of the motion's low-pass, Hz; from the data by default.
-        segmentation: thresholds by which efforts are cut into segments, and small ones left out.
+        prominence: by which a minimum of |effort| must lie below its surroundings to be a cut, as a share of the 99th
+            percentile of the filtered |effort|.
+        threshold: |effort| under which samples take no part in search and fit, as the same share; 0 leaves none out.
+            Their signs follow from the identified model.
         max_memory: GB that the run may need; 0.8 of the machine's memory by default.
 
     Raises:
@@ -56,10 +59,17 @@ class Preprocessing:
     """
 
     cutoff: float | None = None
-    segmentation: Segmentation = USUAL
+    prominence: float = USUAL.prominence
+    threshold: float = USUAL.threshold
     max_memory: float | None = None
 
+    @property
+    def segmentation(self) -> Segmentation:
+        """How efforts are cut into segments."""
+        return Segmentation(self.prominence, self.threshold)
+
     def __post_init__(self) -> None:
+        Segmentation(self.prominence, self.threshold)  # refuses what cannot be used
         if self.max_memory is not None and not self.max_memory > 0.0:
             said = f"a memory of {self.max_memory:g} GB"
             raise InputError(said, field="Preprocessing.max_memory", remedy="give more than 0")

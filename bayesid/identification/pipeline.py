@@ -302,7 +302,7 @@ class _Run:
             raise InputError(f"{self.posterior!r} is no sampling", "posterior", remedy)
         if not isinstance(self.prior, ParameterPrior):
             said = f"{type(self.prior).__name__} is no prior"
-            raise InputError(said, "prior", "give bayesid.ParameterPrior(nominal=..., links=...)")
+            raise InputError(said, "prior", "give bayesid.ParameterPrior(nominal=..)")
 
     @property
     def sampling(self) -> Sampling | None:

@@ -40,9 +40,11 @@ class Segmentation:
 
     def __post_init__(self) -> None:
         if not 0.0 < self.prominence < 1.0:
-            raise InputError(f"a prominence of {self.prominence:g}", "segmentation", "give a number between 0 and 1")
+            remedy = "give a number between 0 and 1"
+            raise InputError(f"{self.prominence:g} cannot be used", field="prominence", remedy=remedy)
         if not 0.0 <= self.threshold < 1.0:
-            raise InputError(f"a threshold of {self.threshold:g}", "segmentation", "give 0, or a number below 1")
+            remedy = "give 0, or a number below 1"
+            raise InputError(f"{self.threshold:g} cannot be used", field="threshold", remedy=remedy)
 
 
 USUAL = Segmentation()

@@ -200,7 +200,13 @@ def _windows(cone: Cone, links: LinkPrior) -> tuple[Window, ...]:
 
 
 def usual_links(
-    robot: Robot, motion: Motion, coefficients: BaseCoefficients, cone: Cone, moments: Moments
+    robot: Robot,
+    motion: Motion,
+    coefficients: BaseCoefficients,
+    cone: Cone,
+    moments: Moments,
+    *,
+    reach: float | None = None,
 ) -> LinkPrior:
     """The scales of a robot's links; the default of `LinkPrior` for what neither its lengths nor its efforts show.
 
@@ -213,11 +219,13 @@ def usual_links(
 
     with H and c of all joints, in N m: gravity's torques over lengths and, where there is no gravity, those of the
     accelerations. Friction is in c too, so that the prior is rather wider than narrower. Scale a robot's masses,
-    lengths and efforts, and its prior scales with them. The moments of the log are not scaled, in N m and N.
+    lengths and efforts, and its prior scales with them. The moments of the log are not scaled, in N m and N. A `reach`
+    (m) that is stated takes the place of the arm's.
     """
     sliding = np.array([joint.prismatic for joint in robot.joints])
     span = robot.stretched + float(np.ptp(motion.q, axis=0)[sliding].sum())
-    usual = LinkPrior() if span <= 0.0 else LinkPrior(reach=TUNING.link_reach * span)
+    reach = TUNING.link_reach * span if reach is None and span > 0.0 else reach
+    usual = LinkPrior() if reach is None else LinkPrior(reach=reach)
     arm = np.where(sliding, usual.reach, 1.0)  # by which the force of a sliding joint is a torque
     scaled = moments.scaled(1.0 / arm)
     hessian, energy = scaled.hessian.total(), float(scaled.energy.sum())

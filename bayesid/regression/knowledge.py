@@ -139,32 +139,21 @@ def inverse_root(matrix: Array) -> tuple[Array, float]:
 
 @dataclass(frozen=True)
 class LinkPrior:
-    """What is believed of any link before the data: two scales, and all else in proportion to them.
-
-    Attributes:
-        mass: kg, scale of a link's mass.
-        reach: m, scale of the distances of a link's mass from its frame.
+    """What is known of any link before the data: two scales, and all else in proportion to them.
 
     Raises:
         InputError: one of them is no positive number.
-
-    Example:
-        >>> small = bayesid.LinkPrior(mass=3.0, reach=0.2)  # for bayesid.ParameterPrior(links=small)
-        >>> small.total_mass  # kg, of all bodies
-        (0.03, 90.0)
     """
 
-    mass: float = 10.0
-    reach: float = 0.4
+    mass: float = 10.0  #: kg, scale of a link's mass
+    reach: float = 0.4  #: m, scale of the distances of a link's mass from its frame
 
     def __post_init__(self) -> None:
-        for value, unit in ((self.mass, "kg"), (self.reach, "m")):
+        for name, unit in (("mass", "kg"), ("reach", "m")):
+            value = getattr(self, name)
             if not 1.0 / LARGEST <= value <= LARGEST:
-                raise InputError(
-                    f"links of {value:g} {unit}",
-                    field="ParameterPrior.links",
-                    remedy=f"give two numbers from {1.0 / LARGEST:g} to {LARGEST:g}, as in 30,0.5",
-                )
+                remedy = f"give a number from {1.0 / LARGEST:g} to {LARGEST:g}"
+                raise InputError(f"{value:g} {unit} cannot be used", field=f"ParameterPrior.link_{name}", remedy=remedy)
 
     @property
     def typical_mass(self) -> float:
@@ -206,48 +195,74 @@ class Nominal:
 class KinematicTolerance:
     """How far a robot's geometry may be from its table, as standard deviations.
 
-    Attributes:
-        length: m, of each joint's place.
-        angle: rad, of each joint's direction.
-        stated: whether somebody has said so: a log may then show that it is more, but not that it is less.
-
-    Example:
-        >>> tolerance = bayesid.KinematicTolerance(length=2e-3, angle=np.radians(0.2))
-        >>> prior = bayesid.ParameterPrior(kinematics=tolerance)  # for bayesid.identify(..., prior=prior)
-        >>> prior.kinematics.stated
-        True
+    Raises:
+        InputError: one of them is no number, or negative.
     """
 
-    length: float = 1e-3
-    angle: float = float(np.deg2rad(0.1))
-    stated: bool = True
+    length: float = 1e-3  #: m, of each joint's place
+    angle: float = float(np.deg2rad(0.1))  #: rad, of each joint's direction
+    stated: bool = True  #: whether a user stated it: a log may then show that it is more, but not that it is less
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.length) and np.isfinite(self.angle) and min(self.length, self.angle) >= 0.0):
-            raise ValueError(f"a kinematic tolerance of {self.length:g} m, {self.angle:g} rad")
+        for name, unit in (("length", "m"), ("angle", "rad")):
+            value = getattr(self, name)
+            if not 0.0 <= value < np.inf:
+                said = f"{value:g} {unit} cannot be used"
+                raise InputError(said, field=f"ParameterPrior.{name}_sd", remedy="give 0 or more")
 
 
 @dataclass(frozen=True, kw_only=True)
 class ParameterPrior:
-    """What is stated before any log.
+    """What is known of parameters and geometry before any log.
 
     Attributes:
-        links: what is believed of any link; None for what the robot's lengths and the log's efforts show
-            (`bayesid.posterior.target`).
-        nominal: single parameters, from CAD or a data sheet: name to mean and standard deviation.
-        kinematics: how far the robot's geometry may be from its table; by default the usual tolerance, of which a log
-            may show that it is less.
+        link_mass: kg, scale of any link's mass; None for what the log's efforts show (`bayesid.posterior.target`).
+        link_reach: m, scale of the distances of a link's mass from its frame; None for what the robot's lengths show.
+        nominal: single parameters, from CAD or a data sheet: name to mean and standard deviation, or a CSV file with
+            the columns name, mean and sd, such as parameters.csv of an earlier result. Rows without sd are left out.
+        length_sd: m, how far each joint's place may be from the robot file, as standard deviation; None for the usual
+            1 mm, of which a log may show that it is less.
+        angle_sd: rad, the same of each joint's direction; None for the usual 0.1 degrees.
+
+    Raises:
+        InputError: a number or the file cannot be used.
 
     Example:
-        >>> prior = bayesid.ParameterPrior(nominal={"Fc2": (1.4, 0.1)}, links=bayesid.LinkPrior(mass=3.0, reach=0.2))
+        >>> prior = bayesid.ParameterPrior(nominal={"Fc2": (1.4, 0.1)}, link_mass=3.0, link_reach=0.2)
         >>> result = bayesid.identify(robot, log, terms, prior=prior, posterior=False)
         >>> round(result.coefficient("Fc2").nominal, 2)
         1.4
+        >>> bayesid.ParameterPrior(nominal="nominal.csv").nominal
+        {'m3': (1.2, 0.1)}
     """
 
-    links: LinkPrior | None = None
-    kinematics: KinematicTolerance = KinematicTolerance(stated=False)
-    nominal: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    link_mass: float | None = None
+    link_reach: float | None = None
+    nominal: Mapping[str, tuple[float, float]] | str | Path = field(default_factory=dict)
+    length_sd: float | None = None
+    angle_sd: float | None = None
+
+    def __post_init__(self) -> None:
+        if isinstance(self.nominal, str | Path):
+            object.__setattr__(self, "nominal", read_nominal(self.nominal))
+        self.links(LinkPrior())
+        _tolerance(self.length_sd, self.angle_sd)  # both refuse what cannot be used
+
+    def links(self, usual: LinkPrior) -> LinkPrior:
+        """Scales of any link: those that are stated, and usual ones in place of the others."""
+        mass, reach = self.link_mass, self.link_reach
+        return LinkPrior(usual.mass if mass is None else mass, usual.reach if reach is None else reach)
+
+    @property
+    def kinematics(self) -> KinematicTolerance:
+        """How far the geometry may be from the robot file."""
+        return _tolerance(self.length_sd, self.angle_sd)
+
+    @property
+    def stated(self) -> Mapping[str, tuple[float, float]]:
+        """Name to mean and standard deviation of single parameters, read where they are in a file."""
+        assert not isinstance(self.nominal, str | Path)
+        return self.nominal
 
     def of(self, parameters: Sequence[Parameter]) -> Nominal:
         """What is stated of a model's parameters.
@@ -257,7 +272,7 @@ class ParameterPrior:
         """
         places = {parameter.name: k for k, parameter in enumerate(parameters)}
         mean, sd = np.full(len(places), np.nan), np.full(len(places), np.nan)
-        for name, stated in self.nominal.items():
+        for name, stated in self.stated.items():
             if name not in places:
                 raise InputError(f"the model has no parameter {name!r}", field="ParameterPrior.nominal", remedy=_REMEDY)
             value, spread = _pair(name, stated)
@@ -267,6 +282,11 @@ class ParameterPrior:
                 )
             mean[places[name]], sd[places[name]] = value, spread
         return Nominal(mean, sd)
+
+
+def _tolerance(length: float | None, angle: float | None) -> KinematicTolerance:
+    given = {name: value for name, value in (("length", length), ("angle", angle)) if value is not None}
+    return KinematicTolerance(**given, stated=bool(given))
 
 
 def _pair(name: str, stated: object) -> tuple[float, float]:
@@ -291,10 +311,6 @@ def read_nominal(path: str | Path) -> dict[str, tuple[float, float]]:
 
     Raises:
         InputError: the file cannot be read or holds something else.
-
-    Example:
-        >>> bayesid.read_nominal("nominal.csv")
-        {'m3': (1.2, 0.1)}
     """
     text = read_source(path, _REMEDY)
     try:

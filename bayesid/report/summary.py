@@ -410,7 +410,7 @@ def _payloads(identification: Identification) -> dict[str, dict[str, Any]] | Non
     for term in model.terms:
         stop = first + len(term.parameters(model.robot))
         if term.payloads:
-            stated = model.parameters[stop - 1].name in identification.prior.nominal  # its mass, the last of ten
+            stated = model.parameters[stop - 1].name in identification.prior.stated  # its mass, the last of ten
             body = InertialParameters.of_draws(every[:, first:stop], common_sd=0.0 if stated else factor_sd)
             axes = {"com": body.centre, "inertia": body.inertia}
             numbers = {name: [_estimate(one) for one in ones or ()] for name, ones in axes.items()}

@@ -72,7 +72,7 @@ def share_right(robot: Robot, motion: Motion, case: Case, seed: int) -> float:
     model = Model(robot, make_terms(case.terms, robot, motion))
     theta = random_parameters(model, rng)
     log = simulate(model, theta, motion, rng=rng, noise=case.noise)
-    search, preprocessing = Certified(budget=_BUDGET), Preprocessing(cutoff=case.cutoff, segmentation=_COARSE)
+    search, preprocessing = Certified(budget=_BUDGET), Preprocessing(cutoff=case.cutoff, prominence=_COARSE.prominence)
     result = identify(
         robot, log, case.terms, complete="off", search=search, posterior=False, preprocessing=preprocessing
     )

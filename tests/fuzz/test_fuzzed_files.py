@@ -80,7 +80,7 @@ OTHERS = {
 READERS = {
     "robot": load_robot,
     "limits": read_limits,
-    "nominal": lambda path: ParameterPrior(nominal=read_nominal(path)),
+    "nominal": lambda path: ParameterPrior(nominal=path),
     "columns": lambda path: parse_columns(str(path)),
 }
 

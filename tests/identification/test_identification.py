@@ -18,7 +18,7 @@ from bayesid.identification.identification import Identification
 from bayesid.identification.options import Preprocessing
 from bayesid.log.log import Log
 from bayesid.log.reading import read_log
-from bayesid.log.segments import Segmentation, Segments, find_segments
+from bayesid.log.segments import Segments, find_segments
 from bayesid.log.signals import signed_effort
 from bayesid.motion import STANDSTILL, Motion
 from bayesid.posterior.sampler import Sampling
@@ -321,7 +321,7 @@ def test_rests_of_a_point_to_point_motion_get_their_signs():
 
 
 def cut_at(threshold: float) -> Preprocessing:
-    return Preprocessing(segmentation=Segmentation(threshold=threshold))
+    return Preprocessing(threshold=threshold)
 
 
 def sample_mask(result: Identification, of_segments: Array) -> Array:

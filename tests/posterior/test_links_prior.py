@@ -37,14 +37,14 @@ def scaled(robot, length):
     return replace(robot, joints=tuple(joints))
 
 
-def links_of(robot, effort, motion=MOTION, terms=("rigid_body",)):
+def links_of(robot, effort, motion=MOTION, terms=("rigid_body",), reach=None):
     model = Model(robot, make_terms(terms, robot, motion))
     coefficients, n = base_coefficients(model), robot.n_joints
     segments = Segments(
         np.arange(n), np.zeros(n, int), np.full(n, len(motion)), np.ones(n, int), np.ones(n, dtype=bool)
     )
     observed = moments(model, coefficients, motion, effort, segments)
-    return usual_links(robot, motion, coefficients, model.cone, observed)
+    return usual_links(robot, motion, coefficients, model.cone, observed, reach=reach)
 
 
 @cache
@@ -91,6 +91,9 @@ def test_a_table_without_lengths_shows_none():
     table = {"name": "pendulum", "convention": "standard", "gravity": [0.0, -9.81, 0.0], "joints": [row]}
     robot = robot_from_table(table, "test")
     assert links_of(robot, np.full((len(motion), 1), 2.0), motion).reach == LinkPrior().reach
+    held, halved = (links_of(robot, np.full((len(motion), 1), 2.0), motion, reach=reach) for reach in (0.4, 0.2))
+    assert (held.reach, halved.reach) == (0.4, 0.2)
+    assert halved.mass == pytest.approx(2.0 * held.mass, rel=0.1)  # the same weight times half the distance
     table["joints"] = [row | {"type": "prismatic"}]
     slide = robot_from_table(table | {"gravity": [0.0, 0.0, -9.81]}, "test")
     links = links_of(slide, np.full((len(motion), 1), 60.0), motion)
@@ -114,9 +117,8 @@ def identified(total, length, seed, links=None, sampling=Sampling(walkers=32)):
     theta *= total / theta[model.cone.bodies[:, 9]].sum()
     log = simulate(model, theta, motion, rng=rng, noise=0.03)
     search = Certified()
-    return theta, identify(
-        robot, log, complete="off", search=search, posterior=sampling, prior=ParameterPrior(links=links)
-    )
+    prior = ParameterPrior() if links is None else ParameterPrior(link_mass=links.mass, link_reach=links.reach)
+    return theta, identify(robot, log, complete="off", search=search, posterior=sampling, prior=prior)
 
 
 LONG = [pytest.param(*one, marks=pytest.mark.long) for one in ((0.2, 0.25), (2000.0, 4.0))]

@@ -98,7 +98,7 @@ def test_an_unknown_way_to_complete_is_refused():
 
 def test_signs_are_as_sure_as_without_what_is_summed_out():
     """A geometry that may be far off makes coefficients uncertain, not the efforts of the log they were fitted to."""
-    few, wide = Sampling(budget=0.0), ParameterPrior(kinematics=KinematicTolerance(length=0.02, angle=0.03))
+    few, wide = Sampling(budget=0.0), ParameterPrior(length_sd=0.02, angle_sd=0.03)
     off = identify(posterior=few, complete="off")
     only = identify(posterior=few, complete="only-uncertainty", prior=wide)
     assert (only.sd / off.sd).max() > 2.0
