@@ -11,6 +11,7 @@ import os
 import signal
 import sys
 import threading
+from argparse import Namespace
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module
@@ -74,6 +75,7 @@ def _run(arguments: Sequence[str] | None, terminated: Sequence[int]) -> int:
         from bayesid.cli.arguments import parse  # nor here: Ctrl-C while modules load is an interruption like any other
 
         options = parse(sys.argv[1:] if arguments is None else arguments)
+        _tell_config(options)
         module = import_module(f"bayesid.cli.{_MODULES.get(options.command, options.command)}")
         getattr(module, f"{options.command}_command")(options)
         sys.stdout.flush()
@@ -93,6 +95,17 @@ def _run(arguments: Sequence[str] | None, terminated: Sequence[int]) -> int:
         said, code = ("terminated", 128 + terminated[0]) if terminated else ("interrupted", 130)
         return _complain(f"{said}; {str(stop) or 'nothing was written'}", code)
     return 0
+
+
+def _tell_config(options: Namespace) -> None:
+    """Options that were not typed are never used in silence."""
+    if options.configured is not None:
+        from bayesid.cli.terminal import note, warn
+
+        if not options.quiet:
+            note(options.configured.said)
+        if options.configured.contradiction:
+            warn(options.configured.contradiction)
 
 
 def _complain(message: str, code: int, name: str = "bayesid") -> int:

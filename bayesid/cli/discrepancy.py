@@ -7,7 +7,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from bayesid.cli.arguments import TERMS
 from bayesid.cli.bars import stages
 from bayesid.cli.options import (
     check_new,
@@ -20,6 +19,7 @@ from bayesid.cli.options import (
     sampling,
     term_names,
 )
+from bayesid.cli.shared import TERMS
 from bayesid.cli.terminal import line_of
 from bayesid.discrepancy.comparison import ChangeReport, compare_logs
 from bayesid.discrepancy.workflow import Discrepancy, find_discrepancy
@@ -65,7 +65,7 @@ def _compare_with_result(options: argparse.Namespace) -> None:
         given = "no log" if not options.logs else f"{len(options.logs)} logs beside a result"
         remedy = "give a result and one log, and --holdout for another; or logs alone, with --robot"
         raise InputError(given, str(options.result), remedy)
-    for name in ("robot", "tip", "hold", "terms", "constraints"):
+    for name in ("robot", "tip", "hold", "gravity", "terms", "constraints", "config"):
         if getattr(options, name) is not None:
             raise InputError("a result has its own robot, terms and constraints", f"--{name}", "leave it out")
     (path,) = options.logs

@@ -26,7 +26,6 @@ from bayesid.cli.options import (
     robot_of,
     term_names,
 )
-from bayesid.cli.parser import Option, option
 from bayesid.cli.terminal import warn
 from bayesid.cli.tuning import TUNING
 from bayesid.discrepancy.numbers import CHANGE_OF
@@ -86,8 +85,7 @@ def excite_command(options: argparse.Namespace) -> None:
     if options.result is not None:
         if options.log is not None:
             raise InputError("asks for a judgement and for a design", "--log", "leave it or --for out")
-        own = [*FOR_ROBOT, option("--no-degrees")]
-        _refuse(options, own, "means nothing for a result, which has its own", "leave it or --for out")
+        _refuse(options, FOR_ROBOT, "means nothing for a result, which has its own", "leave it or --for out")
         text, last = _design_for_result(options)
         finish(options, text, last=last)
         return
@@ -109,8 +107,8 @@ def excite_command(options: argparse.Namespace) -> None:
     finish(options, judgement_text(judged), conclusion=conclusion, last=last)
 
 
-def _refuse(options: argparse.Namespace, refused: Sequence[Option], said: str, remedy: str) -> None:
-    for name, _ in refused:
+def _refuse(options: argparse.Namespace, refused: Sequence[str], said: str, remedy: str) -> None:
+    for name in refused:
         if name in options.given:
             raise InputError(said, name, remedy)
 

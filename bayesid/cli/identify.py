@@ -18,6 +18,7 @@ from bayesid.cli.options import (
     check_new,
     check_taken,
     command_line,
+    config_of,
     finish,
     prior,
     read,
@@ -51,8 +52,7 @@ from bayesid.study.agreement import text as agreement_text
 from bayesid.study.separate_logs import BatchResult, identify_each
 
 _PAYLOAD = re.compile(r"(?:(?P<label>[^:~@]*):)?(?P<mass>[^:~@]*)(?:~(?P<sd>[^:~@]*))?@(?P<file>.+)")
-_PAYLOAD_REMEDY = "give [LABEL:]KG[~SD]@LOG, as in 2.8~0.005@loaded.csv"
-_LOG_REMEDY = "give LOG:payload=LABEL, as in loaded.csv:payload=tool1"
+_PAYLOAD_REMEDY = "give tool1@loaded.csv, 2.8@loaded.csv or tool1:2.8~0.005@loaded.csv"
 _SEPARATE: Mapping[State, str] = {
     "good": "Nothing speaks against these results",
     "look": "Usable with care",
@@ -94,7 +94,8 @@ def identify_command(options: argparse.Namespace) -> None:
             read_logs = [_read(one, reading, robot) for one in logs]
             log, notes = join_logs(read_logs), {note for one in read_logs for note in one.notes}
         result = identify(robot, log, **settings, progress=progress)
-        result = replace(result, provenance=replace(result.provenance, command=command_line()))
+        run_by = replace(result.provenance, command=command_line(), config=config_of(options))
+        result = replace(result, provenance=run_by)
         with collect_incomplete() as incomplete:
             shown = not options.no_report
             save_or_rescue(lambda place: save_identification(result, place, report=shown, progress=progress), folder)
@@ -286,7 +287,7 @@ def recordings(options: argparse.Namespace) -> list[Recording]:
         InputError: an option or a file cannot be understood, no file matches a pattern, or a log is named twice.
     """
     named = [one for path in options.logs for one in (_listed(path) if _is_list(path) else [Recording(path)])]
-    named += [*map(_of_payload, options.payload), *map(_of_log, options.log)]
+    named += map(_of_payload, options.payload)
     found = [replace(one, path=path) for one in named for path in find_logs([one.path])]
     find_logs([one.path for one in found])  # none twice
     return found
@@ -309,23 +310,18 @@ def _known_masses(logs: Iterable[Recording]) -> dict[str, tuple[float, float]]:
 
 
 def _of_payload(text: str) -> Recording:
-    """[LABEL:]KG[~SD]@LOG."""
+    """LABEL@LOG, KG[~SD]@LOG or LABEL:KG[~SD]@LOG."""
     found = _PAYLOAD.fullmatch(text)
     if found is None:
-        raise InputError(f"{text!r} names no mass and log", "--payload", _PAYLOAD_REMEDY)
+        raise InputError(f"{text!r} names no payload and log", "--payload", _PAYLOAD_REMEDY)
+    label, mass, sd, file = (found[part] for part in ("label", "mass", "sd", "file"))
     try:
-        mass = [float(found[part]) for part in ("mass", "sd") if found[part] is not None]
+        known = [float(number) for number in (mass, sd) if number is not None]
     except ValueError:
-        raise InputError(f"{text!r} has no mass in kg", "--payload", _PAYLOAD_REMEDY) from None
-    return _recording(Path(found["file"]), found["label"], mass, "--payload", _PAYLOAD_REMEDY)
-
-
-def _of_log(text: str) -> Recording:
-    """LOG:payload=LABEL."""
-    file, _, label = text.rpartition(":payload=")
-    if not file:
-        raise InputError(f"{text!r} names no log and payload", "--log", _LOG_REMEDY)
-    return _recording(Path(file), label, None, "--log", _LOG_REMEDY)
+        if not mass or label is not None or sd is not None:
+            raise InputError(f"{text!r} has no mass in kg", "--payload", _PAYLOAD_REMEDY) from None
+        return _recording(Path(file), mass, None, "--payload", _PAYLOAD_REMEDY)
+    return _recording(Path(file), label, known, "--payload", _PAYLOAD_REMEDY)
 
 
 def _listed(path: Path) -> list[Recording]:

@@ -15,15 +15,18 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
 from rich.console import RenderableType
 
 from bayesid.cli import RedVerdictError
 from bayesid.cli.terminal import console, show, verdict_parts, warn
 from bayesid.effects import RigidBody
 from bayesid.errors import BayesidError, InputError, printable
+from bayesid.files.config import CONFIG, OF_MODEL, plain_config
 from bayesid.files.writing import check_folder, check_place
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.log.formats.stated import parse_columns
+from bayesid.log.gains import Gains
 from bayesid.log.kept_reading import in_words, read_alike
 from bayesid.log.log import Log, RecordedMotion
 from bayesid.log.reading import read_log, read_motion
@@ -41,6 +44,13 @@ def command_line() -> str:
     return printable(shlex.join(["bayesid", *sys.argv[1:]]))
 
 
+def config_of(options: argparse.Namespace) -> dict[str, Any]:
+    """What was stated of the model, by options or by a bayesid.toml, for the bayesid.toml of a result."""
+    configured = {} if options.configured is None else options.configured.words
+    stated = [name for name in OF_MODEL if f"--{name}" in {*options.given, *configured}]
+    return plain_config({name: getattr(options, name.replace("-", "_")) for name in stated})
+
+
 def robot_of(options: argparse.Namespace, notes: bool = False, of_log: bool = False) -> Robot:
     """The robot, with the joints that are to be identified, and warnings of what there is to note of it.
 
@@ -49,6 +59,9 @@ def robot_of(options: argparse.Namespace, notes: bool = False, of_log: bool = Fa
         notes: whether what there is to note is said.
         of_log: whether it is the robot of a log, whose positions somebody has counted.
     """
+    if options.robot is None:
+        remedy = f"give --robot, or `robot` in {CONFIG}; `bayesid robot list` shows the built-in ones"
+        raise InputError("no robot is stated", "--robot", remedy)
     gravity = numbers(options.gravity, "--gravity", "give three numbers, m/s^2, as in 0,0,9.81")
     held = None if options.hold is None else _positions(options.hold)
     robot = load_robot(options.robot, options.tip, held, gravity)
@@ -141,8 +154,6 @@ def reading_options(options: argparse.Namespace, identified: IdentifiedModel | N
         remedy = "leave --gains out: the result has its own, or give exact ones"
         said = f"{gains!r:.60} are no exact numbers: uncertain gains are unknowns of `bayesid identify` alone"
         raise InputError(said, "--gains", remedy)
-    if identified is not None and identified.gains is not None and gains is not None:
-        warn("the log is read by --gains, not by those of the result, in whose scale the model is")
     return {"gains": gains, "unsigned": options.unsigned, "encoding": options.encoding, **motion_options(options)}
 
 
@@ -189,11 +200,20 @@ def read_motion_for(identified: IdentifiedModel, path: Path, given: Mapping[str,
 
 
 def told(kept: dict[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
-    """What is kept of a result's log, with a warning of that by which a log of its own might be read otherwise."""
+    """What is kept of a result's log, with warnings of that by which a log of its own might be read otherwise."""
     applied = {name: value for name, value in kept.items() if name != "gains" and given.get(name) is None}
     if applied:
         warn(f"read as the result's log was: {shlex.join(in_words(applied))}")
+    for name, value in kept.items():
+        if given.get(name) is not None and not _alike(value, given[name]):
+            scale = ", in whose scale the model is" * (name == "gains")
+            warn(f"the log is read by --{name}, not by that of the result{scale}")
     return kept
+
+
+def _alike(kept: Any, given: Any) -> bool:
+    """Whether an option says what the result's log was read by."""
+    return np.array_equal(kept.value, given) if isinstance(kept, Gains) else bool(kept == given)
 
 
 def finish(

@@ -12,26 +12,31 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from bayesid.cli import UsageError
+from bayesid.cli.config import find_config
 from bayesid.errors import near_names
 from bayesid.files.bounded import check_name, whole_number
 
 Option = tuple[str, dict[str, Any]]
 """Its name, and what `argparse.ArgumentParser.add_argument` takes besides."""
+WIDTH = 80
+"""Columns of a help."""
 _NUMBERS = re.compile(r"-[\d.][-+\d.e]*(?:,[-+\d.e]+)+")
 """Several numbers, the first below zero."""
 
 
 @dataclass(frozen=True)
 class Command:
-    """A command, or a program of several commands, with its help."""
+    """A command, or a program of several commands, with its help: what a first user needs, and `--help-all`."""
 
     name: str
     purpose: str  #: what it does, in a few words
     examples: Sequence[str]  #: to copy
-    options: Sequence[Option] = ()
-    sections: Mapping[str, Sequence[Option]] = field(default_factory=dict)  #: more options, by the title of their part
+    options: Sequence[Option] = ()  #: that a first user needs
+    sections: Mapping[str, Sequence[Option]] = field(default_factory=dict)  #: all others, by the title of their part
     commands: Sequence[Command] = ()  #: its own
     more: str = ""  #: at the end of its help
+    details: str = ""  #: at the end of `--help-all`
+    moved: Mapping[str, str] = field(default_factory=dict)  #: options of other commands: what does that now
 
     @property
     def names(self) -> set[str]:
@@ -73,27 +78,39 @@ def several(name: str, help: str, **settings: Any) -> Option:
     return option(name, help, action="append", default=[], **settings)
 
 
+class _Help(argparse.RawDescriptionHelpFormatter):
+    def __init__(self, prog: str) -> None:
+        super().__init__(prog, max_help_position=30, width=WIDTH)
+        self._action_max_length = 16  # argparse forgets by how much commands are indented
+
+
 class Parser(argparse.ArgumentParser):
     """Says what is wrong in one line, and which name is the nearest.
 
     Attributes:
         commands: parsers of the commands, by name.
+        command: what it parses.
         options: names of the options.
     """
 
-    def __init__(self, **settings: Any) -> None:
-        super().__init__(**settings, formatter_class=argparse.RawDescriptionHelpFormatter)
+    def __init__(self, *, command: Command, **settings: Any) -> None:
+        about = f"{command.purpose[0].upper()}{command.purpose[1:]}."
+        super().__init__(**settings, description=about, usage=_usage(command), formatter_class=_Help)
         self.commands: dict[str, Parser] = {}
-        self.options = ["-h", "--help"]
+        self.command = command
+        self.options = ["-h", "--help", "--help-all"]
+        self.add_argument("--help-all", action=_HelpAll, nargs=0, help=argparse.SUPPRESS)
 
     def understand(self, arguments: Sequence[str]) -> argparse.Namespace:
         """The options of one command, its name as `command`; where help is asked for, it exits.
 
-        `given` holds the long options of the command line: a default may be what was given, and may not. Long options
-        are looked up first: argparse would name those that are missing, not the misspelled one.
+        `given` holds the long options of the command line: a default may be what was given, and may not; `configured`
+        what a `bayesid.toml` adds. Long options are looked up first: argparse would name those that are missing, not
+        the misspelled one.
 
         Raises:
             UsageError: they are bad.
+            InputError: a `bayesid.toml` cannot be used.
         """
         parser = self
         for word in arguments:
@@ -110,14 +127,45 @@ class Parser(argparse.ArgumentParser):
         for name in [word.partition("=")[0] for word in words if word.startswith("--")]:
             meant = [known for known in parser.options if known.startswith(name)]  # argparse takes beginnings too
             if not meant:
-                parser.error(f"there is no option {name}{_suggestion(name, parser.options)}")
+                moved = parser.command.moved.get(name)
+                near = f"; {moved}" if moved else _suggestion(name, parser.options)
+                parser.error(f"there is no option {name}{near}")
             given |= {name} if name in meant else set(meant)
-        options = self.parse_args(_joined(arguments))
-        options.given = frozenset(given)
+        options = parser._with_config(self, _joined(arguments), given)
         for value in vars(options).values():
             if isinstance(value, Path) and "+" not in value.name:  # between the files of one run
                 check_name(value)
         return options
+
+    def _with_config(self, program: Parser, words: Sequence[str], given: set[str]) -> argparse.Namespace:
+        """What was typed for this command of a program, and where nothing was, what a file says."""
+        options = program.parse_args(words)
+        found = find_config(options, given, self._option_string_actions) if "--config" in self.options else None
+        if found is not None:
+            added = [word for stated in found.words.values() for word in stated]
+            try:
+                options = program.parse_args([words[0], *added, *words[1:]])
+            except UsageError as error:
+                raise UsageError(self.prog, f"{found.path}: {error.args[1]}") from None
+        options.given, options.configured = frozenset(given), found
+        return options
+
+    def format_help(self, everything: bool = False) -> str:
+        """The help: what a first user needs, or all options."""
+        formatter = self._get_formatter()
+        formatter.add_usage(self.usage, self._actions, self._mutually_exclusive_groups)
+        formatter.add_text(self.description)
+        for group in self._action_groups:
+            if everything or group.title not in self.command.sections:
+                formatter.start_section(group.title)
+                formatter.add_arguments(group._group_actions)
+                formatter.end_section()
+        examples = "\n".join(["examples:", *(f"  {example}" for example in self.command.examples)])
+        more = self.command.sections or self.command.details
+        last = "" if everything or not more else f"all options: {self.prog} --help-all"
+        for text in (examples, self.command.more, self.command.details if everything else "", last):
+            formatter.add_text(text or None)
+        return formatter.format_help()
 
     def error(self, message: str) -> NoReturn:
         """Says what cannot be understood, and which name may have been meant."""
@@ -126,24 +174,31 @@ class Parser(argparse.ArgumentParser):
         raise UsageError(self.prog, f"{message}; see `{self.prog} --help`")
 
 
+class _HelpAll(argparse.Action):
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
+        if isinstance(parser, Parser):
+            print(parser.format_help(everything=True), end="")
+        parser.exit()
+
+
 def make_parser(command: Command, *, files: Any = None) -> Parser:
     """The parser of a program; `files` says how `shtab` completes an argument that is a file or a folder."""
-    parser = Parser(prog=command.name, **_help(command))
-    _fill(parser, command, "command", files)
+    parser = Parser(prog=command.name, command=command)
+    _fill(parser, "command", files)
     return parser
 
 
-def _help(command: Command) -> dict[str, Any]:
-    lines = [
-        "examples:",
-        *(f"  {example}" for example in command.examples),
-        *([f"\n{command.more}"] * bool(command.more)),
-    ]
-    return {"description": f"{command.purpose[0].upper()}{command.purpose[1:]}.", "epilog": "\n".join(lines)}
+def _usage(command: Command) -> str:
+    """The arguments that have no names, and that there are options."""
+    many = {"+": "{0} [{0} ...]", "*": "[{0} ...]", "?": "[{0}]", None: "{0}"}
+    places = [(name, settings) for name, settings in command.options if not name.startswith("-")]
+    words = [many[settings.get("nargs")].format(settings.get("metavar", name)) for name, settings in places]
+    return " ".join(["%(prog)s", *words, *(["COMMAND"] * bool(command.commands)), "[options]"])
 
 
-def _fill(parser: Parser, command: Command, kind: str, files: Any) -> None:
+def _fill(parser: Parser, kind: str, files: Any) -> None:
     """Adds the options of a command and, below it, what its `kind` of commands is: a command, or an action of one."""
+    command = parser.command
     sections = {parser: command.options} | {parser.add_argument_group(t): more for t, more in command.sections.items()}
     for section, options in sections.items():
         for name, settings in options:
@@ -152,10 +207,12 @@ def _fill(parser: Parser, command: Command, kind: str, files: Any) -> None:
             if action.type is Path:
                 vars(action)["complete"] = files
     if command.commands:
-        below = parser.add_subparsers(required=True, dest=kind, metavar=kind.upper(), parser_class=Parser)
+        below = parser.add_subparsers(
+            required=True, dest=kind, metavar=kind.upper(), prog=parser.prog, parser_class=Parser
+        )
         for one in command.commands:
-            parser.commands[one.name] = below.add_parser(one.name, help=one.purpose, **_help(one))
-            _fill(parser.commands[one.name], one, "action", files)
+            parser.commands[one.name] = below.add_parser(one.name, help=one.purpose, command=one)
+            _fill(parser.commands[one.name], "action", files)
 
 
 def _suggestion(word: str, known: Sequence[str]) -> str:

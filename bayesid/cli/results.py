@@ -28,9 +28,7 @@ from bayesid.identification.options import Preprocessing
 from bayesid.identification.payload import identify_payload
 from bayesid.identification.pipeline import QUICK
 from bayesid.identification.prediction import Validation
-from bayesid.log.kept_reading import in_words
 from bayesid.posterior.sampler import Sampling
-from bayesid.progress import Progress
 from bayesid.regression.tuning import TUNING as REGRESSION
 from bayesid.report.conclusion import VALIDATED, Conclusion, conclude, sentence
 from bayesid.report.findings import FILE, read_report_data
@@ -41,17 +39,27 @@ from bayesid.signs.search.certified import Certified
 
 
 def validate_command(options: argparse.Namespace) -> None:
-    """The model against another log: a table, and a folder where one is asked for."""
+    """The model against another log: a table, the result's report, and a folder where one is asked for."""
     folder = None if options.out is None else check_new(options, options.out, VALIDATION_FILES, MARKER)
     with stages(options) as progress:
-        result = _validation(options, options.log, progress)
+        with progress.stage("read"):
+            identified = load(options.result)
+            log = read_for(identified, options.log, reading_options(options, identified))
+        with progress.stage("validate"):
+            result = identified.validate(log, options.cutoff)
         if folder is not None:
             with progress.stage("write"):
                 save_validation(result, folder)
-    words = [options.result, "--validation", options.log, *in_words(result.read_with)]
-    into = "" if result.seen else f"put it into the report: bayesid report {shlex.join(map(str, words))}"
-    last = _written(folder) or into
-    finish(options, *_validation_parts(result), conclusion=_validated(result, options.result), last=last)
+        last, incomplete = [_written(folder)] * (folder is not None), []
+        if (options.result / FILE).exists() and not result.seen:
+            try:
+                last.append(f"open {make_report(options.result, result, progress=progress)}")
+            except InputError as error:  # the figures stand
+                incomplete.append(str(error))
+        elif not result.seen:
+            last.append(f"{options.result} holds no {FILE}: no report is made")
+    conclusion = _validated(result, options.result)
+    finish(options, *_validation_parts(result), conclusion=conclusion, last="; ".join(last), incomplete=incomplete)
 
 
 def _written(folder: Path | None) -> str:
@@ -76,14 +84,6 @@ def _unvalidated(result: Validation) -> Conclusion:
     state: State = "bad" if most > REGRESSION.poor_fit else "look"
     remedy = "give a log that the model has not seen"
     return Conclusion(state, sentence(state, said), (Check("Validation", state, "", remedy),))
-
-
-def _validation(options: argparse.Namespace, path: Path, progress: Progress) -> Validation:
-    with progress.stage("read"):
-        identified = load(options.result)
-        log = read_for(identified, path, reading_options(options, identified))
-    with progress.stage("validate"):
-        return identified.validate(log, options.cutoff)
 
 
 def _validation_parts(result: Validation) -> list[RenderableType]:
@@ -124,15 +124,13 @@ def predict_command(options: argparse.Namespace) -> None:
 
 
 def report_command(options: argparse.Namespace) -> None:
-    """The report of a result folder, anew or with a validation."""
+    """The report of a result folder, anew."""
     if options.out is not None and options.out.resolve() != (options.result / REPORT).resolve():
         check_file(options, options.out)
     with stages(options) as progress:
-        tried = None if options.validation is None else _validation(options, options.validation, progress)
-        path = make_report(options.result, tried, options.out, progress)
-    parts = [] if tried is None else _validation_parts(tried)
+        path = make_report(options.result, out=options.out, progress=progress)
     conclusion = conclude(check_findings(replace(read_report_data(options.result), folder=str(options.result))))
-    finish(options, *parts, conclusion=conclusion, last=f"open {path}")
+    finish(options, conclusion=conclusion, last=f"open {path}")
 
 
 def payload_command(options: argparse.Namespace) -> None:

@@ -339,8 +339,8 @@ def _payload(known: Known, payload: str) -> Goal:
     if own:
         return _of_places(known, _holding(known, [k for place in own for k in range(place.start, place.stop)]))
     never = (
-        "no motion can tell a payload from the last link: record once without it and once with it (--log "
-        "FILE:payload=LABEL, or `bayesid payload`)",
+        "no motion can tell a payload from the last link: record once without it and once with it "
+        "(--payload LABEL@LOG, or `bayesid payload`)",
     )
     last = [k for k, one in enumerate(known.model.parameters) if one.joint == n and one.name[:1] in "mJ"]
     return _of_places(known, _holding(known, last), never)

@@ -26,7 +26,7 @@ from bayesid.identification.identified_model import IdentifiedModel, ParameterDr
 from bayesid.identification.records import Coefficient
 from bayesid.log.formats.encodings import Encoding
 from bayesid.log.gains import gains_of
-from bayesid.log.kept_reading import checked_reading
+from bayesid.log.kept_reading import stored_reading
 from bayesid.regression.noise import Noise
 from bayesid.robot import robot_from_table, robot_table
 
@@ -58,7 +58,9 @@ def load(folder: str | Path, effects: Iterable[type[Effect]] = ()) -> Identified
         table = tomllib.loads(path.read_text(encoding="utf-8"))
         stored = _stored_model(table, str(path), {**forms(), **{kind.name: kind for kind in effects}})
         draws = _stored_draws(stored.model, path.with_name("posterior.nc"))
-        return replace(stored, draws=draws, listed=_stored_coefficients(path.with_name("coefficients.csv")))
+        listed = _stored_coefficients(path.with_name("coefficients.csv"))
+        read_with = stored_reading(path.parent, table.get("reading", {}))
+        return replace(stored, draws=draws, listed=listed, read_with=read_with)
     except InputError:
         raise
     except KeyError as error:
@@ -84,10 +86,7 @@ def _stored_model(table: dict[str, Any], where: str, known: Mapping[str, type[Ef
     noise = _stored_noise(table["noise"], robot.n_joints)
     gains = _stored_gains(table["gains"], robot.n_joints) if "gains" in table else None
     encoding = None if "encoding" not in table else str(Encoding.parse(str(table["encoding"])))
-    read_with = checked_reading(table.get("reading", {}))
-    return IdentifiedModel(
-        model, theta, noise, **_stored_knowledge(table, model), gains=gains, encoding=encoding, read_with=read_with
-    )
+    return IdentifiedModel(model, theta, noise, **_stored_knowledge(table, model), gains=gains, encoding=encoding)
 
 
 def _stored_gains(table: Mapping[str, Any], n: int) -> IdentifiedGains:
@@ -179,13 +178,7 @@ def model_table(stored: IdentifiedModel) -> dict[str, Any]:
         **({} if stored.model.constraints is None else {"constraints": stored.model.constraints.table}),
         **({} if stored.gains is None else {"gains": _gains_table(stored.gains)}),
         **({} if stored.encoding is None else {"encoding": stored.encoding}),
-        **({"reading": _plain_reading(stored.read_with)} if stored.read_with else {}),
     }
-
-
-def _plain_reading(read_with: Mapping[str, Any]) -> dict[str, Any]:
-    plain = (list, dict, bool, str)
-    return {name: value if isinstance(value, plain) else str(value) for name, value in read_with.items()}
 
 
 def _gains_table(gains: IdentifiedGains) -> dict[str, Any]:

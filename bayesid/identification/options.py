@@ -7,7 +7,7 @@ import json
 import os
 import platform
 from collections.abc import Mapping
-from dataclasses import MISSING, Field, dataclass, fields, is_dataclass, replace
+from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 from typing import Any, Literal, get_args
@@ -173,6 +173,7 @@ class Provenance:
     date: str  #: when it ended, UTC, ISO 8601
     command: str | None = None  #: the command line, if there was one
     call: str = ""  #: the Python call that does the same
+    config: Mapping[str, object] = field(default_factory=dict)  #: what bayesid.toml holds beside the log's reading
 
 
 def record_provenance(options: Mapping[str, object], log: Log, call: str = "") -> Provenance:

@@ -339,7 +339,7 @@ def _ratios_warning(gains: IdentifiedGains | None) -> list[str]:
         return []
     return [
         f"the earlier log left the gains of joint {', '.join(open_joints)} open: what they would change is not in "
-        "these intervals; identify both logs in one, with --log or --payload"
+        "these intervals; identify both logs in one, with --payload"
     ]
 
 

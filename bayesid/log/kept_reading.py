@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 
 from bayesid.errors import InputError, printable
+from bayesid.files.config import CONFIG, OF_READING, read_config
+from bayesid.log.formats.stated import parse_columns
 from bayesid.log.gains import Gains
 from bayesid.log.log import Log, RecordedMotion
 
@@ -26,16 +29,35 @@ _KINDS: Mapping[str, type | tuple[type, ...]] = {
     "topic": str,
     "unsigned": str,
 }
-"""Options that are kept with a result, and what each is there."""
+"""What each option of `OF_READING` is in a result's bayesid.toml."""
+_REMEDY = "give it as `bayesid identify` wrote it"
 Recorded = TypeVar("Recorded", Log, RecordedMotion)
 
 
-def checked_reading(table: Mapping[str, Any]) -> dict[str, Any]:
-    """The options of a file, or ValueError where they are none."""
+def stored_reading(folder: Path, earlier: Mapping[str, Any]) -> dict[str, Any]:
+    """How the log of a result was read, by its bayesid.toml; without one by what model.toml held before there was one.
+
+    Raises:
+        InputError: the file cannot be used.
+    """
+    path = folder / CONFIG
+    table = {name: one for name, one in (read_config(path) if path.exists() else earlier).items() if name in OF_READING}
     for name, value in table.items():
-        if not isinstance(value, _KINDS.get(name, ())):
-            raise ValueError(f"reading, {name}, cannot be used")
-    return dict(table)
+        if name == "unsigned" and not isinstance(value, str):
+            table[name] = ",".join(map(str, value)) if isinstance(value, list) else str(value)
+        elif name == "joints" and isinstance(value, str):
+            table[name] = [one.strip() for one in value.split(",")]
+        elif name == "columns" and isinstance(value, str):
+            table[name] = parse_columns(value)
+        elif not isinstance(value, _KINDS[name]):
+            raise InputError(f"{name} = {value!r:.60} cannot be used", str(path), _REMEDY)
+    return table
+
+
+def plain_reading(read_with: Mapping[str, Any]) -> dict[str, Any]:
+    """The options as bayesid.toml holds them."""
+    plain = (list, dict, bool, str)
+    return {name: value if isinstance(value, plain) else str(value) for name, value in read_with.items()}
 
 
 def exact_gains(stated: object) -> Gains | None:

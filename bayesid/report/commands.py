@@ -27,7 +27,7 @@ def find_discrepancy(findings: ReportData, log: str = "") -> str:
 
 def validate(findings: ReportData) -> str:
     """What tries the model on another log, in the report."""
-    return f"`bayesid report {_folder(findings)} --validation {ANOTHER_LOG}`"
+    return f"`bayesid validate {_folder(findings)} {ANOTHER_LOG}`"
 
 
 def excite(summary: Summary) -> str:

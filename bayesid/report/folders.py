@@ -23,6 +23,7 @@ import tomli_w
 from bayesid.arrays import Array
 from bayesid.errors import InputError, printable
 from bayesid.export import mjcf, urdf
+from bayesid.files.config import CONFIG, plain_config
 from bayesid.files.writing import (
     check_folder,
     check_place,
@@ -37,7 +38,7 @@ from bayesid.identification.identification import Identification
 from bayesid.identification.model_file import model_table
 from bayesid.identification.prediction import Validation
 from bayesid.log.corrections import corrections
-from bayesid.log.kept_reading import as_corrected
+from bayesid.log.kept_reading import as_corrected, plain_reading
 from bayesid.log.log import Log, Piece
 from bayesid.log.signals import Signals
 from bayesid.log.velocities import derived
@@ -57,7 +58,7 @@ if TYPE_CHECKING:
 MARKER, REPORT = "summary.json", "report.html"
 IDENTIFICATION_FILES = frozenset(
     (
-        *("summary.json", "segments.csv", "signed_log.csv", "coefficients.csv", "parameters.csv", "model.toml"),
+        *("summary.json", "segments.csv", "signed_log.csv", "coefficients.csv", "parameters.csv", "model.toml", CONFIG),
         *("robot.urdf", "robot.xml", "posterior.nc", "report.html", "log.csv", "nodes.csv", FINDINGS),
         *("discrepancy.json", "discrepancy.html", "timeline.csv"),
     )
@@ -295,6 +296,7 @@ def _write_identification(
     write_table(place / "coefficients.csv", coefficient_rows(identification))
     write_table(place / "parameters.csv", parameter_rows(identification))
     (place / "model.toml").write_text(tomli_w.dumps(model_table(identification.identified)), encoding="utf-8")
+    (place / CONFIG).write_text(_config_text(identification), encoding="utf-8")
     write_findings(findings, place / FINDINGS)
     for name, export in {"robot.urdf": urdf, "robot.xml": mjcf}.items():
         with _without(place / name, missing):
@@ -306,6 +308,15 @@ def _write_identification(
             write_draws(kept_draws(identification), place / "posterior.nc")
     summary = as_json(findings.summary) | {"verdict": verdict(check_findings(findings)), "not_written": missing}
     write_json(place / MARKER, summary)
+
+
+def _config_text(identification: Identification) -> str:
+    """bayesid.toml: what the robot's logs have in common."""
+    origin = identification.model.robot.origin
+    robot = {} if origin is None else plain_config(origin.options)
+    head = "# What the logs of this robot have in common: options of `bayesid identify` for the next log.\n"
+    table = {**robot, **identification.provenance.config, **plain_reading(identification.identified.read_with)}
+    return head + tomli_w.dumps(table)
 
 
 def save_validation(validation: Validation, folder: str | Path) -> Path:

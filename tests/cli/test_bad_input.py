@@ -161,16 +161,16 @@ def test_nominal_values_that_cannot_be_used(arm_place, refused):
 
 
 BAD_PAYLOADS = [
-    ("--payload=new.csv", "names no mass and log"),
+    ("--payload=new.csv", "names no payload and log"),
     ("--payload=@new.csv", "has no mass in kg"),
     ("--payload=-2.8@new.csv", "both above 0"),
     ("--payload=2.8~0@new.csv", "both above 0"),
     ("--payload=tool 1:2.8@new.csv", "'tool 1' is no label"),
+    ("--payload=tool:heavy@new.csv", "has no mass in kg"),
     ("--payload=2.8@missing.csv", "missing.csv"),
     ("--payload=2.8@log.csv", "is named twice"),
-    ("--log=new.csv", "names no log and payload"),
-    ("--log=new.csv:payload=a-b", "'a-b' is no label"),
-    ("--payload=2.8@new.csv --log=new.csv:payload=b", "is named twice"),
+    ("--payload=a-b@new.csv", "'a-b' is no label"),
+    ("--payload=2.8@new.csv --payload=b@new.csv", "is named twice"),
     ("--payload=2.8@new.csv --payload=2.9@more.csv", "2.8 +- 0.0028 kg"),
     ("--payload=2.8@new.csv --each", "--each"),
     ("--payload=2.8@new.csv --nominal=nominal.csv", "m_payload is stated by --payload too"),
@@ -262,8 +262,9 @@ def test_results_that_are_none_or_damaged(arm_result, arm_place, refused):
     (arm_place / "two.csv").write_text("".join(",".join(row[:3] + row[4:6]) + "\n" for row in columns))
     refused("validate", "result", "two.csv", says=["two.csv", "2 joints", "arm has 3"])
     refused("predict", "result", "two.csv", "--out", "x.csv", says=["two.csv", "2 joints"])
-    refused("report", "result", "--validation", "no.csv", says=["no.csv"])
-    refused("report", "result", "--validation", "log.csv", "--cutoff", "900", says=["--cutoff"])
+    refused("validate", "result", "no.csv", says=["no.csv"])
+    refused("validate", "result", "log.csv", "--cutoff", "900", says=["--cutoff"])
+    refused("report", "result", "--validation", "log.csv", says=["`bayesid validate RESULT LOG`"])
     (arm_result / "findings.npz").write_bytes(whole["findings.npz"][:-100])
     refused("report", "result", says=["result", "findings.npz is damaged"])
     (arm_result / "findings.npz").unlink()

@@ -52,7 +52,7 @@ def carried(folder):
 
 
 def test_payload_of_unknown_mass(place, capsys):
-    log = ("--log", "loaded.csv:payload=tool1", "--log", "again.csv:payload=tool1")
+    log = ("--payload", "tool1@loaded.csv", "--payload", "tool1@again.csv")
     assert run("identify", "plain.csv", "--robot", "arm.toml", *log, *QUICK, "--out", "result") == 0
     assert carried(place / "result") == {"plain.csv": None, "loaded.csv": "tool1", "again.csv": "tool1"}
     found = summary(place / "result")["payloads"]

@@ -249,7 +249,7 @@ def test_remedies_are_commands_with_the_result_and_its_robot():
     command = "bayesid identify 'a log.csv' --robot ur10e --no-posterior --out x"
     found = with_summary(found, "provenance", command=command, options={"robot": "ur10e"})
     assert "`bayesid discrepancy 'my results/un' ANOTHER_LOG.csv`" in told(found, "Fit").remedy
-    assert "`bayesid report 'my results/un' --validation ANOTHER_LOG.csv`" in told(found, "Validation").remedy
+    assert "`bayesid validate 'my results/un' ANOTHER_LOG.csv`" in told(found, "Validation").remedy
     silent_one = with_summary(found, "fit", condition_number=None)
     assert "`bayesid excite --robot ur10e`" in told(silent_one, "Excitation").remedy
     arm = {"robot": "two arms.urdf", "tip": "left_hand", "hold": {"lift": 0.25, "waist": -1.0}}
@@ -262,7 +262,7 @@ def test_remedies_are_commands_with_the_result_and_its_robot():
     assert " --out x --search-budget 40 --force`" in told(unproven, "Proof").remedy
     seen = told(replace(GOOD, prediction=replace(GOOD.prediction, seen=True), folder="un"), "Validation")
     assert seen.state == "not done", "the log of the identification is no validation"
-    assert "`bayesid report un --validation ANOTHER_LOG.csv`" in seen.remedy
+    assert "`bayesid validate un ANOTHER_LOG.csv`" in seen.remedy
 
 
 def test_a_wrong_robot_leads_the_verdict_and_the_first_remedy_is_its_file():

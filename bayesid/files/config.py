@@ -1,0 +1,53 @@
+"""bayesid.toml: what the logs of a robot have in common, by the names of the command line's long options."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from bayesid.errors import InputError, near_names, printable
+from bayesid.files.bounded import read_source, toml_of
+
+CONFIG = "bayesid.toml"
+OF_READING = ("columns", "correct", "degrees", "encoding", "gains", "joints", "topic", "unsigned")
+"""Options of `bayesid.read_log`."""
+OF_MODEL = (
+    *("robot", "tip", "hold", "gravity", "terms", "complete", "constraints", "nominal", "links"),
+    *("kinematic-tolerance", "cutoff"),
+)
+"""Options of a robot and its model."""
+OF_RUN = (
+    *("payload", "search", "search-budget", "beam-width", "initial-segments", "no-posterior", "posterior-budget"),
+    *("time-limit", "seed", "mode", "max-memory", "workers", "scheduler", "each", "anyway", "no-report", "strict"),
+    "quiet",
+)
+"""Other options of `bayesid identify`."""
+_REMEDY = "give names of long options without their dashes, as in robot = 'ur10e'"
+
+
+def read_config(path: Path) -> dict[str, Any]:
+    """The options of a file.
+
+    Raises:
+        InputError: it cannot be read, or holds something else.
+    """
+    where, known = printable(str(path)), (*OF_READING, *OF_MODEL, *OF_RUN)
+    table = toml_of(read_source(path, _REMEDY), where, _REMEDY)
+    for key, value in table.items():
+        if key not in known:
+            near = near_names(key, known)
+            raise InputError(f"unknown key {key!r:.60}", where, f"{near} {_REMEDY}".strip())
+        items = list(value.values()) if isinstance(value, dict) else value if isinstance(value, list) else [value]
+        if not all(isinstance(item, str | bool | int | float) for item in items):
+            raise InputError(f"{key} is no text, number or list of these", where, _REMEDY)
+    return table
+
+
+def plain_config(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Options as a file holds them: paths of files that are there are absolute, so that it may be copied."""
+    plain: dict[str, Any] = {}
+    for name, value in options.items():
+        found = isinstance(value, str | Path) and Path(value).is_file()
+        plain[name] = str(Path(value).resolve()) if found else list(value) if isinstance(value, tuple) else value
+    return plain
