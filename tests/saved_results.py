@@ -24,7 +24,7 @@ save = partial(save_identification, report=False)
 """Without the report, which takes seconds and has tests of its own."""
 PROMISED = {
     *("summary.json", "segments.csv", "signed_log.csv", "coefficients.csv", "parameters.csv", "model.toml"),
-    *("robot.urdf", "robot.xml", "findings.npz"),
+    *("bayesid.toml", "robot.urdf", "robot.xml", "findings.npz"),
 }
 
 
