@@ -240,6 +240,21 @@ _EXCITE = Command(
     "  robot's URDF, else +-2 rad, 3 rad/s, 15 rad/s^2)\n\n"
     "--about: coefficients, parameters, effects, gains, payload, signs\n\n" + _STANDARD_TERMS,
 )
+_FLOOR = Command(
+    "floor",
+    "the error that no model gets below, from two recordings of one motion",
+    [
+        "bayesid floor monday.csv tuesday.csv --robot ur10e",
+        "bayesid floor monday.csv tuesday.csv --robot ur10e --out floor.json",
+    ],
+    [
+        path("log", "recording of a motion"),
+        path("again", "another recording of the same motion"),
+        *shared("--robot --gains --unsigned --columns --degrees --config --strict"),
+        *out("JSON file with the table (default: none)", metavar="FILE"),
+    ],
+    sections={"robot": shared(CHAIN), "how the logs are read": shared("--encoding --topic --joints --correct")},
+)
 _SIMULATE = Command(
     "simulate",
     "a log of |effort| from a robot with random feasible parameters",
@@ -343,7 +358,7 @@ BAYESID = Command(
     ],
     [option("--version", action="version", version=f"bayesid {version('bayesid')}")],
     commands=[
-        *(_IDENTIFY, _VALIDATE, _PREDICT, _DISCREPANCY, _PAYLOAD, _TRACK, _REPORT, _EXCITE, _SIMULATE),
+        *(_IDENTIFY, _VALIDATE, _PREDICT, _DISCREPANCY, _PAYLOAD, _TRACK, _REPORT, _FLOOR, _EXCITE, _SIMULATE),
         *(_ROBOT_FILES, _DEMO, _STUDY, _COMPLETION),
     ],
     more="`bayesid COMMAND --help` says more, with examples.\n\n"

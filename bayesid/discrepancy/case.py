@@ -196,10 +196,13 @@ def _typical_square(residual: Array, used: Mask, lag: int) -> Array:
 
 def _half_square(residual: Array, used: Mask, lag: int) -> Array:
     """(n,) half the mean squared difference of samples so far apart, (N m)^2: the variance of white noise."""
-    pairs = used[lag:] & used[:-lag]
-    square = ((residual[lag:] - residual[:-lag]) ** 2 * pairs).sum(axis=0)
-    half: Array = 0.5 * square / np.maximum(pairs.sum(axis=0), 1)
-    return half
+    return repetition_sd(residual[lag:], residual[:-lag], used[lag:] & used[:-lag]) ** 2
+
+
+def repetition_sd(values: Array, again: Array, used: Mask) -> Array:
+    """(n,) sd of values (N, n) by their differences from as many other measurements of the same, over used ones."""
+    square = ((values - again) ** 2 * used).sum(axis=0)
+    return np.sqrt(0.5 * square / np.maximum(used.sum(axis=0), 1))
 
 
 # ---------------------------------------------------------------------------------------------------------------

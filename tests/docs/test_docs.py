@@ -105,6 +105,7 @@ def write_logs(folder: Path, page: str) -> None:
     log.rectified().save(folder / "log.csv")
     other.rectified().save(folder / "another_log.csv")
     log.save(folder / "signed.csv")
+    replace(log.rectified(), t=log.t + 1.0, effort=1.01 * np.abs(log.effort)).save(folder / "repeated_log.csv")
     (folder / "week").mkdir()
     for day, recorded in (("monday", log), ("tuesday", other)):
         recorded.rectified().save(folder / "week" / f"{day}.csv")

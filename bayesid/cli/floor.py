@@ -1,0 +1,87 @@
+"""`bayesid floor`: the error that no model of a robot can get below, from two recordings of the same motion."""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from bayesid.cli.bars import stages
+from bayesid.cli.options import check_file, finish, given_robot, read, reading_options, robot_of
+from bayesid.cli.terminal import table
+from bayesid.discrepancy.repeatability import Repeatability, repeatability
+from bayesid.discrepancy.tuning import TUNING
+from bayesid.files.writing import replace_file, write_json
+from bayesid.identification.checks import Check, State
+from bayesid.identification.tuning import TUNING as IDENTIFICATION
+from bayesid.log.sources import find_logs
+from bayesid.regression.tuning import TUNING as REGRESSION
+from bayesid.report.conclusion import conclude
+from bayesid.report.summary import as_object
+from bayesid.report.verdicts import graded
+
+_VERDICTS: Mapping[State, str] = {
+    "good": "The efforts repeat",
+    "look": "The efforts repeat, with limits",
+    "bad": "The efforts do not repeat",
+}
+
+
+def floor_command(options: argparse.Namespace) -> None:
+    """A table, and a file where one is asked for."""
+    if options.out is not None:
+        check_file(options, options.out)
+    robot, reading = robot_of(options, of_log=True), reading_options(options)
+    with stages(options) as progress:
+        with progress.stage("read"):
+            log, other = (read(path, reading, robot) for path in find_logs([options.log, options.again]))
+        with progress.stage("compare"):
+            result = repeatability(robot, log, other)
+        if options.out is not None:
+            _write(options.out, result)
+    rows = [
+        [str(j), *("-" if np.isnan(x) else f"{x:.4g}" for x in (difference, floor)), *map(_percent, shares)]
+        for j, (difference, floor, *shares) in enumerate(
+            zip(result.difference, result.floor, result.relative, result.position, strict=True), start=1
+        )
+    ]
+    headings = ["joint", "RMS difference, N m", "floor, N m", "floor / effort", "positions differ by"]
+    hidden = [str(j) for j, signed in enumerate(result.signed, start=1) if not signed]
+    compared = f"{result.seconds:.4g} s of both logs, clocks {result.shift:.3f} s apart"
+    said = [f"signs are hidden in joints {', '.join(hidden)}: |effort| is compared"] if hidden else []
+    words = ["bayesid", "identify", str(options.log), str(options.again), *given_robot(options)]
+    finish(
+        options,
+        table(headings, rows),
+        compared,
+        *said,
+        "floor: RMS error that no model gets below; compare `bayesid validate`",
+        conclusion=conclude(_checks(result), _VERDICTS),
+        last="; ".join([*([f"written to {options.out}"] if options.out else []), f"next: {shlex.join(words)}"]),
+    )
+
+
+def _percent(share: float) -> str:
+    return "-" if np.isnan(share) else f"{share:.2%}"
+
+
+def _checks(result: Repeatability) -> list[Check]:
+    worst, apart = float(np.nanmax([0.0, *result.relative])), float(result.position.max())
+    limits = IDENTIFICATION.suspicious, REGRESSION.poor_fit
+    said = f"the floor is {worst:.1%} of a joint's effort (good: up to {limits[0]:.0%})"
+    remedy = "look for a change between the recordings: payload, temperature, gains"
+    moved = f"positions differ by {apart:.1%} of a joint's range (good: up to {TUNING.repeated:.1%})"
+    same = Check(
+        "Motion",
+        "good" if apart <= TUNING.repeated else "look",
+        moved,
+        "the true floor is lower: part of the difference is the motion's",
+    )
+    return [graded("Repeatability", worst, limits, said, remedy), same]
+
+
+def _write(path: Path, result: Repeatability) -> None:
+    replace_file(path, lambda aside: write_json(aside, as_object(vars(result))))
