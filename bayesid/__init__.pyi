@@ -43,7 +43,7 @@ from .posterior.sampler import Sampling as Sampling
 from .progress import Progress as Progress
 from .regression.constraint_file import read_constraints as read_constraints
 from .regression.knowledge import ParameterPrior as ParameterPrior
-from .regression.selection.explanation import Thresholds as Thresholds
+from .regression.selection.fitted_effects import Thresholds as Thresholds
 from .regression.stated import StatedParameters as StatedParameters
 from .report import plot as plot
 from .report.findings import ReportData as ReportData

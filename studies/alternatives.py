@@ -43,7 +43,7 @@ from bayesid.posterior.modes import (
     truncate,
 )
 from bayesid.posterior.sampler import Draws, Sampling
-from bayesid.posterior.target import Prior, Target
+from bayesid.posterior.target import Target, TruncatedGaussian
 from bayesid.posterior.tuning import TUNING
 from bayesid.progress import SILENT
 from bayesid.regression.solver import ConeLeastSquares
@@ -151,7 +151,7 @@ def _cone_of(result: Identification, name: str, says: Says) -> Cone:
     return replace(cone, stated=own if cone.stated is None else Constraints.joined([cone.stated, own]))
 
 
-def _divided(name: str, prior: Prior, cone: Cone) -> Prior:
+def _divided(name: str, prior: TruncatedGaussian, cone: Cone) -> TruncatedGaussian:
     """The prior inside an alternative: with the same windows, or the masses would not compare."""
     inside = prior.within(cone)
     lost = [window.name for window in prior.windows if window not in inside.windows]
@@ -165,10 +165,10 @@ def _modes(result: Identification, target: Target, cone: Cone) -> tuple[tuple[Mo
     """The modes inside a cone, and the least-squares cost of the best, at the noise of the result."""
     posterior, search = result.posterior, result.search
     assert posterior is not None
-    moments, information = posterior.moments, target.information
-    if not np.any(moments.known == 0):
+    normal_equations, information = posterior.normal_equations, target.information
+    if not np.any(normal_equations.known == 0):
         search = replace(search, branches=())
-    scaled = moments.scaled(posterior.noise.sigma * np.sqrt(posterior.noise.autocorrelation))
+    scaled = normal_equations.scaled(posterior.noise.sigma * np.sqrt(posterior.noise.autocorrelation))
     hessian, energy = scaled.hessian.total(), float(scaled.energy.sum())
     pull = np.zeros(len(hessian))
     if information is not None:
@@ -187,7 +187,7 @@ def _integrated(target: Target, modes: Sequence[Mode], sampling: Sampling) -> tu
     return pool(sampled), MarginalLikelihood(float(logsumexp(values)), error)
 
 
-def _prior_mass(prior: Prior, seed: int) -> MarginalLikelihood:
+def _prior_mass(prior: TruncatedGaussian, seed: int) -> MarginalLikelihood:
     """Log of the integral of the prior of the parameters inside its region, with its standard error."""
     normal = Normal(np.diag(prior.precision), prior.precision * prior.mean)
     groups, walkers = TUNING.mass_groups, TUNING.mass_walkers

@@ -225,8 +225,8 @@ def visible_table_errors(case, scene):
 def scene_of(case, seed, noise=NOISE):
     """Robot and motions, with slow parts where Stribeck friction is to be seen."""
     trouble = TROUBLES.get(case.kind, NO_TROUBLE)
-    slow, all_along = "stribeck_friction" in case.effects or None, trouble.stribeck > 0 or None
-    return drawn_scene(seed, case.robot, case.style, slow or all_along, all_along, trouble, noise)
+    slow, preexisting = "stribeck_friction" in case.effects or None, trouble.stribeck > 0 or None
+    return drawn_scene(seed, case.robot, case.style, slow or preexisting, preexisting, trouble, noise)
 
 
 def simulate(case):

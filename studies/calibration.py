@@ -260,7 +260,7 @@ def _of_coefficients(result: Identification, truth: Array) -> Row:
 def _of_search(result: Identification, search: Witnessed, log: Log) -> Row:
     """The proof, and by how much (units of the cost) the data prefer other signs than the best ones."""
     truth = true_signs(result.searched, on_grid(result, log))
-    entered = [] if result.completion is None else [effect.effect for effect in result.completion.effects]
+    entered = [] if result.model_selection is None else [effect.effect for effect in result.model_selection.effects]
     return {
         "certified": bool(result.search.certified),
         "preference": preference(search.problem_of(result.search), result.search.signs, truth),

@@ -215,7 +215,7 @@ def named(effect: str, joints: tuple[int, ...]) -> str:
 
 
 def _entered(result: Identification) -> list[str]:
-    return [] if result.completion is None else [named(e.effect, e.joints) for e in result.completion.effects]
+    return [] if result.model_selection is None else [named(e.effect, e.joints) for e in result.model_selection.effects]
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -275,7 +275,7 @@ def _units(case: Case, result: Identification) -> dict[str, float]:
     """
     motion = result.signals.motion
     model, standard = case.standard(motion)
-    columns = model.columns(motion)[:, :, standard.kept] / np.sqrt(np.mean(case.log.effort**2, axis=0))[:, None]
+    columns = model.columns(motion)[:, :, standard.selected] / np.sqrt(np.mean(case.log.effort**2, axis=0))[:, None]
     size = np.sqrt(np.mean(np.sum(columns**2, axis=1), axis=0))
     return dict(zip(standard.names, (np.sqrt(case.log.n_joints) / size).tolist(), strict=True))
 

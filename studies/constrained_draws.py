@@ -130,7 +130,7 @@ def trial(scenario: Scenario, seed: int) -> Row:
     constrained = _identify(scenario.log, seed, lambda p: form.says(p, low, high))
     stated = constrained.model.cone.stated
     assert stated is not None
-    filtered, drawn = moments(every, kept), moments(_draws(constrained))
+    filtered, drawn = normal_equations(every, kept), normal_equations(_draws(constrained))
     off = (drawn.mean - filtered.mean) / filtered.sd
     return {
         "kept": float(kept.mean()),
@@ -143,7 +143,7 @@ def trial(scenario: Scenario, seed: int) -> Row:
     }
 
 
-class Moments(NamedTuple):
+class NormalEquations(NamedTuple):
     """Means and standard deviations (P,) of draws, and their Monte Carlo errors."""
 
     mean: Array
@@ -152,7 +152,7 @@ class Moments(NamedTuple):
     sd_error: Array
 
 
-def moments(draws: Array, kept: Mask | None = None) -> Moments:
+def normal_equations(draws: Array, kept: Mask | None = None) -> NormalEquations:
     """Of draws (D, W, P) of W walkers that know nothing of each other, or of those that are kept (D, W)."""
     weight = np.ones(draws.shape[:2]) if kept is None else kept.astype(float)
     centre, scale = draws.mean(axis=(0, 1)), draws.std(axis=(0, 1))
@@ -166,7 +166,7 @@ def moments(draws: Array, kept: Mask | None = None) -> Moments:
     without = _mean_and_sd(total[:, None] - sums)  # (W, P) each
     count = draws.shape[1]
     errors = [np.sqrt((count - 1) * values.var(axis=0)) for values in without]
-    return Moments(centre + scale * mean, scale * sd, scale * errors[0], scale * errors[1])
+    return NormalEquations(centre + scale * mean, scale * sd, scale * errors[0], scale * errors[1])
 
 
 def _mean_and_sd(sums: Array) -> tuple[Array, Array]:

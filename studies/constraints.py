@@ -132,7 +132,7 @@ def gaps(folder: Path, log: Log) -> Row:
     )
     found = result.search
     problem = search.problem_of(found)
-    counts = [count for count in DECIDED if count < len(problem.moments)] + [len(problem.moments)]
+    counts = [count for count in DECIDED if count < len(problem.normal_equations)] + [len(problem.normal_equations)]
     parts = [_gaps(problem, found, count) for count in counts]
     names = ("share", "cost", "by_multiple", "improved")
     return {"decided": counts, **dict(zip(names, map(list, zip(*parts, strict=True)), strict=True))}
@@ -140,11 +140,11 @@ def gaps(folder: Path, log: Log) -> Row:
 
 def _gaps(problem: SignProblem, found: SearchResult, count: int) -> tuple[float, ...]:
     """Share of the squared effort that is decided, its least cost, and the gaps of two bounds."""
-    moments, improved, by_multiple = problem.moments, problem.solver(), problem.solver()
+    normal_equations, improved, by_multiple = problem.normal_equations, problem.solver(), problem.solver()
     by_multiple.is_cut = False
-    decided = np.argsort(-moments.energy, kind="stable")[:count]
-    hessian, gradient = moments.hessian_of(decided), found.signs[decided] @ moments.gradient[decided]
-    energy = float(moments.energy[decided].sum())
+    decided = np.argsort(-normal_equations.energy, kind="stable")[:count]
+    hessian, gradient = normal_equations.hessian_of(decided), found.signs[decided] @ normal_equations.gradient[decided]
+    energy = float(normal_equations.energy[decided].sum())
     least = improved.prepared(hessian).solve_precisely(gradient).cost
     bounds = [solver.prepared(hessian).solve(gradient).lower_bound for solver in (by_multiple, improved)]
     return energy / problem.energy, energy + least, *((least - bound) / (energy + least) for bound in bounds)

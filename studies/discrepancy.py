@@ -27,7 +27,7 @@ import numpy as np
 from bayesid.discrepancy.workflow import Discrepancy, find_discrepancy
 from bayesid.errors import InputError
 from bayesid.identification.pipeline import QUICK, identify
-from bayesid.regression.selection.explanation import LN10
+from bayesid.regression.selection.fitted_effects import LN10
 from bayesid.signs.search.certified import Certified
 from bayesid.studies.record import Row
 from bayesid.studies.study import Study

@@ -127,7 +127,7 @@ def _of_gains(gains: IdentifiedGains) -> Row:
         "factor_error": factor,
         "factor_inside": factor <= NORMAL_95 * gains.factor_sd,
         "factor_by_data": gains.factor_decided_by == BY_DATA,
-        "settled": gains.settled,
+        "converged": gains.converged,
     }
 
 

@@ -171,7 +171,7 @@ _TAKEN: Mapping[str, str] = {
     "summary": "n_samples n_segments n_coefficients terms processing.cutoff_hz search.method search.certified "
     "search.cost search.lower_bound search.sdp_solves noise.sd fit.relative_residual posterior.converged "
     "complete.effects complete.held_back_error.before complete.held_back_error.after gains.mean gains.sd "
-    "gains.ratio_sd gains.factor gains.decided_by gains.settled payloads.payload.mass.value verdict.state",
+    "gains.ratio_sd gains.factor gains.decided_by gains.converged payloads.payload.mass.value verdict.state",
     "discrepancy": "status found gap.before gap.after gap.noise_floor unexplained.joint where.joint not_borne_out",
     "payload": "shown check.passed check.chi_square check.residual_ratio posterior.converged",
     "stream": "summary.instants summary.rms_residual summary.largest_external_over_threshold n_alarms "

@@ -28,7 +28,7 @@ from bayesid.log.segments import find_segments
 from bayesid.log.signals import prepare
 from bayesid.parallel import one_blas_thread
 from bayesid.regression.feasibility import FeasibilityCheck, decided_rows
-from bayesid.regression.moments import moments
+from bayesid.regression.normal_equations import normal_equations
 from bayesid.robot import load_robot
 from bayesid.signs.search.algorithm1 import Candidates, Refusal, algorithm1
 from bayesid.signs.search.protocol import SignProblem
@@ -47,7 +47,7 @@ def problem_of(robot: str, path: Path) -> tuple[SignProblem, Integers]:
     segments = find_segments(signals, arm.actuators(signals.motion))
     segments = segments[segments.fitted]
     coefficients = base_coefficients(model)
-    raw = moments(model, coefficients, signals.motion, signals.effort, segments)
+    raw = normal_equations(model, coefficients, signals.motion, signals.effort, segments)
     scaled = raw.scaled(TUNING.first_noise * raw.rms_effort(arm.n_joints))
     truth = np.where(segments.sums(prepare(log).raw_effort) >= 0.0, 1, -1)
     return SignProblem(scaled, model.cone, coefficients), truth
@@ -57,7 +57,7 @@ def problem_of(robot: str, path: Path) -> tuple[SignProblem, Integers]:
 def main(robot: str, path: Path) -> None:
     """Prints all three."""
     problem, truth = problem_of(robot, path)
-    m = problem.moments
+    m = problem.normal_equations
     margins = _along(problem, truth)
     feasible = int((margins >= 0.0).sum())
     print(
@@ -92,7 +92,7 @@ def main(robot: str, path: Path) -> None:
 
 def _along(problem: SignProblem, truth: Integers) -> Array:
     """Margins of the right signs at each depth from the fifth on."""
-    check, m, found = FeasibilityCheck(problem.cone, problem.coefficients.projection), problem.moments, []
+    check, m, found = FeasibilityCheck(problem.cone, problem.coefficients.projection), problem.normal_equations, []
     order = np.argsort(-m.energy, kind="stable")
     for depth in range(5, len(order) + 1):
         decided = order[:depth]

@@ -27,7 +27,7 @@ from bayesid.log.log import Log
 from bayesid.log.segments import find_segments
 from bayesid.log.signals import prepare
 from bayesid.motion import Motion
-from bayesid.regression.evidence import Evidence
+from bayesid.regression.log_data import LogData
 from bayesid.robot import Robot, load_robot
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters
@@ -179,9 +179,9 @@ def before(case: Case) -> tuple[Misreading | None, float]:
     signals = prepare(case.log)
     segments = find_segments(signals, case.robot.actuators(signals.motion))
     model = Model(case.robot, make_terms(STANDARD, case.robot, signals.motion))
-    evidence = Evidence.of(model, signals, segments.per_sample(segments.moving, *signals.effort.shape) > 0)
+    log_data = LogData.of(model, signals, segments.per_sample(segments.moving, *signals.effort.shape) > 0)
     began = time.perf_counter()
-    found = misread_before(evidence)
+    found = misread_before(log_data)
     return found, time.perf_counter() - began
 
 

@@ -36,7 +36,7 @@ from bayesid.log.log import Log, join_logs
 from bayesid.motion import Motion
 from bayesid.posterior.sampler import Sampling
 from bayesid.regression.selection.added_effect import AddedEffect
-from bayesid.regression.selection.explanation import LN10
+from bayesid.regression.selection.fitted_effects import LN10
 from bayesid.regression.selection.hypotheses import EffectKey
 from bayesid.robot import Robot, robot_from_table
 from bayesid.signs.search.certified import Certified
@@ -315,8 +315,8 @@ def _of_hypotheses(scenario: Scenario, seed: int) -> Row:
         still = _random(healthy.model.robot.n_joints, _SHORT, seed + k * _ANOTHER, key[1][0] - 1, _LITTLE)
         log = truth.log(still, seed + k)
         found = _found(known, log)
-        rivals = _rivals(found, key)
-        if rivals:
+        competing = _rivals(found, key)
+        if competing:
             break
     else:
         return {"ambiguous": False}
@@ -326,13 +326,13 @@ def _of_hypotheses(scenario: Scenario, seed: int) -> Row:
     after: Row = {}
     for name, motion in {"designed": design.motion, "random": random}.items():
         again = _found(known, join_logs([log, truth.log(motion, seed + _ANOTHER)]))
-        after |= {f"{what}_{name}": value for what, value in _told(again, key, rivals).items()}
+        after |= {f"{what}_{name}": value for what, value in _told(again, key, competing).items()}
     factors = design.predicted.log10_bayes_factors
-    expected = [factors[_name(key), _name((one, key[1]))] for one in rivals]
+    expected = [factors[_name(key), _name((one, key[1]))] for one in competing]
     return {
         "joint": key[1][0],
         "ambiguous": True,
-        "rivals": ",".join(rivals),
+        "rivals": ",".join(competing),
         **after,
         "expected": float(np.min(expected)),
         **kept_limits(truth, design),
@@ -364,24 +364,26 @@ def _rivals(found: Discrepancy, key: EffectKey) -> tuple[str, ...]:
     return ()
 
 
-def _told(found: Discrepancy, key: EffectKey, rivals: Sequence[str]) -> Row:
+def _told(found: Discrepancy, key: EffectKey, competing: Sequence[str]) -> Row:
     """Whether the hidden effect is named, is told from its rivals, and by which log10 Bayes factor at least."""
     named = next((added for added in found.added if added.hypothesis.key == key), None)
-    weighed = named or next((added for added in found.added if added.effect in rivals and added.joints == key[1]), None)
-    factor = None if weighed is None else _factor(weighed, key, rivals)
+    weighed = named or next(
+        (added for added in found.added if added.effect in competing and added.joints == key[1]), None
+    )
+    factor = None if weighed is None else _factor(weighed, key, competing)
     told = (
         named is not None
-        and not set(named.equivalent) & set(rivals)
+        and not set(named.equivalent) & set(competing)
         and factor is not None
         and factor >= TUNING.telling
     )
     return {"named": named is not None, "factor": factor, "told": told}
 
 
-def _factor(weighed: AddedEffect, key: EffectKey, rivals: Sequence[str]) -> float | None:
+def _factor(weighed: AddedEffect, key: EffectKey, competing: Sequence[str]) -> float | None:
     """Log10 Bayes factor of an effect against the likeliest of its rivals; those that are not weighed lie far off."""
-    gains = {score.key: score.gain for score in weighed.rivals}
-    others = [gains[one, key[1]] for one in rivals if (one, key[1]) in gains]
+    gains = {score.key: score.gain for score in weighed.competing}
+    others = [gains[one, key[1]] for one in competing if (one, key[1]) in gains]
     if key not in gains or not others:
         return None
     return float((gains[key] - max(others)) / LN10)

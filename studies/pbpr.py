@@ -485,7 +485,7 @@ def _clipped(x: Array) -> Array:
 
 @dataclass(frozen=True)
 class AnnealedLeastSquares:
-    """PBPR as the price of a node (`bayesid.signs.search.protocol.NodeCost`), as in T-PBPR.
+    """PBPR as the price of a node (`bayesid.signs.search.protocol.NodeSolver`), as in T-PBPR.
 
     Slow next to `ConeLeastSquares`. A node that violates constraints after the last run keeps its penalty in its cost,
     and the largest violation in its solution's tolerance: compare that with `TOLERANCE` before calling a solution

@@ -100,7 +100,7 @@ def scores(result: Identification, log: Log, hidden: Sequence[str]) -> Row:
     moving = result.segments.per_sample(result.segments.moving, *effort.shape) > 0
     counted = moving & (np.abs(effort) >= STRONG * np.abs(log.effort).max(axis=0))
     sure = (np.maximum(result.probability, 1.0 - result.probability) >= SURE) & (effort != 0.0)
-    entered = () if result.completion is None else result.completion.effects
+    entered = () if result.model_selection is None else result.model_selection.effects
     named = [_listed(effect.effect, effect.joints) for effect in entered]
     return {
         "right": float(right[counted].mean()),

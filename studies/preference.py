@@ -1,6 +1,6 @@
 """Which signs the data prefer, with next to nothing of the solver's pull in what they cost.
 
-A certificate speaks of one set of moments, and of a cost in which the pull to typical links has a say
+A certificate speaks of one set of moments, and of a cost in which the Tikhonov term to typical links has a say
 (`regression.solver`). `Witnessed` keeps these moments; `preference` prices other signs against the certified ones by
 the least residual in the cone alone.
 """
@@ -18,9 +18,9 @@ from bayesid.signs.search.protocol import Search, SearchResult, SignProblem
 
 CLEARLY = 0.1
 """Units of the cost, twice the nats, by which other signs must be cheaper: far above what the solver and the rest of
-the pull leave open (tests/studies/test_preference.py)."""
+the Tikhonov term leave open (tests/studies/test_preference.py)."""
 _DATA_OVER_PULL = 1e4
-"""By which the data's say in the cost is raised above the pull's. A round number: rounding allows a little more."""
+"""By which the data's say in the cost is raised above the Tikhonov term's. A round number: rounding allows a little more."""
 _ROUNDS = 20
 """In which signs and parameters are made to agree; none of them can raise the cost."""
 
@@ -50,7 +50,7 @@ class Witnessed(Search):
 
     def conclude(self, problem: SignProblem, progress: Progress = SILENT) -> SearchResult:
         """As the search's."""
-        result = self._search.conclude(problem, progress)
+        result = self._search.certify(problem, progress)
         self._concluded.append((problem, result))
         return result
 
@@ -94,36 +94,36 @@ def preference(problem: SignProblem, certified: Integers, truth: Integers) -> fl
 
 
 def _starts(problem: SignProblem, certified: Integers, truth: Integers) -> Iterator[Integers]:
-    moments = problem.moments
+    normal_equations = problem.normal_equations
     for signs in (certified, truth):
         yield signs
-        for joint in np.unique(moments.joint[moments.known == 0]):
-            yield np.where((moments.joint == joint) & (moments.known == 0), -signs, signs)
+        for joint in np.unique(normal_equations.joint[normal_equations.known == 0]):
+            yield np.where((normal_equations.joint == joint) & (normal_equations.known == 0), -signs, signs)
 
 
 class _Prices:
-    """What signs cost without the pull: min over the cone of f(theta, signs)."""
+    """What signs cost without the Tikhonov term: min over the cone of f(theta, signs)."""
 
     def __init__(self, problem: SignProblem) -> None:
-        self._moments = problem.moments
+        self._normal_equations = problem.normal_equations
         self._prepared = problem.solver().prepared(_DATA_OVER_PULL * problem.hessian)
 
     def of(self, signs: Integers) -> float:
         """The least cost of signs (S,)."""
-        return self._moments.cost(self._beta(signs), signs.astype(np.float64))
+        return self._normal_equations.cost(self._beta(signs), signs.astype(np.float64))
 
     def settle(self, signs: Integers) -> Integers:
         """(S,) signs that their best parameters predict, after a few rounds of adapting one to the other."""
-        known = self._moments.known
+        known = self._normal_equations.known
         for _ in range(_ROUNDS):
-            predicted = np.where(self._moments.gradient @ self._beta(signs) >= 0.0, 1, -1)
-            settled = np.where(known != 0, known, predicted)
-            if np.array_equal(settled, signs):
+            predicted = np.where(self._normal_equations.gradient @ self._beta(signs) >= 0.0, 1, -1)
+            sign_solution = np.where(known != 0, known, predicted)
+            if np.array_equal(sign_solution, signs):
                 break
-            signs = settled
+            signs = sign_solution
         return signs
 
     def _beta(self, signs: Integers) -> Array:
         """(r,) the best coefficients, as the cone and next to no pull have them."""
-        gradient = _DATA_OVER_PULL * (signs @ self._moments.gradient)
+        gradient = _DATA_OVER_PULL * (signs @ self._normal_equations.gradient)
         return self._prepared.project(self._prepared.solve_precisely(gradient).theta)

@@ -3,7 +3,7 @@
 A sample counts when its |effort| is at least 5 % of its joint's maximum; right means the sign of the sample as logged,
 sensor noise and all. `smooth` is the share against the sign of the logged effort after a 20 Hz low-pass: near zero the
 sensor's noise flips single samples. How much that costs is printed below the table: what the sign of that low-passed
-true effort scores by itself against the logged samples in motion. What is missing beyond it is ours. `settled` is the
+true effort scores by itself against the logged samples in motion. What is missing beyond it is ours. `sign_solution` is the
 share of the strong samples in motion on whose sign all assignments agree that still matter
 (docs/certified-search.md). The verdict, and why it is not good, are those that `bayesid identify` ends with.
 
@@ -36,8 +36,8 @@ from bayesid.log.log import Log
 from bayesid.log.reading import read_log
 from bayesid.log.signals import lowpass, prepare
 from bayesid.posterior.sampler import Sampling
-from bayesid.regression.evidence import Evidence
 from bayesid.regression.least_squares import fit_signed
+from bayesid.regression.log_data import LogData
 from bayesid.report.conclusion import conclude
 from bayesid.report.findings import report_data
 from bayesid.report.verdicts import check_findings
@@ -176,10 +176,10 @@ def area_under_curve(confidence: Array, wrong: Mask) -> float:
 
 def _settled(result: Identification, strong: Any, rows: Any) -> float:
     """Share of the strong samples in motion on whose sign all assignments that matter agree."""
-    settled = result.search.settled
-    if settled is None:
+    sign_solution = result.search.persistent
+    if sign_solution is None:
         return float("nan")
-    laid = result.searched.per_sample(np.where(settled, 1, -1), *result.probability.shape)[rows]
+    laid = result.searched.per_sample(np.where(sign_solution, 1, -1), *result.probability.shape)[rows]
     return float((laid[strong & (laid != 0.0)] > 0.0).mean())
 
 
@@ -187,8 +187,8 @@ def _predicted(result: Identification, target: Log) -> Row:
     """How well the model predicts another log; beside it the signed fit on that log itself."""
     predicted = result.validate(target)
     moving = predicted.segments.per_sample(predicted.segments.moving, *predicted.measured.shape) > 0
-    evidence = Evidence(result.model, result.coefficients, predicted.signals, moving, moving)
-    signed = fit_signed(evidence, np.ones_like(predicted.measured))
+    log_data = LogData(result.model, result.coefficients, predicted.signals, moving, moving)
+    signed = fit_signed(log_data, np.ones_like(predicted.measured))
     ratio = predicted.relative_residual / signed.relative_residual
     figures = {
         "predicted": predicted.relative_residual,
@@ -251,7 +251,7 @@ def _table_of_signs(rows: Sequence[Row]) -> str:
         lines.append(
             f"{row['log']:<17} {row['segments']:>4}  {row['all']:>6.2%} {row['motion']:>8.2%} {row['smooth']:>9.2%}"
             f" {row['velocity']:>10.1%} {row['sure']:>9.1%} {row['sure_wrong']:>15.3%} {search:>9.1f}"
-            f" {seconds:>8.1f} {'yes' if row['certified'] else 'no':>10} {row['settled']:>10.2%}"
+            f" {seconds:>8.1f} {'yes' if row['certified'] else 'no':>10} {row['sign_solution']:>10.2%}"
         )
     return "\n".join(lines)
 

@@ -18,7 +18,7 @@ from bayesid.effects import STANDARD
 from bayesid.errors import InputError
 from bayesid.identification.pipeline import QUICK, identify
 from bayesid.log.reading import read_log
-from bayesid.regression.selection.explanation import LN10
+from bayesid.regression.selection.fitted_effects import LN10
 from bayesid.signs.search.certified import Certified
 from bayesid.studies.real import DATA
 from bayesid.studies.record import Row
@@ -68,7 +68,7 @@ def trial(scenario: Scenario, seed: int) -> Row:
     known = replace(model.identified, logs=frozenset())  # of the friction the log itself is asked: does it name all?
     result = find_discrepancy(known, log.rectified(), search=QUICK, posterior=False)
     refit = identify("ur10e", log, complete="off", search=search, posterior=False)
-    of_refit = result.held_back.gap(refit.model.effort(result.held_back.signals.motion, refit.theta))
+    of_refit = result.cross_validation.gap(refit.model.effort(result.cross_validation.signals.motion, refit.theta))
     return {
         "status": result.status,
         "found": [_named(added.effect, added.joints) for added in result.added],

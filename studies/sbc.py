@@ -44,9 +44,9 @@ from bayesid.log.segments import Segments
 from bayesid.motion import Motion
 from bayesid.posterior.likelihood import make_likelihood
 from bayesid.posterior.sampler import Draws, Sampling, sample
-from bayesid.posterior.target import Prior, Target, make_prior
+from bayesid.posterior.target import Target, TruncatedGaussian, make_prior
 from bayesid.regression.knowledge import LinkPrior
-from bayesid.regression.moments import moments
+from bayesid.regression.normal_equations import normal_equations
 from bayesid.robot import robot_from_table
 from bayesid.robot.inertia import pseudo_inertia
 from bayesid.simulation.parameters import random_parameters
@@ -110,7 +110,7 @@ class Setting:
     motion: Motion
     segments: Segments
     summed: Mask
-    prior: Prior
+    prior: TruncatedGaussian
 
 
 @cache
@@ -128,7 +128,7 @@ def setting() -> Setting:
     segments = Segments(joint, start, start + _SEGMENT, known, np.ones(size, dtype=bool))
     usual = model.effort(motion, random_parameters(model, np.random.default_rng(0)))
     reference = make_likelihood(
-        moments(model, coefficients, motion, usual, segments), coefficients, SIGMA, AUTOCORRELATION, known
+        normal_equations(model, coefficients, motion, usual, segments), coefficients, SIGMA, AUTOCORRELATION, known
     )
     summed = np.arange(size) % _PERIOD < _SUMMED
     return Setting(model, coefficients, motion, segments, summed, make_prior(model.cone, reference, LINKS))
@@ -216,7 +216,7 @@ def target_of(effort: Array, signs: Integers, flaw: str) -> Target:
     fixed = np.where(given.summed, 0, signs)
     known = np.where(given.segments.joint == 0, fixed, 0)  # so that both ways to give a sign are used
     segments = replace(given.segments, known=known)
-    moment = moments(given.model, given.coefficients, given.motion, effort, segments, most_individual=5)
+    moment = normal_equations(given.model, given.coefficients, given.motion, effort, segments, most_individual=5)
     return Target(prior, make_likelihood(moment, given.coefficients, sigma, autocorrelation, fixed - known))
 
 
@@ -245,7 +245,7 @@ def _quantities(target: Target, theta: Array, log_scale: Array, signs: Array) ->
     values = dict(zip(given.coefficients.names, given.coefficients.project(theta).T, strict=True))
     bodies = given.model.cone.bodies
     actuators = np.setdiff1d(np.arange(theta.shape[1]), bodies)
-    for k in np.setdiff1d(np.append(actuators, bodies[:, 9]), given.coefficients.kept):
+    for k in np.setdiff1d(np.append(actuators, bodies[:, 9]), given.coefficients.selected):
         values[given.model.parameters[k].name] = theta[:, k]
     for j, column in enumerate(log_scale.T, start=1):
         values[f"log noise {j}"] = column

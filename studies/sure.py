@@ -92,7 +92,7 @@ def trial(scenario: Simulated | calibration.Scenario, seed: int) -> Row:
         **{f"sure_{bound}": int((confidence >= bound).sum()) for bound in (SURE, SURER)},
         **{f"wrong_{bound}": int(((confidence >= bound) & ~right).sum()) for bound in (SURE, SURER)},
         "certified": bool(result.search.certified),
-        "unseen": float(result.search.unseen),
+        "unlisted_probability": float(result.search.unlisted_probability),
         "residual": float(result.fit.relative_residual.max()),
         "timings": result.timings,
     }

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.linalg import block_diag
 from scipy.stats import multivariate_normal
 
-from bayesid.regression.selection.explanation import Observations
+from bayesid.regression.selection.fitted_effects import Observations
 
 
 def covariance(error, count):

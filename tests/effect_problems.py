@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bayesid.regression.knowledge import Information
+from bayesid.regression.knowledge import InformationMatrix
 from bayesid.regression.selection.columns import Columns, Whitening
-from bayesid.regression.selection.explanation import Observations
+from bayesid.regression.selection.fitted_effects import Observations
 
 RATE = 50.0
 
@@ -39,7 +39,7 @@ def observed(columns, effort, used=None):
     return Observations(
         whitening=Whitening(columns * used[:, :, None], used),
         effort=effort * used,
-        information=Information.none(columns.shape[2]),
+        information=InformationMatrix.none(columns.shape[2]),
         floor=np.ones(n),
         sharp=np.ones(n, dtype=bool),
         limits=np.full((n, 2), np.inf),

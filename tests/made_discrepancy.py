@@ -14,7 +14,7 @@ from bayesid.effects.friction import CoulombFriction
 from bayesid.log.signals import Signals
 from bayesid.regression.selection.added_effect import AddedEffect
 from bayesid.regression.selection.columns import Columns
-from bayesid.regression.selection.explanation import LN10, Thresholds
+from bayesid.regression.selection.fitted_effects import LN10, Thresholds
 from bayesid.regression.selection.hypotheses import Hypothesis
 from bayesid.regression.selection.scores import Score
 
@@ -26,9 +26,11 @@ def hypothesis(source, changes=()):
     return Hypothesis(source, EMPTY, lambda other: hypothesis(other), changes)
 
 
-def found(source, parameters=None, changes=(), equivalent=(), probability=0.99, rivals=(), **more):
+def found(source, parameters=None, changes=(), equivalent=(), probability=0.99, competing=(), **more):
     what, alike = hypothesis(source, changes), tuple(equivalent)
-    return AddedEffect(what, 40.0 * LN10, probability, 0.004, 0.006, rivals, alike, parameters=parameters or {}, **more)
+    return AddedEffect(
+        what, 40.0 * LN10, probability, 0.004, 0.006, competing, alike, parameters=parameters or {}, **more
+    )
 
 
 def score(source, log10, **more):

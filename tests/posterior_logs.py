@@ -17,7 +17,7 @@ from bayesid.posterior.modes import find_modes
 from bayesid.posterior.sampler import Sampling
 from bayesid.posterior.target import PosteriorProblem, Target, make_prior
 from bayesid.progress import SILENT
-from bayesid.regression.knowledge import Information, LinkPrior, Nominal
+from bayesid.regression.knowledge import InformationMatrix, LinkPrior, NominalParameters
 from bayesid.regression.noise import Noise
 from bayesid.regression.solver import ConeLeastSquares
 from bayesid.signs.search.certified import certified
@@ -35,19 +35,19 @@ class Log:
     joint: np.ndarray
     known: np.ndarray
     cone: Cone
-    nominal: Nominal  # of all parameters, so that no default of the prior matters
+    nominal: NominalParameters  # of all parameters, so that no default of the prior matters
     sigma: np.ndarray
     time: np.ndarray  # samples that count as one
     projection: np.ndarray
-    earlier: Information | None = None  # of an earlier log
+    earlier: InformationMatrix | None = None  # of an earlier log
 
     @property
-    def moments(self):
+    def normal_equations(self):
         return moments_of(self.rows, self.joint, self.known)
 
     @property
     def scaled(self):
-        return self.moments.scaled(self.sigma * np.sqrt(self.time))
+        return self.normal_equations.scaled(self.sigma * np.sqrt(self.time))
 
     @property
     def noise(self):
@@ -60,14 +60,14 @@ class Log:
 
     @property
     def solver(self):
-        scaled, earlier = self.scaled, self.earlier or Information.none(len(self.projection))
+        scaled, earlier = self.scaled, self.earlier or InformationMatrix.none(len(self.projection))
         hessian, energy = scaled.hessian.total() + earlier.hessian, float(scaled.energy.sum()) + earlier.energy
         return ConeLeastSquares(self.cone, self.coefficients, hessian, energy)
 
     @property
     def target(self):
         none = np.zeros(len(self.joint), dtype=np.int64)
-        likelihood = make_likelihood(self.moments, self.coefficients, self.sigma, self.time, none)
+        likelihood = make_likelihood(self.normal_equations, self.coefficients, self.sigma, self.time, none)
         return Target(make_prior(self.cone, likelihood, LinkPrior(), self.nominal), likelihood, self.earlier)
 
     def search(self):
@@ -129,7 +129,7 @@ def make_log(
         columns = rng.standard_normal((m, len(projection))) * sees[j]
         effort = columns @ projection @ theta + sigma[j] * rng.standard_normal(m)
         pieces.append((columns, sign * effort))
-    nominal = Nominal(
+    nominal = NominalParameters(
         np.zeros(len(theta)) if mean is None else np.array(mean), np.ones(len(theta)) if sd is None else np.array(sd)
     )
     cone = Cone.free(len(theta)) if cone is None else cone
@@ -138,7 +138,7 @@ def make_log(
 
 def unproven(search):
     """The same without any list of assignments."""
-    return replace(search, branches=(), settled=None, certified=False, missed=np.inf)
+    return replace(search, branches=(), persistent=None, certified=False, missed=np.inf)
 
 
 def near_symmetric(lean=1.0, seed=3):
@@ -176,7 +176,7 @@ def nonnegative():
 
 def problem_of(log):
     return PosteriorProblem(
-        one_each(log.moments), log.coefficients, log.cone, log.noise, LinkPrior(), log.nominal, log.earlier
+        one_each(log.normal_equations), log.coefficients, log.cone, log.noise, LinkPrior(), log.nominal, log.earlier
     )
 
 

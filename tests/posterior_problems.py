@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from bayesid.posterior.feasible_set import FeasibleSet
 from bayesid.posterior.likelihood import Likelihood, SegmentBlocks
-from bayesid.posterior.region import Region
-from bayesid.posterior.target import Prior, Target
-from bayesid.regression.knowledge import Information
+from bayesid.posterior.target import Target, TruncatedGaussian
+from bayesid.regression.knowledge import InformationMatrix
 
 
 class Rotated:
@@ -39,15 +39,15 @@ def likelihood(columns, effort, joint, segment, fixed, n):
     )
 
 
-def one_each(moments):
+def one_each(normal_equations):
     """A block for each segment, one behind the other."""
-    end = np.cumsum(moments.count)
-    return SegmentBlocks(moments, np.arange(len(moments)), end - moments.count, end)
+    end = np.cumsum(normal_equations.count)
+    return SegmentBlocks(normal_equations, np.arange(len(normal_equations)), end - normal_equations.count, end)
 
 
 def whole_space(size):
     """No constraint at all."""
-    return Region(np.empty((0, size)), np.empty(0), np.empty((10, 0, size)), np.empty((10, 0)))
+    return FeasibleSet(np.empty((0, size)), np.empty(0), np.empty((10, 0, size)), np.empty((10, 0)))
 
 
 def disc():
@@ -55,7 +55,7 @@ def disc():
     entries, constant = np.zeros((10, 1, 2)), np.zeros((10, 1))
     constant[[0, 4, 7, 9], 0] = 1.0
     entries[0, 0, 0], entries[4, 0, 0], entries[1, 0, 1] = 1.0, -1.0, 1.0
-    return Region(np.array([[0.0, 1.0]]), np.array([0.3]), entries, constant)
+    return FeasibleSet(np.array([[0.0, 1.0]]), np.array([0.3]), entries, constant)
 
 
 def simulate(target_of, theta, log_scale, rng, rows=60, segments=12, known=0.5, noise=0.7, common=0.0):
@@ -77,7 +77,7 @@ def target_in(region, inside, prior_sd=1.0, log_scale_sd=0.3):
     def make(data):
         size = region.size
         sd = np.full(data.n_joints, log_scale_sd)
-        return Target(Prior(region, np.zeros(size), np.full(size, prior_sd), sd, inside), data)
+        return Target(TruncatedGaussian(region, np.zeros(size), np.full(size, prior_sd), sd, inside), data)
 
     return make
 
@@ -112,4 +112,4 @@ def samples_of(moves, coordinates, sweeps, random, burn=50):
 
 def information_of(columns, effort):
     """The information of rows (N, r) with efforts (N,), in units of their noise, all signs known."""
-    return Information(columns.T @ columns, columns.T @ effort, float(effort @ effort))
+    return InformationMatrix(columns.T @ columns, columns.T @ effort, float(effort @ effort))

@@ -1,7 +1,7 @@
 """Small sign problems, and what all their assignments cost, worked out apart from the searches.
 
 The rows of a problem are kept, so that a bound can be checked against the least squares that it stands for. A cost in
-the cone is that of the quadratic program in the parameters theta themselves, the pull included: in closed form without
+the cone is that of the quadratic program in the parameters theta themselves, the Tikhonov term included: in closed form without
 a cone, by active sets (`scipy.optimize.nnls`) where parameters are only nonnegative, and by the solver, as precisely as
 it can, where there are bodies.
 """
@@ -22,7 +22,7 @@ from bayesid.effects.coefficients import BaseCoefficients, base_coefficients
 from bayesid.effects.model import Model
 from bayesid.effects.parameters import Cone
 from bayesid.log.segments import Segments
-from bayesid.regression.moments import Hessians, Moments, moments
+from bayesid.regression.normal_equations import Hessians, NormalEquations, normal_equations
 from bayesid.regression.solver import ConeLeastSquares
 from bayesid.robot import robot_from_table
 from bayesid.robot.inertia import from_pseudo_inertia
@@ -37,15 +37,15 @@ STRONG = 0.1  # of a joint's strongest segment: what a proof decides one by one 
 class SignProblem:
     cone: Cone
     coefficients: BaseCoefficients
-    moments: Moments
+    normal_equations: NormalEquations
     rows: tuple[tuple[np.ndarray, np.ndarray], ...] = ()
 
     @property
     def energy(self):
-        return float(self.moments.energy.sum())
+        return float(self.normal_equations.energy.sum())
 
     def solver(self, tolerance=1e-6):
-        hessian = self.moments.hessian.total()
+        hessian = self.normal_equations.hessian.total()
         return ConeLeastSquares(self.cone, self.coefficients, hessian, self.energy, tolerance=tolerance)
 
     @property
@@ -64,7 +64,7 @@ class SignProblem:
     @cached_property
     def assignments(self):
         """(2^unknown, S) all signs that are possible."""
-        known = self.moments.known
+        known = self.normal_equations.known
         unknown = np.flatnonzero(known == 0)
         signs = np.tile(known, (2 ** len(unknown), 1))
         choices = list(itertools.product((1, -1), repeat=len(unknown)))
@@ -92,7 +92,7 @@ class SignProblem:
 
     def _price(self, signs):
         if len(self.cone.bodies):
-            solution = self._precise.solve_precisely(signs @ self.moments.gradient)
+            solution = self._precise.solve_precisely(signs @ self.normal_equations.gradient)
             return self.energy + solution.cost, solution.cost - solution.lower_bound
         root, free = self._root, np.setdiff1d(np.arange(self.cone.size), self.cone.nonnegative)
         target = np.linalg.solve(root.T, self._slope(signs))
@@ -117,12 +117,12 @@ class SignProblem:
 
     def _slope(self, signs):
         weight, centre = self.pull
-        return (signs @ self.moments.gradient) @ self.coefficients.projection + weight * centre
+        return (signs @ self.normal_equations.gradient) @ self.coefficients.projection + weight * centre
 
     @cached_property
     def _root(self):
         projection = self.coefficients.projection
-        quadratic = projection.T @ self.moments.hessian.total() @ projection + np.diag(self.pull[0])
+        quadratic = projection.T @ self.normal_equations.hessian.total() @ projection + np.diag(self.pull[0])
         return np.linalg.cholesky(quadratic).T
 
     @cached_property
@@ -137,7 +137,7 @@ def synthetic(
 
     The cone is "free", "orthant", "half" (of the parameters nonnegative) or "body" (one, and nonnegative ones); `noise`
     is relative to each segment's effort, energies differ by the square of `spread`, segments are shared out among the
-    joints at random, and a small `load` makes parameters far below a typical link's, to which the pull then is strong.
+    joints at random, and a small `load` makes parameters far below a typical link's, to which the Tikhonov term then is strong.
     """
     rng = np.random.default_rng(seed)
     cones = {
@@ -170,7 +170,9 @@ def moments_of(rows, joint, known):
     """Moments of segments of which the rows (Y, e) are given, by their definition."""
     hessian = Hessians.make(np.asarray(joint), np.array([y.T @ y for y, _ in rows]))
     gradient, energy = np.array([y.T @ e for y, e in rows]), np.array([e @ e for _, e in rows])
-    return Moments(np.asarray(joint), np.asarray(known), hessian, gradient, energy, np.array([len(e) for _, e in rows]))
+    return NormalEquations(
+        np.asarray(joint), np.asarray(known), hessian, gradient, energy, np.array([len(e) for _, e in rows])
+    )
 
 
 def arm(seed, segments=6, joints=2, terms=("rigid_body", "viscous_friction"), noise=0.5, known=0, coupled=False):
@@ -192,7 +194,9 @@ def arm(seed, segments=6, joints=2, terms=("rigid_body", "viscous_friction"), no
     joint = rng.integers(0, joints, segments)
     cut = Segments(joint, start, end, signs, np.ones(segments, dtype=bool))
     sigma = np.maximum(noise, 0.05) * np.sqrt(np.mean(effort**2, axis=0))
-    return SignProblem(model.cone, coefficients, moments(model, coefficients, motion, effort, cut).scaled(sigma))
+    return SignProblem(
+        model.cone, coefficients, normal_equations(model, coefficients, motion, effort, cut).scaled(sigma)
+    )
 
 
 def strong(m):

@@ -11,7 +11,7 @@ from bayesid.effects.model import Model
 from bayesid.log.segments import find_segments
 from bayesid.log.signals import prepare
 from bayesid.signs.search.certified import Certified
-from bayesid.signs.settling import settle_signs
+from bayesid.signs.sign_solution import settle_signs
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters
 from bayesid.simulation.trajectories import random_trajectory

@@ -30,11 +30,11 @@ from bayesid.cli.terminal import warn
 from bayesid.cli.tuning import TUNING
 from bayesid.discrepancy.numbers import CHANGE_OF
 from bayesid.errors import InputError
+from bayesid.excitation.competing import Hypotheses, equivalent_classes, hypotheses_of
 from bayesid.excitation.design import Objective, TrajectoryShape, design_excitation
 from bayesid.excitation.judgement import ExcitationAssessment, assess_excitation
 from bayesid.excitation.limits import read_limits
 from bayesid.excitation.next_motion import MotionSettings, design_next
-from bayesid.excitation.rivals import Hypotheses, equivalent_classes, hypotheses_of
 from bayesid.files.writing import read_json
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.model_file import load

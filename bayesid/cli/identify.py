@@ -163,7 +163,7 @@ def _identify_each(options: argparse.Namespace, logs: Sequence[Recording], setti
 def _identification_parts(result: Identification, summary: Summary) -> list[RenderableType]:
     search, hidden = result.search, summary.hidden_joints > 0
     proof, seconds = verdicts.proof(summary), result.timings["search"]
-    settled = f", {result.settled_share:.1%} of samples settled" if search.certified else ""
+    settled = f", {result.persistent_share:.1%} of samples settled" if search.certified else ""
     searched = f" ({summary.n_segments_searched} searched)" if hidden else ""
     return [
         f"{summary.robot}: {summary.n_samples} rows, {summary.n_segments} segments{searched}, "
@@ -202,9 +202,9 @@ def _constraints(summary: Summary) -> list[str]:
         return []
     dear = max(summary.constraints, key=lambda one: one.nats)
     costs = f"the dearest, {dear.label}, costs {dear.nats:.1f} nats" if dear.nats > 0.0 else "none is active in the fit"
-    pressed = [one.label for one in summary.constraints if one.presses]
+    active_bounds = [one.label for one in summary.constraints if one.presses]
     return [
-        f"constraints: {len(summary.constraints)} hold; {costs}{f'; {len(pressed)} hold draws back' * bool(pressed)}"
+        f"constraints: {len(summary.constraints)} hold; {costs}{f'; {len(active_bounds)} hold draws back' * bool(pressed)}"
     ]
 
 

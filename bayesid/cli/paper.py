@@ -35,7 +35,7 @@ from bayesid.log.signals import Signals, prepare
 from bayesid.parallel import one_blas_thread
 from bayesid.progress import SILENT, Progress, Steps, no_steps
 from bayesid.regression.least_squares import constant_stretches
-from bayesid.regression.moments import Moments, moments
+from bayesid.regression.normal_equations import NormalEquations, normal_equations
 from bayesid.report.conclusion import conclude
 from bayesid.report.folders import IDENTIFICATION_FILES, MARKER, collect_incomplete, save_identification
 from bayesid.signs.rounds import SegmentSigns
@@ -139,7 +139,7 @@ def run_to_the_letter(seed: int = 0, *, progress: Progress = SILENT) -> LetterEx
     width, initial = SEARCH.width, SEARCH.initial_segments
     with progress.stage("Algorithm 1") as steps:
         search, nodes = algorithm1(problem, width, initial, steps=steps)
-    searched = SegmentSigns(segments, search, rounds=1, unsplit=0, weights=sigma, near=search.branches)
+    searched = SegmentSigns(segments, search, rounds=1, unresolved=0, weights=sigma, near=search.branches)
     identification = identify_with(model, log, signals, searched, SEARCH, progress)
     truth = np.where(segments.sums(model.effort(signals.motion, theta)) >= 0.0, 1, -1)
     return LetterExperiment(segments, truth, search, nodes, identification)
@@ -149,7 +149,7 @@ class _Recorded(NamedTuple):
     log: Log  # of |effort|
     signals: Signals  # filtered
     segments: Segments
-    moments: Moments  # of the segments
+    normal_equations: NormalEquations  # of the segments
 
 
 def _recorded(
@@ -165,7 +165,7 @@ def _recorded(
         signals = prepare(log)
         segments = _segments(signals)
         if SEGMENTS[0] <= len(segments) <= SEGMENTS[1]:
-            raw = moments(model, coefficients, signals.motion, signals.effort, segments)
+            raw = normal_equations(model, coefficients, signals.motion, signals.effort, segments)
             gram = raw.scaled(raw.rms_effort(n)).hessian.total()
             found.append((float(np.trace(np.linalg.inv(gram))), _Recorded(log, signals, segments, raw)))
         tried += 1
@@ -241,7 +241,7 @@ def node_rows(nodes: Sequence[Node]) -> list[dict[str, object]]:
             "ols_cost": node.ols_cost,
             "cone_cost": node.cone_cost,
             "feasible": int(node.feasible),
-            "lmi_margin": node.margin,
+            "lmi_margin": node.min_eigenvalue,
             "fate": node.fate,
         }
         for node in nodes

@@ -16,17 +16,17 @@ from bayesid.log.log import Log
 from bayesid.log.segments import find_segments
 from bayesid.log.signals import Signals, prepare
 from bayesid.motion import Motion
-from bayesid.regression.evidence import Evidence
-from bayesid.regression.knowledge import KinematicTolerance, Knowledge
+from bayesid.regression.knowledge import CoefficientPrior, KinematicTolerance
 from bayesid.regression.least_squares import fit_signed
+from bayesid.regression.log_data import LogData
 from bayesid.regression.noise import Noise, residual_noise
 from bayesid.regression.selection.columns import Columns, blocks_of
-from bayesid.regression.selection.explanation import LN10, Explanation, Observations, Thresholds
-from bayesid.regression.selection.held_back import HeldBackErrors
+from bayesid.regression.selection.cross_validation import CrossValidation
+from bayesid.regression.selection.fitted_effects import LN10, FittedEffects, Observations, Thresholds
 from bayesid.regression.selection.modelled_log import Extension, ModelledLog
 from bayesid.signs.averaging import with_standard_terms
 from bayesid.signs.search.protocol import Search
-from bayesid.signs.settling import Settled, restored, settle_signs
+from bayesid.signs.sign_solution import SignSolution, restored, settle_signs
 from bayesid.signs.smoothing import sign_probabilities
 
 REPEATED, MODELS_RESIDUAL = "repeated periods", "earlier model's residual"
@@ -285,9 +285,9 @@ class HeldBack:
             effort += np.concatenate([columns @ theta[count:] for _, columns in added.chunks(motion)])
         return extended.read(effort)
 
-    def errors(self, residual: Array) -> HeldBackErrors:
+    def errors(self, residual: Array) -> CrossValidation:
         """What residuals (N, n), N m, are on blocks of these data."""
-        return HeldBackErrors(self.by_block(residual**2), self.by_block(self.trial.used.astype(np.float64)))
+        return CrossValidation(self.by_block(residual**2), self.by_block(self.trial.used.astype(np.float64)))
 
     def by_block(self, values: Array) -> Array:
         """(blocks, ...) sums of values (N, ...) over blocks of these data."""
@@ -319,11 +319,11 @@ def divide(
 class Case:
     """What stays the same while effects are selected."""
 
-    knowledge: Knowledge  #: of the model's parameters, from an earlier log
+    knowledge: CoefficientPrior  #: of the model's parameters, from an earlier log
     coefficients: BaseCoefficients  #: the model's base coefficients
     noise: Noise  #: of the earlier log's efforts
     trial: Trial  #: the data that select
-    held_back: HeldBack  #: the data that score
+    cross_validation: HeldBack  #: the data that score
     search: Search  #: how signs are searched
     thresholds: Thresholds = Thresholds()  #: that decide
     #: what may be left of the geometry's distance from the table
@@ -370,24 +370,24 @@ class Case:
             expected, floor=floor.rms, sharp=floor.sharp, limits=floor.limits, thresholds=self.thresholds
         )
 
-    def settled(self, explanation: Explanation) -> Observations:
+    def settled(self, fitted_effects: FittedEffects) -> Observations:
         """The log with its signs settled under an explanation."""
-        return self.data(self.modelled.effort(explanation))
+        return self.data(self.modelled.effort(fitted_effects))
 
     def floor(self, predicted: Array) -> NoiseFloor:
         """The noise floor, as far as this prediction shows it."""
         refit = None if self.standard_refit is None else self.standard_refit.fit.residual.sigma
         return noise_floor(self.trial, self.trial.residual(predicted), self.noise, refit, self.thresholds)
 
-    def unexplained(self, explanation: Explanation, predicted: Array) -> dict[int, float]:
+    def unexplained(self, fitted_effects: FittedEffects, predicted: Array) -> dict[int, float]:
         """Joints (from 1) whose residual is surely above the floor on the log under a prediction, with their ratio."""
         floor, gap = self.floor(predicted), self.trial.gap(predicted)
-        sure = explanation.free_evidence - explanation.noise_evidence > self.needed
+        sure = fitted_effects.free_evidence - fitted_effects.noise_evidence > self.needed
         above = np.flatnonzero(sure & floor.exceeded(gap, self.thresholds)).tolist()
         return {j + 1: float(gap[j] / floor.rms[j]) for j in above}
 
     @cached_property
-    def standard_refit(self) -> Settled | None:
+    def standard_refit(self) -> SignSolution | None:
         """The log by itself under all standard effects, where the model lacks some and was poor in its own log."""
         signals = self.trial.signals
         model = with_standard_terms(self.model.before_sensors, signals)
@@ -404,5 +404,5 @@ class Case:
         signals = restored(extension.model, self.trial.signals)
         signs = 2.0 * self.trial.probability(predicted) - 1.0
         used, information = self.trial.used & signals.measured, knowledge.information(model, coefficients)
-        evidence = Evidence(model, coefficients, signals, used, used, information)
-        return replace(extension, theta=fit_signed(evidence, signs, most_corrected=0).theta)
+        log_data = LogData(model, coefficients, signals, used, used, information)
+        return replace(extension, theta=fit_signed(log_data, signs, most_corrected=0).theta)

@@ -351,12 +351,12 @@ def _histories(
 
 def _of_first(earlier: Identification, runs: Sequence[Identification]) -> list[EffectHistory]:
     """Effects that completed the first model: there all along, or gone."""
-    entered = () if earlier.completion is None else earlier.completion.effects
+    entered = () if earlier.model_selection is None else earlier.model_selection.effects
     effects = [effect.source for effect in entered]
-    borne_out = [shown_by(run, effects) for run in runs[1:]]
+    confirmed = [shown_by(run, effects) for run in runs[1:]]
     histories = []
     for one in entered:
-        later = [standing(run, one.source, shown, runs[0]) for run, shown in zip(runs[1:], borne_out, strict=True)]
+        later = [standing(run, one.source, shown, runs[0]) for run, shown in zip(runs[1:], confirmed, strict=True)]
         told = [what.says for what in later if what.says != OPEN]
         became = UNDECIDED if not told else ALL_ALONG if told[-1] == SHOWN else GONE
         first = Standing(SHOWN, one.log10_bayes_factor)
@@ -373,12 +373,12 @@ def _of_later(found: Sequence[Discrepancy], runs: Sequence[Identification], time
     first = {key: next(iter(by_log.items())) for key, by_log in added.items()}
     sources = {key: _as_added(effect, found[k - 1]) for key, (k, effect) in first.items()}
     followed = {key: one for key, one in sources.items() if _tellable(first[key][1]) and _followed(one, runs)}
-    borne_out = [shown_by(run, list(followed.values())) for run in runs]
+    confirmed = [shown_by(run, list(followed.values())) for run in runs]
     histories = []
     for key, by_log in added.items():
         (k, effect), source = first[key], sources[key]
         if key in followed:
-            says = tuple(standing(run, source, shown, runs[k]) for run, shown in zip(runs, borne_out, strict=True))
+            says = tuple(standing(run, source, shown, runs[k]) for run, shown in zip(runs, confirmed, strict=True))
             histories.append(EffectHistory(source, _of_new(says), says, by_log))
         else:
             became = UNDECIDED if _tellable(effect) else _of_change(by_log, timeline)

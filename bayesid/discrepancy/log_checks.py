@@ -16,8 +16,8 @@ from bayesid.errors import InputError
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.log.log import Log
 from bayesid.motion import Motion
-from bayesid.regression.selection.explanation import Thresholds
-from bayesid.regression.selection.held_back import SHORTEST_LOG
+from bayesid.regression.selection.cross_validation import SHORTEST_LOG
+from bayesid.regression.selection.fitted_effects import Thresholds
 from bayesid.robot import Robot, check_joints
 
 

@@ -38,7 +38,7 @@ def with_numbers(
             size=effort_size(case, effect.hypothesis, again.model, again.theta),
             cost=cost,
         )
-        for effect, sd, cost in zip(selection.added, selection.chosen.explanation.sd, selection.costs, strict=True)
+        for effect, sd, cost in zip(selection.added, selection.chosen.fitted_effects.sd, selection.costs, strict=True)
     )
 
 
@@ -121,13 +121,13 @@ def _of_body(body: InertialParameters) -> dict[str, Quantity]:
 
 def effort_size(case: Case, effect: Hypothesis, extended: Model, theta: Array) -> EffortSize:
     """How large the own effort of an effect of an extended model with parameters theta (P,) is on held-back data."""
-    trial = case.held_back.trial
+    trial = case.cross_validation.trial
     own = np.where(trial.used, own_effort(case, effect, extended, theta, trial.signals.motion), 0.0)
     rms = trial.rms(own)
     joint = int(np.argmax(rms))
     reference, of = case.model.robot.joints[joint].rated_effort, RATED
     if reference is None:  # the largest reading of the log, what is held back of it included
-        logs = [case.trial.signals, *([] if case.held_back.another_log else [trial.signals])]
+        logs = [case.trial.signals, *([] if case.cross_validation.another_log else [trial.signals])]
         read = [one.magnitude[one.measured[:, joint], joint] for one in logs]
         reference, of = np.concatenate(read).max(initial=0.0), LARGEST_READING
     return EffortSize(joint + 1, float(rms[joint]), float(np.abs(own[:, joint]).max()), float(reference), of)

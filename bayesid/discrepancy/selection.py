@@ -15,11 +15,11 @@ from bayesid.discrepancy.sets import EffectSet, EffectSets, Forms, WeighedSet, c
 from bayesid.discrepancy.tuning import TUNING
 from bayesid.discrepancy.unnamed import learn_effects
 from bayesid.progress import SILENT, Progress, Steps
-from bayesid.regression.selection.added_effect import AddedEffect, Cost, all_along, was_there, weigh
+from bayesid.regression.selection.added_effect import AddedEffect, Cost, preexisting, was_there, weigh
+from bayesid.regression.selection.cross_validation import confirms, log_density, surely_better
 from bayesid.regression.selection.error_model import ErrorModel
-from bayesid.regression.selection.explanation import LN10, Explanation, Observations
+from bayesid.regression.selection.fitted_effects import LN10, FittedEffects, Observations
 from bayesid.regression.selection.forward import select_forward
-from bayesid.regression.selection.held_back import bears_out, log_density, surely_better
 from bayesid.regression.selection.hypotheses import EffectKey, Hypothesis, Library, hypotheses
 from bayesid.regression.selection.regression import Regression, explain
 from bayesid.regression.selection.scores import at_blunt_floor, best_forms, joint_sets, refined
@@ -34,7 +34,7 @@ class Selection:
     """Effects that explain a log and are borne out by held-back data."""
 
     chosen: EffectSet  #: all of them, in the order in which they were added
-    before: Explanation  #: the log explained without any
+    before: FittedEffects  #: the log explained without any
     library: Library  #: all hypotheses
     #: that predict held-back data as well as any, and no part of which does, likeliest first; this is the first
     sets: tuple[WeighedSet, ...]
@@ -62,13 +62,13 @@ class Selection:
         """Those that were rejected; without a name, with the words of the explanation that had it."""
         refused, robot = [], self.chosen.case.model.robot
         for among, effect in self.rejected:
-            amplitude, _ = among.explanation.amplitude_of(effect)
+            amplitude, _ = among.fitted_effects.amplitude_of(effect)
             words = effect.source.description(robot, amplitude)
             refused.append(replace(self._weighed(among, effect), description=words))
         return refused
 
     def _weighed(self, among: EffectSet, effect: Hypothesis) -> AddedEffect:
-        return weigh(among.explanation, self.library, effect, among.case.uncertain)
+        return weigh(among.fitted_effects, self.library, effect, among.case.uncertain)
 
 
 def select_effects(case: Case, progress: Progress = SILENT) -> Selection:
@@ -80,7 +80,7 @@ def select_effects(case: Case, progress: Progress = SILENT) -> Selection:
 def _selected(case: Case, steps: Steps) -> Selection:
     data, library = _begin(case)
     before = explain(data, ())
-    old = all_along(before, library)
+    old = preexisting(before, library)
     library = [group for group in library if group and group[0].key not in old]
     nothing = EffectSet(case, before)
     sets = EffectSets(case, library, {nothing.forms: nothing})
@@ -155,8 +155,8 @@ def _one_by_one(sets: EffectSets, chosen: EffectSet, idle: Collection[EffectKey]
 
 def _ranked(sets: EffectSets, chosen: EffectSet, standard: bool) -> tuple[Sequence[ErrorModel], list[Hypothesis]]:
     """All other effects on top of a set, best first: the standard ones alone where nothing else is looked for."""
-    regression = Regression.of(explain(chosen.data, chosen.effects, chosen.explanation))
-    closed = ~chosen.data.sharp if standard else at_blunt_floor(chosen.data, chosen.explanation.mean_square)
+    regression = Regression.of(explain(chosen.data, chosen.effects, chosen.fitted_effects))
+    closed = ~chosen.data.sharp if standard else at_blunt_floor(chosen.data, chosen.fitted_effects.mean_square)
     allowed = [
         [h for h in group if h.standard or not all(closed[j] for j in h.columns.joints)]
         for group in sets.library
@@ -186,7 +186,7 @@ def _elsewhere(chosen: EffectSet, joint: int) -> Forms:
 
 def _unsettled(case: Case, chosen: EffectSet) -> list[int]:
     """Joints (0-based) that are above the floor, or have effects of their own with several numbers, the worst first."""
-    ratio = np.sqrt(chosen.explanation.mean_square)
+    ratio = np.sqrt(chosen.fitted_effects.mean_square)
     own = Counter[int]()
     for effect in chosen.effects:
         if len(effect.columns.joints) == 1:
@@ -217,7 +217,7 @@ def _improved_in(sets: EffectSets, best: EffectSet, joint: int) -> EffectSet:
 
 def _left(chosen: EffectSet, joint: int) -> float:
     """Mean square of what a set leaves of a joint, in units of the floor's."""
-    return float(chosen.explanation.mean_square[joint])
+    return float(chosen.fitted_effects.mean_square[joint])
 
 
 def _with_some_of(
@@ -254,7 +254,7 @@ def polished(sets: EffectSets, best: EffectSet) -> EffectSet:
 
 def _of_several_joints(sets: EffectSets, nothing: EffectSet) -> list[Hypothesis]:
     """Effects that may explain what is missing in several joints, best first."""
-    regression = Regression.of(explain(nothing.data, (), nothing.explanation))
+    regression = Regression.of(explain(nothing.data, (), nothing.fitted_effects))
     groups = [group for group in sets.library if len(group[0].columns.joints) > 1]
     scores = best_forms(regression, groups)
     return [score.hypothesis for score in scores[: TUNING.whole] if score.gain > sets.case.needed]
@@ -300,7 +300,7 @@ def _idle(sets: EffectSets, chosen: EffectSet) -> Hypothesis | None:
     least = sets.case.thresholds.held_back_improvement
     for effect in reversed(chosen.effects):
         fewer = sets.settled(chosen.without(effect), chosen.data, ())
-        if not bears_out(chosen.held_back_errors, fewer.held_back_errors, effect.columns.joints, least):
+        if not confirms(chosen.cross_validation_errors, fewer.cross_validation_errors, effect.columns.joints, least):
             return effect
     return None
 
@@ -322,10 +322,12 @@ def minimal_sets(sets: EffectSets) -> list[EffectSet]:
     """
     candidates = [one for one in sets.found.values() if not _needless(sets, one)]
     score(candidates)
-    held_back, limits = sets.case.held_back, sets.case.thresholds
-    sd = np.min([np.maximum(held_back.trial.rms(one.held_back), one.data.floor) for one in candidates], axis=0)
-    used = held_back.trial.used
-    density = [held_back.by_block(log_density(one.held_back, used, sd)) for one in candidates]
+    cross_validation, limits = sets.case.cross_validation, sets.case.thresholds
+    sd = np.min(
+        [np.maximum(cross_validation.trial.rms(one.cross_validation), one.data.floor) for one in candidates], axis=0
+    )
+    used = cross_validation.trial.used
+    density = [cross_validation.by_block(log_density(one.cross_validation, used, sd)) for one in candidates]
     top = max(density, key=lambda of_blocks: float(of_blocks.sum()))
     least = 0.5 * limits.held_back_improvement * float(used.sum(axis=0).max())
     pairs = zip(candidates, density, strict=True)
@@ -346,14 +348,14 @@ def _needless(sets: EffectSets, chosen: EffectSet) -> bool:
             continue
         if fewer.log_posterior > chosen.log_posterior - sets.case.needed:
             return True
-        if effect.source.of_table and was_there(chosen.explanation, fewer.explanation):
+        if effect.source.of_table and was_there(chosen.fitted_effects, fewer.fitted_effects):
             return True
     return False
 
 
 def _rivals(sets: EffectSets, chosen: EffectSet, gone: tuple[Hypothesis, ...]) -> list[Hypothesis]:
     """Other effects, or other forms, that explain nearly as much in the place of one; or the most, in that of two."""
-    regression = Regression.of(explain(chosen.data, chosen.without(*gone), chosen.explanation))
+    regression = Regression.of(explain(chosen.data, chosen.without(*gone), chosen.fitted_effects))
     keys = {effect.key for effect in gone}
     joints, forms = gone[0].columns.joints, set(map(form_of, gone))
     by_form: dict[EffectKey, list[list[Hypothesis]]] = {}
@@ -362,8 +364,8 @@ def _rivals(sets: EffectSets, chosen: EffectSet, gone: tuple[Hypothesis, ...]) -
             by_form.setdefault(form_of(group[0]), []).append(group)
     scores = {form: best_forms(regression, some)[0] for form, some in by_form.items()}
     own = max((scores[form].gain for form in forms & set(scores)), default=np.inf)
-    rivals = sorted((scores[form] for form in set(scores) - forms), key=lambda one: -one.gain)
-    return [score.hypothesis for score in rivals[: TUNING.whole] if score.gain > own - TUNING.nearly * LN10]
+    competing = sorted((scores[form] for form in set(scores) - forms), key=lambda one: -one.gain)
+    return [score.hypothesis for score in competing[: TUNING.whole] if score.gain > own - TUNING.nearly * LN10]
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -372,10 +374,12 @@ def _rivals(sets: EffectSets, chosen: EffectSet, gone: tuple[Hypothesis, ...]) -
 def _without_stand_ins(sets: EffectSets, chosen: EffectSet) -> EffectSet:
     """Without effects of joints that stay unexplained, unless they explain most of what was to be explained."""
     case, limits = sets.case, sets.case.thresholds
-    for joint in case.unexplained(chosen.explanation, chosen.predicted):
+    for joint in case.unexplained(chosen.fitted_effects, chosen.predicted):
         of_joint = chosen.in_joint(joint - 1)
         others = sets.settled(chosen.without(*of_joint), chosen.data, ())
-        before, after = (case.held_back.trial.rms(one.held_back)[joint - 1] ** 2 for one in (others, chosen))
+        before, after = (
+            case.cross_validation.trial.rms(one.cross_validation)[joint - 1] ** 2 for one in (others, chosen)
+        )
         if of_joint and before - after < limits.explained_share * (before - chosen.data.floor[joint - 1] ** 2):
             chosen = others
     return chosen

@@ -17,8 +17,8 @@ from bayesid.effects.effect import Effect
 from bayesid.effects.learned_effect import LearnedEffect
 from bayesid.parallel import in_parallel
 from bayesid.regression.selection.added_effect import Cost
-from bayesid.regression.selection.explanation import Explanation, Observations
-from bayesid.regression.selection.held_back import HeldBackErrors
+from bayesid.regression.selection.cross_validation import CrossValidation
+from bayesid.regression.selection.fitted_effects import FittedEffects, Observations
 from bayesid.regression.selection.hypotheses import EffectKey, Hypothesis, Library, hypotheses
 from bayesid.regression.selection.modelled_log import Extension
 from bayesid.regression.selection.regression import Effects, Regression, explain, plain_errors
@@ -48,22 +48,22 @@ class EffectSet:
     """Effects in the order in which they were added, and the explanation by them of the log, signs settled under it."""
 
     case: Case
-    explanation: Explanation
+    fitted_effects: FittedEffects
     log_prior: float = 0.0
 
     @property
     def effects(self) -> tuple[Hypothesis, ...]:
         """In the order in which they were added."""
-        return self.explanation.effects
+        return self.fitted_effects.effects
 
     @property
     def data(self) -> Observations:
         """The log, its signs settled."""
-        return self.explanation.data
+        return self.fitted_effects.data
 
     def without(self, *gone: Hypothesis) -> tuple[Hypothesis, ...]:
         """The effects but some."""
-        return self.explanation.without(*gone)
+        return self.fitted_effects.without(*gone)
 
     def in_joint(self, joint: int) -> tuple[Hypothesis, ...]:
         """The effects that act in a (0-based) joint alone."""
@@ -82,9 +82,9 @@ class EffectSet:
     @property
     def predicted(self) -> Array:
         """(N, n) efforts of the explanation, N m."""
-        return self.case.modelled.effort(self.explanation)
+        return self.case.modelled.effort(self.fitted_effects)
 
-    def explained(self, effects: Effects | None = None) -> Explanation:
+    def explained(self, effects: Effects | None = None) -> FittedEffects:
         """Its log by some effects or its own, from scratch, beside what the geometry may be wrong by in any case."""
         return explain(self.data, self.effects if effects is None else effects, None, self.case.uncertain)
 
@@ -95,7 +95,7 @@ class EffectSet:
 
     def log_evidence_of(self, effects: Effects) -> float:
         """Of some effects, from this explanation on, beside what the geometry may be wrong by."""
-        return explain(self.data, effects, self.explanation, self.case.uncertain).log_evidence
+        return explain(self.data, effects, self.fitted_effects, self.case.uncertain).log_evidence
 
     @cached_property
     def extension(self) -> Extension:
@@ -105,23 +105,23 @@ class EffectSet:
         """
         learned = any(isinstance(effect.source, LearnedEffect) for effect in self.effects)
         if learned and not any(effect.beyond_numbers for effect in self.effects):
-            return self.case.modelled.extended(self.explanation)
+            return self.case.modelled.extended(self.fitted_effects)
         return self.refitted
 
     @cached_property
     def refitted(self) -> Extension:
         """The model with them and feasible parameters."""
-        return self.case.refitted(self.case.modelled.extended(self.explanation), self.predicted)
+        return self.case.refitted(self.case.modelled.extended(self.fitted_effects), self.predicted)
 
     @cached_property
-    def held_back(self) -> Array:
+    def cross_validation(self) -> Array:
         """(N, n) what the model with them leaves of the held-back data, N m, zero where they do not count."""
         return self._held_back(self.extension.theta)
 
     @property
-    def held_back_errors(self) -> HeldBackErrors:
+    def cross_validation_errors(self) -> CrossValidation:
         """The same by blocks."""
-        return self.case.held_back.errors(self.held_back)
+        return self.case.cross_validation.errors(self.cross_validation)
 
     def held_back_less(self, term: Effect) -> Array:
         """(N, n) the same with a term of it at zero, all else as it is."""
@@ -130,7 +130,9 @@ class EffectSet:
 
     def _held_back(self, theta: Array) -> Array:
         case = self.case
-        return case.held_back.trial.residual(case.held_back.effort(case.model, self.extension.model, theta))
+        return case.cross_validation.trial.residual(
+            case.cross_validation.effort(case.model, self.extension.model, theta)
+        )
 
 
 def form_of(effect: Hypothesis) -> EffectKey:
@@ -140,9 +142,11 @@ def form_of(effect: Hypothesis) -> EffectKey:
 
 def score(some: Sequence[EffectSet]) -> None:
     """Makes ready what sets leave of the held-back data, in several processes: each is fitted again, in the cone."""
-    left = [one for one in some if "held_back" not in vars(one)]
-    for one, residual in zip(left, in_parallel([partial(getattr, one, "held_back") for one in left]), strict=True):
-        vars(one)["held_back"] = residual  # as a cached property keeps it
+    left = [one for one in some if "cross_validation" not in vars(one)]
+    for one, residual in zip(
+        left, in_parallel([partial(getattr, one, "cross_validation") for one in left]), strict=True
+    ):
+        vars(one)["cross_validation"] = residual  # as a cached property keeps it
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,10 +174,10 @@ class EffectSets:
         if key not in self._settled:
             asked = (*effects, kept)  # lest others take their ids
             effects = refined(data, self._in_best_forms(effects, data, joints, kept), self.library, joints)
-            explanation = self.case.modelled.sharpened(data, effects)
-            data = replace(self.case.settled(explanation), reference=data.reference)
-            explanation = explain(data, explanation.effects, explanation)
-            made = EffectSet(self.case, explanation, sum(map(self.log_prior, explanation.effects)))
+            fitted_effects = self.case.modelled.sharpened(data, effects)
+            data = replace(self.case.settled(fitted_effects), reference=data.reference)
+            fitted_effects = explain(data, fitted_effects.effects, fitted_effects)
+            made = EffectSet(self.case, fitted_effects, sum(map(self.log_prior, fitted_effects.effects)))
             self._settled[key] = made, asked
             other = self.found.get(made.forms)
             if other is None or made.log_posterior > other.log_posterior:
@@ -187,7 +191,9 @@ class EffectSets:
     def anchored(self, chosen: EffectSet) -> EffectSet:
         """A set that others are compared with: where they have the same effects, what is left is judged alike."""
         anchor = explain(replace(chosen.data, reference=None), chosen.effects)
-        return replace(chosen, explanation=replace(chosen.explanation, data=replace(chosen.data, reference=anchor)))
+        return replace(
+            chosen, fitted_effects=replace(chosen.fitted_effects, data=replace(chosen.data, reference=anchor))
+        )
 
     @property
     def looked_at(self) -> int:
@@ -262,12 +268,12 @@ def _in_order(keys: frozenset[EffectKey], chosen: EffectSet) -> tuple[EffectKey,
 
 def costs(sets: EffectSets, chosen: EffectSet) -> tuple[Cost, ...]:
     """Of each effect of a chosen set: of the set without it, numbers and signs found anew, and of the set itself."""
-    trial, without = sets.case.held_back.trial, sets.fewer(chosen)
+    trial, without = sets.case.cross_validation.trial, sets.fewer(chosen)
     score([chosen, *without])
-    after, effort = trial.rms(chosen.held_back), trial.rms(np.where(trial.used, trial.magnitude, 0.0))
+    after, effort = trial.rms(chosen.cross_validation), trial.rms(np.where(trial.used, trial.magnitude, 0.0))
     found = []
     for effect, fewer in zip(chosen.effects, without, strict=True):
-        before = trial.rms(fewer.held_back)
+        before = trial.rms(fewer.cross_validation)
         rise = (before**2 - after**2) / np.maximum(effort**2, TINY)
         joint = max(sorted(effect.columns.joints), key=lambda j: float(rise[j]))
         found.append(Cost(joint + 1, float(before[joint]), float(after[joint]), float(effort[joint])))

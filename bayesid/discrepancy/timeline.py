@@ -34,12 +34,12 @@ from bayesid.effects.coefficients import base_coefficients
 from bayesid.effects.effect import Effect
 from bayesid.effects.model import Model
 from bayesid.identification.identification import Identification
-from bayesid.regression.evidence import Evidence
 from bayesid.regression.least_squares import fit_signed
-from bayesid.regression.selection.explanation import LN10
+from bayesid.regression.log_data import LogData
+from bayesid.regression.selection.detected import confirmed
+from bayesid.regression.selection.fitted_effects import LN10
 from bayesid.regression.selection.hypotheses import EffectKey
-from bayesid.regression.selection.wanted import borne_out
-from bayesid.signs.settling import restored
+from bayesid.signs.sign_solution import restored
 
 PAYLOAD = "payload mass"
 """Name of the parameter that no log shows by itself."""
@@ -78,9 +78,9 @@ def shown_by(run: Identification, effects: Sequence[Effect]) -> dict[EffectKey, 
     """Those of some effects that a run's log bears out by itself, beside the rest of its model: log10 Bayes factors."""
     if not effects:
         return {}
-    evidence = _evidence(run, without(run.model, [key_of(effect) for effect in effects]))
-    fit = fit_signed(evidence, 2.0 * run.probability - 1.0)
-    wanted = borne_out(evidence, fit, run.probability, effects)
+    log_data = _log_data(run, without(run.model, [key_of(effect) for effect in effects]))
+    fit = fit_signed(log_data, 2.0 * run.probability - 1.0)
+    wanted = confirmed(log_data, fit, run.probability, effects)
     return {(effect.effect, effect.joints): effect.log10_bayes_factor for effect in wanted.effects}
 
 
@@ -92,16 +92,16 @@ def missing_all_along(model: Model, again: Identification) -> tuple[EffectKey, .
 
 
 def standing(
-    run: Identification, effect: Effect, borne_out: Mapping[EffectKey, float], other: Identification
+    run: Identification, effect: Effect, confirmed: Mapping[EffectKey, float], other: Identification
 ) -> Standing:
-    """What a log says of an effect that another log has shown; `borne_out` is what `shown_by` says of it.
+    """What a log says of an effect that another log has shown; `confirmed` is what `shown_by` says of it.
 
     The effect has its numbers in the other log, and so does the model of the other run.
     """
     linear = bool(effect.parameters(run.model.robot))
     ratio = _of_amplitudes(run, effect, other) if linear else _of_distortion(run, effect)
-    if key_of(effect) in borne_out:
-        return Standing(SHOWN, borne_out[key_of(effect)], ratio)
+    if key_of(effect) in confirmed:
+        return Standing(SHOWN, confirmed[key_of(effect)], ratio)
     return Standing(ABSENT if ratio <= -TUNING.decisive else OPEN, np.nan, ratio)
 
 
@@ -123,21 +123,21 @@ def _of_distortion(run: Identification, effect: Effect) -> float:
     plain = without(run.model, [key_of(effect)])
     fits, counts = [], []
     for model in (plain, plain.extend(effect)):
-        evidence = _evidence(run, model)
-        fits.append(fit_signed(evidence, 2.0 * run.probability - 1.0))
-        counts.append(evidence.used.sum(axis=0))
+        log_data = _log_data(run, model)
+        fits.append(fit_signed(log_data, 2.0 * run.probability - 1.0))
+        counts.append(log_data.used.sum(axis=0))
     time = np.maximum(*(fit.residual.autocorrelation for fit in fits))
     gain = np.log(fits[0].residual.sigma / fits[1].residual.sigma)
     return float(np.minimum(*counts) / time @ gain) / LN10
 
 
-def _evidence(run: Identification, model: Model) -> Evidence:
+def _log_data(run: Identification, model: Model) -> LogData:
     rows, signals = model.before_sensors, restored(model, run.signals)
     moving, fitted = (
         run.segments.per_sample(which, *run.probability.shape) > 0
         for which in (run.segments.moving, run.segments.fitted)
     )
-    return Evidence(rows, base_coefficients(rows), signals, moving, fitted & signals.measured)
+    return LogData(rows, base_coefficients(rows), signals, moving, fitted & signals.measured)
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -314,7 +314,7 @@ def _with_payload(line: Timeline, masses: Sequence[tuple[float, float]], loaded:
 def _tracked(run: Identification) -> tuple[TrackedParameter, ...]:
     model, table = run.model, run.coefficients
     owners = [(term.name, p.joint) for term in model.terms for p in term.parameters(model.robot)]
-    rows = zip(table.names, table.expressions, table.units, table.kept.tolist(), strict=True)
+    rows = zip(table.names, table.expressions, table.units, table.selected.tolist(), strict=True)
     return tuple(TrackedParameter(name, text, unit, *owners[place]) for name, text, unit, place in rows)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from bayesid.discrepancy.sets import EffectSet
 from bayesid.discrepancy.tuning import TUNING
 from bayesid.effects.learned_effect import LearnedEffect
-from bayesid.regression.selection.held_back import HeldBackErrors, bears_out
+from bayesid.regression.selection.cross_validation import CrossValidation, confirms
 from bayesid.regression.selection.hypotheses import Hypothesis
 from bayesid.regression.selection.learned import Finder, Learned
 from bayesid.regression.selection.regression import Effects, explain
@@ -35,8 +35,8 @@ def learn_effects(
         if own and (learned is state or joint in _left(learned)):
             others = state.without(*own)
             alone, gone_too = _in_joint(_settled(others, state), joint)
-            before, after = learned.held_back_errors, alone.held_back_errors
-            if bears_out(after, before, {joint - 1}, state.case.thresholds.held_back_improvement):
+            before, after = learned.cross_validation_errors, alone.cross_validation_errors
+            if confirms(after, before, {joint - 1}, state.case.thresholds.held_back_improvement):
                 nothing = len(alone.effects) == len(others)
                 learned, gone = alone, [*((state, effect) for effect in own if nothing), *gone_too]
             elif learned is state:
@@ -72,8 +72,8 @@ def _by_one_function(state: EffectSet, joint: int, log_prior: Callable[[Hypothes
     prior = np.log(limits.something_else / limits.nothing_missing / state.data.used.shape[1]) - function.price
     gain = _log_evidence(grown[0]) + prior - evidence - sum(map(log_prior, own))
     by_one = _merged(finder, grown[0], [function])
-    if gain < needed or bears_out(
-        state.held_back_errors, by_one.held_back_errors, {joint - 1}, limits.held_back_improvement
+    if gain < needed or confirms(
+        state.cross_validation_errors, by_one.cross_validation_errors, {joint - 1}, limits.held_back_improvement
     ):
         return state
     return by_one
@@ -81,21 +81,21 @@ def _by_one_function(state: EffectSet, joint: int, log_prior: Callable[[Hypothes
 
 def _log_evidence(state: EffectSet) -> float:
     """Of a set, judged by what it leaves itself."""
-    own = replace(state.explanation, data=replace(state.data, reference=None))
-    return replace(state, explanation=own).log_evidence_of(state.effects)
+    own = replace(state.fitted_effects, data=replace(state.data, reference=None))
+    return replace(state, fitted_effects=own).log_evidence_of(state.effects)
 
 
 def _left(state: EffectSet) -> list[int]:
     """Joints (from 1) whose residual is surely above a sharp floor, on the log or on held-back data, worst first."""
-    case, predicted, unseen = state.case, state.predicted, state.held_back_errors
+    case, predicted, unseen = state.case, state.predicted, state.cross_validation_errors
     floor, gap, on_log = (
         case.floor(predicted),
         case.trial.gap(predicted),
-        case.unexplained(state.explanation, predicted),
+        case.unexplained(state.fitted_effects, predicted),
     )
-    held_back = unseen.surely_above(floor.rms) & floor.exceeded(unseen.rms, case.thresholds)
+    cross_validation = unseen.surely_above(floor.rms) & floor.exceeded(unseen.rms, case.thresholds)
     ratio = np.maximum(gap, unseen.rms) / floor.rms
-    return [int(j) + 1 for j in np.argsort(-ratio) if floor.sharp[j] and (j + 1 in on_log or held_back[j])]
+    return [int(j) + 1 for j in np.argsort(-ratio) if floor.sharp[j] and (j + 1 in on_log or cross_validation[j])]
 
 
 def _in_joint(state: EffectSet, joint: int) -> tuple[EffectSet, list[tuple[EffectSet, Hypothesis]]]:
@@ -123,7 +123,7 @@ def _explains_most(before: EffectSet, after: EffectSet, joint: int) -> bool:
 
     Of a table that is off, say: any effect of a joint that stays above the floor is kept by the same share.
     """
-    without, rest = (one.held_back_errors.rms[joint - 1] ** 2 for one in (before, after))
+    without, rest = (one.cross_validation_errors.rms[joint - 1] ** 2 for one in (before, after))
     excess = without - before.data.floor[joint - 1] ** 2
     return bool(without - rest >= before.case.thresholds.explained_share * excess)
 
@@ -136,7 +136,7 @@ def _finder(state: EffectSet, joint: int) -> Finder:
 def _merged(finder: Finder, state: EffectSet, found: Sequence[Learned]) -> EffectSet:
     """The set with some of its functions as one effect, the last."""
     number = 1 + sum(isinstance(term, LearnedEffect) and finder.joint in term.joints for term in state.case.model.terms)
-    merged = finder.merged(found, [state.explanation.amplitude_of(one.hypothesis) for one in found], number)
+    merged = finder.merged(found, [state.fitted_effects.amplitude_of(one.hypothesis) for one in found], number)
     return _settled((*_others(state, found), merged), state)
 
 
@@ -153,7 +153,7 @@ def _without_stand_ins(state: EffectSet, learned: Hypothesis, needed: float) -> 
 
 
 def _is_noise(state: EffectSet, joint: int, needed: float) -> bool:
-    more = state.explanation.free_evidence - state.explanation.noise_evidence
+    more = state.fitted_effects.free_evidence - state.fitted_effects.noise_evidence
     return bool(more[joint - 1] <= needed)
 
 
@@ -167,10 +167,10 @@ def _borne_out(
     """
     if not passed:
         return None
-    before = state.held_back_errors
+    before = state.cross_validation_errors
     first, _ = _best_of(state, passed)
     for bounded in (False, True):
-        errors = first.explanation.errors
+        errors = first.fitted_effects.errors
         ranked = finder.ranked(first.explained(state.effects), errors, bounded=bounded)
         again = [learned for learned in ranked if learned.gain > needed]
         if not again:
@@ -181,15 +181,15 @@ def _borne_out(
     return None
 
 
-def _helps(state: EffectSet, before: HeldBackErrors, learned: Hypothesis) -> bool:
+def _helps(state: EffectSet, before: CrossValidation, learned: Hypothesis) -> bool:
     """Whether a function is borne out by held-back data: by itself, not by what the other parameters do beside it.
 
     What only the log shows pulls at these. A function lets them go, and may do nothing where the held-back data are.
     """
-    after, joints = state.held_back_errors, learned.columns.joints
-    without = state.case.held_back.errors(state.held_back_less(learned.source))
+    after, joints = state.cross_validation_errors, learned.columns.joints
+    without = state.case.cross_validation.errors(state.held_back_less(learned.source))
     least = state.case.thresholds.held_back_improvement
-    return all(bears_out(after, other, joints, least) for other in (before, without))
+    return all(confirms(after, other, joints, least) for other in (before, without))
 
 
 def _best_of(
@@ -204,7 +204,7 @@ def _best_of(
     for one in (one for one in functions if one.gain > TUNING.near_best * functions[0].gain):
         settled = _settled((*beside, one.hypothesis), state)
         tried.append((_settled(settled.effects, settled), one))
-    return max(tried, key=lambda pair: pair[0].explanation.log_evidence)
+    return max(tried, key=lambda pair: pair[0].fitted_effects.log_evidence)
 
 
 def _fitted_again(
@@ -212,7 +212,7 @@ def _fitted_again(
 ) -> tuple[EffectSet, list[Learned]]:
     """Each function chosen again beside the others, now that they are known; what is needless goes."""
     for one in list(found) if len(found) > 1 else []:
-        others, errors = _others(state, [one]), state.explanation.errors
+        others, errors = _others(state, [one]), state.fitted_effects.errors
         best = next(iter(finder.ranked(state.explained(others), errors)), None)
         if best is not None and best.gain > needed and best.form.variables != one.form.variables:
             state = _settled((*others, best.hypothesis), state)
@@ -227,9 +227,9 @@ def _others(state: EffectSet, gone: Sequence[Learned]) -> tuple[Hypothesis, ...]
 def _without_needless(state: EffectSet, found: list[Learned], needed: float) -> tuple[EffectSet, list[Learned]]:
     """Without the functions that later ones have made needless, the most needless first."""
     while len(found) > 1:
-        evidence = [explain(state.data, _others(state, [one]), state.explanation).log_evidence for one in found]
+        evidence = [explain(state.data, _others(state, [one]), state.fitted_effects).log_evidence for one in found]
         most = int(np.argmax(evidence))
-        if state.explanation.log_evidence - evidence[most] > needed:
+        if state.fitted_effects.log_evidence - evidence[most] > needed:
             break
         state = _settled(_others(state, [found[most]]), state)
         found = [one for one in found if one is not found[most]]
@@ -237,5 +237,5 @@ def _without_needless(state: EffectSet, found: list[Learned], needed: float) -> 
 
 
 def _settled(effects: Effects, state: EffectSet) -> EffectSet:
-    explanation = explain(state.data, effects)
-    return EffectSet(state.case, explain(state.case.settled(explanation), effects, explanation))
+    fitted_effects = explain(state.data, effects)
+    return EffectSet(state.case, explain(state.case.settled(fitted_effects), effects, fitted_effects))

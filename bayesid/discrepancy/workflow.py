@@ -32,8 +32,8 @@ from bayesid.parallel import one_blas_thread
 from bayesid.posterior.sampler import Sampling
 from bayesid.progress import SILENT, Progress
 from bayesid.regression.selection.added_effect import AddedEffect, not_testable
-from bayesid.regression.selection.explanation import Explanation, Thresholds
-from bayesid.regression.selection.held_back import HeldBackErrors
+from bayesid.regression.selection.cross_validation import CrossValidation
+from bayesid.regression.selection.fitted_effects import FittedEffects, Thresholds
 from bayesid.regression.selection.hypotheses import EffectKey
 from bayesid.regression.selection.scores import Score, assess
 from bayesid.signs.search.protocol import Search
@@ -60,14 +60,14 @@ class Discrepancy:
         not_testable: effect and joints that this log could not show.
         identification: of the extended model on the log.
         trial: the log, stretches of it if it is long; without the held-back ones among the used samples.
-        held_back: the data that scored.
+        cross_validation: the data that scored.
         predicted_before: (N, n) by the model as it was, N m.
         predicted_after: (N, n) by the extended model, N m.
         warnings: what the user should know.
         thresholds: that decided.
         seconds: of wall time.
         sets: that may be what is missing, as far as held-back data leave them, and their probabilities, best first.
-        all_along: effects and joints beyond the standard terms that the model had and this log bears out by itself too.
+        preexisting: effects and joints beyond the standard terms that the model had and this log bears out by itself too.
 
     Example:
         >>> found.status, [(effect.effect, effect.joints) for effect in found.added]
@@ -88,14 +88,14 @@ class Discrepancy:
     not_testable: tuple[EffectKey, ...]
     identification: Identification
     trial: Trial
-    held_back: Trial
+    cross_validation: Trial
     predicted_before: Array
     predicted_after: Array
     warnings: tuple[str, ...]
     thresholds: Thresholds
     seconds: float
     sets: tuple[WeighedSet, ...] = ()
-    all_along: tuple[EffectKey, ...] = ()
+    preexisting: tuple[EffectKey, ...] = ()
 
     def __repr__(self) -> str:
         gaps = zip(self.before, self.after, self.floor.rms, strict=True)
@@ -165,13 +165,13 @@ def find_discrepancy(
     trial = shortened(make_trial(model, prepare(log, cutoff), thresholds))
     if later is not None:
         check_holdout(model.robot, log, later)
-    selecting, held_back = divide(model, log, later, trial, cutoff, thresholds)
+    selecting, cross_validation = divide(model, log, later, trial, cutoff, thresholds)
     coefficients = base_coefficients(model)
-    case = Case(earlier.knowledge, coefficients, earlier.noise, selecting, held_back, search, thresholds)
+    case = Case(earlier.knowledge, coefficients, earlier.noise, selecting, cross_validation, search, thresholds)
     check_columns(partial(model.effort, theta=earlier.knowledge.theta), selecting, log)
     check_same_robot(case.before, selecting, log, thresholds)
     selection = select_effects(case, progress)
-    extension = case.modelled.extended(selection.chosen.explanation)
+    extension = case.modelled.extended(selection.chosen.fitted_effects)
     again = identify_again(
         extension.model,
         log,
@@ -226,11 +226,11 @@ def _with_origin(again: Identification, known: IdentifiedModel, log: Log, later:
 # The result
 # ---------------------------------------------------------------------------------------------------------------
 def _discrepancy(case: Case, selection: Selection, again: Identification, body: PayloadEstimate | None) -> Discrepancy:
-    trial, scoring = case.trial, case.held_back.trial
+    trial, scoring = case.trial, case.cross_validation.trial
     scores = assess(selection.before, selection.library)
     before, after = _gaps(case, selection, again)
     predicted = again.model.effort(trial.signals.motion, again.theta)
-    floor, on_log = case.floor(predicted), case.unexplained(selection.chosen.explanation, predicted)
+    floor, on_log = case.floor(predicted), case.unexplained(selection.chosen.fitted_effects, predicted)
     ratios, says = _unexplained_anywhere(on_log, before, after, floor, case.thresholds)
     added = with_numbers(case, selection, again, body)
     return Discrepancy(
@@ -241,7 +241,7 @@ def _discrepancy(case: Case, selection: Selection, again: Identification, body: 
         before=before.rms,
         after=after.rms,
         floor=floor,
-        holdout=case.held_back.name,
+        holdout=case.cross_validation.name,
         unexplained=ratios,
         unexplained_on=says,
         scores=tuple(score.alone for score in scores),
@@ -249,13 +249,13 @@ def _discrepancy(case: Case, selection: Selection, again: Identification, body: 
         not_testable=tuple(not_testable(scores, len(floor.rms), case.thresholds)),
         identification=again,
         trial=trial,
-        held_back=scoring,
+        cross_validation=scoring,
         predicted_before=case.before,
         predicted_after=predicted,
         warnings=(*_warnings(case, floor, selection.stopped), *again.warnings),
         thresholds=case.thresholds,
         seconds=np.nan,
-        all_along=missing_all_along(case.model, again),
+        preexisting=missing_all_along(case.model, again),
     )
 
 
@@ -267,8 +267,8 @@ def _status(found: bool, left: bool) -> str:
 
 def _unexplained_anywhere(
     on_log: Mapping[int, float],
-    before: HeldBackErrors,
-    after: HeldBackErrors,
+    before: CrossValidation,
+    after: CrossValidation,
     floor: NoiseFloor,
     thresholds: Thresholds,
 ) -> tuple[tuple[tuple[int, float], ...], dict[int, tuple[str, ...]]]:
@@ -288,21 +288,21 @@ def _joints(which: Mask) -> set[int]:
     return set((np.flatnonzero(which) + 1).tolist())
 
 
-def _gaps(case: Case, selection: Selection, again: Identification) -> tuple[HeldBackErrors, HeldBackErrors]:
+def _gaps(case: Case, selection: Selection, again: Identification) -> tuple[CrossValidation, CrossValidation]:
     """What the model as it was leaves of the held-back data, and what the extended one does."""
     theta = again.theta
-    if not case.held_back.another_log:  # those stretches must not have had a say
+    if not case.cross_validation.another_log:  # those stretches must not have had a say
         theta = selection.chosen.refitted.theta
-    scoring = case.held_back.trial
+    scoring = case.cross_validation.trial
     motion = scoring.signals.motion
     efforts = case.model.effort(motion, case.knowledge.theta), again.model.effort(motion, theta)
-    before, after = (case.held_back.errors(scoring.residual(effort)) for effort in efforts)
+    before, after = (case.cross_validation.errors(scoring.residual(effort)) for effort in efforts)
     return before, after
 
 
-def _where(case: Case, explanation: Explanation, floor: NoiseFloor) -> list[Excess]:
+def _where(case: Case, fitted_effects: FittedEffects, floor: NoiseFloor) -> list[Excess]:
     """Where the model exceeds the floor, having given way as far as the earlier log allows."""
-    predicted, trial = case.modelled.effort(explanation), case.trial
+    predicted, trial = case.modelled.effort(fitted_effects), case.trial
     above = np.flatnonzero(floor.exceeded(trial.gap(predicted), case.thresholds)).tolist()
     return where_it_shows(trial, trial.residual(predicted), predicted, floor.rms, above)
 

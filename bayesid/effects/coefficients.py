@@ -32,18 +32,18 @@ class BaseCoefficients:
         names: (r,) each named after the parameter it is built on.
         expressions: (r,) readable sums of standard parameters, in the manner of Gautier and Khalil.
         units: (r,) their units.
-        kept: (r,) indices of the parameters whose columns are kept.
+        selected: (r,) indices of the parameters whose columns are kept.
         projection: (r, P) B with beta = B theta (:eq:`base-coefficients`); B[:, kept] is the identity.
     """
 
     names: tuple[str, ...]
     expressions: tuple[str, ...]
     units: tuple[str, ...]
-    kept: Integers
+    selected: Integers
     projection: Array
 
     def __len__(self) -> int:
-        return len(self.kept)
+        return len(self.selected)
 
     def __repr__(self) -> str:
         return f"BaseCoefficients: {len(self)} of {self.projection.shape[1]} parameters, {', '.join(self.names)}"
@@ -78,13 +78,13 @@ def base_coefficients(model: Model, seed: int = 0, earlier: Model | None = None)
     columns = _random_columns(model, rng)
     if earlier is not None:
         columns = np.vstack([columns, _random_columns(earlier, rng) @ embedding(earlier, model)])
-    kept, weights = _independent_columns(columns)
+    selected, weights = _independent_columns(columns)
     labels = [parameter.name for parameter in model.parameters]
     return BaseCoefficients(
-        names=tuple(labels[k] for k in kept),
+        names=tuple(labels[k] for k in selected),
         expressions=tuple(_expression(row, labels, model.robot.lengths, model.robot.n_joints) for row in weights),
-        units=tuple(model.parameters[k].unit for k in kept),
-        kept=kept,
+        units=tuple(model.parameters[k].unit for k in selected),
+        selected=selected,
         projection=weights,
     )
 
@@ -114,15 +114,15 @@ def _independent_columns(columns: Array) -> tuple[Integers, Array]:
     largest = lengths.max()
     scaled = columns / np.where(lengths > TUNING.dependent * largest, lengths, np.inf)
     basis = np.empty((len(columns), 0))
-    kept: list[int] = []
+    selected: list[int] = []
     for k, column in enumerate(scaled.T):
         rest = column - basis @ (basis.T @ column)
         rest -= basis @ (basis.T @ rest)
         size = float(np.linalg.norm(rest))
         if size > TUNING.dependent:
             basis = np.column_stack([basis, rest / size])
-            kept.append(k)
-    indices = np.array(kept, dtype=np.int64)
+            selected.append(k)
+    indices = np.array(selected, dtype=np.int64)
     weights = np.linalg.lstsq(scaled[:, indices], columns, rcond=None)[0] / lengths[indices, None]
     weights[np.abs(weights) < _ZERO] = 0.0
     weights[:, indices] = np.eye(len(indices))

@@ -27,15 +27,15 @@ class FeltColumns:
     """(N, n, P) columns, of each joint those alone that are not zero: about half as many."""
 
     size: int  # P
-    felt: tuple[Integers, ...]  # of each of the n joints, (m,) the columns that it feels, ascending
+    sparsity: tuple[Integers, ...]  # of each of the n joints, (m,) the columns that it feels, ascending
     values: tuple[Array, ...]  # of each joint, (N, m) these
 
     @classmethod
     def of(cls, columns: Array) -> FeltColumns:
         """Those of (N, n, P)."""
-        felt = tuple(np.flatnonzero(some) for some in np.any(columns != 0.0, axis=0))
-        values = tuple(np.ascontiguousarray(columns[:, j, those]) for j, those in enumerate(felt))
-        return cls(columns.shape[2], felt, values)
+        sparsity = tuple(np.flatnonzero(some) for some in np.any(columns != 0.0, axis=0))
+        values = tuple(np.ascontiguousarray(columns[:, j, those]) for j, those in enumerate(sparsity))
+        return cls(columns.shape[2], sparsity, values)
 
     def __len__(self) -> int:
         return len(self.values[0])
@@ -49,29 +49,29 @@ class FeltColumns:
     def dense(self) -> Array:
         """(N, n, P) all of them, in an array of their own."""
         dense = np.zeros((len(self), len(self.values), self.size))
-        for j, (those, values) in enumerate(zip(self.felt, self.values, strict=True)):
+        for j, (those, values) in enumerate(zip(self.sparsity, self.values, strict=True)):
             dense[:, j, those] = values
         return dense
 
     def of_joint(self, joint: int, columns: Integers) -> Array:
         """(N, k) some columns of a joint, ascending, all that it feels among them."""
         own = self.values[joint]
-        if np.array_equal(columns, self.felt[joint]):
+        if np.array_equal(columns, self.sparsity[joint]):
             return own
         some = np.zeros((len(self), len(columns)))
-        some[:, np.searchsorted(columns, self.felt[joint])] = own
+        some[:, np.searchsorted(columns, self.sparsity[joint])] = own
         return some
 
     def chosen(self, columns: Integers) -> FeltColumns:
         """Some of the P columns, in ascending order."""
         place = np.full(self.size, -1)
         place[columns] = np.arange(len(columns))
-        felt, values = [], []
-        for those, own in zip(self.felt, self.values, strict=True):
+        sparsity, values = [], []
+        for those, own in zip(self.sparsity, self.values, strict=True):
             inside = place[those] >= 0
-            felt.append(place[those[inside]])
+            sparsity.append(place[those[inside]])
             values.append(own if inside.all() else np.ascontiguousarray(own[:, inside]))
-        return FeltColumns(len(columns), tuple(felt), tuple(values))
+        return FeltColumns(len(columns), tuple(sparsity), tuple(values))
 
 
 @dataclass(frozen=True)
@@ -241,7 +241,7 @@ class Model:
         """(N, n) what sensors read of efforts (N, n), N m."""
         return reduce(lambda read, distortion: distortion.measured(read), self.distortions, effort)
 
-    def unread(self, magnitude: Array) -> tuple[Array, Mask]:
+    def invert_sensor(self, magnitude: Array) -> tuple[Array, Mask]:
         """(N, n) absolute efforts before the sensors' doing, N m, and (N, n) where the readings show them."""
         valid = np.ones(magnitude.shape, dtype=bool)
         for distortion in reversed(self.distortions):

@@ -33,7 +33,7 @@ from bayesid.log.reading import LogSource, as_log
 from bayesid.log.segments import find_segments
 from bayesid.log.signals import prepare
 from bayesid.parallel import one_blas_thread
-from bayesid.regression.moments import moments
+from bayesid.regression.normal_equations import normal_equations
 from bayesid.robot import Robot, check_joints, load_robot
 
 
@@ -117,7 +117,9 @@ def assess_excitation(
     expectation = expect(model, seed)
     speed, n = np.abs(actuators.dq), robot.n_joints
     unsigned = np.flatnonzero(~signals.signed).tolist()
-    sums = moments(model, expectation.coefficients, signals.motion, signals.effort, segments, most_individual=0)
+    sums = normal_equations(
+        model, expectation.coefficients, signals.motion, signals.effort, segments, most_individual=0
+    )
     grams, counts = sums.hessian.by_joint(n), np.bincount(sums.joint, sums.count, n)
     samples, weight = np.maximum(counts, 1).astype(np.int64), min(1.0, TUNING.independent / signals.rate)
     groups = groups_of(unsigned, all_unsigned=len(unsigned) == n)
@@ -194,7 +196,7 @@ def _remarks(judgement: ExcitationAssessment) -> Iterator[str]:
         )
     bodies = model.cone.bodies.ravel().tolist()
     for p in np.flatnonzero(np.abs(coefficients.projection).max(axis=0) > 0.0).tolist():
-        if p not in bodies and p not in coefficients.kept:
+        if p not in bodies and p not in coefficients.selected:
             others = ", ".join(coefficients.names[i] for i in np.flatnonzero(coefficients.projection[:, p]))
             yield f"{model.parameters[p].name} shows only in a sum with {others}: no motion tells them apart"
 

@@ -49,7 +49,7 @@ class Known:
     units: tuple[str, ...]  # (R,)
     mean: Array  # (R,) values
     precision: Array  # (R, R) L
-    lacking: Array  # (R, R) M
+    model_error_covariance: Array  # (R, R) M
     gains: Integers  # (g,) 0-based joints whose gains are among the quantities
     density: Array  # (n,) information of a second of efforts, 1/(N m)^2: independent samples over variance
     supposed: bool = False  # nothing is known of some coefficients, and how plausible robots differ stands for a prior
@@ -73,7 +73,7 @@ class Known:
     def columns(self, motion: Motion) -> Array:
         """(N, n, R) N m per unit of each quantity: of readings that are made efforts by the gains as they are."""
         every = self.model.columns(motion)
-        columns = every[:, :, self.coefficients.kept]
+        columns = every[:, :, self.coefficients.selected]
         if not len(self.gains):
             return columns
         effort = every @ self.theta
@@ -98,7 +98,7 @@ class Known:
     @cached_property
     def now(self) -> Array:
         """(R, R) covariance as it is, with what the model may lack."""
-        return inverse_of(self.precision) + self.lacking
+        return inverse_of(self.precision) + self.model_error_covariance
 
     @cached_property
     def root(self) -> Array:
@@ -119,7 +119,7 @@ def known_of(identified: IdentifiedModel, rate: float) -> Known:
     nothing = np.zeros_like(precision)
     known = Known(model, base, identified.theta, base.names, base.units, beta, precision, nothing, none, density)
     if draws is None:
-        known = replace(known, lacking=identified.beyond_precision)
+        known = replace(known, model_error_covariance=identified.beyond_precision)
         values = scaled_spectrum(precision)[0]
         if values[0] > _ROUNDING * values[-1]:
             return known
@@ -133,16 +133,16 @@ def known_of(identified: IdentifiedModel, rate: float) -> Known:
             units=(*base.units, *("" for _ in gains)),
             mean=np.concatenate([beta, draws.log_gain[:, gains].mean(axis=0)]),
             precision=inverse_of(_at_least(both, _ROUNDING)),
-            lacking=np.zeros_like(both),
+            model_error_covariance=np.zeros_like(both),
             gains=gains,
         )
     covariance = np.atleast_2d(np.cov(drawn, rowvar=False))
     if not precision.any():
         return replace(known, precision=inverse_of(_at_least(covariance, _ROUNDING)))
-    lacking = identified.lacking
-    if lacking is None:
-        lacking = _beyond_sampling(covariance, precision, len(drawn))
-    return replace(known, lacking=_at_least(lacking, 0.0))
+    model_error_covariance = identified.model_error_covariance
+    if model_error_covariance is None:
+        model_error_covariance = _beyond_sampling(covariance, precision, len(drawn))
+    return replace(known, model_error_covariance=_at_least(model_error_covariance, 0.0))
 
 
 def scaled_spectrum(matrix: Array) -> tuple[Array, Array, Array]:
@@ -211,12 +211,12 @@ class Goal:
 
     names: tuple[str, ...]  # (m,)
     forms: Array  # (m, R) sums of the quantities
-    wanted: Array  # (m,) standard deviations that are enough
+    required_sd: Array  # (m,) standard deviations that are enough
     never: tuple[str, ...] = ()  # sentences on what no motion can tell
 
     def left(self, covariance: Array) -> Array:
         """(m, m) covariance of the sums over what is wanted of them, of the quantities' (R, R)."""
-        forms = self.forms / self.wanted[:, None]
+        forms = self.forms / self.required_sd[:, None]
         return forms @ covariance @ forms.T
 
     def spread(self, covariance: Array) -> float:
@@ -230,7 +230,7 @@ class Goal:
 
     def mean_variance(self, covariance: Array) -> float:
         """Mean variance of the sums over what is wanted: A-optimal (ibid., section 2.3)."""
-        return float(np.trace(self.left(covariance)) / len(self.wanted))
+        return float(np.trace(self.left(covariance)) / len(self.required_sd))
 
     def gain(self, before: Array, after: Array) -> float:
         """Nats that a recording tells of the sums, seen as well as they are wanted, from covariances (R, R) of it."""
@@ -266,16 +266,16 @@ def goal_of(known: Known, about: Sequence[str] = (), payload: str = "") -> Goal:
     if not names:
         raise InputError("; ".join(never), field="about", remedy="name something that a motion can tell")
     first = [names.index(name) for name in dict.fromkeys(names)]
-    forms, wanted = (
-        np.concatenate(each)[first] for each in zip(*((part.forms, part.wanted) for part in parts), strict=True)
+    forms, required_sd = (
+        np.concatenate(each)[first] for each in zip(*((part.forms, part.required_sd) for part in parts), strict=True)
     )
-    return Goal(tuple(names[k] for k in first), forms, wanted, never)
+    return Goal(tuple(names[k] for k in first), forms, required_sd, never)
 
 
 def _of_places(known: Known, chosen: list[int], never: tuple[str, ...] = ()) -> Goal:
     sd = np.sqrt(np.diag(known.now))
-    wanted = np.maximum(KNOWN * np.abs(known.mean), 1e-6 * sd)  # of a quantity that is zero, below every gain
-    return Goal(tuple(known.names[k] for k in chosen), np.eye(len(known))[chosen], wanted[chosen], never)
+    required_sd = np.maximum(KNOWN * np.abs(known.mean), 1e-6 * sd)  # of a quantity that is zero, below every gain
+    return Goal(tuple(known.names[k] for k in chosen), np.eye(len(known))[chosen], required_sd[chosen], never)
 
 
 def _named(known: Known, name: str, payload: str) -> Goal:

@@ -3,7 +3,7 @@
 A result says how uncertain its coefficients are, and a discrepancy which effects its log cannot tell apart. Of all
 motions from rest to rest that a robot can run (`bayesid.excitation.splines`), the one is looked for whose recording
 tells most of that: by the information about chosen coefficients (`bayesid.excitation.known`) or by the Bayes factor
-between hypotheses (`bayesid.excitation.rivals`). What will be known afterwards is said before anything is run.
+between hypotheses (`bayesid.excitation.competing`). What will be known afterwards is said before anything is run.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ from bayesid.arrays import Array
 from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.effects.coefficients import base_coefficients
 from bayesid.errors import InputError
-from bayesid.excitation.known import CRITERIA, Goal, Known, certain_share, goal_of, known_of, usual_motion
-from bayesid.excitation.limits import check_between, check_limits
-from bayesid.excitation.resolvability import information_of
-from bayesid.excitation.rivals import (
+from bayesid.excitation.competing import (
+    CompetingEffects,
     Hypotheses,
-    RivalEffects,
     hypotheses_after,
     hypotheses_of,
     inseparable,
-    make_rivals,
+    make_competing,
 )
+from bayesid.excitation.known import CRITERIA, Goal, Known, certain_share, goal_of, known_of, usual_motion
+from bayesid.excitation.limits import check_between, check_limits
+from bayesid.excitation.resolvability import information_of
 from bayesid.excitation.search import MotionSearch, best_motion
 from bayesid.excitation.splines import Feasibility, SplineBasis, SplineTrajectory, at_rest, fine_steps, largest_efforts
 from bayesid.excitation.tuning import TUNING
@@ -41,7 +41,7 @@ from bayesid.motion import Motion
 from bayesid.parallel import one_blas_thread
 from bayesid.progress import SILENT, Progress
 from bayesid.regression.knowledge import inverse_of
-from bayesid.regression.selection.explanation import LN10
+from bayesid.regression.selection.fitted_effects import LN10
 from bayesid.robot.collision import CollisionModel
 from bayesid.simulation.trajectories import MotionLimits
 
@@ -108,7 +108,7 @@ class NextExperiment:
     trajectory: SplineTrajectory  #: the motion, exact at every instant
     run: MotionSettings  #: how it is to be run, limits and start with one number for each joint
     goal: Goal | None  #: what it settles; None where it tells hypotheses apart
-    rivals: tuple[RivalEffects, ...]  #: classes of hypotheses that it tells apart
+    competing: tuple[CompetingEffects, ...]  #: classes of hypotheses that it tells apart
     predicted: PredictedKnowledge  #: what will be known after its recording
     #: the same after a random motion within the same limits (but of efforts and collisions)
     of_random: PredictedKnowledge
@@ -212,20 +212,22 @@ def design_next(
     _check_start(feasibility, still)
     labelled = partial(replace, payload=np.array(run.payload))
     reference, random = (labelled(usual_motion(known.model.robot, limits, each)) for each in (None, run.duration))
-    rivals = tuple(make_rivals(delayed, keys, recorded, reference, hypotheses.changed) for keys in hypotheses.classes)
-    goal = None if rivals else goal_of(known, about, run.payload)
-    search = _search_of(known, criterion, goal, rivals, feasibility, still)
+    competing = tuple(
+        make_competing(delayed, keys, recorded, reference, hypotheses.changed) for keys in hypotheses.classes
+    )
+    goal = None if competing else goal_of(known, about, run.payload)
+    search = _search_of(known, criterion, goal, competing, feasibility, still)
     usual = TUNING.telling_changes if goal is None else TUNING.changes
     _, trajectory = best_motion(search, changes or (usual // TUNING.whole if search.whole else usual), progress)
-    alike = [pair for made in rivals for pair in inseparable(made, reference)]
+    alike = [pair for made in competing for pair in inseparable(made, reference)]
     return NextExperiment(
         known=known,
         trajectory=trajectory,
         run=run,
         goal=goal,
-        rivals=rivals,
-        predicted=_prediction(known, goal, rivals, trajectory.motion(_instants(run))),
-        of_random=_prediction(known, goal, rivals, random),
+        competing=competing,
+        predicted=_prediction(known, goal, competing, trajectory.motion(_instants(run))),
+        of_random=_prediction(known, goal, competing, random),
         feasibility=feasibility,
         never=(
             *([_SUPPOSED] if known.supposed else []),
@@ -279,10 +281,10 @@ def _with_lacking(result: Identification) -> IdentifiedModel:
     def covariance(theta: Array) -> Array:
         return np.atleast_2d(np.cov(base.project(theta.reshape(-1, theta.shape[-1])), rowvar=False))
 
-    lacking = np.zeros_like(result.identified.precision)
+    model_error_covariance = np.zeros_like(result.identified.precision)
     if posterior.shift is not None:
-        lacking = covariance(posterior.uncertain.theta) - covariance(posterior.draws.theta)
-    return replace(result.identified, lacking=lacking)
+        model_error_covariance = covariance(posterior.uncertain.theta) - covariance(posterior.draws.theta)
+    return replace(result.identified, model_error_covariance=model_error_covariance)
 
 
 def _settled(run: MotionSettings, known: Known, recorded: Motion | None) -> tuple[MotionLimits, MotionSettings]:
@@ -337,7 +339,7 @@ def _search_of(
     known: Known,
     criterion: str,
     goal: Goal | None,
-    rivals: tuple[RivalEffects, ...],
+    competing: tuple[CompetingEffects, ...],
     feasibility: Feasibility,
     still: SplineTrajectory,
 ) -> MotionSearch:
@@ -349,27 +351,27 @@ def _search_of(
             return CRITERIA[criterion](goal, known.covariance(information))
 
         return MotionSearch(known.columns, known.weights, left_of, known.memory, *to_keep)
-    ends = np.cumsum([0, *(len(one.recorded) for one in rivals)]).tolist()
+    ends = np.cumsum([0, *(len(one.recorded) for one in competing)]).tolist()
     own = [slice(*pair) for pair in pairwise(ends)]
 
     def columns(motion: Motion) -> Array:
-        return np.concatenate([one.columns(motion) for one in rivals], axis=2)
+        return np.concatenate([one.columns(motion) for one in competing], axis=2)
 
     def untold_of(information: Array) -> float:
-        return sum(one.worth(information[place, place]) for one, place in zip(rivals, own, strict=True))
+        return sum(one.worth(information[place, place]) for one, place in zip(competing, own, strict=True))
 
-    return MotionSearch(columns, rivals[0].known.weights, untold_of, any(one.memory for one in rivals), *to_keep)
+    return MotionSearch(columns, competing[0].known.weights, untold_of, any(one.memory for one in competing), *to_keep)
 
 
 def _prediction(
-    known: Known, goal: Goal | None, rivals: tuple[RivalEffects, ...], motion: Motion
+    known: Known, goal: Goal | None, competing: tuple[CompetingEffects, ...], motion: Motion
 ) -> PredictedKnowledge:
     after = known.covariance(known.information(motion))
     factors: dict[tuple[str, str], float] = {}
-    for one in rivals:
+    for one in competing:
         information = information_of(one.columns(motion), one.known.weights(motion))
         factors |= {pair: value / LN10 for pair, value in one.expected(information).items()}
-    sd_now, sd, sd_lacking = (np.sqrt(np.diag(one)) for one in (known.now, after, after + known.lacking))
+    sd_now, sd, sd_lacking = (np.sqrt(np.diag(one)) for one in (known.now, after, after + known.model_error_covariance))
     return PredictedKnowledge(
         names=known.names,
         units=known.units,

@@ -43,7 +43,7 @@ from bayesid.errors import InputError
 from bayesid.excitation.tuning import TUNING
 from bayesid.motion import Motion
 from bayesid.regression.knowledge import ParameterPrior
-from bayesid.regression.moments import Moments
+from bayesid.regression.normal_equations import NormalEquations
 from bayesid.simulation.parameters import random_parameters
 from bayesid.simulation.trajectories import UNEXCITED, log_condition_of
 
@@ -134,7 +134,7 @@ def groups_of(joints: list[int], all_unsigned: bool = True) -> tuple[tuple[int, 
     return tuple(group for size in range(1, most + 1) for group in combinations(joints, size))
 
 
-def turn_joints(grams: Array, beta: Array, groups: tuple[tuple[int, ...], ...]) -> JointFlips:
+def flip_joints(grams: Array, beta: Array, groups: tuple[tuple[int, ...], ...]) -> JointFlips:
     """What turning groups of 0-based joints weighs for a robot with coefficients beta (r,), other signs right.
 
     The Gram matrices (n, r, r) of the joints' rows are in units of their noise.
@@ -182,16 +182,20 @@ def turn_segments(columns: Array, effort: Array, speed: Array, sigma: Array, wei
     return SegmentFlips(joint, start, end, energy / max(float(energy.sum()), TINY), cost)
 
 
-def turn_measured(moments: Moments, start: Integers, end: Integers, weight: float) -> SegmentFlips:
+def turn_measured(normal_equations: NormalEquations, start: Integers, end: Integers, weight: float) -> SegmentFlips:
     """What turning each segment of a log weighs, from its own |effort|; signs that are known are left out.
 
     The moments of the log's S segments are in units of the noise; they begin and end at samples (S,), each of which
     stands for so many independent ones.
     """
-    cost = weight * resolvability(_pseudo_inverse(moments.hessian.total()), moments.gradient, moments.energy)
-    share = moments.energy / max(float(moments.energy.sum()), TINY)
-    unsigned = np.flatnonzero(moments.known == 0)
-    return SegmentFlips(moments.joint[unsigned], start[unsigned], end[unsigned], share[unsigned], cost[unsigned])
+    cost = weight * resolvability(
+        _pseudo_inverse(normal_equations.hessian.total()), normal_equations.gradient, normal_equations.energy
+    )
+    share = normal_equations.energy / max(float(normal_equations.energy.sum()), TINY)
+    unsigned = np.flatnonzero(normal_equations.known == 0)
+    return SegmentFlips(
+        normal_equations.joint[unsigned], start[unsigned], end[unsigned], share[unsigned], cost[unsigned]
+    )
 
 
 def _pseudo_inverse(gram: Array) -> Array:
@@ -219,7 +223,7 @@ class Expectation:
 
     def columns(self, motion: Motion) -> Array:
         """(N, n, r) base regressor."""
-        return self.model.columns(motion)[:, :, self.coefficients.kept]
+        return self.model.columns(motion)[:, :, self.coefficients.selected]
 
     def sigma(self, grams: Array, samples: int | Integers, noise: float) -> Array:
         """(K, n) noise of each robot's joints, N m: a share of the RMS effort; 1 where there is no effort.
@@ -240,7 +244,7 @@ class Expectation:
         By Gram matrices (n, r, r), the robots' noise (K, n), and how many independent samples each sample stands for.
         """
         scaled = weight * grams / sigma[:, :, None, None] ** 2
-        return [turn_joints(own, beta, groups) for own, beta in zip(scaled, self.betas, strict=True)]
+        return [flip_joints(own, beta, groups) for own, beta in zip(scaled, self.betas, strict=True)]
 
     def uncertainty(self, grams: Array, sigma: Array, weight: float) -> Array:
         """(r,) standard deviation of each coefficient after a log whose signs are known, over its size beforehand.

@@ -19,9 +19,9 @@ from bayesid.identification.tuning import TUNING
 from bayesid.log.log import Log
 from bayesid.log.signals import Signals, still_joints
 from bayesid.posterior.inference import Posterior
-from bayesid.regression.evidence import Evidence
-from bayesid.regression.knowledge import Nominal
+from bayesid.regression.knowledge import NominalParameters
 from bayesid.regression.least_squares import Fit
+from bayesid.regression.log_data import LogData
 from bayesid.regression.prices import ConstraintPrice
 from bayesid.regression.tuning import TUNING as REGRESSION
 from bayesid.signs.averaging import AveragedSigns
@@ -53,18 +53,18 @@ class Check:
 def warnings_of(
     log: Log,
     averaged: AveragedSigns,
-    doubt: Array,
+    model_error_probability: Array,
     posterior: Posterior | None,
     reading: Misreading | None = None,
     gains: IdentifiedGains | None = None,
-    nominal: Nominal | None = None,
+    nominal: NominalParameters | None = None,
 ) -> tuple[str, ...]:
     """All warnings of an identification.
 
     Args:
         log: the raw log.
         averaged: signs and fit.
-        doubt: (n,) probability that signs are guesses because the model is not the robot's.
+        model_error_probability: (n,) probability that signs are guesses because the model is not the robot's.
         posterior: draws; None if it was not asked for.
         reading: of the log, that explains it better than the one given; None without one.
         gains: where they were unknowns.
@@ -75,12 +75,12 @@ def warnings_of(
         *_of_the_log(log, averaged),
         *_of_the_length(averaged),
         *_of_the_fit(averaged.fit, hidden=not log.signed.all()),
-        *_of_the_excitation(averaged.fit, averaged.asked.evidence),
+        *_of_the_excitation(averaged.fit, averaged.asked.log_data),
         *([] if nominal is None or not _of_links(nominal, log.n_joints) else on_edge(averaged.fit, log.n_joints)),
-        *_of_the_signs(averaged, doubt),
+        *_of_the_signs(averaged, model_error_probability),
         *([] if posterior is None else _of_the_posterior(posterior)),
         *([] if gains is None else _of_the_gains(gains)),
-        *([] if nominal is None else _contradicted(averaged.asked.evidence, averaged.fit, nominal)),
+        *([] if nominal is None else _contradicted(averaged.asked.log_data, averaged.fit, nominal)),
     )
     return tuple(str(check) for check in checks if check.state != "good")
 
@@ -121,14 +121,14 @@ def poor_fit(relative_residual: Sequence[float], *, hidden: bool) -> Check:
     return Check("Fit", "bad", message, remedy)
 
 
-def not_proven(cost: float, lower_bound: float | None, withheld: str, timed_out: bool) -> Check:
+def not_proven(cost: float, lower_bound: float | None, uncertified_because: str, timed_out: bool) -> Check:
     """A proof was tried, and no search has excluded every other assignment; numbers as in `SearchResult`."""
-    if withheld:
+    if uncertified_because:
         why = {
-            "pull": "the data alone prefer another listed assignment; what is assumed of links decides",
+            "tikhonov": "the data alone prefer another listed assignment; what is assumed of links decides",
             "noise": "the best assignment depends on the noise level assumed of each joint",
         }
-        return Check("Proof", "look", f"not proven ({why[withheld]})", f"{TELL_APART}; {ALTERNATIVES}")
+        return Check("Proof", "look", f"not proven ({why[uncertified_because]})", f"{TELL_APART}; {ALTERNATIVES}")
     if timed_out or lower_bound is None:
         return Check("Proof", "look", "not proven (the time limit ended the search)", _MORE_TIME)
     gap = cost - lower_bound
@@ -144,9 +144,9 @@ def contradiction(share: float) -> Check:
     return Check("Proof", state, message, f"{TELL_APART}; or validate on a log with known signs")
 
 
-def confidences_lowered(doubt: Sequence[float]) -> str:
+def confidences_lowered(model_error_probability: Sequence[float]) -> str:
     """That (n,) signs are guesses with a probability, because the model is not the robot's."""
-    shown = [(j, share) for j, share in enumerate(doubt, start=1) if share >= TUNING.shown_doubt]
+    shown = [(j, share) for j, share in enumerate(model_error_probability, start=1) if share >= TUNING.shown_doubt]
     most = ", ".join(f"{1.0 - 0.5 * share:.2f} in joint {j}" for j, share in shown)
     return f"the model's own error is large: no confidence is above {most}"
 
@@ -183,9 +183,11 @@ def _above(value: float, limit: float) -> str:
     return next((text for digits in range(2, 6) if float(text := f"{value:.{digits}f}") > limit), repr(value))
 
 
-def pressed_windows(pressed: Mapping[str, float | None]) -> Check:
+def active_bounds(active_bounds: Mapping[str, float | None]) -> Check:
     """The prior's windows, not the data, end some quantities, with the share of draws near the edge of each."""
-    parts = ", ".join(f"{name} ({share or 0.0:.0%} of the draws near its edge)" for name, share in pressed.items())
+    parts = ", ".join(
+        f"{name} ({share or 0.0:.0%} of the draws near its edge)" for name, share in active_bounds.items()
+    )
     message = f"the prior's window on the {parts} decides, not the data"
     return Check("Data or prior", "bad", message, "give the scales of the links by --links")
 
@@ -214,10 +216,10 @@ def dear_constraints(prices: Sequence[ConstraintPrice]) -> list[Check]:
     ]
 
 
-def pressing(pressed: Mapping[str, float]) -> Check:
+def pressing(active_bounds: Mapping[str, float]) -> Check:
     """Constraints that hold draws back, with the share of draws at the edge of each: for information."""
-    parts = ", ".join(f"{label} ({share:.1%} at its edge)" for label, share in pressed.items())
-    return _remark(f"draws press against constraint{'s' * (len(pressed) > 1)} {parts}")
+    parts = ", ".join(f"{label} ({share:.1%} at its edge)" for label, share in active_bounds.items())
+    return _remark(f"draws press against constraint{'s' * (len(active_bounds) > 1)} {parts}")
 
 
 UNSETTLED_GAINS = Check("Gains", "bad", "signs and gains did not come to agree", "give narrower --gains")
@@ -237,7 +239,7 @@ def _remark(message: str, remedy: str = "") -> Check:
 
 
 def _of_the_log(log: Log, averaged: AveragedSigns) -> Iterator[Check]:
-    signals = averaged.asked.evidence.signals
+    signals = averaged.asked.log_data.signals
     yield from map(_remark, (*averaged.asked.model.robot.notes, *log.notes, *map(str, signals.faults)))
     for j in np.flatnonzero(still_joints(signals.motion.q)):
         start, end = signals.motion.t[[0, -1]]
@@ -259,7 +261,7 @@ def independent_instants(signals: Signals) -> int:
 
 
 def _of_the_length(averaged: AveragedSigns) -> Iterator[Check]:
-    independent, count = independent_instants(averaged.asked.evidence.signals), len(averaged.fit.sd)
+    independent, count = independent_instants(averaged.asked.log_data.signals), len(averaged.fit.sd)
     if independent < count:
         message = (
             f"the log is too short to identify {count} coefficients from {independent} independent samples a joint"
@@ -272,16 +274,16 @@ def _of_the_fit(fit: Fit, *, hidden: bool) -> Iterator[Check]:
         yield poor_fit(fit.relative_residual.tolist(), hidden=hidden)
 
 
-def _of_links(nominal: Nominal, n_links: int) -> bool:
+def _of_links(nominal: NominalParameters, n_links: int) -> bool:
     """Whether something is stated of single parameters of links, the first ten times as many."""
     return bool(np.isfinite(nominal.mean[: 10 * n_links]).any())
 
 
-def _of_the_excitation(fit: Fit, evidence: Evidence) -> Iterator[Check]:
+def _of_the_excitation(fit: Fit, log_data: LogData) -> Iterator[Check]:
     """Of coefficients that are not known, those of joints without an effort are told from those of a poor motion."""
-    unknown, known = np.flatnonzero(np.isinf(fit.sd)).tolist(), evidence.coefficients
-    blind = (np.flatnonzero(~evidence.used.any(axis=0)) + 1).tolist() if unknown else []
-    of_blind = [known.names[k] for k in unknown if evidence.model.parameters[known.kept[k]].joint in blind]
+    unknown, known = np.flatnonzero(np.isinf(fit.sd)).tolist(), log_data.coefficients
+    blind = (np.flatnonzero(~log_data.used.any(axis=0)) + 1).tolist() if unknown else []
+    of_blind = [known.names[k] for k in unknown if log_data.model.parameters[known.selected[k]].joint in blind]
     if of_blind:
         yield no_effort(blind, of_blind)
     if len(unknown) > len(of_blind):
@@ -301,33 +303,33 @@ def on_edge(fit: Fit, n_links: int) -> list[Check]:
     return [_remark(message, "state more of what is known of them by --nominal")]
 
 
-def _of_the_signs(averaged: AveragedSigns, doubt: Array) -> Iterator[Check]:
-    signs, fit = averaged.settled.signs, averaged.fit
+def _of_the_signs(averaged: AveragedSigns, model_error_probability: Array) -> Iterator[Check]:
+    signs, fit = averaged.sign_solution.signs, averaged.fit
     search = signs.search
     if not search.certified and (search.lower_bound is not None or search.timed_out):  # a beam proves nothing
-        yield not_proven(search.cost, search.lower_bound, search.withheld, search.timed_out)
-    few = signs.unsplit < TUNING.shown_doubt * len(search.signs) or signs.rounds < SIGNS.search_rounds
-    if signs.unsplit and not (search.certified and few):  # else a few samples near zero, whose signs are smoothed
-        segments = "1 segment still crosses" if signs.unsplit == 1 else f"{signs.unsplit} segments still cross"
+        yield not_proven(search.cost, search.lower_bound, search.uncertified_because, search.timed_out)
+    few = signs.unresolved < TUNING.shown_doubt * len(search.signs) or signs.rounds < SIGNS.search_rounds
+    if signs.unresolved and not (search.certified and few):  # else a few samples near zero, whose signs are smoothed
+        segments = "1 segment still crosses" if signs.unresolved == 1 else f"{signs.unresolved} segments still cross"
         yield _remark(f"{segments} zero after {signs.rounds} searches")
     if fit.tolerance > TUNING.solver_gap:
         yield _remark(f"the final fit reached a relative gap of {fit.tolerance:g} only")
     if not averaged.by_asked:
         known = {(effect.name, effect.joints) for effect in averaged.asked.model.effects}
-        added = [effect for effect in averaged.settled.model.effects if (effect.name, effect.joints) not in known]
+        added = [effect for effect in averaged.sign_solution.model.effects if (effect.name, effect.joints) not in known]
         missing = ", ".join(" ".join([effect.name, *map(str, effect.joints)]) for effect in added)
         message = f"the model lacks {missing}: these terms explain the log far better, and signs rest on them"
         yield _remark(message, "add them to `terms`")
-    if doubt.max(initial=0.0) >= TUNING.shown_doubt:
-        yield _remark(confidences_lowered(doubt.tolist()))
+    if model_error_probability.max(initial=0.0) >= TUNING.shown_doubt:
+        yield _remark(confidences_lowered(model_error_probability.tolist()))
 
 
 def _of_the_posterior(posterior: Posterior) -> Iterator[Check]:
     wanted = posterior.sampling
     rhat, ess = (posterior.max_rhat, wanted.max_rhat), (posterior.min_ess, wanted.wanted_ess)
     yield sampling(posterior.converged, posterior.timed_out, rhat, ess)
-    if posterior.pressed:
-        yield pressed_windows(dict(posterior.pressed))
+    if posterior.active_bounds:
+        yield active_bounds(dict(posterior.active_bounds))
     if posterior.pressed_constraints:
         yield pressing(posterior.pressed_constraints)
     weights, asked = [mode.weight for mode in posterior.modes], posterior.sampling.mode
@@ -335,12 +337,12 @@ def _of_the_posterior(posterior: Posterior) -> Iterator[Check]:
         yield _remark(f"there is no mode {asked} of the posterior, of {len(weights)}: the heaviest is written")
     else:
         yield modes(weights, [posterior.turned_joints(k) for k in range(len(weights))], posterior.chosen)
-    if posterior.excluded is not None and posterior.excluded > TUNING.excluded:
-        yield contradiction(posterior.excluded)
+    if posterior.posterior_conflict is not None and posterior.posterior_conflict > TUNING.posterior_conflict:
+        yield contradiction(posterior.posterior_conflict)
 
 
 def _of_the_gains(gains: IdentifiedGains) -> Iterator[Check]:
-    if not gains.settled:
+    if not gains.converged:
         yield UNSETTLED_GAINS
     if gains.factor_decided_by == BY_PRIOR:
         source = "by what arms of its length weigh" if gains.stated.unknown.any() else "by the prior"
@@ -349,16 +351,16 @@ def _of_the_gains(gains: IdentifiedGains) -> Iterator[Check]:
         yield Check("Gains", "look", message, FACTOR_REMEDY)
 
 
-def _contradicted(evidence: Evidence, fit: Fit, nominal: Nominal) -> Iterator[Check]:
+def _contradicted(log_data: LogData, fit: Fit, nominal: NominalParameters) -> Iterator[Check]:
     """Parameters that the log shows by themselves, and not as they were stated."""
-    projection = evidence.coefficients.projection
+    projection = log_data.coefficients.projection
     for row in np.flatnonzero(np.count_nonzero(projection, axis=1) == 1).tolist():
         place = int(np.flatnonzero(projection[row])[0])
         value, sd = fit.beta[row] / projection[row, place], fit.sd[row] / abs(projection[row, place])
         stated, spread = nominal.mean[place], nominal.sd[place]
         far = abs(value - stated) / np.hypot(sd, spread)
         if far > TUNING.contradicts:  # not where nothing is stated: NaN
-            name = evidence.model.parameters[place].name
+            name = log_data.model.parameters[place].name
             yield _remark(
                 f"{name} was stated as {stated:.4g} +- {spread:.2g}, the log alone says {value:.4g} +- {sd:.2g}: "
                 f"{far:.0f} standard deviations apart",

@@ -14,11 +14,11 @@ from bayesid.identification.tuning import TUNING
 from bayesid.log.gains import Gains
 from bayesid.log.log import Log
 from bayesid.posterior.target import usual_links
-from bayesid.regression.evidence import Evidence
 from bayesid.regression.gains import GainFit, GainPrior, fit_gains, likely_gains, prior_of, signed_moments
 from bayesid.regression.knowledge import LinkPrior, ParameterPrior, inverse_of
-from bayesid.regression.moments import Moments
+from bayesid.regression.log_data import LogData
 from bayesid.regression.noise import Noise
+from bayesid.regression.normal_equations import NormalEquations
 from bayesid.regression.tuning import TUNING as REGRESSION
 
 _ROUNDING = 1e-9
@@ -37,7 +37,7 @@ class IdentifiedGains:
         prior: (n, n) the same before the log.
         weights: (n,) by which the factor common to all is a mean of the logarithms.
         stated: the gains as they were stated.
-        settled: whether signs and gains had come to agree.
+        converged: whether signs and gains had come to agree.
         like_friction: joints, from 1, whose gain the log does not tell from friction that depends on the load.
 
     Example:
@@ -52,7 +52,7 @@ class IdentifiedGains:
     prior: Array
     weights: Array
     stated: Gains
-    settled: bool = True
+    converged: bool = True
     like_friction: tuple[int, ...] = ()
 
     @property
@@ -141,46 +141,46 @@ class UnknownGains:
         n = self.log.n_joints
         return np.zeros(n, dtype=bool) if self._stated is None else self._stated.unknown
 
-    def begin(self, evidence: Evidence) -> None:
+    def begin(self, log_data: LogData) -> None:
         """Sets what nobody knows to what the robot's masses make likely."""
         if self._stated is not None:
-            self.log = self.log.rescaled(likely_gains(evidence, self._stated))
+            self.log = self.log.rescaled(likely_gains(log_data, self._stated))
 
-    def moved(self, evidence: Evidence, noise: Noise, probability: Array) -> bool:
+    def moved(self, log_data: LogData, noise: Noise, probability: Array) -> bool:
         """Whether gains had to move to suit signs: the log has other efforts then.
 
         Args:
-            evidence: the model, completed or not, and the log.
+            log_data: the model, completed or not, and the log.
             noise: under the terms asked for, in any case: effects that are chosen on a log explain there what a wrong
                 gain leaves as well, and do not make it better known.
             probability: (N, n) P(sign = +).
         """
         if self._prior is None:
             return False
-        fit = self._fit(self._prior, evidence, noise, probability)
+        fit = self._fit(self._prior, log_data, noise, probability)
         if self._off(fit) > TUNING.still_gains and self._moves < TUNING.gain_moves:
             self.log, self._prior = self.log.rescaled(np.exp(fit.log)), self._prior.moved(fit.log)
             self._moves += 1
             return True
-        self._keep(fit, evidence, noise)
+        self._keep(fit, log_data, noise)
         return False
 
-    def settle(self, evidence: Evidence, noise: Noise, probability: Array) -> None:
+    def settle(self, log_data: LogData, noise: Noise, probability: Array) -> None:
         """What is known of the gains under a model, which is the one of the result; the log's efforts stay.
 
         Arguments are those of `moved`.
         """
         if self._prior is not None:
-            self._keep(self._fit(self._prior, evidence, noise, probability), evidence, noise)
+            self._keep(self._fit(self._prior, log_data, noise, probability), log_data, noise)
 
-    def _fit(self, prior: GainPrior, evidence: Evidence, noise: Noise, probability: Array) -> GainFit:
-        moments = signed_moments(evidence, 2.0 * probability - 1.0)
+    def _fit(self, prior: GainPrior, log_data: LogData, noise: Noise, probability: Array) -> GainFit:
+        normal_equations = signed_moments(log_data, 2.0 * probability - 1.0)
         stated = self._of_parameters
-        links, nominal = links_of(stated, evidence, moments), stated.of(evidence.model.parameters)
-        return fit_gains(evidence, moments, noise, prior, links, nominal)
+        links, nominal = links_of(stated, log_data, normal_equations), stated.of(log_data.model.parameters)
+        return fit_gains(log_data, normal_equations, noise, prior, links, nominal)
 
-    def _keep(self, fit: GainFit, evidence: Evidence, noise: Noise) -> None:
-        self.fit, self._like_friction = fit, _like_friction(evidence, noise, fit)
+    def _keep(self, fit: GainFit, log_data: LogData, noise: Noise) -> None:
+        self.fit, self._like_friction = fit, _like_friction(log_data, noise, fit)
 
     @staticmethod
     def _off(fit: GainFit) -> float:
@@ -200,42 +200,42 @@ class UnknownGains:
             prior=self.fit.prior.covariance,
             weights=self.fit.weights,
             stated=self._stated,
-            settled=self.fit.settled and self._off(self.fit) < TUNING.unsettled_gains,
+            converged=self.fit.converged and self._off(self.fit) < TUNING.unsettled_gains,
             like_friction=self._like_friction,
         )
 
 
-def links_of(prior: ParameterPrior, evidence: Evidence, moments: Moments) -> LinkPrior:
+def links_of(prior: ParameterPrior, log_data: LogData, normal_equations: NormalEquations) -> LinkPrior:
     """Scales of any link: as stated or, where they are not, as usual for such a robot and log."""
     if prior.link_mass is not None and prior.link_reach is not None:
         return prior.links(LinkPrior())
-    model, motion = evidence.model, evidence.signals.motion
+    model, motion = log_data.model, log_data.signals.motion
     return prior.links(
-        usual_links(model.robot, motion, evidence.coefficients, model.cone, moments, reach=prior.link_reach)
+        usual_links(model.robot, motion, log_data.coefficients, model.cone, normal_equations, reach=prior.link_reach)
     )
 
 
-def _like_friction(evidence: Evidence, noise: Noise, fit: GainFit) -> tuple[int, ...]:
+def _like_friction(log_data: LogData, noise: Noise, fit: GainFit) -> tuple[int, ...]:
     """Joints, from 1, whose gain is told by what friction that depends on the load would explain as well.
 
     A gear's efficiency is friction in proportion to the load, and no gain: driving it adds, driven it takes away. Where
     the log moves a joint under load one way only, both look alike: with that friction as an unknown too, less than a
     tenth of what the log says of the gain is left.
     """
-    model, motion = evidence.model, evidence.signals.motion
+    model, motion = log_data.model, log_data.signals.motion
     weight = noise.sigma * np.sqrt(noise.autocorrelation)
     smoothing, links = model.robot.actuators(motion).standstill_speed, tuple(model.links(fit.theta).ravel().tolist())
     loose = fit.prior.loose.tolist()
     terms = [LoadDependentFriction(joints=(j + 1,), smoothing=(float(smoothing[j]),), links=links) for j in loose]
-    size = len(evidence.coefficients)
+    size = len(log_data.coefficients)
     hessian, across, squares = np.zeros((size, size)), np.zeros((len(loose), size, 2)), np.zeros((len(loose), 2, 2))
-    for place, columns in evidence.chunks():
-        rows = columns / weight[:, None] * evidence.used[place][:, :, None]
+    for place, columns in log_data.chunks():
+        rows = columns / weight[:, None] * log_data.used[place][:, :, None]
         hessian += np.einsum("ijr,ijs->rs", rows, rows, optimize=True)
         for k, (j, term) in enumerate(zip(loose, terms, strict=True)):
-            effort = evidence.coefficients.project(fit.theta) @ columns[:, j].T
+            effort = log_data.coefficients.project(fit.theta) @ columns[:, j].T
             pair = np.column_stack([effort, term.own_columns(model.robot, motion[place])[:, 0, 0]])
-            pair *= evidence.used[place][:, j, None] / weight[j]
+            pair *= log_data.used[place][:, j, None] / weight[j]
             across[k] += rows[:, j].T @ pair
             squares[k] += pair.T @ pair
     left = squares - np.swapaxes(across, 1, 2) @ inverse_of(hessian) @ across  # beside the model's columns
@@ -246,8 +246,8 @@ def _like_friction(evidence: Evidence, noise: Noise, fit: GainFit) -> tuple[int,
     return tuple((np.array(loose, dtype=int)[told & (beside < TUNING.left_beside_friction * gain)] + 1).tolist())
 
 
-def spread_by_gains(gains: GainFit, evidence: Evidence) -> Array:
+def spread_by_gains(gains: GainFit, log_data: LogData) -> Array:
     """(r, r) covariance of the coefficients for the gains' sake, to the first order."""
-    moves = evidence.coefficients.projection @ gains.moves
+    moves = log_data.coefficients.projection @ gains.moves
     covariance: Array = moves @ gains.covariance @ moves.T
     return covariance

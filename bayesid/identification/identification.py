@@ -27,7 +27,7 @@ from bayesid.posterior.tuning import TUNING as POSTERIOR
 from bayesid.regression.knowledge import ParameterPrior
 from bayesid.regression.least_squares import Fit
 from bayesid.regression.prices import ConstraintPrice
-from bayesid.signs.completion import Completion
+from bayesid.signs.model_selection import ModelSelection
 from bayesid.signs.search.protocol import SearchResult
 
 SURE = 0.99
@@ -67,8 +67,8 @@ class Identification(IdentifiedModel):
         fit: parameters by least squares, their uncertainty, and the noise.
         posterior: draws; None if it was not asked for.
         sign_terms: terms of the model under which the signs were settled.
-        sign_weight: of that model, against the one asked for where they differ.
-        sign_doubt: (n,) probability that signs are guesses because the model is not the robot's.
+        completed_model_weight: of that model, against the one asked for where they differ.
+        model_error_probability: (n,) probability that signs are guesses because the model is not the robot's.
         searched: the segments that are fitted, as the last search had them.
         search: that search.
         rounds: searches until no segment's predicted effort crossed zero.
@@ -78,7 +78,7 @@ class Identification(IdentifiedModel):
         warnings: what the user should know.
         prior: what was stated beforehand.
         provenance: what was run on which data.
-        completion: what the catalogue had to say beyond the terms asked for; None where it was not asked.
+        model_selection: what the catalogue had to say beyond the terms asked for; None where it was not asked.
         better_reading: of the log, than with this robot file, joint order and these units; None where there is none or
             the fit is no reason to look for one.
         constraints: that were stated, each with what it costs.
@@ -101,8 +101,8 @@ class Identification(IdentifiedModel):
     fit: Fit
     posterior: Posterior | None
     sign_terms: tuple[str, ...]
-    sign_weight: float
-    sign_doubt: Array
+    completed_model_weight: float
+    model_error_probability: Array
     searched: Segments
     search: SearchResult
     rounds: int
@@ -112,7 +112,7 @@ class Identification(IdentifiedModel):
     warnings: tuple[str, ...]
     prior: ParameterPrior
     provenance: Provenance
-    completion: Completion | None = None
+    model_selection: ModelSelection | None = None
     better_reading: Misreading | None = None
     constraints: tuple[ConstraintPrice, ...] = ()
 
@@ -159,7 +159,7 @@ class Identification(IdentifiedModel):
     @property
     def _about_effects(self) -> str:
         names = " + ".join(" ".join([one.name, *map(str, one.joints)]) for one in self.model.effects)
-        return f"{names}{'' if self.completion is None else f'; {len(self.completion.effects)} entered by completion'}"
+        return f"{names}{'' if self.completion is None else f'; {len(self.model_selection.effects)} entered by completion'}"
 
     @property
     def identified(self) -> IdentifiedModel:
@@ -242,12 +242,12 @@ class Identification(IdentifiedModel):
         return np.where(open_share > 1e-9, np.nan, value)  # below that it is rounding
 
     @property
-    def settled_share(self) -> float | None:
+    def persistent_share(self) -> float | None:
         """Share of the samples searched on whose sign all assignments within Delta agree; None without a proof."""
-        if self.search.settled is None:
+        if self.search.persistent is None:
             return None
         count = self.searched.end - self.searched.start
-        return float(count[self.search.settled].sum() / count.sum())
+        return float(count[self.search.persistent].sum() / count.sum())
 
     @property
     def sample_signs(self) -> Array:

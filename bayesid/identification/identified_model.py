@@ -38,7 +38,7 @@ from bayesid.log.reading import LogSource, as_log
 from bayesid.log.signals import prepare
 from bayesid.log.sources import joint_names
 from bayesid.motion import Motion
-from bayesid.regression.knowledge import Knowledge
+from bayesid.regression.knowledge import CoefficientPrior
 from bayesid.regression.noise import Noise
 from bayesid.robot import check_joints
 
@@ -65,7 +65,7 @@ class IdentifiedModel:
         noise: of the efforts of the log that the model was identified from.
         precision: (r, r) inverse covariance of the base coefficients; zero where nothing is known.
         draws: of the posterior; None if it was not sampled.
-        lacking: (r, r) covariance by which the coefficients are less certain than `precision` says, for the model may
+        model_error_covariance: (r, r) covariance by which the coefficients are less certain than `precision` says, for the model may
             lack something; None where it lacks nothing, or draws show it.
         by_gains: (r, r) covariance by which they are less certain for the gains' sake, without draws; None where all
             were exact, or draws show it.
@@ -87,7 +87,7 @@ class IdentifiedModel:
     noise: Noise
     precision: Array
     draws: ParameterDraws | None = None
-    lacking: Array | None = None
+    model_error_covariance: Array | None = None
     by_gains: Array | None = None
     logs: frozenset[str] = frozenset()
     gains: IdentifiedGains | None = None
@@ -109,9 +109,9 @@ class IdentifiedModel:
         return "\n  ".join(lines)
 
     @property
-    def knowledge(self) -> Knowledge:
+    def knowledge(self) -> CoefficientPrior:
         """What the log has shown of the coefficients, for another log."""
-        return Knowledge(self.model, self.theta, self.precision)
+        return CoefficientPrior(self.model, self.theta, self.precision)
 
     @cached_property
     def coefficients(self) -> BaseCoefficients:
@@ -128,7 +128,7 @@ class IdentifiedModel:
             return Records(Coefficient, self.listed)
         known, mean = self.coefficients, self.coefficients.project(self.theta)
         rows = np.zeros((len(known), 1, len(self.theta)))
-        rows[np.arange(len(known)), 0, known.kept] = 1.0
+        rows[np.arange(len(known)), 0, known.selected] = 1.0
         sd = self.spread.sd(rows)[:, 0] if self._knows_parameters else np.full(len(known), np.inf)
         words = zip(known.names, known.expressions, known.units, strict=True)
         numbers = zip(mean.tolist(), sd.tolist(), strict=True)
@@ -258,7 +258,10 @@ class IdentifiedModel:
     @property
     def beyond_precision(self) -> Array:
         """(r, r) covariance by which the coefficients are less certain than `precision` says, for whatever reason."""
-        return sum((part for part in (self.lacking, self.by_gains) if part is not None), np.zeros_like(self.precision))
+        return sum(
+            (part for part in (self.model_error_covariance, self.by_gains) if part is not None),
+            np.zeros_like(self.precision),
+        )
 
     @property
     def _as_read(self) -> IdentifiedModel:
@@ -286,7 +289,7 @@ class IdentifiedModel:
             theta, sigma = self.draws.theta[chosen], self.draws.sigma[chosen]
         elif self._knows_parameters:
             root = self.spread.root
-            theta[:, self.spread.kept] += rng.standard_normal((count, root.shape[1])) @ root.T
+            theta[:, self.spread.selected] += rng.standard_normal((count, root.shape[1])) @ root.T
         efforts = np.moveaxis(self.model.effort(motion, theta.T), 2, 0)
         return efforts + drawn_noise(self.noise, sigma, motion.t, rng) if noise else efforts
 

@@ -32,9 +32,9 @@ from bayesid.identification.early_fits import EarlyFit, in_units, rms_of
 from bayesid.identification.readings import Excerpt, Fitted, Left, Reading, counts_of_least, drawn_bodies, gain_of
 from bayesid.identification.tuning import TUNING
 from bayesid.log.gains import Gains
-from bayesid.regression.evidence import Evidence
 from bayesid.regression.gains import likely_gains
 from bayesid.regression.least_squares import Fit
+from bayesid.regression.log_data import LogData
 from bayesid.robot import BUILT_IN, Joint, Robot, load_robot
 from bayesid.robot.load import CONTROLLERS
 
@@ -114,18 +114,18 @@ def _remedy(reading: Reading) -> str:
 # ---------------------------------------------------------------------------------------------------------------
 # Before the search
 # ---------------------------------------------------------------------------------------------------------------
-def misread_before(evidence: Evidence) -> Misreading | None:
+def misread_before(log_data: LogData) -> Misreading | None:
     """The hypothesis that explains a log best before its signs are searched, if that is not the given reading."""
-    return _misread_before(evidence) or _of_another_size(evidence)
+    return _misread_before(log_data) or _of_another_size(log_data)
 
 
 class _Comparison:
     """Readings of some instants of a log, and the given one among them."""
 
-    def __init__(self, evidence: Evidence, instants: int) -> None:
-        signals = evidence.signals
-        self.excerpt = Excerpt.of(signals.motion, signals.effort, evidence.used, signals.signed, instants)
-        as_given = Reading.as_given(evidence.model.robot)
+    def __init__(self, log_data: LogData, instants: int) -> None:
+        signals = log_data.signals
+        self.excerpt = Excerpt.of(signals.motion, signals.effort, log_data.used, signals.signed, instants)
+        as_given = Reading.as_given(log_data.model.robot)
         self.drawn = drawn_bodies(as_given, self.excerpt.motion, TUNING.drawn_robots)
         self._found: dict[tuple[object, ...], Array] = {}
         (given,) = self.fits([as_given])
@@ -140,10 +140,10 @@ class _Comparison:
         return [EarlyFit.of(fitted, self.drawn, self._found) for fitted in _fitted(readings, self.excerpt)]
 
 
-def _misread_before(evidence: Evidence) -> Misreading | None:
-    if not evidence.used.any(axis=0).all():
+def _misread_before(log_data: LogData) -> Misreading | None:
+    if not log_data.used.any(axis=0).all():
         return None
-    early = _Comparison(evidence, TUNING.early_instants)
+    early = _Comparison(log_data, TUNING.early_instants)
     given = early.given
     if given.left.share.max() <= TUNING.early_suspicious and not early.hardly_feasible:
         return None
@@ -165,7 +165,7 @@ def _misread_before(evidence: Evidence) -> Misreading | None:
     found = _best(given, finalists, len(readings))
     if found is None:
         return _unrelated(given, early.drawn)
-    later = _Comparison(evidence, TUNING.instants)  # with few instants the given reading may be stuck at wrong signs
+    later = _Comparison(log_data, TUNING.instants)  # with few instants the given reading may be stuck at wrong signs
     again = [one.refined() for one in later.fits([found[0]])]
     confirmed = _best(later.given, again, len(readings))
     return None if confirmed is None else confirmed[1]
@@ -214,11 +214,11 @@ def _unrelated(given: EarlyFit, drawn: Array) -> Misreading | None:
     return _misreading(reading, null.rms, given.left.rms, _DECISIVE, sure=True)
 
 
-def _of_another_size(evidence: Evidence) -> Misreading | None:
+def _of_another_size(log_data: LogData) -> Misreading | None:
     """Efforts that are far from those of an arm of its reach, or of the other joints: in another unit, or of motors."""
-    n = evidence.model.robot.n_joints
+    n = log_data.model.robot.n_joints
     gains = Gains(np.ones(n), np.full(n, np.inf), of_torques=True)
-    factors = np.log(likely_gains(evidence, gains))
+    factors = np.log(likely_gains(log_data, gains))
     common = float(np.median(factors))
     joint = int(np.argmax(np.abs(factors - common)))
     factor, whose, name = common, "efforts", "tau"
@@ -252,22 +252,22 @@ def _told_apart(readings: Iterable[Reading], excerpt: Excerpt) -> Iterator[Readi
 # ---------------------------------------------------------------------------------------------------------------
 # After the fit
 # ---------------------------------------------------------------------------------------------------------------
-def misread_after(evidence: Evidence, fit: Fit, probability: Array) -> Misreading | None:
+def misread_after(log_data: LogData, fit: Fit, probability: Array) -> Misreading | None:
     """The reading that explains a log better than the given one, where the fit is a reason to look for one."""
-    if fit.relative_residual.max() <= TUNING.suspicious or not evidence.used.any(axis=0).all():
+    if fit.relative_residual.max() <= TUNING.suspicious or not log_data.used.any(axis=0).all():
         return None  # a joint whose efforts are all in fault cannot be compared with another
-    return better_reading(evidence, np.where(probability >= 0.5, 1.0, -1.0), fit.residual.autocorrelation)
+    return better_reading(log_data, np.where(probability >= 0.5, 1.0, -1.0), fit.residual.autocorrelation)
 
 
-def better_reading(evidence: Evidence, signs: Array, time: Array) -> Misreading | None:
+def better_reading(log_data: LogData, signs: Array, time: Array) -> Misreading | None:
     """The reading that explains a log best, if that is not the given one; deterministic.
 
     Args:
-        evidence: the robot and the log.
+        log_data: the robot and the log.
         signs: (N, n) of the efforts, as they were found.
         time: (n,) samples that count as one.
     """
-    signals, used, robot = evidence.signals, evidence.used, evidence.model.robot
+    signals, used, robot = log_data.signals, log_data.used, log_data.model.robot
     effort = np.where(signals.signed, signals.effort, signs * np.abs(signals.effort))
     excerpt = Excerpt.of(signals.motion, effort, used, signals.signed, TUNING.instants)
     readings = list(_all_readings(Reading.as_given(robot), HYPOTHESES))

@@ -32,7 +32,7 @@ from bayesid.robot import robot_from_table, robot_table
 
 _GAIN_ARRAYS = {"value": 1, "weights": 1, "covariance": 2, "prior": 2}
 """Arrays of `IdentifiedGains` and their dimensions."""
-_BEYOND = ("lacking", "by_gains")
+_BEYOND = ("model_error_covariance", "by_gains")
 """Covariances of `IdentifiedModel` that there may be."""
 
 
@@ -94,7 +94,7 @@ def _stored_gains(table: Mapping[str, Any], n: int) -> IdentifiedGains:
     return IdentifiedGains(
         **{key: frozen(table[key], (n,) * size, f"gains, {key},") for key, size in _GAIN_ARRAYS.items()},
         stated=stated,
-        settled=bool(table["settled"]),
+        converged=bool(table["converged"]),
         like_friction=tuple(map(int, table["like_friction"])),
     )
 
@@ -187,6 +187,6 @@ def _gains_table(gains: IdentifiedGains) -> dict[str, Any]:
         "stated": gains.stated.text,
         "unit": gains.stated.unit,
         "of_torques": gains.stated.of_torques,
-        "settled": gains.settled,
+        "converged": gains.converged,
         "like_friction": list(gains.like_friction),
     }

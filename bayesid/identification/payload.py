@@ -40,7 +40,7 @@ from bayesid.parallel import one_blas_thread
 from bayesid.posterior.inference import Posterior
 from bayesid.posterior.sampler import Sampling
 from bayesid.progress import SILENT, Progress
-from bayesid.regression.selection.explanation import Thresholds
+from bayesid.regression.selection.fitted_effects import Thresholds
 from bayesid.robot import check_joints
 from bayesid.robot.inertia import about_centre_of_mass
 from bayesid.signs.search.protocol import Search
@@ -125,8 +125,8 @@ def evenly_sized(draws: Array) -> Array:
     mass = draws[:, 9]
     _, inertia = about_centre_of_mass(draws)
     diagonal = np.diagonal(inertia, axis1=1, axis2=2)
-    moments = 0.5 * diagonal.sum(axis=1, keepdims=True) - diagonal
-    weights = 1.0 / np.prod(np.maximum(moments / mass[:, None], TUNING.thin_body**2) * mass[:, None], axis=1)
+    normal_equations = 0.5 * diagonal.sum(axis=1, keepdims=True) - diagonal
+    weights = 1.0 / np.prod(np.maximum(normal_equations / mass[:, None], TUNING.thin_body**2) * mass[:, None], axis=1)
     shares = np.cumsum(weights) / weights.sum()
     resampled: Array = draws[np.searchsorted(shares, (np.arange(len(draws)) + 0.5) / len(draws))]
     return resampled
@@ -303,7 +303,7 @@ def identify_payload(
         again, logs=again.logs | known.logs, gains=known.gains, provenance=replace(again.provenance, call=call)
     )
     draws = _body_draws(again)
-    of_payload = again.coefficients.kept >= len(again.model.before_sensors.parameters) - 10
+    of_payload = again.coefficients.selected >= len(again.model.before_sensors.parameters) - 10
     evidence, _ = chi_square_of(again.fit.information, again.fit.beta, of_payload)
     shown = evidence > float(chdtri(10, TUNING.payload_false_alarm))
     return PayloadEstimate(

@@ -48,19 +48,19 @@ from bayesid.posterior.inference import Posterior, with_gains
 from bayesid.posterior.sampler import Sampling
 from bayesid.progress import SILENT, Progress
 from bayesid.regression.constraint_file import read_constraints
-from bayesid.regression.evidence import Evidence
-from bayesid.regression.knowledge import Knowledge, ParameterPrior
+from bayesid.regression.knowledge import CoefficientPrior, ParameterPrior
+from bayesid.regression.log_data import LogData
 from bayesid.regression.prices import constraint_prices
 from bayesid.regression.stated import Says, constraints_of
 from bayesid.robot import Robot, check_joints, load_robot
 from bayesid.signs.after_rectifier import settle_unfiltered
-from bayesid.signs.averaging import AveragedSigns, average_over_models, structural_doubt, tempered_by_outliers
-from bayesid.signs.completion import CompletedSigns, Completing
-from bayesid.signs.completion import complete as complete_model
+from bayesid.signs.averaging import AveragedSigns, average_over_models, model_error_probability, tempered_by_outliers
+from bayesid.signs.model_selection import CompletedSigns, Completing
+from bayesid.signs.model_selection import complete as complete_model
 from bayesid.signs.rounds import SegmentSigns
 from bayesid.signs.search.certified import Certified
 from bayesid.signs.search.protocol import OneBudget, Search
-from bayesid.signs.settling import Earlier, Settled, fitted_to, restored, settle_signs
+from bayesid.signs.sign_solution import Earlier, SignSolution, fitted_to, restored, settle_signs
 
 QUICK = Certified(budget=TUNING.quick_budget)
 """Search of signs that an earlier log helps to settle."""
@@ -129,7 +129,7 @@ def identify(  # noqa: PLR0913  robot, log, terms, and six groups of options by 
     if log.gains is None:  # else what looks like another unit is a gain
         run.misread = _misread(run, log, model, signals, segments, anyway=anyway)
     if gains.unknown.any():
-        gains.begin(Evidence.of(model, signals, segments.per_sample(segments.moving, *signals.effort.shape) > 0))
+        gains.begin(LogData.of(model, signals, segments.per_sample(segments.moving, *signals.effort.shape) > 0))
         signals, segments = _cut(run, model, gains.log)
     completing = None
     if complete != "off":
@@ -139,27 +139,27 @@ def identify(  # noqa: PLR0913  robot, log, terms, and six groups of options by 
         search = run.budget()  # what was spent on signs by other gains proves nothing of these
         asked, found = settle_unfiltered(model, signals, segments, search, preprocessing.segmentation, progress)
         run.lap("search")
-        plain = plain and gains.moved(asked.evidence, asked.fit.noise, asked.mixed)
+        plain = plain and gains.moved(asked.log_data, asked.fit.noise, asked.mixed)
         if plain:
             signals, segments = _cut(run, model, gains.log)
             continue
         completed = _completed(run, asked, found, search, completing)
-        if not gains.moved(completed.averaged.asked.evidence, asked.fit.noise, completed.averaged.mixed):
+        if not gains.moved(completed.averaged.asked.log_data, asked.fit.noise, completed.averaged.mixed):
             break
         signals, segments = _cut(run, model, gains.log)
     completed, result = _by_posterior(run, log, asked, completed, gains)
     if _turned(result):  # effects that were chosen under other signs than the posterior's are chosen anew under these
         search, begun = run.budget(), replace(asked, probability=result.probability)
-        asked = settle_signs(model, asked.evidence.signals, found, search, progress, begun=begun)
+        asked = settle_signs(model, asked.log_data.signals, found, search, progress, begun=begun)
         run.lap("search")
         completed = _completed(run, asked, found, search, completing)
-        gains.settle(completed.averaged.asked.evidence, asked.fit.noise, completed.averaged.mixed)
+        gains.settle(completed.averaged.asked.log_data, asked.fit.noise, completed.averaged.mixed)
         completed, result = _by_posterior(run, log, asked, completed, gains)
-    return replace(result, signals=asked.evidence.signals, completion=completed.completion)
+    return replace(result, signals=asked.log_data.signals, model_selection=completed.model_selection)
 
 
 def _completed(
-    run: _Run, asked: Settled, segments: Segments, search: Search, completing: Completing | None
+    run: _Run, asked: SignSolution, segments: Segments, search: Search, completing: Completing | None
 ) -> CompletedSigns:
     """A second opinion on signs, and effects that enter the model; without `completing` none is looked for."""
     averaged = average_over_models(asked, segments, search, run.progress)
@@ -172,7 +172,7 @@ def _completed(
 
 
 def _by_posterior(
-    run: _Run, log: Log, asked: Settled, completed: CompletedSigns, gains: UnknownGains
+    run: _Run, log: Log, asked: SignSolution, completed: CompletedSigns, gains: UnknownGains
 ) -> tuple[CompletedSigns, Identification]:
     """The result, without effects whose numbers are consistent with zero under the posterior."""
     while True:
@@ -183,7 +183,7 @@ def _by_posterior(
             return completed, _identification(run, log, completed.signals, completed.model, sampled, gains)
         completed = completed.without(doubtful)
         run.lap("complete")
-        gains.settle(completed.averaged.asked.evidence, asked.fit.noise, completed.averaged.mixed)
+        gains.settle(completed.averaged.asked.log_data, asked.fit.noise, completed.averaged.mixed)
         run.lap("gains")
 
 
@@ -197,7 +197,7 @@ def _turned(result: Identification) -> bool:
 def identify_again(
     model: Model,
     log: Log,
-    knowledge: Knowledge | None,
+    knowledge: CoefficientPrior | None,
     theta: Array,
     *,
     search: Search = QUICK,
@@ -236,21 +236,21 @@ def identify_again(
     earlier = knowledge
     if earlier is None:
         size = len(base_coefficients(rows))
-        earlier = Knowledge(rows, theta, np.zeros((size, size)))
+        earlier = CoefficientPrior(rows, theta, np.zeros((size, size)))
     asked, segments = settle_unfiltered(
         rows, signals, segments, run.budget(), preprocessing.segmentation, progress, Earlier(earlier, theta)
     )
     run.lap("search")
-    settled, averaged, completion = asked.evidence.signals, AveragedSigns.alone(asked), None
-    shown, signals = as_read if settled.after_rectifier is None else settled, settled
+    sign_solution, averaged, model_selection = asked.log_data.signals, AveragedSigns.alone(asked), None
+    shown, signals = as_read if sign_solution.after_rectifier is None else sign_solution, sign_solution
     if knowledge is None:
-        averaged = AveragedSigns.alone(replace(asked, evidence=replace(asked.evidence, information=None)))
+        averaged = AveragedSigns.alone(replace(asked, log_data=replace(asked.log_data, information=None)))
         completing = Completing(False, run.prior.kinematics, preprocessing.segmentation)
         completed = complete_model(averaged, segments, run.budget(), completing, progress)
-        averaged, signals, completion = completed.averaged, completed.signals, completed.completion
+        averaged, signals, model_selection = completed.averaged, completed.signals, completed.model_selection
         run.lap("complete")
     result = _identification(run, log, signals, model, _sampled(run, averaged))
-    return replace(result, signals=shown, completion=completion)
+    return replace(result, signals=shown, model_selection=model_selection)
 
 
 @one_blas_thread
@@ -360,9 +360,9 @@ def _misread(
     run: _Run, log: Log, model: Model, signals: Signals, segments: Segments, *, anyway: bool
 ) -> Misreading | None:
     """What is wrong with the log, as far as that shows before the search; what is sure is refused."""
-    evidence = Evidence.of(model, signals, segments.per_sample(segments.moving, *signals.effort.shape) > 0)
+    log_data = LogData.of(model, signals, segments.per_sample(segments.moving, *signals.effort.shape) > 0)
     with run.progress.stage("check before the search"):
-        found = misread_before(evidence)
+        found = misread_before(log_data)
     run.lap("other readings")
     if found is None or not found.sure or anyway:
         return found
@@ -417,31 +417,35 @@ def _identification(
     seen, spread, known = hashes(log), *((None, None) if gains is None else (gains.fit, gains.identified))
     log = log if gains is None else gains.log
     averaged, posterior, probability = sampled
-    settled, asked = averaged.settled, averaged.asked
+    sign_solution, asked = averaged.sign_solution, averaged.asked
     if spread is not None and posterior is not None:
         posterior = with_gains(posterior, spread)
     with run.progress.stage("other readings"):
-        reading = misread_after(asked.evidence, averaged.fit, probability)
+        reading = misread_after(asked.log_data, averaged.fit, probability)
     if run.misread is not None and (reading is None or run.misread.log10_odds > reading.log10_odds):
         reading = run.misread
     run.lap("other readings")
-    for one in (asked.model, settled.model):
+    for one in (asked.model, sign_solution.model):
         one.forget()
-    doubt = structural_doubt(settled)
-    probability = tempered_by_outliers(settled, (1.0 - doubt) * probability + 0.5 * doubt)
-    unseen = np.where(settled.evidence.signals.signed, 0.0, settled.signs.search.unseen)  # mass of unseen assignments
+    model_error_probability = model_error_probability(sign_solution)
+    probability = tempered_by_outliers(
+        sign_solution, (1.0 - model_error_probability) * probability + 0.5 * model_error_probability
+    )
+    unseen = np.where(
+        sign_solution.log_data.signals.signed, 0.0, sign_solution.signs.search.unlisted_probability
+    )  # mass of unseen assignments
     probability = (1.0 - unseen) * probability + 0.5 * unseen
-    segments = settled.signs.segments.split(_sign_changes(signals))
+    segments = sign_solution.signs.segments.split(_sign_changes(signals))
     signs, confidence = segment_signs(segments, probability, signals.raw_effort)
-    identified, fit = identified_model(model, asked.evidence, averaged.fit, posterior, spread), averaged.fit
+    identified, fit = identified_model(model, asked.log_data, averaged.fit, posterior, spread), averaged.fit
     if spread is not None:
-        fit = replace(fit, covariance=fit.covariance + spread_by_gains(spread, asked.evidence))
-    prices = constraint_prices(asked.evidence, averaged.fit, 2.0 * probability - 1.0)
+        fit = replace(fit, covariance=fit.covariance + spread_by_gains(spread, asked.log_data))
+    prices = constraint_prices(asked.log_data, averaged.fit, 2.0 * probability - 1.0)
     return Identification(
         **vars(
             replace(identified, gains=known, logs=seen | hashes(log), encoding=log.encoding, read_with=log.read_with)
         ),
-        coefficients=asked.evidence.coefficients,
+        coefficients=asked.log_data.coefficients,
         log=log,
         signals=signals,
         segments=segments,
@@ -450,17 +454,19 @@ def _identification(
         probability=probability,
         fit=fit,
         posterior=posterior,
-        sign_terms=tuple(term.name for term in settled.model.terms),
-        sign_weight=averaged.weight,
-        sign_doubt=doubt,
-        searched=settled.signs.segments[settled.signs.segments.fitted],
-        search=settled.signs.search,
-        rounds=settled.signs.rounds,
-        noise_weights=settled.signs.weights,
-        proofs=settled.signs.proofs,
+        sign_terms=tuple(term.name for term in sign_solution.model.terms),
+        completed_model_weight=averaged.weight,
+        model_error_probability=model_error_probability,
+        searched=sign_solution.signs.segments[sign_solution.signs.segments.fitted],
+        search=sign_solution.signs.search,
+        rounds=sign_solution.signs.rounds,
+        noise_weights=sign_solution.signs.weights,
+        proofs=sign_solution.signs.proofs,
         timings=run.laps,
         warnings=(
-            *warnings_of(log, averaged, doubt, posterior, reading, known, run.prior.of(asked.model.parameters)),
+            *warnings_of(
+                log, averaged, model_error_probability, posterior, reading, known, run.prior.of(asked.model.parameters)
+            ),
             *map(str, dear_constraints(prices)),
         ),
         prior=run.prior,

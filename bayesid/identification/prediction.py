@@ -152,16 +152,16 @@ class PredictedEfforts:
 
 
 def motion_of(
-    given: MotionLike, robot: Robot, cutoff: float | None = None, kept: Mapping[str, Any] = MappingProxyType({})
+    given: MotionLike, robot: Robot, cutoff: float | None = None, selected: Mapping[str, Any] = MappingProxyType({})
 ) -> Motion:
     """The motion that is meant: as it stands if accelerations are given, else low-passed and differentiated.
 
-    Files and tables are read by options `kept` of a result's log.
+    Files and tables are read by options `selected` of a result's log.
 
     Raises:
         InputError: it is none, cannot be used, or has another number of joints.
     """
-    motion = _read(given, kept)
+    motion = _read(given, selected)
     n, source = (motion.n_joints, GIVEN) if isinstance(motion, Motion) else (motion.q.shape[1], motion.source)
     if n != robot.n_joints:
         counts = f"the motion has {n} joints, the model's robot {robot.name} has {robot.n_joints}"
@@ -180,7 +180,7 @@ def check_payloads(model: Model, motion: Motion) -> None:
         raise InputError(f"the model knows no payload {label!r}", GIVEN, f"give one that it knows ({known}), or none")
 
 
-def _read(given: MotionLike, kept: Mapping[str, Any]) -> Motion | RecordedMotion:
+def _read(given: MotionLike, selected: Mapping[str, Any]) -> Motion | RecordedMotion:
     """What was given, checked."""
     if isinstance(given, Motion | RecordedMotion):
         return given
@@ -189,7 +189,7 @@ def _read(given: MotionLike, kept: Mapping[str, Any]) -> Motion | RecordedMotion
     if isinstance(given, tuple | list):
         return _of_arrays(given)
     if isinstance(given, str | Path | Mapping | Frame) or (isinstance(given, np.ndarray) and given.dtype.names):
-        return read_alike(read_motion, given, kept, {})
+        return read_alike(read_motion, given, selected, {})
     raise InputError(f"{type(given).__name__} is no motion", GIVEN, _REMEDY)
 
 
@@ -220,14 +220,14 @@ _REMEDY = "give a file, a log, a DataFrame, or arrays (t, q[, dq[, ddq]])"
 class Spread:
     """A normal distribution of the r base coefficients about their mean."""
 
-    kept: Integers  # (r,) indices of the parameters whose columns are the coefficients'
+    selected: Integers  # (r,) indices of the parameters whose columns are the coefficients'
     root: Array  # (r, k) of their covariance: it is root root'
     unknown: Array  # (r, u) combinations of which nothing is known
     scale: Array  # (r,) by which columns are divided before they are compared with these
 
     def sd(self, columns: Array) -> Array:
         """(N, n) of the efforts, of the model's columns (N, n, P)."""
-        rows = columns[:, :, self.kept]
+        rows = columns[:, :, self.selected]
         scaled = rows / self.scale
         share = np.linalg.norm(scaled @ self.unknown, axis=2)
         blind = share > _INVOLVED * np.linalg.norm(scaled, axis=2)
@@ -242,14 +242,14 @@ class Spread:
         root = vectors[:, known] / np.sqrt(values[known]) / scale[:, None]
         if beyond.any():
             root = np.hstack([root, _root(beyond * scale[:, None] * scale) / scale[:, None]])
-        return cls(base_coefficients(model).kept, root, vectors[:, ~known], scale)
+        return cls(base_coefficients(model).selected, root, vectors[:, ~known], scale)
 
     @classmethod
     def of_draws(cls, model: Model, theta: Array) -> Spread:
         """From K draws (K, P) of the model's parameters."""
         base = base_coefficients(model)
         root = _root(np.atleast_2d(np.cov(base.project(theta).T)))
-        return cls(base.kept, root, np.zeros((len(base), 0)), np.ones(len(base)))
+        return cls(base.selected, root, np.zeros((len(base), 0)), np.ones(len(base)))
 
 
 def _root(covariance: Array) -> Array:

@@ -272,8 +272,8 @@ class Fitted:
         Coefficients are fitted to the joints believed (n,), by default to all of them.
         """
         believed = np.ones(self.effort.shape[1], dtype=bool) if believed is None else believed
-        settled = [self._settled(start * self.weight, believed) for start in starts]
-        effort, predicted = min(settled, key=lambda one: float(np.linalg.norm(one[0] - one[1])))
+        sign_solution = [self._settled(start * self.weight, believed) for start in starts]
+        effort, predicted = min(sign_solution, key=lambda one: float(np.linalg.norm(one[0] - one[1])))
         return self._left(effort, effort - predicted, self.basis.shape[1])
 
     def in_turn(self, start: Array, believed: Mask) -> Array:
@@ -313,7 +313,7 @@ class Fitted:
         """
         model = self.reading.model(self.reading.motion(self.excerpt.motion))
         coefficients = base_coefficients(model)
-        rows = (self.columns[:, :, coefficients.kept] * self.weight[:, :, None]).reshape(self.effort.size, -1)
+        rows = (self.columns[:, :, coefficients.selected] * self.weight[:, :, None]).reshape(self.effort.size, -1)
         problem = ConeLeastSquares(model.cone, coefficients, rows.T @ rows, float(self.effort.shape[1])).prepared()
 
         def solved(effort: Array) -> tuple[float, Array, Array, Array]:

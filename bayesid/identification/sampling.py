@@ -19,46 +19,48 @@ from bayesid.posterior.sampler import Sampling
 from bayesid.posterior.target import PosteriorProblem
 from bayesid.posterior.tuning import TUNING as POSTERIOR
 from bayesid.progress import Progress
-from bayesid.regression.evidence import Evidence
 from bayesid.regression.gains import GainFit
 from bayesid.regression.knowledge import ParameterPrior, of_base
 from bayesid.regression.least_squares import Fit, fit_signed
+from bayesid.regression.log_data import LogData
 from bayesid.signs.averaging import AveragedSigns
 from bayesid.signs.smoothing import sign_probabilities
 
 
 def sample(averaged: AveragedSigns, sampling: Sampling, prior: ParameterPrior, progress: Progress) -> Posterior:
     """The posterior of the model asked for; signs that another model has settled are given, all others summed out."""
-    evidence, settled, fit = averaged.asked.evidence, averaged.settled, averaged.fit
-    search = settled.signs.search
-    segments = _inner(settled.signs.segments[settled.signs.segments.fitted], evidence.signals)
-    orientation = segments.per_sample(search.signs, *settled.probability.shape)
+    log_data, sign_solution, fit = averaged.asked.log_data, averaged.sign_solution, averaged.fit
+    search = sign_solution.signs.search
+    segments = _inner(sign_solution.signs.segments[sign_solution.signs.segments.fitted], log_data.signals)
+    orientation = segments.per_sample(search.signs, *sign_solution.probability.shape)
     known = segments.known if averaged.by_asked else search.signs
     pieces, segment = divide(segments, fit.noise.autocorrelation)
-    expected = 2.0 * settled.probability - 1.0
-    moments = evidence.moments(expected, pieces, TUNING.pointwise_blocks, orientation, summed_out=False)
-    blocks = SegmentBlocks(replace(moments, known=known[segment]), segment, pieces.start, pieces.end)
-    if not averaged.by_asked or evidence.information is not None:
-        search = replace(search, theta=fit.theta, branches=(), settled=None)
+    expected = 2.0 * sign_solution.probability - 1.0
+    normal_equations = log_data.normal_equations(
+        expected, pieces, TUNING.pointwise_blocks, orientation, summed_out=False
+    )
+    blocks = SegmentBlocks(replace(normal_equations, known=known[segment]), segment, pieces.start, pieces.end)
+    if not averaged.by_asked or log_data.information is not None:
+        search = replace(search, theta=fit.theta, branches=(), persistent=None)
     problem = PosteriorProblem(
         blocks=blocks,
-        coefficients=evidence.coefficients,
-        cone=evidence.model.cone,
+        coefficients=log_data.coefficients,
+        cone=log_data.model.cone,
         noise=fit.noise,
-        links=links_of(prior, evidence, moments),
-        nominal=prior.of(evidence.model.parameters),
-        information=evidence.information,
+        links=links_of(prior, log_data, normal_equations),
+        nominal=prior.of(log_data.model.parameters),
+        information=log_data.information,
     )
     posterior = infer(problem, search, sampling, progress)
-    return posterior if evidence.nuisance is None else widened(posterior, fit.information, _lacking(fit))
+    return posterior if log_data.nuisance is None else widened(posterior, fit.information, _lacking(fit))
 
 
 def _lacking(fit: Fit) -> Array:
     """(r, r) covariance by which coefficients are less certain than the information says: what the model may lack."""
     known = np.isfinite(fit.sd)
-    lacking: Array = np.where(np.outer(known, known), fit.covariance, 0.0)
-    lacking[np.ix_(known, known)] -= _inverse(fit.information)[np.ix_(known, known)]
-    return lacking
+    model_error_covariance: Array = np.where(np.outer(known, known), fit.covariance, 0.0)
+    model_error_covariance[np.ix_(known, known)] -= _inverse(fit.information)[np.ix_(known, known)]
+    return model_error_covariance
 
 
 def _inner(segments: Segments, signals: Signals) -> Segments:
@@ -73,15 +75,15 @@ def average_over_draws(averaged: AveragedSigns, posterior: Posterior, progress: 
 
     So few draws of all modes together would give a light mode a share of 0 or 1/24.
     """
-    evidence = averaged.asked.evidence
-    signals = evidence.signals
-    known = evidence.moving & signals.inner  # accelerations at both ends are no better known than friction at rest
+    log_data = averaged.asked.log_data
+    signals = log_data.signals
+    known = log_data.moving & signals.inner  # accelerations at both ends are no better known than friction at rest
     probability = np.zeros(known.shape)
     for sampled in posterior.modes:
         draws, log_scale = posterior.target.split(
             sampled.draws.spread(TUNING.smoothed_draws if sampled.weight > 0.5 else TUNING.smoothed_draws_light)
         )
-        predicted = evidence.model.effort(signals.motion, draws.T)
+        predicted = log_data.model.effort(signals.motion, draws.T)
         noise = averaged.asked.fit.noise.scaled(np.exp(log_scale.mean(axis=0)))
         with progress.stage("signs of samples") as steps:
             probability += sampled.weight * sign_probabilities(signals, predicted, known, noise, steps)
@@ -90,18 +92,20 @@ def average_over_draws(averaged: AveragedSigns, posterior: Posterior, progress: 
 
 def fit_of_mode(averaged: AveragedSigns, posterior: Posterior) -> Fit:
     """Least squares to the signs of the chosen mode: those that were settled, unless it turns a joint of them round."""
-    evidence = averaged.asked.evidence
-    if not averaged.by_asked or not posterior.turned_joints(posterior.chosen, averaged.settled.signs.search.signs):
+    log_data = averaged.asked.log_data
+    if not averaged.by_asked or not posterior.turned_joints(
+        posterior.chosen, averaged.sign_solution.signs.search.signs
+    ):
         return averaged.fit
-    signals, draws = evidence.signals, posterior.modes[posterior.chosen].draws
-    predicted = evidence.model.effort(signals.motion, draws.theta.mean(axis=(0, 1, 2)))
-    known = evidence.moving & signals.inner
+    signals, draws = log_data.signals, posterior.modes[posterior.chosen].draws
+    predicted = log_data.model.effort(signals.motion, draws.theta.mean(axis=(0, 1, 2)))
+    known = log_data.moving & signals.inner
     noise = averaged.asked.fit.noise
-    return fit_signed(evidence, 2.0 * sign_probabilities(signals, predicted, known, noise) - 1.0)
+    return fit_signed(log_data, 2.0 * sign_probabilities(signals, predicted, known, noise) - 1.0)
 
 
 def identified_model(
-    model: Model, evidence: Evidence, fit: Fit, posterior: Posterior | None, gains: GainFit | None
+    model: Model, log_data: LogData, fit: Fit, posterior: Posterior | None, gains: GainFit | None
 ) -> IdentifiedModel:
     """The model by the posterior or, without one, by least squares.
 
@@ -109,11 +113,13 @@ def identified_model(
     that knowledge leaves it out.
     """
     if posterior is None:
-        precision = of_base(model, evidence.coefficients, fit.information)
-        lacking = None if evidence.nuisance is None else _lacking(fit)
-        by_gains = None if gains is None else spread_by_gains(gains, evidence)
-        return IdentifiedModel(model, fit.theta, fit.noise, precision, lacking=lacking, by_gains=by_gains)
-    precision = of_base(model, evidence.coefficients, _inverse(posterior.covariance_of_log))
+        precision = of_base(model, log_data.coefficients, fit.information)
+        model_error_covariance = None if log_data.nuisance is None else _lacking(fit)
+        by_gains = None if gains is None else spread_by_gains(gains, log_data)
+        return IdentifiedModel(
+            model, fit.theta, fit.noise, precision, model_error_covariance=model_error_covariance, by_gains=by_gains
+        )
+    precision = of_base(model, log_data.coefficients, _inverse(posterior.covariance_of_log))
     theta, log_scale = posterior.target.split(posterior.uncertain.spread(POSTERIOR.few_draws))
     log_gain = None if gains is None else posterior.gains_of(posterior.uncertain.places(POSTERIOR.few_draws))
     draws = ParameterDraws(theta, posterior.target.likelihood.sigma * np.exp(log_scale), log_gain)

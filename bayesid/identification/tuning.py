@@ -141,7 +141,7 @@ class Tuning:
     """Warnings that a short text shows."""
     undershoot: float = 0.05
     """A filter after the rectifier makes |effort| reach below zero, by less than this share of its maximum."""
-    excluded: float = 0.01
+    posterior_conflict: float = 0.01
     """Share of a joint's effort from which on search and posterior contradict each other: as for modes."""
     other_mode: float = 0.01
     """Weight beyond which another mode of the posterior is spoken of: one in a hundred."""

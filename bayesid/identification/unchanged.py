@@ -12,9 +12,9 @@ from bayesid.arrays import Array, Integers, Mask
 from bayesid.effects.coefficients import base_coefficients, embedding
 from bayesid.identification.identification import Identification
 from bayesid.identification.tuning import TUNING
-from bayesid.regression.knowledge import Knowledge, scale_of
+from bayesid.regression.knowledge import CoefficientPrior, scale_of
 from bayesid.regression.noise import Noise
-from bayesid.regression.selection.explanation import Thresholds
+from bayesid.regression.selection.fitted_effects import Thresholds
 
 _UNSHOWN = 1e-9
 """Eigenvalue of a precision with a diagonal of 1 below which a direction is one that no log has shown."""
@@ -59,7 +59,7 @@ class UnchangedCheck:
         return not self.joints and self.chi_square <= self.limit
 
 
-def check_unchanged(knowledge: Knowledge, noise: Noise, later: Identification) -> UnchangedCheck:
+def check_unchanged(knowledge: CoefficientPrior, noise: Noise, later: Identification) -> UnchangedCheck:
     """Holds a later log, under the same model or an extended one, against what an earlier one has shown of it.
 
     The move is that of the joint estimate, which both logs pull at: its chi-square is less than that of two separate
@@ -69,7 +69,7 @@ def check_unchanged(knowledge: Knowledge, noise: Noise, later: Identification) -
     theta = embedding(model, later.model.before_sensors) @ later.coefficients.lift(later.fit.beta)
     move = known.project(theta - knowledge.theta)
     of_term = [0 if term.of_links else one.joint for term in model.terms for one in term.parameters(model.robot)]
-    joint = np.array(of_term)[known.kept]  # whose actuator each is of, as friction; 0 of links
+    joint = np.array(of_term)[known.selected]  # whose actuator each is of, as friction; 0 of links
     of_joints = [chi_square_of(knowledge.precision, move, joint == j) for j in range(1, model.robot.n_joints + 1)]
     chi_square, freedom = chi_square_of(knowledge.precision, move, np.ones(len(move), dtype=bool))
     return UnchangedCheck(

@@ -18,7 +18,7 @@ from bayesid.monitor.stream_moments import SignCheck, StreamMoments, check_signs
 from bayesid.monitor.tracker import MOVING, TrackedSample, signed_joints
 from bayesid.motion import SLOWEST, STANDSTILL, Motion
 from bayesid.posterior.tuning import TUNING as POSTERIOR_TUNING
-from bayesid.regression.knowledge import Information
+from bayesid.regression.knowledge import InformationMatrix
 from bayesid.regression.least_squares import covariance_of
 from bayesid.regression.noise import Noise
 from bayesid.regression.solver import solve_precisely
@@ -122,7 +122,7 @@ class RecursiveEstimator:
         top = np.maximum.accumulate(np.vstack([running.top_speed, np.abs(speed)]))[1:]
         fast = np.abs(speed) > STANDSTILL * np.maximum(top, SLOWEST)
         used = fast if moving is None else _checked(moving, motion.q.shape, "moving") > 0.0
-        magnitude, readable = running.model.unread(np.abs(values))
+        magnitude, readable = running.model.invert_sensor(np.abs(values))
         sign = np.where(running.signed, np.where(values >= 0.0, 1.0, -1.0), 2.0 * of_plus - 1.0)
         own = {"speed": speed, "magnitude": magnitude, "sign": sign, "used": used & readable}
         of_motion = {name: getattr(motion, name) for name in ("t", "q", "dq", "ddq", "payload")}
@@ -224,7 +224,7 @@ class RecursiveEstimator:
         """(n,) sd of the noise, N m, as if only every effective sample counted."""
         return np.asarray(self._noise.sigma * np.sqrt(self._noise.autocorrelation))
 
-    def _normal(self) -> tuple[Information, Array]:
+    def _normal(self) -> tuple[InformationMatrix, Array]:
         """The normal equations of all that came and of what was known before, rows in units of their noise.
 
         And (r, r) what their Hessian says too much as long as signs are not certain: |effort| tells at least E[(E s)^2]
@@ -238,7 +238,7 @@ class RecursiveEstimator:
             hessian += weight * stretch.hessian
             gradient += weight * stretch.gradient
             energy += float(weight * stretch.energy)
-        return Information(hessian, gradient, energy), np.tensordot(weights**-2.0, running.lost, 1)
+        return InformationMatrix(hessian, gradient, energy), np.tensordot(weights**-2.0, running.lost, 1)
 
     def _shown_before(self) -> Array:
         """(r, r) what the model's own log has shown, if that is to count, as far as it is not forgotten."""
@@ -281,7 +281,7 @@ def _checked(values: object, shape: tuple[int, ...], name: str) -> Array:
     return array
 
 
-def _least_squares(normal: Information, start: Array) -> Array:
+def _least_squares(normal: InformationMatrix, start: Array) -> Array:
     """(r,) the coefficients that solve H beta = g and are nearest to a start (r,), in columns of unit length.
 
     Where H shows nothing they stay as they were.

@@ -1,7 +1,7 @@
 """Moments of a stream: recursive least squares with forgetting, and the stretches whose signs can be searched again.
 
 Whatever has come before an instant counts less by exp(-dt / forget), dt later (exponentially weighted least squares,
-Ljung 1999, section 11.2). The moments are those of `bayesid.regression.moments`, kept with the signs that were taken:
+Ljung 1999, section 11.2). The moments are those of `bayesid.regression.normal_equations`, kept with the signs that were taken:
 they add up however the stream is cut into chunks. Of each joint some stretches are kept by themselves, so that their
 signs can be searched again; the others are merged into one. So memory does not grow with the stream.
 
@@ -26,7 +26,7 @@ from bayesid.effects.model import Model
 from bayesid.effects.tuning import TUNING as EFFECTS
 from bayesid.monitor.tuning import TUNING
 from bayesid.motion import Motion
-from bayesid.regression.moments import Hessians, Moments
+from bayesid.regression.normal_equations import Hessians, NormalEquations
 from bayesid.signs.search.protocol import Search, SearchResult, SignProblem
 
 _MERGED = 0
@@ -111,7 +111,7 @@ class StreamMoments:
             around = {name: every[name][since : end + ahead] for name in ("t", "q", "dq", "ddq", "payload")}
             columns = self.model.columns(Motion(**around, origin=self.origin))[begin - since : end - since]
             before = {name: values[max(begin - 1, 0) : end] for name, values in every.items()}
-            self._add(before, columns[:, :, self.coefficients.kept])
+            self._add(before, columns[:, :, self.coefficients.selected])
         self.kept = {name: values[max(ready - max(back, 1), 0) :] for name, values in every.items()}
         self.waiting = size - ready
 
@@ -167,12 +167,12 @@ class StreamMoments:
                 if number != last:
                     self._put(joint, _MERGED, self.stretches.pop((joint, number)))
 
-    def moments(self, weights: Array) -> tuple[list[tuple[int, int]], Moments]:
+    def normal_equations(self, weights: Array) -> tuple[list[tuple[int, int]], NormalEquations]:
         """Joint and number of each stretch, in this order, and their moments, rows over the noise (n,)."""
         keys = sorted(self.stretches)
         every = [self.stretches[key] for key in keys]
         joint = np.array([j for j, _ in keys], dtype=np.int64)
-        moments = Moments(
+        normal_equations = NormalEquations(
             joint,
             self.signed[joint].astype(np.int64),
             Hessians.make(joint, np.array([one.hessian for one in every])),
@@ -180,7 +180,7 @@ class StreamMoments:
             np.array([one.energy for one in every]),
             np.array([one.count for one in every]),
         )
-        return keys, moments.scaled(weights)
+        return keys, normal_equations.scaled(weights)
 
 
 def _runs(number: Integers) -> Iterator[tuple[int, int, int]]:
@@ -202,7 +202,7 @@ class TurnedStretch:
     end: float  # its last sample, s
     n_samples: int  # in it
     cost: float  # by how much more its efforts cost with the sign that was taken, parameters as found (twice the nats)
-    settled: bool  # whether all assignments that come near the best one agree on its sign
+    persistent: bool  # whether all assignments that come near the best one agree on its sign
     merged: bool  # whether it holds all stretches of the joint that are not kept, which can only be turned together
 
 
@@ -239,23 +239,23 @@ def check_signs(running: StreamMoments, weights: Array, search: Search) -> SignC
         SolverError: an optimisation failed.
     """
     running.condense()
-    keys, moments = running.moments(weights)
-    problem = SignProblem(moments, running.model.cone, running.coefficients)
+    keys, normal_equations = running.normal_equations(weights)
+    problem = SignProblem(normal_equations, running.model.cone, running.coefficients)
     result = search.find(problem)
-    result = search.conclude(replace(problem, earlier=result)).with_work_of([result])
-    taken = problem.solver().prepared().solve_precisely(moments.gradient.sum(axis=0))
+    result = search.certify(replace(problem, earlier=result)).with_work_of([result])
+    taken = problem.solver().prepared().solve_precisely(normal_equations.gradient.sum(axis=0))
     cost_taken = problem.energy + taken.cost
-    cost = -4.0 * moments.gradient @ problem.coefficients.project(result.theta)
-    turned = np.flatnonzero((result.signs < 0) & (cost >= _SURELY) & (moments.count > TUNING.outliers))
+    cost = -4.0 * normal_equations.gradient @ problem.coefficients.project(result.theta)
+    turned = np.flatnonzero((result.signs < 0) & (cost >= _SURELY) & (normal_equations.count > TUNING.outliers))
     turned = turned[np.argsort(-cost[turned], kind="stable")] if result.cost < cost_taken else turned[:0]
     listed = tuple(
         TurnedStretch(
             joint=keys[k][0] + 1,
             start=float(running.stretches[keys[k]].start),
             end=float(running.stretches[keys[k]].end),
-            n_samples=int(moments.count[k]),
+            n_samples=int(normal_equations.count[k]),
             cost=float(cost[k]),
-            settled=result.settled is not None and bool(result.settled[k]),
+            persistent=result.persistent is not None and bool(result.persistent[k]),
             merged=keys[k][1] == _MERGED,
         )
         for k in turned.tolist()

@@ -6,23 +6,23 @@ import numpy as np
 
 from bayesid.arrays import TINY, Array
 from bayesid.effects.constraints import Constraints
-from bayesid.posterior.target import Prior
+from bayesid.posterior.target import TruncatedGaussian
 from bayesid.posterior.tuning import TUNING
 
 
-def pressed_windows(prior: Prior, theta: Array) -> tuple[tuple[str, float], ...]:
+def active_bounds(prior: TruncatedGaussian, theta: Array) -> tuple[tuple[str, float], ...]:
     """Windows that hold draws (..., P) back: their names, and the share of draws in the last tenth.
 
     Where constraints are stated, which may end before a window does, draws have to be at its edge as well.
     """
-    pressed = []
+    active_bounds = []
     for window in prior.windows:
         share = float(np.mean(window.share(theta) > TUNING.near_edge))
-        if share <= TUNING.pressed:
+        if share <= TUNING.active_bounds:
             continue
         if prior.stated is None or _share_at_edge(window.slack(theta).reshape(1, -1)) > TUNING.presses:
-            pressed.append((window.name, share))
-    return tuple(pressed)
+            active_bounds.append((window.name, share))
+    return tuple(active_bounds)
 
 
 def at_edges(stated: Constraints | None, theta: Array) -> dict[str, float]:

@@ -25,18 +25,18 @@ from scipy.special import log_expit, logsumexp
 from bayesid.arrays import Array, Integers, Mask
 from bayesid.effects.constraints import Constraints
 from bayesid.effects.parameters import Cone
-from bayesid.posterior.edges import at_edges, pressed_windows
+from bayesid.posterior.edges import active_bounds, at_edges
+from bayesid.posterior.feasible_set import FeasibleSet, barrier_minimum
 from bayesid.posterior.likelihood import SegmentBlocks
 from bayesid.posterior.modes import Normal, SampledMode, find_modes, mode_of_draws, pool, sample_modes
 from bayesid.posterior.moves import Conditional
-from bayesid.posterior.region import Region, barrier_minimum
 from bayesid.posterior.sampler import Draws, Sampling
 from bayesid.posterior.target import PosteriorProblem, Target
 from bayesid.posterior.tuning import TUNING
 from bayesid.progress import SILENT, Progress
 from bayesid.regression.gains import GainFit
-from bayesid.regression.moments import Moments
 from bayesid.regression.noise import Noise
+from bayesid.regression.normal_equations import NormalEquations
 from bayesid.signs.search.protocol import SearchResult
 
 
@@ -60,13 +60,13 @@ class Posterior:
     shift: Array | None = None
     #: share of a joint's squared effort, of the worst one, to which the draws give signs that the search has excluded;
     #: None where it has excluded none
-    excluded: float | None = None
+    posterior_conflict: float | None = None
     #: (D, E, W, n) logarithms of the gains of each draw, relative to those of the efforts; None where all gains are
     #: exact. The draws are moved by them too.
     log_gain: Array | None = None
     #: (r, r) covariance by which the likelihood was widened for what the model may lack, where draws were made anew
     #: inside what is stated, not moved; None otherwise
-    lacking: Array | None = None
+    model_error_covariance: Array | None = None
 
     def __repr__(self) -> str:
         sweeps, ensembles, walkers, size = self.draws.theta.shape
@@ -77,7 +77,7 @@ class Posterior:
             f"{self.min_ess:.0f} at worst",
             f"modes        {len(self.modes)} (weights {weights}), mode {self.chosen + 1} is written",
             f"decided      {int(self.decided_by_data.sum())} of {size} parameters by the data",
-            f"windows      {', '.join(name for name, _ in self.pressed) or 'none'} of the prior's hold draws back",
+            f"windows      {', '.join(name for name, _ in self.active_bounds) or 'none'} of the prior's hold draws back",
             *(
                 [f"constraints  {', '.join(self.pressed_constraints) or 'none'} hold draws back"]
                 if self.at_edges
@@ -88,7 +88,7 @@ class Posterior:
         return "\n  ".join(lines)
 
     @cached_property
-    def moments(self) -> Moments:
+    def normal_equations(self) -> NormalEquations:
         """Of the segments, not scaled."""
         return self.blocks.of_segments
 
@@ -111,9 +111,9 @@ class Posterior:
         return all(sampled.draws.converged for sampled in self.modes)
 
     @property
-    def pressed(self) -> tuple[tuple[str, float], ...]:
+    def active_bounds(self) -> tuple[tuple[str, float], ...]:
         """Windows of the prior that hold the draws back: their names, and the share of draws in the last tenth."""
-        return pressed_windows(self.target.prior, self.draws.theta)
+        return active_bounds(self.target.prior, self.draws.theta)
 
     @cached_property
     def at_edges(self) -> dict[str, float]:
@@ -189,7 +189,7 @@ class Posterior:
         Those are of the heaviest mode by default.
         """
         than = self._signs(0) if signs is None else signs
-        likelihood, energy = self.target.likelihood, self.moments.energy
+        likelihood, energy = self.target.likelihood, self.normal_equations.energy
         unknown = likelihood.fixed == 0
         other = unknown & (self._signs(mode) != than)
         joints = (np.arange(likelihood.n_joints)[:, None] == likelihood.joint) * energy
@@ -208,7 +208,7 @@ class Posterior:
         nothing that was measured. Information of an earlier log counts as data.
         """
         variance = self._without_cone(np.eye(len(self.theta)))
-        if self.shift is not None and self.lacking is None:
+        if self.shift is not None and self.model_error_covariance is None:
             variance = variance + self.shift.var(axis=(0, 1, 2)) / self.target.prior.sd**2
         decided: Mask = variance <= TUNING.of_prior
         return decided
@@ -216,7 +216,7 @@ class Posterior:
     def _without_cone(self, rows: Array) -> Array:
         """(K,) variances of combinations (K, P) of the parameters without the cone, relative to the prior's."""
         log_scale, sd = self.draws.log_scale.mean(axis=(0, 1, 2)), self.target.prior.sd
-        precision, _ = self.target.quadratic(self.theta, log_scale, self.lacking)
+        precision, _ = self.target.quadratic(self.theta, log_scale, self.model_error_covariance)
         inverse, scaled = np.linalg.inv(precision * np.outer(sd, sd)), rows * sd
         variance: Array = np.einsum("kp,pq,kq->k", scaled, inverse, scaled) / np.sum(scaled**2, axis=1)
         return variance
@@ -277,21 +277,21 @@ class Posterior:
         return self.target.split(self.draws.spread(count))
 
 
-def widened(posterior: Posterior, information: Array, lacking: Array) -> Posterior:
+def widened(posterior: Posterior, information: Array, model_error_covariance: Array) -> Posterior:
     """The posterior with what the model may lack, in each mode (:eq:`nuisance-draws`).
 
     What moves least squares by e moves a posterior with a prior and a cone by Cov(theta, beta) H e. A draw so moved
     need not be feasible: what the model lacks is no rigid body, and where it presses the posterior into a corner of the
     cone, draws that had to stay there would hide how far off it is. Only a coefficient that is one parameter which
     cannot be negative is kept at zero: a mass that efforts show in sums alone must give way like all else of them.
-    H is the information (r, r) of the coefficients; `lacking` is the covariance (r, r) of e.
+    H is the information (r, r) of the coefficients; `model_error_covariance` is the covariance (r, r) of e.
 
     What is stated holds for such draws as well: they are then drawn anew, inside it.
     """
     if posterior.target.prior.unstated is not None:
-        return _drawn_wider(posterior, posterior.target.prior.unstated, information, lacking)
+        return _drawn_wider(posterior, posterior.target.prior.unstated, information, model_error_covariance)
     draws, single = posterior.draws, posterior.single_nonnegative
-    directions = _principal(information, lacking)
+    directions = _principal(information, model_error_covariance)
     shift, of_mode = np.zeros_like(draws.theta), posterior.mode_of_draws
     rng = np.random.default_rng(posterior.sampling.seed)
     for k in np.unique(of_mode).tolist():
@@ -305,14 +305,20 @@ def widened(posterior: Posterior, information: Array, lacking: Array) -> Posteri
     return replace(posterior, shift=shift)
 
 
-def _drawn_wider(posterior: Posterior, unstated: Region, information: Array, lacking: Array) -> Posterior:
+def _drawn_wider(
+    posterior: Posterior, unstated: FeasibleSet, information: Array, model_error_covariance: Array
+) -> Posterior:
     """The posterior with draws that what the model may lack widens, inside what is stated.
 
     Without what is stated draws would be moved as in `widened`: with the mean and covariance of those in the cone, and
     the moves' covariance besides. Of the normal distribution with these, hit-and-run draws inside what is stated.
     """
     target, of_mode, every = posterior.target, posterior.mode_of_draws, posterior.draws.theta
-    prior, directions, single = target.prior, _principal(information, lacking), posterior.single_nonnegative
+    prior, directions, single = (
+        target.prior,
+        _principal(information, model_error_covariance),
+        posterior.single_nonnegative,
+    )
     shift, random = np.zeros_like(every), RandomState([posterior.sampling.seed, 2])
     kept = replace(Cone.free(every.shape[-1]), nonnegative=np.flatnonzero(single), stated=prior.stated)
     for k in np.unique(of_mode).tolist():
@@ -323,13 +329,13 @@ def _drawn_wider(posterior: Posterior, unstated: Region, information: Array, lac
         beta = theta @ target.likelihood.projection.T
         moves = (theta - theta.mean(axis=0)).T @ (beta - beta.mean(axis=0)) / (len(beta) - 1) @ directions
         wide = Normal.of_moments(theta.mean(axis=0), np.cov(theta, rowvar=False) + moves @ moves.T)
-        drawn = _drawn_inside(Region.of(kept), wide, start, prior.inside, random)
+        drawn = _drawn_inside(FeasibleSet.of(kept), wide, start, prior.inside, random)
         count = int(here.sum())
         shift[here] = drawn[np.arange(count) * len(drawn) // count] - every[here]
-    return replace(posterior, shift=shift, lacking=lacking)
+    return replace(posterior, shift=shift, model_error_covariance=model_error_covariance)
 
 
-def _drawn_inside(region: Region, normal: Normal, start: Array, inner: Array, random: RandomState) -> Array:
+def _drawn_inside(region: FeasibleSet, normal: Normal, start: Array, inner: Array, random: RandomState) -> Array:
     """(N, P) draws of a normal distribution inside a region, by walkers that start in it; `inner` (P,) is in it too."""
     centre = barrier_minimum(region, normal.precision, normal.linear, inner)
     lines, drawn = Conditional(centre.covariance, region.blocks), []
@@ -362,11 +368,11 @@ def _kept_inside(stated: Constraints, inside: Array, moved: Array) -> Array:
     return inside + share[:, None] * (moved - inside)
 
 
-def _principal(information: Array, lacking: Array) -> Array:
+def _principal(information: Array, model_error_covariance: Array) -> Array:
     """(r, k) H e for e one sd along each principal direction of a covariance, in units of what H leaves uncertain."""
     values, vectors = np.linalg.eigh(information)
     root = vectors * np.sqrt(np.maximum(values, 0.0))  # H = root root'
-    sizes, turn = np.linalg.eigh(root.T @ lacking @ root)
+    sizes, turn = np.linalg.eigh(root.T @ model_error_covariance @ root)
     return root @ (turn * np.sqrt(np.maximum(sizes, 0.0)))[:, sizes > 1e-6 * max(sizes[-1], 0.0)]
 
 
@@ -401,19 +407,21 @@ def infer(
         seconds=time.perf_counter() - began,
         sampling=sampling,
         chosen=sampling.mode - 1 if sampling.mode <= len(weighed) else 0,
-        excluded=_excluded(plus, problem.moments, search),
+        posterior_conflict=_excluded(plus, problem.normal_equations, search),
     )
 
 
-def _excluded(plus: Array, moments: Moments, search: SearchResult) -> float | None:
+def _excluded(plus: Array, normal_equations: NormalEquations, search: SearchResult) -> float | None:
     """Share of the worst joint's energy that P(sign = +) (S,) gives to signs that the search has excluded."""
-    if search.settled is None:
+    if search.persistent is None:
         return None
-    counted = search.settled & (moments.known == 0)
+    counted = search.persistent & (normal_equations.known == 0)
     opposite = np.where(search.signs > 0, 1.0 - plus, plus)
-    energy = np.bincount(moments.joint, weights=np.where(counted, moments.energy, 0.0))
-    excluded = np.bincount(moments.joint, weights=np.where(counted, moments.energy * opposite, 0.0))
-    return float(np.max(excluded[energy > 0.0] / energy[energy > 0.0])) if np.any(energy > 0.0) else None
+    energy = np.bincount(normal_equations.joint, weights=np.where(counted, normal_equations.energy, 0.0))
+    posterior_conflict = np.bincount(
+        normal_equations.joint, weights=np.where(counted, normal_equations.energy * opposite, 0.0)
+    )
+    return float(np.max(posterior_conflict[energy > 0.0] / energy[energy > 0.0])) if np.any(energy > 0.0) else None
 
 
 def _branch_mass(target: Target, theta: Array, log_scale: Array, search: SearchResult) -> Array:

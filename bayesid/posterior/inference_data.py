@@ -45,7 +45,7 @@ from bayesid.posterior.likelihood import Likelihood, SegmentBlocks, autocorrelat
 from bayesid.posterior.sampler import Draws
 from bayesid.posterior.target import Target
 from bayesid.posterior.tuning import TUNING
-from bayesid.regression.moments import Moments
+from bayesid.regression.normal_equations import NormalEquations
 
 _LIBRARY = "bayesid"
 """What the file names as the library that made its draws."""
@@ -130,7 +130,7 @@ def keep(
     flat = theta.reshape(chains * size, -1), log_scale.reshape(chains * size, -1)
     blocks, likelihood = by_blocks(blocks, target.likelihood, *flat)
     block = _block_coordinates(likelihood, blocks, labels)
-    terms = pointwise(likelihood, blocks.moments, *flat).reshape(chains, size, -1).astype(np.float32)
+    terms = pointwise(likelihood, blocks.normal_equations, *flat).reshape(chains, size, -1).astype(np.float32)
     held = np.flatnonzero(np.ptp(terms, axis=(0, 1)))  # segments at a log's ends may have no samples
     effort = Dataset(
         {"effort": ((*_SAMPLED, "block"), terms)},
@@ -147,8 +147,8 @@ def keep(
         "posterior": Dataset(_drawn_variables(beta, theta, noise, log_gain), {**drawn, **_names(labels)}),
         "sample_stats": _sample_stats(density, kept, draws.theta.shape[2], drawn),
         "log_likelihood": effort.isel(block=held),
-        "observed_data": _observed(blocks.moments, block).isel(block=held),
-        "constant_data": _constants(target, blocks.moments, labels),
+        "observed_data": _observed(blocks.normal_equations, block).isel(block=held),
+        "constant_data": _constants(target, blocks.normal_equations, labels),
     }
     if labels.nuisance:
         about = {"long_name": "likely size, relative to what is usual; of kinematics, to the stated tolerance"}
@@ -223,17 +223,17 @@ def _block_coordinates(likelihood: Likelihood, blocks: SegmentBlocks, labels: La
     An entry of several blocks begins with the first and ends with the last one; its sign is 0 unless all have the same
     fixed one.
     """
-    moments = blocks.moments
-    size = len(moments.hessian)
+    normal_equations = blocks.normal_equations
+    size = len(normal_equations.hessian)
     start, end = np.full(size, np.inf), np.full(size, -np.inf)
-    np.minimum.at(start, moments.part, labels.time[blocks.start])
-    np.maximum.at(end, moments.part, labels.time[np.maximum(blocks.end - 1, blocks.start)])
-    number = np.bincount(moments.part, minlength=size)
-    signs = sums(moments, likelihood.fixed)
+    np.minimum.at(start, normal_equations.part, labels.time[blocks.start])
+    np.maximum.at(end, normal_equations.part, labels.time[np.maximum(blocks.end - 1, blocks.start)])
+    number = np.bincount(normal_equations.part, minlength=size)
+    signs = sums(normal_equations, likelihood.fixed)
     fixed = np.where(np.abs(signs) == number, np.sign(signs), 0.0).astype(np.int64)
-    unknown = sums(moments, likelihood.fixed == 0).astype(np.int64)
-    joint = [labels.joints[j] for j in moments.hessian.joint]
-    known = sums(moments, np.abs(moments.known)) > 0
+    unknown = sums(normal_equations, likelihood.fixed == 0).astype(np.int64)
+    joint = [labels.joints[j] for j in normal_equations.hessian.joint]
+    known = sums(normal_equations, np.abs(normal_equations.known)) > 0
     names = [
         f"{j} {a:.2f}-{b:.2f} s" if m == 1 else f"{j} {m} blocks of {'known' if k else 'unknown'} sign"
         for j, a, b, m, k in zip(joint, start, end, number, known, strict=True)
@@ -243,7 +243,7 @@ def _block_coordinates(likelihood: Likelihood, blocks: SegmentBlocks, labels: La
         "joint": ("block", joint),
         "start": ("block", start, {"units": "s"}),
         "end": ("block", end, {"units": "s"}),
-        "n_samples": ("block", sums(moments, moments.count).astype(np.int64)),
+        "n_samples": ("block", sums(normal_equations, normal_equations.count).astype(np.int64)),
         "n_blocks": ("block", number, {"long_name": "blocks in this entry"}),
         "n_unknown": ("block", unknown, {"long_name": "of them with a sign summed out"}),
         "fixed_sign": ("block", fixed, {"long_name": "0 if summed out"}),
@@ -260,9 +260,9 @@ def _distinct(names: Sequence[str]) -> list[str]:
     return distinct
 
 
-def _observed(moments: Moments, block: Mapping[str, Any]) -> Dataset:
-    energy = sums(moments, moments.energy)
-    rms = np.sqrt(energy / np.maximum(sums(moments, moments.count), 1.0))
+def _observed(normal_equations: NormalEquations, block: Mapping[str, Any]) -> Dataset:
+    energy = sums(normal_equations, normal_equations.energy)
+    rms = np.sqrt(energy / np.maximum(sums(normal_equations, normal_equations.count), 1.0))
     variables = {
         "effort": ("block", rms, {"long_name": "RMS effort", **_EFFORT}),
         "effort_energy": ("block", energy, {"long_name": "sum of squared efforts", "units": "N2 m2"}),
@@ -279,13 +279,13 @@ def _names(labels: Labels) -> dict[str, Any]:
     }
 
 
-def _constants(target: Target, moments: Moments, labels: Labels) -> Dataset:
+def _constants(target: Target, normal_equations: NormalEquations, labels: Labels) -> Dataset:
     prior, likelihood, known = target.prior, target.likelihood, target.information
     lasting = {"long_name": "integrated autocorrelation time of the residual", "units": "samples"}
     uncut = {"long_name": "before the cut to what is physical"}
     variables: dict[str, Any] = {
         "sigma_ref": ("joint", likelihood.sigma, {"long_name": "reference noise", **_EFFORT}),
-        "autocorrelation": ("joint", autocorrelation_times(likelihood, moments), lasting),
+        "autocorrelation": ("joint", autocorrelation_times(likelihood, normal_equations), lasting),
         "log_noise_sd": ("joint", prior.log_scale_sd, {"long_name": "prior sd of log(noise / sigma_ref)"}),
         "prior_mean": ("parameter", prior.mean, uncut),
         "prior_sd": ("parameter", prior.sd, uncut),

@@ -35,7 +35,7 @@ from bayesid.arrays import Array, Integers, Mask
 from bayesid.effects.coefficients import BaseCoefficients
 from bayesid.log.segments import Segments
 from bayesid.posterior.tuning import TUNING
-from bayesid.regression.moments import Moments
+from bayesid.regression.normal_equations import NormalEquations
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ class Likelihood:
         squares: Array = self.curvature(beta) - 2.0 * agreement + self.energy
         return np.maximum(squares, 1e-12 * self.energy)  # less is rounding
 
-    def pull(self, beta: Array, log_scale: Array, signs: Array) -> Array:
+    def conditional_gradient(self, beta: Array, log_scale: Array, signs: Array) -> Array:
         """(W, r) gradient of log L in beta (W, r) for given unknown signs (W, w)."""
         weight = np.exp(-2.0 * log_scale)
         of_fixed = np.einsum("wj,wjr->wr", weight, self.settled - self.apply(beta))
@@ -137,12 +137,16 @@ class Likelihood:
 
 
 def make_likelihood(
-    moments: Moments, coefficients: BaseCoefficients, sigma: Array, autocorrelation: Array, fixed: Integers
+    normal_equations: NormalEquations,
+    coefficients: BaseCoefficients,
+    sigma: Array,
+    autocorrelation: Array,
+    fixed: Integers,
 ) -> Likelihood:
     """The likelihood of a log.
 
     Args:
-        moments: of S segments, not scaled.
+        normal_equations: of S segments, not scaled.
         coefficients: the r base coefficients.
         sigma: (n,) sd of the residual, N m; the reference of the noise scales.
         autocorrelation: (n,) integrated autocorrelation time of the residual, samples: so many count as one
@@ -150,7 +154,7 @@ def make_likelihood(
         fixed: (S,) +1 or -1 for the signs that are given, 0 for those to sum out. Known signs are given anyway.
     """
     n = len(sigma)
-    scaled = moments.scaled(sigma * np.sqrt(autocorrelation))
+    scaled = normal_equations.scaled(sigma * np.sqrt(autocorrelation))
     return Likelihood(
         projection=coefficients.projection,
         hessian=scaled.hessian.by_joint(n),
@@ -170,7 +174,7 @@ def make_likelihood(
 class SegmentBlocks:
     """B stretches of S segments of a log."""
 
-    moments: Moments  #: of the blocks, not scaled, efforts as those of their segments
+    normal_equations: NormalEquations  #: of the blocks, not scaled, efforts as those of their segments
     segment: Integers  #: (B,) the segment that each is a part of
     start: Integers  #: (B,) its first sample
     end: Integers  #: (B,) the sample after its last one
@@ -179,9 +183,9 @@ class SegmentBlocks:
         return len(self.segment)
 
     @property
-    def of_segments(self) -> Moments:
+    def of_segments(self) -> NormalEquations:
         """Moments of the segments."""
-        return self.whole(np.ones(int(self.segment.max(initial=-1)) + 1, dtype=bool)).moments
+        return self.whole(np.ones(int(self.segment.max(initial=-1)) + 1, dtype=bool)).normal_equations
 
     def whole(self, chosen: Mask) -> SegmentBlocks:
         """The blocks of the chosen segments (S,) joined to one each."""
@@ -190,7 +194,7 @@ class SegmentBlocks:
         kept, into = np.unique(joined, return_inverse=True)
         end = self.end[kept]
         np.maximum.at(end, into, self.end)
-        return SegmentBlocks(self.moments.merged(into), self.segment[kept], self.start[kept], end)
+        return SegmentBlocks(self.normal_equations.merged(into), self.segment[kept], self.start[kept], end)
 
 
 def divide(segments: Segments, autocorrelation: Array) -> tuple[Segments, Integers]:
@@ -233,12 +237,12 @@ def by_blocks(
     blocks = blocks.whole(agreed == 0)
     alone = np.bincount(blocks.segment) == 1
     fixed = np.where(alone, likelihood.fixed, agreed)[blocks.segment]
-    moments = blocks.moments
-    scaled = moments.scaled(likelihood.sigma * np.sqrt(autocorrelation_times(likelihood, moments)))
-    return blocks, replace(likelihood, gradient=scaled.gradient, joint=moments.joint, fixed=fixed)
+    normal_equations = blocks.normal_equations
+    scaled = normal_equations.scaled(likelihood.sigma * np.sqrt(autocorrelation_times(likelihood, normal_equations)))
+    return blocks, replace(likelihood, gradient=scaled.gradient, joint=normal_equations.joint, fixed=fixed)
 
 
-def pointwise(likelihood: Likelihood, moments: Moments, theta: Array, log_scale: Array) -> Array:
+def pointwise(likelihood: Likelihood, normal_equations: NormalEquations, theta: Array, log_scale: Array) -> Array:
     """(W, K) log likelihood of each of the K parts of the moments' Hessian, signs summed out.
 
     Of a block k of joint j, with N_k samples, autocorrelation time tau, w = exp(-2 u) and moments over sigma^2 tau:
@@ -250,17 +254,18 @@ def pointwise(likelihood: Likelihood, moments: Moments, theta: Array, log_scale:
     `likelihood.log_likelihood` less log 2 for each unknown sign and sum_j (n_j / 2) log(2 pi sigma_j^2). The moments of
     the blocks are not scaled; parameters are (W, P), logarithms of noise scales (W, n).
     """
-    autocorrelation = autocorrelation_times(likelihood, moments)
-    scaled = moments.scaled(likelihood.sigma * np.sqrt(autocorrelation))
+    autocorrelation = autocorrelation_times(likelihood, normal_equations)
+    scaled = normal_equations.scaled(likelihood.sigma * np.sqrt(autocorrelation))
     size, joint = len(scaled.hessian), scaled.hessian.joint
-    energy = sums(moments, scaled.energy)
-    count = sums(moments, moments.count) / autocorrelation[joint]
+    energy = sums(normal_equations, scaled.energy)
+    count = sums(normal_equations, normal_equations.count) / autocorrelation[joint]
     normal = 0.5 * np.log(2.0 * np.pi * likelihood.sigma[joint] ** 2)
     members = scipy.sparse.csr_array(
-        (np.ones(len(moments)), (np.arange(len(moments)), moments.part)), (len(moments), size)
+        (np.ones(len(normal_equations)), (np.arange(len(normal_equations)), normal_equations.part)),
+        (len(normal_equations), size),
     )
     terms = np.empty((len(theta), size))
-    for some in _stretches(len(theta), size * scaled.hessian.size + len(moments)):
+    for some in _stretches(len(theta), size * scaled.hessian.size + len(normal_equations)):
         beta, scale = theta[some] @ likelihood.projection.T, log_scale[some]
         curvature = scaled.hessian.forms(beta)
         signs = likelihood.pointwise(theta[some], scale) - np.log(2.0) * (likelihood.fixed == 0)
@@ -276,12 +281,14 @@ def _stretches(rows: int, width: int) -> Iterator[slice]:
         yield slice(first, first + most)
 
 
-def autocorrelation_times(likelihood: Likelihood, moments: Moments) -> Array:
+def autocorrelation_times(likelihood: Likelihood, normal_equations: NormalEquations) -> Array:
     """(n,) integrated autocorrelation time of each joint's residual, samples; NaN for a joint without segments."""
-    samples = np.bincount(moments.joint, weights=moments.count, minlength=likelihood.n_joints)
+    samples = np.bincount(normal_equations.joint, weights=normal_equations.count, minlength=likelihood.n_joints)
     return samples / np.where(samples > 0, likelihood.count, np.nan)
 
 
-def sums(moments: Moments, values: Array | Integers) -> Array:
+def sums(normal_equations: NormalEquations, values: Array | Integers) -> Array:
     """(K,) sums of the segments' values (S,) over each part of the Hessian."""
-    return np.bincount(moments.part, weights=values, minlength=len(moments.hessian)).astype(np.float64)
+    return np.bincount(normal_equations.part, weights=values, minlength=len(normal_equations.hessian)).astype(
+        np.float64
+    )

@@ -37,16 +37,16 @@ from scipy.special import expit, gammaln, logsumexp
 
 from bayesid.arrays import Array, Integers, Mask
 from bayesid.errors import SolverError
+from bayesid.posterior.feasible_set import FeasibleSet, barrier_minimum
 from bayesid.posterior.moves import Conditional, noise_scales, sweep
-from bayesid.posterior.region import Region, barrier_minimum
 from bayesid.posterior.sampler import Diagnostics, Draws, Sampling, nominal_sweep, sample
 from bayesid.posterior.target import Target
 from bayesid.posterior.tuning import TUNING
 from bayesid.progress import Progress
-from bayesid.regression.knowledge import RIDGE, Information
-from bayesid.regression.moments import Moments
+from bayesid.regression.knowledge import RIDGE, InformationMatrix
+from bayesid.regression.normal_equations import NormalEquations
 from bayesid.regression.solver import ConeLeastSquares
-from bayesid.signs.search.protocol import SearchResult, predicted_signs, turned_round
+from bayesid.signs.search.protocol import SearchResult, predicted_signs, with_flipped
 
 
 class MarginalLikelihood(NamedTuple):
@@ -94,7 +94,7 @@ class Normal:
         root = np.linalg.inv(np.linalg.cholesky(self.precision))
         return (root @ self.linear + random.standard_normal((walkers, len(root)))) @ root
 
-    def move(self, region: Region, theta: Array, lines: Conditional, sweeps: int, random: RandomState) -> Array:
+    def move(self, region: FeasibleSet, theta: Array, lines: Conditional, sweeps: int, random: RandomState) -> Array:
         """(W, P) walkers after sweeps of hit-and-run inside the region, from theta (W, P)."""
         ones = np.ones((1, len(theta)))
         for _ in range(sweeps):
@@ -150,7 +150,7 @@ def mode_weights(log_values: Array) -> Array:
 
 
 def truncate(
-    region: Region, normal: Normal, inner: Array, random: RandomState, groups: int, walkers: int
+    region: FeasibleSet, normal: Normal, inner: Array, random: RandomState, groups: int, walkers: int
 ) -> tuple[Array, Array]:
     """(G, W, P) draws of a normal distribution inside the region, and (G,) estimates of the log of its integral there.
 
@@ -177,7 +177,7 @@ def truncate(
 
 
 def truncate_by_splitting(
-    region: Region, normal: Normal, inner: Array, random: RandomState, groups: int, walkers: int
+    region: FeasibleSet, normal: Normal, inner: Array, random: RandomState, groups: int, walkers: int
 ) -> tuple[Array, Array]:
     """The same by splitting alone, whose price grows with the log of the share; `inner` is best deep inside."""
     most_levels = 2000  # each keeps a share of 0.3: masses down to 1e-1000
@@ -235,7 +235,9 @@ class Mode(NamedTuple):
     log_density: float  #: of the target at the centre, noise scales as in the reference
 
 
-def find_modes(target: Target, moments: Moments, solver: ConeLeastSquares, search: SearchResult) -> tuple[Mode, ...]:
+def find_modes(
+    target: Target, normal_equations: NormalEquations, solver: ConeLeastSquares, search: SearchResult
+) -> tuple[Mode, ...]:
     """The modes that matter, the densest first.
 
     Moments are in units of the target's reference noise; the solver is for them and the target's information, added.
@@ -243,7 +245,7 @@ def find_modes(target: Target, moments: Moments, solver: ConeLeastSquares, searc
     Raises:
         SolverError: a cone problem could not be solved.
     """
-    starts = starting_points(moments, target.information, solver, search)
+    starts = starting_points(normal_equations, target.information, solver, search)
     modes = sorted((_mode(target, signs, theta) for signs, theta in starts), key=lambda mode: -mode.log_density)
     kept: list[Mode] = []
     for mode in modes:
@@ -254,7 +256,10 @@ def find_modes(target: Target, moments: Moments, solver: ConeLeastSquares, searc
 
 
 def starting_points(
-    moments: Moments, information: Information | None, solver: ConeLeastSquares, search: SearchResult
+    normal_equations: NormalEquations,
+    information: InformationMatrix | None,
+    solver: ConeLeastSquares,
+    search: SearchResult,
 ) -> list[tuple[Integers, Array]]:
     """Signs and best parameters of the search's branches, and of its best assignment with each joint turned round.
 
@@ -267,20 +272,20 @@ def starting_points(
     prepared, of_information = solver.prepared(), 0.0 if information is None else information.gradient
 
     def gradient(signs: Integers) -> Array:
-        return signs @ moments.gradient + of_information
+        return signs @ normal_equations.gradient + of_information
 
     def settled(signs: Integers) -> Integers:
         """Signs that their best parameters predict, after a few rounds of adapting one to the other."""
         for _ in range(TUNING.sign_rounds):
             theta = prepared.solve(gradient(signs)).theta
-            before, signs = signs, predicted_signs(moments, prepared.project(theta))
+            before, signs = signs, predicted_signs(normal_equations, prepared.project(theta))
             if np.array_equal(signs, before):
                 break
         return signs
 
     starts = [branch.signs for branch in search.branches[: TUNING.most_branches]] or [search.signs]
-    for joint in np.unique(moments.joint[moments.known == 0]):
-        starts.append(settled(turned_round(moments, search.signs, joint)))
+    for joint in np.unique(normal_equations.joint[normal_equations.known == 0]):
+        starts.append(settled(with_flipped(normal_equations, search.signs, joint)))
     distinct = {signs.tobytes(): signs for signs in starts}.values()
     fits = [(signs, prepared.solve_precisely(gradient(signs))) for signs in distinct]
     most = min(fit.cost for _, fit in fits) + 2.0 * TUNING.hopeless

@@ -18,7 +18,7 @@ from numpy.random import RandomState
 from scipy.special import wrightomega
 
 from bayesid.arrays import TINY, Array, Integers
-from bayesid.posterior.region import Centre, Region, draw_on_line, factor
+from bayesid.posterior.feasible_set import Centre, FeasibleSet, draw_on_line, factor
 from bayesid.posterior.target import Target
 from bayesid.posterior.tuning import TUNING
 
@@ -91,7 +91,7 @@ class HitAndRun(GibbsMove):
         likelihood, prior, information = self.target.likelihood, self.target.prior, self.target.information
         theta, log_scale = self.target.split(coordinates)
         beta = theta @ likelihood.projection.T
-        pull = likelihood.pull(beta, log_scale, likelihood.draw_signs(beta, log_scale, random))
+        pull = likelihood.conditional_gradient(beta, log_scale, likelihood.draw_signs(beta, log_scale, random))
         if information is not None:
             pull += information.gradient - beta @ information.hessian
         gradient = pull @ likelihood.projection + prior.precision * (prior.mean - theta)
@@ -109,7 +109,13 @@ class HitAndRun(GibbsMove):
 
 
 def sweep(
-    region: Region, theta: Array, lines: Array, slopes: Array, curvature: Array, weights: Array, random: RandomState
+    region: FeasibleSet,
+    theta: Array,
+    lines: Array,
+    slopes: Array,
+    curvature: Array,
+    weights: Array,
+    random: RandomState,
 ) -> Array:
     """(K, W) steps along each of K lines in turn, each drawn from a normal distribution inside the region.
 

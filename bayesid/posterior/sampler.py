@@ -21,8 +21,8 @@ from numpy.random import RandomState
 from bayesid.arrays import Array, Integers
 from bayesid.errors import InputError
 from bayesid.parallel import in_parallel, one_at_a_time
+from bayesid.posterior.feasible_set import Centre
 from bayesid.posterior.moves import Conditional, HitAndRun, InTurn, NoiseScales, spread_walkers
-from bayesid.posterior.region import Centre
 from bayesid.posterior.target import Target
 from bayesid.posterior.tuning import TUNING
 from bayesid.progress import Steps, no_steps

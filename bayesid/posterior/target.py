@@ -32,13 +32,13 @@ from bayesid.effects.coefficients import BaseCoefficients
 from bayesid.effects.constraints import Constraints
 from bayesid.effects.parameters import Cone
 from bayesid.motion import Motion
+from bayesid.posterior.feasible_set import Centre, FeasibleSet, barrier_minimum
 from bayesid.posterior.likelihood import Likelihood, SegmentBlocks, make_likelihood
-from bayesid.posterior.region import Centre, Region, barrier_minimum
 from bayesid.posterior.tuning import TUNING
 from bayesid.regression.inside import deepest_point
-from bayesid.regression.knowledge import Information, LinkPrior, Nominal
-from bayesid.regression.moments import Moments
+from bayesid.regression.knowledge import InformationMatrix, LinkPrior, NominalParameters
 from bayesid.regression.noise import Noise
+from bayesid.regression.normal_equations import NormalEquations
 from bayesid.regression.solver import ConeLeastSquares
 from bayesid.regression.stated import no_room
 from bayesid.robot import Robot
@@ -50,7 +50,7 @@ _VISIBLE = 1e-12
 
 
 @dataclass(frozen=True)
-class Window:
+class Bound:
     """A bound on what the cone leaves open: a quantity of the P parameters, of which 0 to 1 lies inside."""
 
     name: str  #: of the quantity, in words
@@ -71,24 +71,24 @@ class Window:
 
 
 @dataclass(frozen=True)
-class Prior:
+class TruncatedGaussian:
     """A normal distribution inside a region, and one of the noise scales."""
 
-    region: Region  #: of the P parameters
+    region: FeasibleSet  #: of the P parameters
     mean: Array  #: (P,)
     sd: Array  #: (P,)
     log_scale_sd: Array  #: (n,) sd of the logarithm of each joint's noise over the reference one
     inside: Array  #: (P,) some point well inside the region
-    windows: tuple[Window, ...] = ()  #: that cut the cone; they are in the region
+    windows: tuple[Bound, ...] = ()  #: that cut the cone; they are in the region
     stated: Constraints | None = None  #: on all parameters, in the region too
-    unstated: Region | None = None  #: the region without what is stated; None where nothing is
+    unstated: FeasibleSet | None = None  #: the region without what is stated; None where nothing is
 
     @cached_property
     def precision(self) -> Array:
         """(P,) inverse variances."""
         return 1.0 / self.sd**2
 
-    def within(self, cone: Cone) -> Prior:
+    def within(self, cone: Cone) -> TruncatedGaussian:
         """The same prior inside what is stated beside its cone; a window that leaves no room for that gives way.
 
         Raises:
@@ -96,9 +96,14 @@ class Prior:
         """
         windows, inside = _within_stated(cone, self.windows, self.inside, self.sd)
         rows = _half_spaces(windows, cone.size)
-        unstated = Region.of(replace(cone, stated=None), *rows)
+        unstated = FeasibleSet.of(replace(cone, stated=None), *rows)
         return replace(
-            self, region=Region.of(cone, *rows), inside=inside, windows=windows, stated=cone.stated, unstated=unstated
+            self,
+            region=FeasibleSet.of(cone, *rows),
+            inside=inside,
+            windows=windows,
+            stated=cone.stated,
+            unstated=unstated,
         )
 
     def log_density(self, theta: Array, log_scale: Array) -> Array:
@@ -113,9 +118,9 @@ def make_prior(
     cone: Cone,
     likelihood: Likelihood,
     links: LinkPrior,
-    nominal: Nominal | None = None,
-    information: Information | None = None,
-) -> Prior:
+    nominal: NominalParameters | None = None,
+    information: InformationMatrix | None = None,
+) -> TruncatedGaussian:
     """The stated prior for the P parameters of a model.
 
     The likelihood's H_j and c_j set the sizes of friction, rotor inertia and offsets. The information of an earlier
@@ -129,18 +134,18 @@ def make_prior(
         mean, sd = np.where(stated, nominal.mean, mean), np.where(stated, nominal.sd, sd)
     windows, inside = _windows(cone, links), _inner_point(cone, links, sd)
     scales = np.full(likelihood.n_joints, TUNING.log_scale_sd)
-    region = Region.of(replace(cone, stated=None), *_half_spaces(windows, cone.size))
-    prior = Prior(region, mean, sd, scales, inside, windows)
+    region = FeasibleSet.of(replace(cone, stated=None), *_half_spaces(windows, cone.size))
+    prior = TruncatedGaussian(region, mean, sd, scales, inside, windows)
     return prior if cone.stated is None else prior.within(cone)
 
 
-def _half_spaces(windows: Sequence[Window], size: int) -> tuple[Array, Array]:
+def _half_spaces(windows: Sequence[Bound], size: int) -> tuple[Array, Array]:
     """(m, size) rows and (m,) offsets of windows."""
     rows = np.array([window.whole - window.part for window in windows]).reshape(-1, size)
     return rows, np.array([window.bound - window.constant for window in windows])
 
 
-def _within_stated(cone: Cone, windows: tuple[Window, ...], near: Array, sd: Array) -> tuple[tuple[Window, ...], Array]:
+def _within_stated(cone: Cone, windows: tuple[Bound, ...], near: Array, sd: Array) -> tuple[tuple[Bound, ...], Array]:
     """The windows that leave room for what is stated, and a point deep inside of all: what is stated counts for more.
 
     Raises:
@@ -168,7 +173,7 @@ def _inner_point(cone: Cone, links: LinkPrior, sd: Array) -> Array:
     return point
 
 
-def _sizes(likelihood: Likelihood, information: Information | None) -> Array:
+def _sizes(likelihood: Likelihood, information: InformationMatrix | None) -> Array:
     """(P,) the size of each parameter that would alone explain the effort of the joints in which it shows."""
     by_joint = np.einsum("rp,jrs,sp->jp", likelihood.projection, likelihood.hessian, likelihood.projection)
     curvature = by_joint.sum(axis=0)
@@ -183,7 +188,7 @@ def _sizes(likelihood: Likelihood, information: Information | None) -> Array:
     return sizes
 
 
-def _windows(cone: Cone, links: LinkPrior) -> tuple[Window, ...]:
+def _windows(cone: Cone, links: LinkPrior) -> tuple[Bound, ...]:
     if not len(cone.bodies):
         return ()
     windows, total, none = [], np.zeros(cone.size), np.zeros(cone.size)
@@ -192,10 +197,10 @@ def _windows(cone: Cone, links: LinkPrior) -> tuple[Window, ...]:
         trace[body[[0, 3, 5]]] = 0.5  # tr(Sigma) = tr(J) / 2
         mass[body[9]] = links.largest_radius**2
         total[body[9]] = 1.0
-        windows.append(Window(f"radius of gyration of link {number}", trace, 0.0, mass, 0.0))
+        windows.append(Bound(f"radius of gyration of link {number}", trace, 0.0, mass, 0.0))
     least, most = links.total_mass
-    windows.append(Window("mass of all links, from above", total, 0.0, none, most))
-    windows.append(Window("mass of all links, from below", none, least, total, 0.0))
+    windows.append(Bound("mass of all links, from above", total, 0.0, none, most))
+    windows.append(Bound("mass of all links, from below", none, least, total, 0.0))
     return tuple(windows)
 
 
@@ -204,7 +209,7 @@ def usual_links(
     motion: Motion,
     coefficients: BaseCoefficients,
     cone: Cone,
-    moments: Moments,
+    normal_equations: NormalEquations,
     *,
     reach: float | None = None,
 ) -> LinkPrior:
@@ -227,7 +232,7 @@ def usual_links(
     reach = TUNING.link_reach * span if reach is None and span > 0.0 else reach
     usual = LinkPrior() if reach is None else LinkPrior(reach=reach)
     arm = np.where(sliding, usual.reach, 1.0)  # by which the force of a sliding joint is a torque
-    scaled = moments.scaled(1.0 / arm)
+    scaled = normal_equations.scaled(1.0 / arm)
     hessian, energy = scaled.hessian.total(), float(scaled.energy.sum())
     sd, mean = np.zeros(cone.size), np.zeros(cone.size)
     for body in cone.bodies:
@@ -243,9 +248,11 @@ def usual_links(
 class Target:
     """The posterior of one branch, over P parameters and n logarithms of noise scales."""
 
-    prior: Prior
+    prior: TruncatedGaussian
     likelihood: Likelihood
-    information: Information | None = None  #: of the coefficients, from an earlier log; its H is positive semidefinite
+    information: InformationMatrix | None = (
+        None  #: of the coefficients, from an earlier log; its H is positive semidefinite
+    )
 
     @property
     def n_parameters(self) -> int:
@@ -273,7 +280,9 @@ class Target:
             value[inside] -= 0.5 * (np.sum(pulled * beta, axis=1) + self.information.energy)
         return value
 
-    def quadratic(self, theta: Array, log_scale: Array, lacking: Array | None = None) -> tuple[Array, Array]:
+    def quadratic(
+        self, theta: Array, log_scale: Array, model_error_covariance: Array | None = None
+    ) -> tuple[Array, Array]:
         """A (P, P) and b (P,) of log p = -theta' A theta / 2 + b' theta + const (:eq:`posterior-precision`).
 
         Given noise scales u (n,) and the signs that theta (P,) predicts for the unknown segments. With a covariance
@@ -283,12 +292,12 @@ class Target:
         likelihood, prior = self.likelihood, self.prior
         scale = log_scale[None]
         signs = likelihood.likelier_signs(theta[None], scale)
-        data = likelihood.pull(np.zeros((1, likelihood.hessian.shape[1])), scale, signs)[0]
+        data = likelihood.conditional_gradient(np.zeros((1, likelihood.hessian.shape[1])), scale, signs)[0]
         hessian = np.einsum("j,jrs->rs", np.exp(-2.0 * log_scale), likelihood.hessian)
         if self.information is not None:
             data, hessian = data + self.information.gradient, hessian + self.information.hessian
-        if lacking is not None:
-            sizes, turn = np.linalg.eigh(lacking)
+        if model_error_covariance is not None:
+            sizes, turn = np.linalg.eigh(model_error_covariance)
             root = turn * np.sqrt(np.maximum(sizes, 0.0))
             pulled = hessian @ root
             middle = np.linalg.solve(np.eye(len(root)) + root.T @ pulled, np.column_stack([pulled.T, root.T @ data]))
@@ -314,38 +323,40 @@ class PosteriorProblem:
     cone: Cone  #: of the P parameters
     noise: Noise  #: of the efforts; the reference of the noise scales
     links: LinkPrior  #: what is believed of any link
-    nominal: Nominal | None = None  #: what is stated of the parameters
+    nominal: NominalParameters | None = None  #: what is stated of the parameters
     #: of the r coefficients, from an earlier log; its c says what effort it explains: sizes are judged by it
-    information: Information | None = None
+    information: InformationMatrix | None = None
 
     def with_least_noise(self) -> PosteriorProblem:
         """The same problem with a thousandth of each effort added to its noise, and to what the residual shows."""
-        floor = TUNING.least_noise * self.moments.rms_effort(len(self.noise.sigma))
+        floor = TUNING.least_noise * self.normal_equations.rms_effort(len(self.noise.sigma))
         noise = self.noise.scaled(np.hypot(self.noise.sigma, floor) / self.noise.sigma)
-        energy = (1.0 + TUNING.least_noise**2) * self.blocks.moments.energy
+        energy = (1.0 + TUNING.least_noise**2) * self.blocks.normal_equations.energy
         return replace(
-            self, noise=noise, blocks=replace(self.blocks, moments=replace(self.blocks.moments, energy=energy))
+            self,
+            noise=noise,
+            blocks=replace(self.blocks, normal_equations=replace(self.blocks.normal_equations, energy=energy)),
         )
 
     @cached_property
-    def moments(self) -> Moments:
+    def normal_equations(self) -> NormalEquations:
         """Of the segments, not scaled."""
         return self.blocks.of_segments
 
     @cached_property
     def target(self) -> Target:
         """What is sampled: all signs summed out that are not known."""
-        unknown = np.zeros(len(self.moments), dtype=np.int64)
+        unknown = np.zeros(len(self.normal_equations), dtype=np.int64)
         likelihood = make_likelihood(
-            self.moments, self.coefficients, self.noise.sigma, self.noise.autocorrelation, unknown
+            self.normal_equations, self.coefficients, self.noise.sigma, self.noise.autocorrelation, unknown
         )
         prior = make_prior(self.cone, likelihood, self.links, self.nominal, information=self.information)
         return Target(prior, likelihood, self.information)
 
     @cached_property
-    def scaled_moments(self) -> Moments:
+    def scaled_moments(self) -> NormalEquations:
         """In units of the reference noise."""
-        return self.moments.scaled(self.noise.sigma * np.sqrt(self.noise.autocorrelation))
+        return self.normal_equations.scaled(self.noise.sigma * np.sqrt(self.noise.autocorrelation))
 
     @cached_property
     def solver(self) -> ConeLeastSquares:

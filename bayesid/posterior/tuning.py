@@ -100,7 +100,7 @@ class Tuning:
     draws."""
     near_edge: float = 0.9
     """Share of a window from which on a draw is near its edge: in its last tenth."""
-    pressed: float = 0.2
+    active_bounds: float = 0.2
     """Share of such draws from which on a window decides: a density that grows in proportion up to the edge has
     1 - 0.9^2 = 0.19 there. On the logs of study `real` it is 0.09 at most."""
 

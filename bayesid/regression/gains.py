@@ -27,11 +27,11 @@ from bayesid.arrays import TINY, Array, Integers, Mask
 from bayesid.effects.coefficients import BaseCoefficients
 from bayesid.effects.model import Model
 from bayesid.log.gains import Gains
-from bayesid.regression.evidence import Evidence
-from bayesid.regression.knowledge import LinkPrior, Nominal
+from bayesid.regression.knowledge import LinkPrior, NominalParameters
 from bayesid.regression.least_squares import constant_stretches
-from bayesid.regression.moments import Moments
+from bayesid.regression.log_data import LogData
 from bayesid.regression.noise import Noise
+from bayesid.regression.normal_equations import NormalEquations
 from bayesid.regression.solver import solve_precisely
 from bayesid.regression.tuning import TUNING
 from bayesid.robot.inertia import from_pseudo_inertia
@@ -64,32 +64,32 @@ def prior_of(gains: Gains) -> GainPrior:
     return GainPrior(np.zeros(len(sd)), np.diag(sd**2) + np.outer(together, together))
 
 
-def signed_moments(evidence: Evidence, signs: Array) -> Moments:
+def signed_moments(log_data: LogData, signs: Array) -> NormalEquations:
     """Moments of a log in expected signs (N, n), one segment for each stretch in motion."""
-    return evidence.moments(signs, constant_stretches(evidence.used), summed_out=False)
+    return log_data.normal_equations(signs, constant_stretches(log_data.used), summed_out=False)
 
 
-def likely_gains(evidence: Evidence, gains: Gains) -> Array:
+def likely_gains(log_data: LogData, gains: Gains) -> Array:
     """(n,) factors on gains that nobody knows, so that efforts are as large as a robot of its reach makes them.
 
     Links taper off to the tip, each with its centre of mass about half the scale of distances from its frame: the
     efforts of the log's motion then have an expected energy in each joint.
     """
-    robot, cone = evidence.model.robot, evidence.model.cone
+    robot, cone = log_data.model.robot, log_data.model.cone
     reach = TUNING.gain_reach * robot.stretched
     share = TUNING.taper ** np.arange(len(cone.bodies))
     masses = TUNING.arm_mass * robot.stretched**2 * share / max(float(share.sum()), TINY)
-    signs = np.where(evidence.signals.raw_effort >= 0.0, 1.0, -1.0)
-    moments = signed_moments(evidence, signs)
+    signs = np.where(log_data.signals.raw_effort >= 0.0, 1.0, -1.0)
+    normal_equations = signed_moments(log_data, signs)
     sd, mean = np.zeros(cone.size), np.zeros(cone.size)
     for body, mass in zip(cone.bodies, masses.tolist(), strict=True):
         spread = mass * (TUNING.gain_reach * reach) ** 2
         mean[body], sd[body[6:9]] = from_pseudo_inertia(np.diag([spread, spread, spread, mass])), 0.5 * mass * reach
-    projection = evidence.coefficients.projection
+    projection = log_data.coefficients.projection
     across, middle = projection * sd, projection @ mean
-    hessian = moments.hessian.by_joint(robot.n_joints)
+    hessian = normal_equations.hessian.by_joint(robot.n_joints)
     expected = np.einsum("rp,jrs,sp->j", across, hessian, across) + np.einsum("r,jrs,s->j", middle, hessian, middle)
-    measured = np.bincount(moments.joint, weights=moments.energy, minlength=robot.n_joints)
+    measured = np.bincount(normal_equations.joint, weights=normal_equations.energy, minlength=robot.n_joints)
     told = gains.unknown & (expected > 0.0) & (measured > 0.0)
     return np.where(told, np.sqrt(np.where(told, expected, 1.0) / np.where(told, measured, 1.0)), 1.0)
 
@@ -108,7 +108,7 @@ class GainFit:
         share: (P,) whether a parameter is a share of something that scales, and so does not.
         joint: (P,) 0-based joint of each.
         theta: (P,) the best parameters.
-        settled: whether they led to the minimum.
+        converged: whether they led to the minimum.
     """
 
     log: Array
@@ -120,7 +120,7 @@ class GainFit:
     share: Mask
     joint: Integers
     theta: Array
-    settled: bool
+    converged: bool
 
     @cached_property
     def weights(self) -> Array:
@@ -151,12 +151,12 @@ class GainFit:
 
 
 def fit_gains(
-    evidence: Evidence,
-    moments: Moments,
+    log_data: LogData,
+    normal_equations: NormalEquations,
     noise: Noise,
     prior: GainPrior,
     links: LinkPrior,
-    nominal: Nominal | None = None,
+    nominal: NominalParameters | None = None,
 ) -> GainFit:
     """The gains that suit a log with known signs best, and how well it shows them.
 
@@ -167,41 +167,41 @@ def fit_gains(
     Raises:
         SolverError: a cone problem could not be solved.
     """
-    problem = _Problem.of(evidence, moments, noise, links, nominal)
+    problem = _Problem.of(log_data, normal_equations, noise, links, nominal)
     loose, n = prior.loose, len(prior.mean)
-    pull = np.zeros((n, n))
-    pull[np.ix_(loose, loose)] = np.linalg.inv(prior.covariance[np.ix_(loose, loose)])
-    log, settled = np.zeros(n), False
+    prior_precision = np.zeros((n, n))
+    prior_precision[np.ix_(loose, loose)] = np.linalg.inv(prior.covariance[np.ix_(loose, loose)])
+    log, converged = np.zeros(n), False
 
     def cost(at: Array) -> tuple[float, Array]:
         value, theta = problem.profile(at)
-        return value + 0.5 * float((at - prior.mean) @ pull @ (at - prior.mean)), theta
+        return value + 0.5 * float((at - prior.mean) @ prior_precision @ (at - prior.mean)), theta
 
     value, theta = cost(log)
     for _ in range(30):  # an end to rounding: some five are needed
         information, _ = problem.linearised(theta, log)
-        slope = problem.slope(theta, log) + pull @ (log - prior.mean)
+        slope = problem.slope(theta, log) + prior_precision @ (log - prior.mean)
         step = np.zeros(n)
-        step[loose] = -np.linalg.solve((information + pull)[np.ix_(loose, loose)], slope[loose])
+        step[loose] = -np.linalg.solve((information + prior_precision)[np.ix_(loose, loose)], slope[loose])
         decrement = -float(slope @ step)
-        if decrement < TUNING.gains_settled:
-            settled = True
+        if decrement < TUNING.gains_converged:
+            converged = True
             break
         length, tried = 1.0, cost(log + step)
         while tried[0] > value and length > 1e-3:
             length *= 0.5
             tried = cost(log + length * step)
         if tried[0] >= value:
-            settled = decrement < 1.0
+            converged = decrement < 1.0
             break
         log, (value, theta) = log + length * step, tried
     information, moves = problem.linearised(theta, log)
     covariance = np.zeros((n, n))
-    covariance[np.ix_(loose, loose)] = np.linalg.inv((information + pull)[np.ix_(loose, loose)])
-    joints = np.array([parameter.joint - 1 for parameter in evidence.model.parameters])
-    share = np.array([parameter.unit == "1" for parameter in evidence.model.parameters])
+    covariance[np.ix_(loose, loose)] = np.linalg.inv((information + prior_precision)[np.ix_(loose, loose)])
+    joints = np.array([parameter.joint - 1 for parameter in log_data.model.parameters])
+    share = np.array([parameter.unit == "1" for parameter in log_data.model.parameters])
     moves[share] = 0.0  # friction in proportion to the load: the load has the scale of the efforts
-    return GainFit(log, covariance, prior, information, moves, problem.body, share, joints, theta, settled)
+    return GainFit(log, covariance, prior, information, moves, problem.body, share, joints, theta, converged)
 
 
 @dataclass(frozen=True)
@@ -213,7 +213,7 @@ class _Problem:
         gradient: (n, r).
         energy: c of all.
         stated: (P,) 1 / sd^2 of what is stated, zero of all else.
-        pull: (P,) 1 / sd^2 of the links' prior, zero where something is stated or nothing is believed.
+        prior_precision: (P,) 1 / sd^2 of the links' prior, zero where something is stated or nothing is believed.
         mean: (P,) of both.
         body: (P,) whether a parameter is a body's.
     """
@@ -224,34 +224,41 @@ class _Problem:
     gradient: Array
     energy: float
     stated: Array
-    pull: Array
+    prior_precision: Array
     mean: Array
     body: Mask
 
     @classmethod
     def of(
-        cls, evidence: Evidence, moments: Moments, noise: Noise, links: LinkPrior, nominal: Nominal | None
+        cls,
+        log_data: LogData,
+        normal_equations: NormalEquations,
+        noise: Noise,
+        links: LinkPrior,
+        nominal: NominalParameters | None,
     ) -> _Problem:
-        n, cone = evidence.model.robot.n_joints, evidence.model.cone
-        scaled = moments.scaled(noise.sigma * np.sqrt(noise.autocorrelation))
+        n, cone = log_data.model.robot.n_joints, log_data.model.cone
+        scaled = normal_equations.scaled(noise.sigma * np.sqrt(noise.autocorrelation))
         gradient = np.zeros((n, scaled.gradient.shape[1]))
         np.add.at(gradient, scaled.joint, scaled.gradient)
-        body, pull = np.zeros(cone.size, dtype=bool), np.zeros(cone.size)
+        body, prior_precision = np.zeros(cone.size, dtype=bool), np.zeros(cone.size)
         stated, mean = np.zeros(cone.size), np.zeros(cone.size)
         for part in cone.bodies:
-            body[part], pull[part], mean[part] = True, links.sd**-2.0, links.centre
+            body[part], prior_precision[part], mean[part] = True, links.sd**-2.0, links.centre
         if nominal is not None:
             known = np.isfinite(nominal.mean)
-            stated[known], mean[known], pull[known] = nominal.sd[known] ** -2.0, nominal.mean[known], 0.0
+            stated[known], mean[known], prior_precision[known] = nominal.sd[known] ** -2.0, nominal.mean[known], 0.0
         hessian, energy = scaled.hessian.by_joint(n), float(scaled.energy.sum())
-        return cls(evidence.model, evidence.coefficients, hessian, gradient, energy, stated, pull, mean, body)
+        return cls(
+            log_data.model, log_data.coefficients, hessian, gradient, energy, stated, prior_precision, mean, body
+        )
 
     def profile(self, log: Array) -> tuple[float, Array]:
         """F without the gains' prior, and the best parameters (P,) in the cone."""
         data = np.einsum("j,jrs->rs", np.exp(-2.0 * log), self.hessian)
-        coefficients, known = self.coefficients, np.flatnonzero(self.stated + self.pull)
+        coefficients, known = self.coefficients, np.flatnonzero(self.stated + self.prior_precision)
         scale = self._scale(log)[known]
-        weight, mean = (self.stated + self.pull)[known] * scale**2, self.mean[known] / scale
+        weight, mean = (self.stated + self.prior_precision)[known] * scale**2, self.mean[known] / scale
         hessian = block_diag(data, np.diag(weight))
         gradient = np.concatenate([np.exp(-log) @ self.gradient, weight * mean])
         energy = self.energy + float(weight @ mean**2)
@@ -263,13 +270,13 @@ class _Problem:
 
     def _scale(self, log: Array) -> Array:
         """(P,) of parameters before they are held against beliefs: links scale with the mean of the logarithms."""
-        return np.where(self.pull > 0.0, np.exp(-log.mean()), 1.0)
+        return np.where(self.prior_precision > 0.0, np.exp(-log.mean()), 1.0)
 
     def slope(self, theta: Array, log: Array) -> Array:
         """(n,) of the profile: by the envelope theorem that at fixed parameters."""
         beta, scaled = self.coefficients.project(theta), theta * self._scale(log)
         curvature = np.einsum("r,jrs,s->j", beta, self.hessian, beta)
-        common = float(np.sum(self.pull * (scaled - self.mean) * scaled)) / len(log)
+        common = float(np.sum(self.prior_precision * (scaled - self.mean) * scaled)) / len(log)
         slope: Array = -np.exp(-2.0 * log) * curvature + np.exp(-log) * (self.gradient @ beta) - common
         return slope
 
@@ -279,10 +286,10 @@ class _Problem:
         pulled = np.exp(-2.0 * log)[:, None] * (self.hessian @ self.coefficients.project(theta))  # (n, r)
         own = np.diag(pulled @ self.coefficients.project(theta))
         hessian = np.einsum("j,jrs->rs", np.exp(-2.0 * log), self.hessian)
-        pull, common = self.pull * self._scale(log) ** 2, np.full(n, 1.0 / n)
-        full = projection.T @ hessian @ projection + np.diag(pull + self.stated)
-        across = -projection.T @ pulled.T - np.outer(pull * theta, common)
-        inner = own + float(pull @ theta**2) * np.outer(common, common)
+        prior_precision, common = self.prior_precision * self._scale(log) ** 2, np.full(n, 1.0 / n)
+        full = projection.T @ hessian @ projection + np.diag(prior_precision + self.stated)
+        across = -projection.T @ pulled.T - np.outer(prior_precision * theta, common)
+        inner = own + float(prior_precision @ theta**2) * np.outer(common, common)
         size = 1.0 / np.sqrt(np.maximum(np.diag(full), TINY))
         scaled = full * np.outer(size, size) + 1e-12 * np.eye(len(full))
         moves = -size[:, None] * np.linalg.solve(scaled, size[:, None] * across)

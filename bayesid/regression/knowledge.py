@@ -29,7 +29,7 @@ RIDGE = 1e-12
 
 
 @dataclass(frozen=True)
-class Information:
+class InformationMatrix:
     """What is known of r coefficients: (beta' H beta - 2 g' beta + c) / 2 is minus its logarithm, as that of moments.
 
     Attributes:
@@ -47,13 +47,13 @@ class Information:
         return float(beta @ self.hessian @ beta - 2.0 * self.gradient @ beta + self.energy)
 
     @classmethod
-    def none(cls, size: int) -> Information:
+    def none(cls, size: int) -> InformationMatrix:
         """Nothing is known."""
         return cls(np.zeros((size, size)), np.zeros(size), 0.0)
 
 
 @dataclass(frozen=True)
-class Knowledge:
+class CoefficientPrior:
     """A normal distribution of the base coefficients of a model, centred on those of theta (P,).
 
     The precision (r, r), their inverse covariance, is singular where a log has shown nothing.
@@ -67,16 +67,18 @@ class Knowledge:
         """The base coefficients of an extended model: what a log and this knowledge can show together."""
         return base_coefficients(model, earlier=self.model)
 
-    def information(self, model: Model, coefficients: BaseCoefficients) -> Information:
+    def information(self, model: Model, coefficients: BaseCoefficients) -> InformationMatrix:
         """The same in the coefficients of an extended model (see `coefficients`)."""
         earlier = base_coefficients(self.model)
         turn = earlier.projection @ embedding(self.model, model) @ np.linalg.pinv(coefficients.projection)
         centre = earlier.project(self.theta)
         hessian = turn.T @ self.precision @ turn
         gradient = turn.T @ (self.precision @ centre)
-        return Information(0.5 * (hessian + hessian.T), gradient, float(centre @ self.precision @ centre))
+        return InformationMatrix(0.5 * (hessian + hessian.T), gradient, float(centre @ self.precision @ centre))
 
-    def widened(self, names: tuple[str, ...], sd: Array, coefficients: BaseCoefficients | None = None) -> Knowledge:
+    def widened(
+        self, names: tuple[str, ...], sd: Array, coefficients: BaseCoefficients | None = None
+    ) -> CoefficientPrior:
         """The same, but that named parameters may have changed, by a normal step of standard deviations sd (p,).
 
         (C + B D B')^-1 = L - L B (D^-1 + B' L B)^-1 B' L with L = C^-1 (Woodbury). The model's base coefficients may be
@@ -184,7 +186,7 @@ class LinkPrior:
 
 
 @dataclass(frozen=True)
-class Nominal:
+class NominalParameters:
     """What is stated of the P parameters of a model: means (P,), NaN where nothing is stated, and their sd (P,)."""
 
     mean: Array
@@ -264,7 +266,7 @@ class ParameterPrior:
         assert not isinstance(self.nominal, str | Path)
         return self.nominal
 
-    def of(self, parameters: Sequence[Parameter]) -> Nominal:
+    def of(self, parameters: Sequence[Parameter]) -> NominalParameters:
         """What is stated of a model's parameters.
 
         Raises:
@@ -281,7 +283,7 @@ class ParameterPrior:
                     f"{name} = {value:g} +- {spread:g} cannot be used", field="ParameterPrior.nominal", remedy=_REMEDY
                 )
             mean[places[name]], sd[places[name]] = value, spread
-        return Nominal(mean, sd)
+        return NominalParameters(mean, sd)
 
 
 def _tolerance(length: float | None, angle: float | None) -> KinematicTolerance:

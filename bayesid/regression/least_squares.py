@@ -16,11 +16,11 @@ from bayesid.arrays import Array, Mask
 from bayesid.errors import SolverError
 from bayesid.log.segments import Segments
 from bayesid.log.signals import signed_effort
-from bayesid.regression.evidence import Evidence
 from bayesid.regression.inside import move_inside
-from bayesid.regression.knowledge import Information
-from bayesid.regression.moments import Moments
+from bayesid.regression.knowledge import InformationMatrix
+from bayesid.regression.log_data import LogData
 from bayesid.regression.noise import Noise, noise_before_fit, relative_rms
+from bayesid.regression.normal_equations import NormalEquations
 from bayesid.regression.solver import MARGIN, Solution, solve_precisely
 from bayesid.regression.tuning import TUNING
 
@@ -95,89 +95,89 @@ class Fit:
         return self.smallest_eigenvalues < TUNING.near_edge * MARGIN
 
 
-def fit_signed(evidence: Evidence, signs: Array, *, most_corrected: int = TUNING.most_corrected) -> Fit:
+def fit_signed(log_data: LogData, signs: Array, *, most_corrected: int = TUNING.most_corrected) -> Fit:
     """Weighted least squares in the cone once the signs are known (:eq:`cone-least-squares`).
 
     Args:
-        evidence: the model, the log, and which samples count.
+        log_data: the model, the log, and which samples count.
         signs: (N, n) expected sign of every sample, -1 to +1.
         most_corrected: samples up to which the noise is given back what the fit took of it.
 
     Raises:
         SolverError: Clarabel failed.
     """
-    model, signals, information = evidence.model, evidence.signals, evidence.information
-    stretches = constant_stretches(evidence.used)
-    moments = evidence.moments(signs, stretches, summed_out=False)
-    solution, sigma = _solve(evidence, moments)
-    theta, moved_inside = _move_inside(evidence, solution.theta)
+    model, signals, information = log_data.model, log_data.signals, log_data.information
+    stretches = constant_stretches(log_data.used)
+    normal_equations = log_data.normal_equations(signs, stretches, summed_out=False)
+    solution, sigma = _solve(log_data, normal_equations)
+    theta, moved_inside = _move_inside(log_data, solution.theta)
     predicted = model.effort(signals.motion, theta)
-    residual = evidence.residual_noise(predicted)
+    residual = log_data.residual_noise(predicted)
     if len(signs) > most_corrected:
         noise = residual.with_time_of_model(signals.rate)
     else:
-        noise = _before_fit(evidence, sigma, predicted, residual)
+        noise = _before_fit(log_data, sigma, predicted, residual)
     effort = signed_effort(signals, np.where(signs >= 0.0, 1.0, -1.0))
     weights = noise.sigma * np.sqrt(noise.autocorrelation)
-    effective = _effective(moments, weights, information)
+    effective = _effective(normal_equations, weights, information)
     covariance, condition = covariance_of(effective)
     fit = Fit(
         theta=theta,
-        beta=evidence.coefficients.project(theta),
+        beta=log_data.coefficients.project(theta),
         covariance=covariance,
         information=effective,
         noise=noise,
         residual=residual,
         predicted=predicted,
-        relative_residual=relative_rms(effort - predicted, effort, evidence.fitted),
+        relative_residual=relative_rms(effort - predicted, effort, log_data.fitted),
         condition=condition,
         smallest_eigenvalues=model.cone.smallest_eigenvalues(theta),
         tolerance=solution.tolerance,
         moved_inside=moved_inside,
     )
-    return fit if evidence.nuisance is None else widened(fit, evidence, signs)
+    return fit if log_data.nuisance is None else widened(fit, log_data, signs)
 
 
-def widened(fit: Fit, evidence: Evidence, signs: Array) -> Fit:
+def widened(fit: Fit, log_data: LogData, signs: Array) -> Fit:
     """A fit with the evidence's nuisance summed out: only the covariance is wider (:eq:`nuisance-spread`)."""
     weights = fit.noise.sigma * np.sqrt(fit.noise.autocorrelation)
-    moments = evidence.moments(signs, constant_stretches(evidence.used))
-    return replace(fit, covariance=covariance_of(_effective(moments, weights, evidence.information))[0])
+    normal_equations = log_data.normal_equations(signs, constant_stretches(log_data.used))
+    return replace(fit, covariance=covariance_of(_effective(normal_equations, weights, log_data.information))[0])
 
 
-def _effective(moments: Moments, weights: Array, earlier: Information | None) -> Array:
+def _effective(normal_equations: NormalEquations, weights: Array, earlier: InformationMatrix | None) -> Array:
     """(r, r) information matrix of samples weighed by (n,) the noise, its autocorrelation included."""
-    hessian: Array = moments.scaled(weights).hessian.total()
+    hessian: Array = normal_equations.scaled(weights).hessian.total()
     return hessian if earlier is None else hessian + earlier.hessian
 
 
-def _solve(evidence: Evidence, moments: Moments) -> tuple[Solution, Array]:
+def _solve(log_data: LogData, normal_equations: NormalEquations) -> tuple[Solution, Array]:
     """The best parameters in the cone, and (n,) the residuals' sd, N m, from a first fit with equal relative weights.
 
     Where something is known beforehand, samples count by the residual's autocorrelation, to be weighed against it.
     """
-    model, coefficients, n = evidence.model, evidence.coefficients, evidence.model.robot.n_joints
-    sigma, autocorrelation = moments.rms_effort(n), np.ones(n)
-    rounds = 2 if evidence.information is None else 3
-    earlier = Information.none(len(coefficients)) if evidence.information is None else evidence.information
+    model, coefficients, n = log_data.model, log_data.coefficients, log_data.model.robot.n_joints
+    sigma, autocorrelation = normal_equations.rms_effort(n), np.ones(n)
+    rounds = 2 if log_data.information is None else 3
+    earlier = InformationMatrix.none(len(coefficients)) if log_data.information is None else log_data.information
     for i in range(rounds):
-        scaled = moments.scaled(sigma * np.sqrt(autocorrelation))
+        scaled = normal_equations.scaled(sigma * np.sqrt(autocorrelation))
         hessian = scaled.hessian.total() + earlier.hessian
         gradient = scaled.gradient.sum(axis=0) + earlier.gradient
         energy = float(scaled.energy.sum()) + earlier.energy
         solution = solve_precisely(model.cone, coefficients, hessian, gradient, energy)
-        sigma = moments.residual_sd(coefficients.project(solution.theta), moments.known, n)
-        if evidence.information is not None and i + 1 < rounds:
-            predicted = model.effort(evidence.signals.motion, solution.theta)
-            autocorrelation = evidence.residual_noise(predicted).autocorrelation
+        sigma = normal_equations.residual_sd(coefficients.project(solution.theta), normal_equations.known, n)
+        if log_data.information is not None and i + 1 < rounds:
+            predicted = model.effort(log_data.signals.motion, solution.theta)
+            autocorrelation = log_data.residual_noise(predicted).autocorrelation
     return solution, sigma
 
 
-def _before_fit(evidence: Evidence, sigma: Array, predicted: Array, residual: Noise) -> Noise:
+def _before_fit(log_data: LogData, sigma: Array, predicted: Array, residual: Noise) -> Noise:
     """The noise of the efforts from that of the residual."""
-    signals, used = evidence.signals, evidence.used
-    earlier = 0.0 if evidence.information is None else evidence.information.hessian
-    columns = evidence.columns  # ours: they are made anew whenever they are asked for
+    signals, used = log_data.signals, log_data.used
+    earlier = 0.0 if log_data.information is None else log_data.information.hessian
+    columns = log_data.columns  # ours: they are made anew whenever they are asked for
     columns[~used] = 0.0
     columns /= sigma[:, None]
     residuals = _refit(columns, sigma, earlier)
@@ -207,11 +207,11 @@ def _refit(columns: Array, sigma: Array, earlier: Array | float) -> Callable[[Ar
     return residuals
 
 
-def _move_inside(evidence: Evidence, theta: Array) -> tuple[Array, bool]:
+def _move_inside(log_data: LogData, theta: Array) -> tuple[Array, bool]:
     """Parameters farther inside the cone with the same coefficients, and whether there are any; else theta itself."""
-    cone = evidence.model.cone
+    cone = log_data.model.cone
     try:
-        moved = move_inside(cone, evidence.coefficients, theta)
+        moved = move_inside(cone, log_data.coefficients, theta)
     except SolverError:
         return theta, False
     least, before = (cone.smallest_eigenvalues(point).min(initial=np.inf) for point in (moved, theta))

@@ -10,8 +10,8 @@ import numpy as np
 from bayesid.arrays import Array
 from bayesid.effects.constraints import Constraints
 from bayesid.regression.conic import label_of_row
-from bayesid.regression.evidence import Evidence
 from bayesid.regression.least_squares import Fit, constant_stretches
+from bayesid.regression.log_data import LogData
 from bayesid.regression.solver import Solution, solve_precisely
 from bayesid.regression.tuning import TUNING
 
@@ -29,7 +29,7 @@ class ConstraintPrice:
     nats: float
 
 
-def constraint_prices(evidence: Evidence, fit: Fit, signs: Array) -> tuple[ConstraintPrice, ...]:
+def constraint_prices(log_data: LogData, fit: Fit, signs: Array) -> tuple[ConstraintPrice, ...]:
     """Half of what the least-squares cost falls by without each constraint, for expected signs (N, n).
 
     The noise is what a fit without any constraint leaves: a wrong one would pass for noise. What the model may lack is
@@ -38,25 +38,25 @@ def constraint_prices(evidence: Evidence, fit: Fit, signs: Array) -> tuple[Const
     Raises:
         SolverError: an optimisation failed.
     """
-    cone, earlier = evidence.model.cone, evidence.information
+    cone, earlier = log_data.model.cone, log_data.information
     if cone.stated is None:
         return ()
-    moments = evidence.moments(signs, constant_stretches(evidence.used))
+    normal_equations = log_data.normal_equations(signs, constant_stretches(log_data.used))
 
     def problem(noise: Array) -> Callable[[Constraints | None], Solution]:
-        scaled = moments.scaled(noise)
+        scaled = normal_equations.scaled(noise)
         hessian, gradient, energy = scaled.hessian.total(), scaled.gradient.sum(axis=0), float(scaled.energy.sum())
         if earlier is not None:
             hessian, gradient = hessian + earlier.hessian, gradient + earlier.gradient
             energy += earlier.energy
         return lambda stated: solve_precisely(
-            replace(cone, stated=stated), evidence.coefficients, hessian, gradient, energy
+            replace(cone, stated=stated), log_data.coefficients, hessian, gradient, energy
         )
 
     noise = fit.noise
     for _ in range(2):  # the weights of the first fit hold the misfit
         free = problem(noise.sigma * np.sqrt(noise.autocorrelation))(None)
-        noise = evidence.residual_noise(evidence.model.effort(evidence.signals.motion, free.theta))
+        noise = log_data.residual_noise(log_data.model.effort(log_data.signals.motion, free.theta))
     solved = problem(noise.sigma * np.sqrt(noise.autocorrelation))
     best, of_row = solved(cone.stated), label_of_row(cone)
     pushes = [np.abs(best.multipliers[of_row == k]).max(initial=0.0) for k in range(len(cone.stated.labels))]

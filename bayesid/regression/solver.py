@@ -6,7 +6,7 @@
 
 Some parameters leave no trace in the efforts, and the cone's projection on the coefficients is not closed: a first
 moment is free once a mass without trace grows without limit. So a very weak pull to typical links,
-rho(theta) = w sum ((theta_k - typical_k) / size_k)^2 with w = 1e-4 (:eq:`pull`), completes the parameters. It costs
+rho(theta) = w sum ((theta_k - typical_k) / size_k)^2 with w = 1e-4 (:eq:`tikhonov`), completes the parameters. It costs
 parameters a hundred sizes away half a nat and decides nothing that the data show.
 
 `ConeLeastSquares` states the cone once; `prepared` makes a solver for one H, which Clarabel solves for one g after the
@@ -62,7 +62,7 @@ class _Attempt(NamedTuple):
         step: most of the way to the edge of the cone that it steps: full steps may go back and forth without end.
         constant: on the diagonal of its linear systems, as small as the finest tolerance asked of it.
         whitened: whether it is asked for y = L'x, where P = LL': curvatures that differ by more than their rounding, as
-            those of the pull and of data that say everything of a coefficient, are then all one.
+            those of the Tikhonov term and of data that say everything of a coefficient, are then all one.
     """
 
     coarser: float = 1.0
@@ -117,9 +117,9 @@ class ConeLeastSquares:
         coefficients: for B.
         hessian: (r, r) H of all data; it sets the sizes by which the parameters are scaled.
         energy: c of all data.
-        margin: smallest eigenvalue left to every pseudo-inertia.
+        min_eigenvalue: smallest eigenvalue left to every pseudo-inertia.
         tolerance: relative duality gap and infeasibility asked of the solver.
-        least_pull: share of the energy that the weight of rho is at least.
+        least_tikhonov: share of the energy that the weight of rho is at least.
     """
 
     def __init__(
@@ -128,24 +128,24 @@ class ConeLeastSquares:
         coefficients: BaseCoefficients,
         hessian: Array,
         energy: float,
-        margin: float = 0.0,
+        min_eigenvalue: float = 0.0,
         tolerance: float = 1e-6,
-        least_pull: float = TUNING.least_pull,
+        least_tikhonov: float = TUNING.least_tikhonov,
     ) -> None:
         self.nonnegative, self.linear_count = cone.nonnegative, linear_count(cone)
         self.is_cut = cone.stated is not None
         self.projection = coefficients.projection
         self.scale = _sizes(cone, self.projection, hessian, energy)
         self.typical = typical_parameters(cone) / self.scale
-        self.rows = _state_cone(cone, self.scale, margin)
-        self.pull_weight = pull_weight(energy, least_pull)
+        self.rows = _state_cone(cone, self.scale, min_eigenvalue)
+        self.tikhonov_weight = tikhonov_weight(energy, least_tikhonov)
         self.tolerance = tolerance
         self._hessian = hessian
 
     def lighter(self, share: float) -> ConeLeastSquares:
-        """The same problem with this share of the pull."""
+        """The same problem with this share of the Tikhonov term."""
         lighter = copy(self)
-        lighter.pull_weight = share * self.pull_weight
+        lighter.tikhonov_weight = share * self.tikhonov_weight
         return lighter
 
     def prepared(self, hessian: Array | None = None) -> PreparedLeastSquares:
@@ -158,19 +158,19 @@ class ConeLeastSquares:
         return beta
 
     def regularisation(self, theta: Array) -> float:
-        """rho(theta), the pull to typical links (:eq:`pull`)."""
-        return float(self.pull_weight * np.sum((theta / self.scale - self.typical) ** 2))
+        """rho(theta), the Tikhonov term to typical links (:eq:`tikhonov`)."""
+        return float(self.tikhonov_weight * np.sum((theta / self.scale - self.typical) ** 2))
 
-    def pull(self) -> tuple[Array, Array]:
+    def tikhonov(self) -> tuple[Array, Array]:
         """Q (r, r) and b (r,): (beta - b)' Q (beta - b) is the least rho of all theta with B theta = beta.
 
-        See :eq:`pull-share`.
+        See :eq:`tikhonov-share`.
         """
         spread = self.projection * self.scale
         root = solve_triangular(
             np.linalg.qr(spread.T, mode="r"), np.eye(len(spread))
         )  # (spread spread')^-1 = root root'
-        return self.pull_weight * (root @ root.T), spread @ self.typical
+        return self.tikhonov_weight * (root @ root.T), spread @ self.typical
 
 
 class PreparedLeastSquares:
@@ -186,8 +186,8 @@ class PreparedLeastSquares:
         full = columns.T @ hessian @ columns
         full = 0.5 * (full + full.T)
         self._unit = max(float(np.max(np.diag(full))), TINY)
-        self._pull = stated.pull_weight / self._unit
-        quadratic = 2.0 * full / self._unit + 2.0 * self._pull * np.eye(len(full))
+        self._tikhonov = stated.tikhonov_weight / self._unit
+        quadratic = 2.0 * full / self._unit + 2.0 * self._tikhonov * np.eye(len(full))
         self._quadratic, self._factor = _upper_triangle(quadratic), np.linalg.cholesky(quadratic)
         self._solver: Any = None
 
@@ -236,7 +236,7 @@ class PreparedLeastSquares:
 
     def _linear(self, gradient: Array) -> Array:
         slope: Array = self._stated.scale * (gradient @ self._stated.projection) / self._unit
-        return -2.0 * (slope + self._pull * self._stated.typical)
+        return -2.0 * (slope + self._tikhonov * self._stated.typical)
 
     def _solution(self, gradient: Array, linear: Array, tried: list[Outcome], tolerance: float) -> Solution:
         """The last point that was tried, and the largest bound: that of a failed attempt is as true as any."""
@@ -267,7 +267,7 @@ class PreparedLeastSquares:
             white = solve_triangular(self._factor, rows.T.toarray(), lower=True)
             problem = WhiteProblem(plain, white, offsets, self._stated.linear_count)
             value = max(value, problem.lower_bound(z, self._stated.tolerance))
-        return self._unit * (value + self._pull * float(self._stated.typical @ self._stated.typical))
+        return self._unit * (value + self._tikhonov * float(self._stated.typical @ self._stated.typical))
 
     def _tried(self, linear: Array, tolerance: float, attempt: _Attempt) -> Outcome:
         outcome = solved(self._started(linear, tolerance, attempt))
@@ -291,20 +291,27 @@ class PreparedLeastSquares:
         return clarabel.DefaultSolver(quadratic, linear, rows, offsets, cones, settings)
 
 
-def pull_weight(energy: float, least: float = TUNING.least_pull) -> float:
-    """The weight w of rho for efforts of this energy c, in units of their noise (:eq:`pull`)."""
+def tikhonov_weight(energy: float, least: float = TUNING.least_tikhonov) -> float:
+    """The weight w of rho for efforts of this energy c, in units of their noise (:eq:`tikhonov`)."""
     return float(np.clip(1.0 / TUNING.pull_reach**2, least * energy, TUNING.most_pull * energy))
 
 
 def solve_precisely(
-    cone: Cone, coefficients: BaseCoefficients, hessian: Array, gradient: Array, energy: float, margin: float = MARGIN
+    cone: Cone,
+    coefficients: BaseCoefficients,
+    hessian: Array,
+    gradient: Array,
+    energy: float,
+    min_eigenvalue: float = MARGIN,
 ) -> Solution:
     """One cone least squares, to the finest tolerance that Clarabel reaches on it (named in the solution).
 
     Raises:
         SolverError: no tolerance is reached.
     """
-    stated = ConeLeastSquares(cone, coefficients, hessian, energy, margin, least_pull=TUNING.completing_pull)
+    stated = ConeLeastSquares(
+        cone, coefficients, hessian, energy, min_eigenvalue, least_tikhonov=TUNING.completing_tikhonov
+    )
     return stated.prepared().solve_precisely(gradient)
 
 
@@ -318,10 +325,10 @@ def _sizes(cone: Cone, projection: Array, hessian: Array, energy: float) -> Arra
     return sizes
 
 
-def _state_cone(cone: Cone, scale: Array, margin: float) -> tuple[Array, scipy.sparse.csc_matrix, list[Any]]:
+def _state_cone(cone: Cone, scale: Array, min_eigenvalue: float) -> tuple[Array, scipy.sparse.csc_matrix, list[Any]]:
     """The cone as Clarabel wants it, b - A z in K for z = theta / scale."""
     offsets, linear = offsets_of(cone), linear_count(cone)
-    offsets[linear : linear + 10 * len(cone.bodies)] = -np.tile(margin * stacked(np.eye(4)), len(cone.bodies))
+    offsets[linear : linear + 10 * len(cone.bodies)] = -np.tile(min_eigenvalue * stacked(np.eye(4)), len(cone.bodies))
     rows = rows_of(cone, np.diag(scale))
     rows[: len(cone.nonnegative)] = np.eye(cone.size)[cone.nonnegative]
     units = units_of(cone, rows)

@@ -44,11 +44,11 @@ class Tuning:
 
     # the cone's solver
     pull_reach: float = 100.0
-    """Distance from typical links, in sizes, at which the pull costs half a nat: far beyond any robot."""
-    least_pull: float = 1e-11
-    """Least weight of the pull as a share of the efforts' energy, for rounding: rho stays below 1e-8 of the energy up
+    """Distance from typical links, in sizes, at which the Tikhonov term costs half a nat: far beyond any robot."""
+    least_tikhonov: float = 1e-11
+    """Least weight of the Tikhonov term as a share of the efforts' energy, for rounding: rho stays below 1e-8 of the energy up
     to 30 sizes away."""
-    completing_pull: float = 1e-9
+    completing_tikhonov: float = 1e-9
     """The same where parameters without trace are asked for too: Clarabel resolves 1e-10."""
     most_pull: float = 1e-7
     """Largest weight as such a share, where efforts are so few or weak that nothing is decided."""
@@ -93,7 +93,7 @@ class Tuning:
     """Mass of a link over that of the one before it."""
     gain_reach: float = 0.25
     """Scale of distances over the stretched arm, as in `bayesid.posterior.target`."""
-    gains_settled: float = 1e-3
+    gains_converged: float = 1e-3
     """Newton decrement, nats, at which the gains' minimum counts as reached: 3 % of a standard deviation."""
 
     # beliefs

@@ -17,7 +17,7 @@ from bayesid.effects.catalogue import forms, noun, owner
 from bayesid.effects.effect import Effect, Phrase, ReadableUnit
 from bayesid.identification.checks import Check, State
 from bayesid.regression.selection.added_effect import AddedEffect, Quantity
-from bayesid.regression.selection.explanation import LN10
+from bayesid.regression.selection.fitted_effects import LN10
 from bayesid.regression.selection.scores import Score
 from bayesid.report.conclusion import Conclusion, first, sentence
 from bayesid.report.summary import as_object, taken
@@ -174,7 +174,7 @@ def _lasting_floor(discrepancy: Discrepancy) -> Iterator[Check]:
 def _all_along(discrepancy: Discrepancy) -> Iterator[Check]:
     """What the earlier model has beyond the standard terms, and this log shows by itself too, unchanged."""
     changed = {added.hypothesis.key for added in discrepancy.added}
-    if same := [label(effect, joints) for effect, joints in discrepancy.all_along if (effect, joints) not in changed]:
+    if same := [label(effect, joints) for effect, joints in discrepancy.preexisting if (effect, joints) not in changed]:
         message = f"{'; '.join(same)}: in the earlier model already, and seen in this log too"
         yield Check("Not new", "good", message)
 
@@ -318,7 +318,7 @@ def discrepancy_summary(discrepancy: Discrepancy) -> dict[str, Any]:
                 for effect in discrepancy.refused
             ],
             "not_testable": _named(testable_groups(discrepancy)),
-            "all_along": _named(discrepancy.all_along),
+            "all_along": _named(discrepancy.preexisting),
             "log": discrepancy.identification.log.source,
             **taken(discrepancy, "seconds", "warnings"),
         }
@@ -349,7 +349,7 @@ def added_summary(effect: AddedEffect) -> dict[str, Any]:
             percent_before=100.0 * cost.share_before,
             percent_after=100.0 * cost.share_after,
         ),
-        "alternatives": [_candidate(rival) for rival in effect.rivals[:5]],
+        "alternatives": [_candidate(rival) for rival in effect.competing[:5]],
         **_learned(effect),
     }
 

@@ -425,13 +425,13 @@ def kept_draws(identification: Identification) -> DataTree:
         raise ValueError("no posterior was sampled")
     from bayesid.posterior.inference_data import Labels, Moved, keep  # and xarray, for a posterior alone
 
-    model, completion = identification.model, identification.completion
+    model, model_selection = identification.model, identification.model_selection
     labels = Labels(
         coefficients=identification.coefficients,
         parameters=model.parameters,
         joints=[f"A{j}" for j in range(1, model.robot.n_joints + 1)],
         time=identification.signals.motion.t,
-        nuisance={} if completion is None else completion.uncertain,
+        nuisance={} if model_selection is None else model_selection.uncertain,
     )
     summary = as_json(summarise(identification))
     attributes = {key: summary[key] for key in ("robot", "log", "terms", "noise", "signs", "modes")}

@@ -20,8 +20,8 @@ from bayesid.identification.options import Provenance
 from bayesid.identification.payload import Estimate, InertialParameters, common_factor
 from bayesid.log.log import Log
 from bayesid.posterior.inference import Posterior
-from bayesid.regression.selection.unseen import TooNarrow
-from bayesid.regression.selection.wanted import EnteredEffect
+from bayesid.regression.selection.detected import EnteredEffect
+from bayesid.regression.selection.nuisance_scales import TooNarrow
 from bayesid.report.tuning import TUNING
 
 Kind = TypeVar("Kind")
@@ -87,16 +87,18 @@ class SearchSummary:
     cost_parts: Mapping[str, Number] | None  # data, pull to links, prior; None where nodes were priced otherwise
     noise_weights: Numbers  # (n,) sd by which rows were scaled, N m, as if only effective samples counted
     proofs: int  # how often the last word was said: again where the final noise weights change the signs
-    withheld: str  # why nothing counts as proven although the search has ended: "pull" or "noise"; empty otherwise
+    uncertified_because: (
+        str  # why nothing counts as proven although the search has ended: "tikhonov" or "noise"; empty otherwise
+    )
     # grown, pruned by the bound or by the cone, survived a step, leaves, and segments undecided when time was up
     beam_nodes: Annotated[Mapping[str, int] | None, Shown("Nodes of the beam", _counts)]
     certified: Annotated[bool, Shown("No assignment costs less", lambda proven: "proven" if proven else "not proven")]
     lower_bound: Annotated[Number, Shown("Lower bound on the cost of every assignment", "{:.6g}")]
     gap: Number  # cost less lower bound
-    within: Number  # of the best cost, all assignments are listed
+    optimality_gap: Number  # of the best cost, all assignments are listed
     assignments: int | None  # number of these, the best among them
     missed_mass: Number  # posterior mass that the list leaves out, at most, relative to the best one's
-    settled_share: Annotated[Number, Shown("Samples whose sign is the same in all that remain", "{:.1%}")]
+    persistent_share: Annotated[Number, Shown("Samples whose sign is the same in all that remain", "{:.1%}")]
     ambiguous: tuple[AmbiguousSegment, ...] | None  # the segments of the other samples
     seconds: Annotated[float, Shown("Seconds", "{:.1f}")]
     sdp_solves: Annotated[int, Shown("Least-squares problems in the cone")]  # over the feasible parameters
@@ -106,7 +108,7 @@ class SearchSummary:
     # of the last search: what each way of searching has found, its nominal seconds, and its starts
     ways: Annotated[tuple[Mapping[str, Any], ...], Shown("Ways of the last search", _ways)] = ()
     # probability that an assignment which no search has met is the right one; 0 where a proof excludes it
-    unseen: Annotated[Number, Shown("Probability of a better assignment", "{:.1%}")] = None
+    unlisted_probability: Annotated[Number, Shown("Probability of a better assignment", "{:.1%}")] = None
 
 
 @dataclass(frozen=True)
@@ -115,7 +117,7 @@ class SignsSummary:
 
     model: tuple[str, ...]  # its terms
     weight: Number  # of it, against the model asked for
-    doubt: Numbers  # (n,) probability that signs are guesses because the model is not the robot's
+    model_error_probability: Numbers  # (n,) probability that signs are guesses because the model is not the robot's
     sure: Numbers = ()  # (n,) share of each |effort| in motion whose sign is sure; empty in results of earlier versions
 
 
@@ -180,8 +182,8 @@ class PosteriorSummary:
     assignments: Numbers  # posterior probability of each assignment that the search lists
     assignments_elsewhere: Number  # and of all others
     mode: int = 1  # whose mean the model holds, from 1
-    excluded: Number = None  # share of the worst joint's squared effort with signs that the search excludes
-    pressed_windows: Mapping[str, Number] = field(default_factory=dict)  # to the share of draws near their edges
+    posterior_conflict: Number = None  # share of the worst joint's squared effort with signs that the search excludes
+    active_bounds: Mapping[str, Number] = field(default_factory=dict)  # to the share of draws near their edges
     timed_out: bool = False  # whether the time limit on the clock ended the sampling before it converged
     wanted_rhat: Number = None  # up to which the draws count as converged; None in results of earlier versions
     wanted_ess: Number = None  # from which on they do
@@ -229,7 +231,7 @@ class GainsSummary:
     factor_decided_by: str  # "data", with what is stated of masses or gains, or "prior"
     unit: str  # of them
     stated: str  # as on the command line
-    settled: bool  # whether signs and gains had come to agree
+    converged: bool  # whether signs and gains had come to agree
     like_friction: tuple[int, ...] = ()  # joints, from 1, whose gain the log does not tell from load-dependent friction
     sd_of_coefficients: Numbers = ()  # (r,) apart from the factor common to all; empty in results of earlier versions
 
@@ -347,8 +349,8 @@ def summarise(identification: Identification) -> Summary:
         search=_search(identification),
         signs=SignsSummary(
             model=identification.sign_terms,
-            weight=identification.sign_weight,
-            doubt=tuple(identification.sign_doubt),
+            weight=identification.completed_model_weight,
+            model_error_probability=tuple(identification.model_error_probability),
             sure=tuple(identification.sure_shares),
         ),
         posterior=_posterior(identification),
@@ -436,16 +438,20 @@ def _gains(identification: Identification) -> GainsSummary | None:
 
 def _constraints(identification: Identification) -> list[ConstraintSummary]:
     posterior = identification.posterior
-    at_edges, pressed = ({}, {}) if posterior is None else (posterior.at_edges, posterior.pressed_constraints)
+    at_edges, active_bounds = ({}, {}) if posterior is None else (posterior.at_edges, posterior.pressed_constraints)
     return [
-        filled(ConstraintSummary, one, at_edge=at_edges.get(one.label), presses=one.label in pressed)
+        filled(ConstraintSummary, one, at_edge=at_edges.get(one.label), presses=one.label in active_bounds)
         for one in identification.constraints
     ]
 
 
 def _search(identification: Identification) -> SearchSummary:
     search = identification.search
-    costs = None if search.pull is None else {"data": search.cost - search.pull, "pull": search.pull, "prior": 0.0}
+    costs = (
+        None
+        if search.tikhonov is None
+        else {"data": search.cost - search.tikhonov, "tikhonov": search.tikhonov, "prior": 0.0}
+    )
     return filled(
         SearchSummary,
         search,
@@ -454,7 +460,7 @@ def _search(identification: Identification) -> SearchSummary:
         cost_parts=costs,
         beam_nodes=search.pruning,
         gap=None if search.lower_bound is None else search.cost - search.lower_bound,
-        within=None if search.settled is None else search.within,
+        optimality_gap=None if search.persistent is None else search.optimality_gap,
         assignments=len(search.branches) or None,
         missed_mass=search.missed,
         ambiguous=_ambiguous(identification),
@@ -464,7 +470,7 @@ def _search(identification: Identification) -> SearchSummary:
 
 
 def _ambiguous(identification: Identification) -> list[AmbiguousSegment] | None:
-    settled, of, log = identification.search.settled, identification.searched, identification.log
+    settled, of, log = identification.search.persistent, identification.searched, identification.log
     if settled is None:
         return None
     place, t = log.clock(identification.signals.motion.t)
@@ -492,7 +498,7 @@ def _posterior(identification: Identification) -> PosteriorSummary | None:
         assignments=posterior.branch_mass,
         assignments_elsewhere=posterior.elsewhere,
         mode=posterior.chosen + 1,
-        pressed_windows=dict(posterior.pressed),
+        active_bounds=dict(posterior.active_bounds),
         wanted_rhat=posterior.sampling.max_rhat,
         wanted_ess=posterior.sampling.wanted_ess,
     )
@@ -511,12 +517,12 @@ def _mode(names: Sequence[str], posterior: Posterior, number: int) -> ModeSummar
 
 
 def _complete(identification: Identification) -> CompletionSummary | None:
-    completion = identification.completion
-    if completion is None:
+    model_selection = identification.model_selection
+    if model_selection is None:
         return None
-    effects = [_effect(identification, entered, identification.parameter_sd[0]) for entered in completion.effects]
-    told = {"held_back_error": filled(ErrorsSummary, completion), "uncertain": tuple(completion.uncertain)}
-    return filled(CompletionSummary, completion, effects=effects, **told)
+    effects = [_effect(identification, entered, identification.parameter_sd[0]) for entered in model_selection.effects]
+    told = {"held_back_error": filled(ErrorsSummary, model_selection), "uncertain": tuple(model_selection.uncertain)}
+    return filled(CompletionSummary, model_selection, effects=effects, **told)
 
 
 def _effect(identification: Identification, entered: EnteredEffect, spread: Array) -> EffectSummary:

@@ -149,11 +149,13 @@ def _segments(findings: ReportData) -> Check:
     )
     remedy = "validate on a log with known signs, move these joints faster or loaded, or join several logs"
     found = graded(name, share, (TUNING.mostly_sure, TUNING.unsure), message, remedy)
-    doubt = [share or 0.0 for share in findings.summary.signs.doubt]
-    if max(doubt, default=0.0) < IDENTIFICATION.shown_doubt:
+    model_error_probability = [share or 0.0 for share in findings.summary.signs.model_error_probability]
+    if max(model_error_probability, default=0.0) < IDENTIFICATION.shown_doubt:
         return found
     state: State = "look" if found.state == "good" else found.state
-    return replace(found, state=state, message=f"{message}; {checks.confidences_lowered(doubt)}", remedy=remedy)
+    return replace(
+        found, state=state, message=f"{message}; {checks.confidences_lowered(model_error_probability)}", remedy=remedy
+    )
 
 
 def sure_share(findings: ReportData) -> float:
@@ -173,15 +175,15 @@ def proof(summary: Summary) -> Check:
     name, search = "Proof", summary.search
     if not summary.hidden_joints:
         return Check(name, "good", "all signs were known: no search was needed")
-    excluded = 0.0 if summary.posterior is None else summary.posterior.excluded or 0.0
-    if excluded > IDENTIFICATION.excluded:
-        return checks.contradiction(excluded)
+    posterior_conflict = 0.0 if summary.posterior is None else summary.posterior.posterior_conflict or 0.0
+    if posterior_conflict > IDENTIFICATION.posterior_conflict:
+        return checks.contradiction(posterior_conflict)
     if search.certified:
-        others, within = (search.assignments or 1) - 1, search.within or 0.0
+        others, within = (search.assignments or 1) - 1, search.optimality_gap or 0.0
         if not others:
             message = f"proven: every alternative is at least {np.exp(0.5 * within):.0f} times less likely"
             return Check(name, "good", message)
-        agreed = search.settled_share or 0.0  # confidences allow for what is left
+        agreed = search.persistent_share or 0.0  # confidences allow for what is left
         odds = np.exp(0.5 * within)
         also = f"{counted(others, 'other')} at most {odds:.0f} times less likely {'turns' if others == 1 else 'turn'}"
         message = f"proven: no assignment costs less, but {also} {1.0 - agreed:.1%} of samples"
@@ -192,7 +194,7 @@ def proof(summary: Summary) -> Check:
             message += f"; its budget ended before {counted(undecided, 'segment')}, whose signs are predicted"
         remedy = f"leave out --search beam{commands.again(summary, without=('--search', 'beam'))}"
         return Check(name, "look", message, remedy)
-    found = checks.not_proven(search.cost or 0.0, search.lower_bound, search.withheld, search.timed_out)
+    found = checks.not_proven(search.cost or 0.0, search.lower_bound, search.uncertified_because, search.timed_out)
     return commands.with_more(summary, found, "search")
 
 
@@ -299,7 +301,7 @@ def gains(summary: Summary) -> list[Check]:
     of_log = summary.gains
     if of_log is None:
         return []
-    if not of_log.settled:
+    if not of_log.converged:
         return [checks.UNSETTLED_GAINS]
     by_data, by_prior = (
         [j for j, by in enumerate(of_log.decided_by, start=1) if by == kind] for kind in (BY_DATA, BY_PRIOR)
@@ -431,8 +433,8 @@ def _decided(findings: ReportData) -> Check:
     )
     remedy = f"{commands.excite(findings.summary)} designs a motion; or give what you know by --nominal"
     posterior = findings.summary.posterior
-    if posterior is not None and posterior.pressed_windows:
-        found = checks.pressed_windows(posterior.pressed_windows)
+    if posterior is not None and posterior.active_bounds:
+        found = checks.active_bounds(posterior.active_bounds)
         return replace(found, message=f"{found.message}; {message}", remedy=f"{found.remedy}, then {remedy}")
     limits = TUNING.decided * count, TUNING.half_decided * count
     return graded("Data or prior", by_data, limits, message, remedy)

@@ -25,7 +25,7 @@ from bayesid.parallel import in_parallel
 from bayesid.progress import SILENT, Progress
 from bayesid.regression.noise import autocovariance
 from bayesid.signs.search.protocol import Search
-from bayesid.signs.settling import Earlier, Settled, settle_signs, settled_again
+from bayesid.signs.sign_solution import Earlier, SignSolution, settle_signs, solution_again
 from bayesid.signs.tuning import TUNING
 
 
@@ -37,7 +37,7 @@ def settle_unfiltered(
     segmentation: Segmentation,
     progress: Progress = SILENT,
     earlier: Earlier | None = None,
-) -> tuple[Settled, Segments]:
+) -> tuple[SignSolution, Segments]:
     """`settle_signs`, once more on efforts freed of a low-pass after the rectifier where there was one.
 
     Returns:
@@ -46,27 +46,27 @@ def settle_unfiltered(
     Raises:
         SolverError: an optimisation failed.
     """
-    settled = settle_signs(model, signals, segments, search, progress, earlier)
-    if find_low_pass(settled) is None:
-        return settled, segments
-    fitted = partial(_fitted, settled, settled.evidence.columns)
+    sign_solution = settle_signs(model, signals, segments, search, progress, earlier)
+    if find_low_pass(sign_solution) is None:
+        return sign_solution, segments
+    fitted = partial(_fitted, sign_solution, sign_solution.log_data.columns)
     low_pass = min(_tried(signals.rate), key=lambda low_pass: fitted(low_pass)[1])
     eighths: Array = 2.0 ** (np.arange(-4, 5) / 8)  # of an octave, about what was found
     finer = _low_passes(low_pass.cutoff * eighths, signals.rate)
     low_pass = min(finer, key=lambda low_pass: fitted(low_pass)[1])
     predicted = fitted(low_pass)[0]
-    settled = settled_again(settled, freed(settled, low_pass, predicted), predicted)
-    signals = freed(settled, low_pass, settled.predicted)
+    sign_solution = solution_again(sign_solution, freed(sign_solution, low_pass, predicted), predicted)
+    signals = freed(sign_solution, low_pass, sign_solution.predicted)
     segments = find_segments(signals, model.robot.actuators(signals.motion), segmentation)
     return settle_signs(model, signals, segments, search, progress.under("unfiltered"), earlier), segments
 
 
-def freed(settled: Settled, low_pass: LowPass, predicted: Array) -> Signals:
+def freed(sign_solution: SignSolution, low_pass: LowPass, predicted: Array) -> Signals:
     """The log with the efforts of its unsigned joints as they were before a low-pass, by what it does to `predicted`.
 
     What the model, (N, n) N m, leaves of the readings stays as it is, so that no noise is made larger.
     """
-    signals, used = settled.evidence.signals, settled.evidence.used
+    signals, used = sign_solution.log_data.signals, sign_solution.log_data.used
     read = _read(signals)
     left = np.sign(predicted) * (read - low_pass.apply(np.abs(predicted), signals.rate))
     columns = zip(np.where(used, left, 0.0).T, used.T, strict=True)
@@ -94,22 +94,22 @@ def noise_taken(low_pass: LowPass, residual: Array, used: Mask, rate: float) -> 
     return np.sqrt(max(taken, TUNING.least_noise_taken * observed[0], TINY))
 
 
-def find_low_pass(settled: Settled) -> LowPass | None:
+def find_low_pass(sign_solution: SignSolution) -> LowPass | None:
     """The low-pass that |effort| has passed after the rectifier; None where there is no evidence of one.
 
     Where the crossings favour one, they are looked at once more after a fit to efforts freed of it: a fit to efforts
     that lag has crossings elsewhere.
     """
-    tried = _tried(settled.evidence.signals.rate)
-    first = _Crossings.of(settled)
+    tried = _tried(sign_solution.log_data.signals.rate)
+    first = _Crossings.of(sign_solution)
     if (
         not tried
         or significance(np.ones(len(first.joint))) > TUNING.low_pass_false_alarm
         or first.contrast(tried).sum() <= 0.0
     ):
         return None
-    signals = freed(settled, first.best_after(tried), settled.predicted)
-    again = _Crossings.of(settled_again(settled, signals, settled.predicted))
+    signals = freed(sign_solution, first.best_after(tried), sign_solution.predicted)
+    again = _Crossings.of(solution_again(sign_solution, signals, sign_solution.predicted))
     return again.best_after(tried) if significance(again.contrast(tried)) <= TUNING.low_pass_false_alarm else None
 
 
@@ -139,15 +139,15 @@ def _read(signals: Signals) -> Array:
     return signals.magnitude if signals.after_rectifier is None else signals.after_rectifier.read
 
 
-def _fitted(settled: Settled, columns: Array, low_pass: LowPass) -> tuple[Array, float]:
+def _fitted(sign_solution: SignSolution, columns: Array, low_pass: LowPass) -> tuple[Array, float]:
     """(N, n) the model's effort, N m, fitted without the cone, and minus the log of how likely the residual is.
 
     By least squares to readings behind a low-pass, whose rows are h * (s Y): exact for given signs s, and linear. A
     model that was fitted to efforts which lag has taken up some of the lag; so the low-pass is chosen by what is left
     after a fit of its own.
     """
-    signals, used, predicted = settled.evidence.signals, settled.evidence.used, settled.predicted
-    sigma = settled.fit.residual.sigma
+    signals, used, predicted = sign_solution.log_data.signals, sign_solution.log_data.used, sign_solution.predicted
+    sigma = sign_solution.fit.residual.sigma
     read = np.where(signals.signed, signals.raw_effort, _read(signals))
     target = np.where(used, read, 0.0) / sigma
     for _ in range(TUNING.low_pass_fits):
@@ -183,12 +183,12 @@ class _Crossings:
     rate: float  # Hz
 
     @classmethod
-    def of(cls, settled: Settled) -> _Crossings:
+    def of(cls, sign_solution: SignSolution) -> _Crossings:
         """Those of the unsigned joints, one after the other, mostly in motion and well inside the log."""
-        signals, predicted, noise = settled.evidence.signals, settled.predicted, settled.fit.residual
+        signals, predicted, noise = sign_solution.log_data.signals, sign_solution.predicted, sign_solution.fit.residual
         reach, settling = round(TUNING.crossing_reach * signals.rate), round(TUNING.low_pass_rest * signals.rate)
         usable = signals.measured & signals.inner & ~signals.signed
-        places = _apart(predicted, usable, settled.evidence.moving, reach, settling)
+        places = _apart(predicted, usable, sign_solution.log_data.moving, reach, settling)
         if len(places) > TUNING.most_crossings:
             places = places[np.linspace(0, len(places) - 1, TUNING.most_crossings).astype(int)]
         joint, at = places.T

@@ -23,11 +23,11 @@ from bayesid.log.segments import Segments
 from bayesid.log.signals import Signals
 from bayesid.progress import SILENT, Progress
 from bayesid.regression.least_squares import Fit, fit_signed
-from bayesid.regression.moments import Moments, moments
 from bayesid.regression.noise import rms_where, times_of
+from bayesid.regression.normal_equations import NormalEquations, normal_equations
 from bayesid.regression.solver import ConeLeastSquares
-from bayesid.signs.search.protocol import Search, SignProblem, turned_round
-from bayesid.signs.settling import Settled, settle_signs
+from bayesid.signs.search.protocol import Search, SignProblem, with_flipped
+from bayesid.signs.sign_solution import SignSolution, settle_signs
 from bayesid.signs.tuning import TUNING
 
 
@@ -35,41 +35,41 @@ from bayesid.signs.tuning import TUNING
 class AveragedSigns:
     """Signs by the model asked for and, where that is worth asking, by a richer one."""
 
-    asked: Settled  # signs under the model asked for
-    settled: Settled  # signs under the weightier model, by which segments are cut and signed
+    asked: SignSolution  # signs under the model asked for
+    sign_solution: SignSolution  # signs under the weightier model, by which segments are cut and signed
     fit: Fit  # of the model asked for
     probability: Array  # (N, n) P(sign = +) of every sample, averaged over both models
     weight: float  # of the weightier model
 
     @classmethod
-    def alone(cls, asked: Settled) -> AveragedSigns:
+    def alone(cls, asked: SignSolution) -> AveragedSigns:
         """No other model has a say."""
         return cls(asked, asked, asked.fit, asked.probability, 1.0)
 
     @classmethod
-    def of(cls, asked: Settled, rival: Settled) -> AveragedSigns:
+    def of(cls, asked: SignSolution, rival: SignSolution) -> AveragedSigns:
         """Two models have a say, each with its weight."""
         weight = weight_against(rival, asked)
         probability = weight * rival.probability + (1.0 - weight) * asked.probability
         if weight < 0.5:
             return cls(asked, asked, asked.fit, probability, 1.0 - weight)
         signs = 2.0 * rival.probability - 1.0  # a doubt about the model is none about single signs: it biases the fit
-        fit = fit_signed(replace(asked.evidence, fitted=rival.evidence.fitted), signs)
+        fit = fit_signed(replace(asked.log_data, fitted=rival.log_data.fitted), signs)
         return cls(asked, rival, fit, probability, weight)
 
     @property
     def mixed(self) -> Array:
         """(N, n) P(sign = +) of every sample, over all assignments that nothing excludes too (:eq:`mixed-signs`)."""
-        return self.settled.mixed_with(self.probability)
+        return self.sign_solution.mixed_with(self.probability)
 
     @property
     def by_asked(self) -> bool:
         """Whether the model asked for is the weightier one."""
-        return self.settled is self.asked
+        return self.sign_solution is self.asked
 
 
 def average_over_models(
-    asked: Settled, segments: Segments, search: Search, progress: Progress = SILENT
+    asked: SignSolution, segments: Segments, search: Search, progress: Progress = SILENT
 ) -> AveragedSigns:
     """Averages with the signs under all standard effects, where the model lacks some and its residual lasts.
 
@@ -79,17 +79,17 @@ def average_over_models(
     model = richer_model(asked) if search.any_model else None
     if model is None:
         return AveragedSigns.alone(asked)
-    signals = asked.evidence.signals
+    signals = asked.log_data.signals
     rival = settle_signs(model, signals, segments, search, progress.under("standard effects"))
     return AveragedSigns.of(asked, rival)
 
 
-def richer_model(settled: Settled) -> Model | None:
+def richer_model(sign_solution: SignSolution) -> Model | None:
     """The model with all standard effects, if it lacks some and its residual lasts; else None."""
-    residual, signals = settled.fit.residual, settled.evidence.signals
+    residual, signals = sign_solution.fit.residual, sign_solution.log_data.signals
     if signals.signed.all() or np.all(residual.coloured < TUNING.lasting * residual.white):
         return None
-    return with_standard_terms(settled.model, signals)
+    return with_standard_terms(sign_solution.model, signals)
 
 
 def with_standard_terms(model: Model, signals: Signals) -> Model | None:
@@ -103,7 +103,7 @@ def with_standard_terms(model: Model, signals: Signals) -> Model | None:
     return model
 
 
-def weight_against(rival: Settled, asked: Settled) -> float:
+def weight_against(rival: SignSolution, asked: SignSolution) -> float:
     """Weight of a richer model against the one it extends, by the Bayesian information criterion on effective samples.
 
     Each joint's samples are divided by the longer autocorrelation time of the two residuals (:eq:`model-weight`).
@@ -111,87 +111,87 @@ def weight_against(rival: Settled, asked: Settled) -> float:
     return min(TUNING.largest_weight, float(expit(0.5 * evidence_gain(rival, asked))))
 
 
-def evidence_gain(rival: Settled, asked: Settled) -> float:
+def evidence_gain(rival: SignSolution, asked: SignSolution) -> float:
     """Fall of the Bayesian information criterion: twice the log of how much likelier a richer model is.
 
     Both answer for the same samples, as they were read: what a sensor cannot show is no excuse for other readings.
     """
-    samples, rate = asked.evidence.used | rival.evidence.used, asked.evidence.signals.rate
+    samples, rate = asked.log_data.used | rival.log_data.used, asked.log_data.signals.rate
     left, before = (np.maximum(rms_where(one.error, samples), TINY) for one in (rival, asked))
     time = np.maximum(*(times_of(one.error, samples, rate) for one in (rival, asked)))
     count = samples.sum(axis=0) / time
     gain = 2.0 * float(count @ np.log(before / left))
-    more = len(rival.evidence.coefficients) - len(asked.evidence.coefficients)
+    more = len(rival.log_data.coefficients) - len(asked.log_data.coefficients)
     return gain - more * float(np.log(count.sum()))
 
 
-def structural_doubt(settled: Settled) -> Array:
+def model_error_probability(sign_solution: SignSolution) -> Array:
     """(n,) probability, per joint, that signs are guesses because the model is not the robot's.
 
     A model that leaves a large lasting error of its own finds wrong signs that suit it, joints at a time, and every
-    probability that is conditional on the model follows it. A rule of thumb (:eq:`doubt`), in whether a proof was had,
+    probability that is conditional on the model follows it. A rule of thumb (:eq:`model_error_probability`), in whether a proof was had,
     in the lasting error of the joint itself, and in that of the worst joint, unless the other side of the joint would
     need errors larger still. `bayesid study misfit` shows what it does.
     """
-    signals, fitted = settled.evidence.signals, settled.evidence.fitted
+    signals, fitted = sign_solution.log_data.signals, sign_solution.log_data.fitted
     square = np.where(fitted, signals.raw_effort**2, 0.0).sum(axis=0)
     effort = np.sqrt(square / np.maximum(fitted.sum(axis=0), 1))
     shown = fitted.any(axis=0)  # a joint whose efforts are all in fault shows no error
-    error = np.where(shown, settled.fit.noise.coloured / np.maximum(effort, TINY), 0.0)
-    proven = settled.signs.search.certified
+    error = np.where(shown, sign_solution.fit.noise.coloured / np.maximum(effort, TINY), 0.0)
+    proven = sign_solution.signs.search.certified
     if not np.any(error > (TUNING.tolerated_error if proven else TUNING.tolerated_error_unproven)):
         return np.zeros(len(error))
-    return np.where(signals.signed, 0.0, doubt_of(error, other_side(settled, effort), proven=proven))
+    return np.where(signals.signed, 0.0, doubt_of(error, other_side(sign_solution, effort), proven=proven))
 
 
 def doubt_of(error: Array, other_side: Array, *, proven: bool) -> Array:
-    """(n,) probability that signs are guesses (:eq:`doubt`), by the lasting error (n,) relative to the effort."""
+    """(n,) probability that signs are guesses (:eq:`model_error_probability`), by the lasting error (n,) relative to the effort."""
     tolerated, shared = (
         TUNING.tolerated_error if proven else TUNING.tolerated_error_unproven,
         TUNING.shared_error * error.max(),
     )
     suspected = np.maximum(error, np.minimum(shared, 2.0 * shared - other_side))
-    doubt: Array = 0.5 * np.clip((suspected - tolerated) / TUNING.error_of_a_guess, 0.0, 1.0)
-    return doubt
+    model_error_probability: Array = 0.5 * np.clip((suspected - tolerated) / TUNING.error_of_a_guess, 0.0, 1.0)
+    return model_error_probability
 
 
-def tempered_by_outliers(settled: Settled, probability: Array) -> Array:
+def tempered_by_outliers(sign_solution: SignSolution, probability: Array) -> Array:
     """(N, n) P(sign = +) with less confidence where the model explains |effort| with neither sign (:eq:`outliers`).
 
     Such samples come in runs, a shock or a vibration of the drive, and their errors are one event. So within the
     residual's autocorrelation time of an outlier, confidence is bounded by what a sample says of its sign by itself: by
     a density that falls with the square of the error.
     """
-    signals, fit = settled.evidence.signals, settled.fit
+    signals, fit = sign_solution.log_data.signals, sign_solution.fit
     effort, predicted = signals.magnitude, np.abs(fit.predicted)
     near, far = (effort - predicted) ** 2, (effort + predicted) ** 2
-    outlier = settled.evidence.moving & (near > (TUNING.outlier * fit.residual.sigma) ** 2)
+    outlier = sign_solution.log_data.moving & (near > (TUNING.outlier * fit.residual.sigma) ** 2)
     reach = np.ceil(fit.residual.autocorrelation).astype(int)
     around = [maximum_filter1d(outlier[:, j], 2 * reach[j] + 1) for j in range(outlier.shape[1])]
     most = np.where(np.transpose(around), far / np.maximum(near + far, TINY), 1.0)
     return np.where(signals.signed, probability, np.clip(probability, 1.0 - most, most))
 
 
-def other_side(settled: Settled, effort: Array) -> Array:
+def other_side(sign_solution: SignSolution, effort: Array) -> Array:
     """(n,) error that the model would need besides if a joint's signs were all turned round, relative to effort (n,).
 
     Of the joint where it is largest, for those sets of joints turned together that need least.
     """
-    evidence, segments = settled.evidence, settled.signs.fitted
-    motion, efforts = evidence.signals.motion, evidence.signals.effort
-    raw = moments(evidence.model, evidence.coefficients, motion, efforts, segments, most_individual=1)
-    scaled, n = raw.scaled(settled.signs.weights), len(effort)
-    solver = SignProblem(scaled, evidence.model.cone, evidence.coefficients).solver()
+    log_data, segments = sign_solution.log_data, sign_solution.signs.fitted
+    motion, efforts = log_data.signals.motion, log_data.signals.effort
+    raw = normal_equations(log_data.model, log_data.coefficients, motion, efforts, segments, most_individual=1)
+    scaled, n = raw.scaled(sign_solution.signs.weights), len(effort)
+    solver = SignProblem(scaled, log_data.model.cone, log_data.coefficients).solver()
     count = np.bincount(scaled.joint, weights=scaled.count, minlength=n)
-    unit = settled.signs.weights / np.sqrt(np.maximum(count, 1.0)) / np.maximum(effort, TINY)
+    unit = sign_solution.signs.weights / np.sqrt(np.maximum(count, 1.0)) / np.maximum(effort, TINY)
     needed = np.full(n, np.inf)
-    for turned, rise in rises_by_joint(scaled, solver, settled.signs.search.signs, n):
-        needed[turned] = np.minimum(needed[turned], np.max(unit * np.sqrt(np.maximum(rise, 0.0))))
+    for flipped, rise in rises_by_joint(scaled, solver, sign_solution.signs.search.signs, n):
+        needed[flipped] = np.minimum(needed[flipped], np.max(unit * np.sqrt(np.maximum(rise, 0.0))))
     return needed
 
 
 def rises_by_joint(
-    scaled: Moments, solver: ConeLeastSquares, signs: Integers, n_joints: int
+    scaled: NormalEquations, solver: ConeLeastSquares, signs: Integers, n_joints: int
 ) -> Iterator[tuple[list[int], Array]]:
     """Sets of joints, and (n,) by how much each joint's cost rises if the signs (S,) of the set are turned round."""
     prepared = solver.prepared()
@@ -210,5 +210,5 @@ def rises_by_joint(
         for k in range(1, len(joints) + 1)
         if len(joints) <= TUNING.joints_in_all_sets or k <= 2 or k >= len(joints) - 1
     ]
-    for turned in (list(chosen) for size in sizes for chosen in itertools.combinations(joints, size)):
-        yield turned, costs(turned_round(scaled, signs, turned)) - best
+    for flipped in (list(chosen) for size in sizes for chosen in itertools.combinations(joints, size)):
+        yield flipped, costs(with_flipped(scaled, signs, flipped)) - best

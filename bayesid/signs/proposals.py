@@ -25,8 +25,8 @@ from bayesid.log.segments import Segments
 from bayesid.parallel import in_parallel
 from bayesid.regression.knowledge import inverse_of
 from bayesid.regression.noise import times_of
+from bayesid.regression.selection.detected import SignedLog
 from bayesid.regression.selection.hypotheses import Hypothesis
-from bayesid.regression.selection.wanted import SignedLog
 from bayesid.signs.tuning import TUNING
 
 
@@ -115,12 +115,12 @@ class PoorJoint:
         if effect.source.linear:
             more = effect.columns.rows[self.joint][used]
             return replace(plain, columns=np.concatenate([plain.columns, more], axis=1))
-        evidence = self.log.evidence
-        model = evidence.model.extend(effect.source)
+        log_data = self.log.log_data
+        model = log_data.model.extend(effect.source)
         columns = model.columns(self.log.modelled.motion)[used, self.joint]
-        magnitude, shown = (x[used, self.joint] for x in model.unread(self.log.modelled.magnitude))
+        magnitude, shown = (x[used, self.joint] for x in model.invert_sensor(self.log.modelled.magnitude))
         magnitude = np.where(shown, magnitude, plain.magnitude)
-        return replace(plain, columns=columns[:, evidence.coefficients.kept], magnitude=magnitude, shown=shown)
+        return replace(plain, columns=columns[:, log_data.coefficients.selected], magnitude=magnitude, shown=shown)
 
     def left(self, rows: _Rows, signs: Array, predicted: Array, sensor: SensorDistortion | None) -> _Left:
         """Of signs and predictions (M,), N m: what a sensor hides answers for what is read of it."""
@@ -182,7 +182,7 @@ def _alternated(poor: PoorJoint, rows: _Rows, sensor: SensorDistortion | None = 
     known, segment = rows.known[shown], rows.segment[shown]
     starts = [np.where(start >= 0.0, 1.0, -1.0) for start in (known, -known, by_others)]
     best = None
-    for start in (*starts, fit.turned(starts[0], segment, segment >= 0)):
+    for start in (*starts, fit.flipped(starts[0], segment, segment >= 0)):
         found, _, beta = fit.from_signs(start)
         predicted = rows.columns @ beta
         signs = np.where(predicted >= 0.0, 1.0, -1.0)
@@ -223,7 +223,7 @@ class InTurn:
             signs = nearest
         return signs, predicted, beta
 
-    def turned(self, signs: Array, segment: Integers, doubted: Mask) -> Array:
+    def flipped(self, signs: Array, segment: Integers, doubted: Mask) -> Array:
         """(M,) signs whose segments cost least: whole segments are turned one by one while the cost falls.
 
         Signs of segments are a binary quadratic problem (DESIGN.md 3); such a search ends in a local optimum, so it
@@ -243,17 +243,17 @@ class InTurn:
         quadratic = turning @ self._inverse @ turning.T
         linear, own = turning @ (self._inverse @ (self._others + fixed)), np.diag(quadratic)
         random = np.isin(names[names >= 0], segment[doubted])
-        turned = np.random.default_rng(0).choice([-1.0, 1.0], size=(TUNING.sign_starts, len(turning)))
-        turned[:, ~random], turned[0] = 1.0, 1.0
-        pull, going = turned @ quadratic + linear, np.arange(len(turned))
+        flipped = np.random.default_rng(0).choice([-1.0, 1.0], size=(TUNING.sign_starts, len(turning)))
+        flipped[:, ~random], flipped[0] = 1.0, 1.0
+        pull, going = flipped @ quadratic + linear, np.arange(len(flipped))
         while len(going):
-            gain = own - turned[going] * pull[going]
+            gain = own - flipped[going] * pull[going]
             best = np.argmax(gain, axis=1)
             worth = gain[np.arange(len(going)), best] > TUNING.least_turn
             going, best = going[worth], best[worth]
-            turned[going, best] *= -1.0
-            pull[going] += 2.0 * turned[going, best][:, None] * quadratic[best]
-        least = turned[np.argmax(np.sum(turned * (pull + linear), axis=1))]
+            flipped[going, best] *= -1.0
+            pull[going] += 2.0 * flipped[going, best][:, None] * quadratic[best]
+        least = flipped[np.argmax(np.sum(flipped * (pull + linear), axis=1))]
         of_names = np.ones(len(names))
         of_names[names >= 0] = least
         return signs * of_names[place]
@@ -292,7 +292,7 @@ class PoorRobot:
         the joint tell: the one that keeps them is taken. Joints are turned all at once, as long as the other bounds
         want it, or one by one, if that explains the log about as well; what explains it best counts.
         """
-        model = self.log.evidence.model
+        model = self.log.log_data.model
         joints = range(1, model.robot.n_joints + 1)
         lifting = [kind(joints=(j,)) for kind in catalogue.forms().values() if kind.frees for j in joints]
         lifting = [effect for effect in lifting if effect not in model.effects]
@@ -300,12 +300,12 @@ class PoorRobot:
         predicted = self.log.fit.predicted[self.log.rows]
         before = self._rms(np.where(predicted >= 0.0, 1.0, -1.0), predicted)
         begun, best = self._settled(form, predicted), None
-        for settled in (self._turned_together(form, begun), self._turned_one_by_one(form, begun)):
-            value = dict(zip(form.names, settled.beta.tolist(), strict=True))
+        for sign_solution in (self._turned_together(form, begun), self._turned_one_by_one(form, begun)):
+            value = dict(zip(form.names, sign_solution.beta.tolist(), strict=True))
             needed = [one for one in lifting if all(value.get(name, 0.0) < 0.0 for name in one.freed(model.robot))]
-            gain = self._gain(before, settled.left) - 0.5 * len(needed) * float(np.log(self._count.sum()))
+            gain = self._gain(before, sign_solution.left) - 0.5 * len(needed) * float(np.log(self._count.sum()))
             if needed and gain > (TUNING.proposal_gain if best is None else best[0]):
-                best = gain, Proposal(tuple(needed), _of_samples(self.log, settled.signs))
+                best = gain, Proposal(tuple(needed), _of_samples(self.log, sign_solution.signs))
         return None if best is None else best[1]
 
     def propose(self) -> list[Proposal]:
@@ -313,7 +313,7 @@ class PoorRobot:
 
         What their numbers cost is weighed after the search: there are few such effects.
         """
-        model, found = self.log.evidence.model, []
+        model, found = self.log.log_data.model, []
         before = self._settled_under(model).left
         for kind in catalogue.forms().values():
             guesses = [] if kind.name in {one.name for one in model.effects} else list(kind.guesses(model.robot))
@@ -330,57 +330,61 @@ class PoorRobot:
     def _settled_under(self, model: Model) -> _Settled:
         """From the signs so far, and from the best ones of all segments of the joints that are explained poorly."""
         form, predicted = self._form(model), self.log.fit.predicted[self.log.rows]
-        settled = self._settled(form, predicted)
-        other = self._settled(form, self._segments_turned(form, settled))
-        return self._turned_one_by_one(form, other if self._gain(settled.left, other.left) > 0.0 else settled)
+        sign_solution = self._settled(form, predicted)
+        other = self._settled(form, self._segments_turned(form, sign_solution))
+        return self._turned_one_by_one(
+            form, other if self._gain(sign_solution.left, other.left) > 0.0 else sign_solution
+        )
 
-    def _sharpened(self, effect: Effect, settled: _Settled) -> tuple[Effect, _Settled]:
+    def _sharpened(self, effect: Effect, sign_solution: _Settled) -> tuple[Effect, _Settled]:
         """An effect with the numbers that suit the signs under its guess best, by Gauss-Newton, and signs under it."""
         if not isinstance(effect, RobotDistortion):
-            return effect, settled
-        model, used = self.log.evidence.model, self.log.data.used
+            return effect, sign_solution
+        model, used = self.log.log_data.model, self.log.data.used
         weight, magnitude = _noise_of(self.log)[0], self.log.modelled.magnitude
         count = sum(len(getattr(effect, key)) for key, number in effect.number_fields().items() if number.tuned)
         for _ in range(TUNING.sharpened_rounds):
             form, steps = self._form(model.extend(effect)), effect.step * np.eye(count)
             moved = [self._form(model.extend(effect.moved(step))) for step in steps]
-            if any(one.names != form.names for one in moved) or len(form.names) != len(settled.beta):
+            if any(one.names != form.names for one in moved) or len(form.names) != len(sign_solution.beta):
                 break  # numbers at which the log shows other coefficients
-            slopes = [(there.columns - form.columns) @ settled.beta / effect.step for there in moved]
+            slopes = [(there.columns - form.columns) @ sign_solution.beta / effect.step for there in moved]
             columns = np.concatenate([form.columns, np.stack(slopes, axis=2)], axis=2) / weight[:, None]
-            rows, target = columns[used], (settled.signs * magnitude / weight)[used]
+            rows, target = columns[used], (sign_solution.signs * magnitude / weight)[used]
             best = inverse_of(rows.T @ rows) @ (rows.T @ target)
             better = effect.moved(best[-len(steps) :])
-            other = self._settled(self._form(model.extend(better)), settled.signs)
-            if self._gain(settled.left, other.left) <= 0.0:
+            other = self._settled(self._form(model.extend(better)), sign_solution.signs)
+            if self._gain(sign_solution.left, other.left) <= 0.0:
                 break
-            effect, settled = better, other
-        return effect, settled
+            effect, sign_solution = better, other
+        return effect, sign_solution
 
-    def _turned_together(self, form: _Form, settled: _Settled) -> _Settled:
+    def _turned_together(self, form: _Form, sign_solution: _Settled) -> _Settled:
         for _ in form.bounded:
-            if not np.any(turned := self._wrong_sides(form, settled)):
+            if not np.any(flipped := self._wrong_sides(form, sign_solution)):
                 break
-            settled = self._settled(form, np.where(turned, -settled.signs, settled.signs))
-        return settled
+            sign_solution = self._settled(form, np.where(flipped, -sign_solution.signs, sign_solution.signs))
+        return sign_solution
 
-    def _turned_one_by_one(self, form: _Form, settled: _Settled) -> _Settled:
+    def _turned_one_by_one(self, form: _Form, sign_solution: _Settled) -> _Settled:
         for _ in form.bounded:
-            before = settled
+            before = sign_solution
             for j in range(len(form.bounded)):
-                if self._wrong_sides(form, settled)[j]:
-                    signs = np.where(np.arange(len(form.bounded)) == j, -settled.signs, settled.signs)
+                if self._wrong_sides(form, sign_solution)[j]:
+                    signs = np.where(np.arange(len(form.bounded)) == j, -sign_solution.signs, sign_solution.signs)
                     other = self._settled(form, signs)
-                    settled = other if self._gain(settled.left, other.left) > -TUNING.proposal_gain else settled
-            if settled is before:
+                    sign_solution = (
+                        other if self._gain(sign_solution.left, other.left) > -TUNING.proposal_gain else sign_solution
+                    )
+            if sign_solution is before:
                 break
-        return settled
+        return sign_solution
 
-    def _wrong_sides(self, form: _Form, settled: _Settled) -> Mask:
+    def _wrong_sides(self, form: _Form, sign_solution: _Settled) -> Mask:
         """(n,) joints of unknown sign whose bounded parameters are negative in sum."""
-        columns, beta = np.abs(form.columns), settled.beta
+        columns, beta = np.abs(form.columns), sign_solution.beta
         sides = [np.sum(beta[own] * columns[:, j, own].sum(axis=0)) for j, own in enumerate(form.bounded)]
-        return (np.array(sides) < 0.0) & ~self.log.evidence.signals.signed
+        return (np.array(sides) < 0.0) & ~self.log.log_data.signals.signed
 
     def _form(self, model: Model, free: Set[str] = frozenset()) -> _Form:
         """A model whose parameters of some names may have any sign."""
@@ -388,7 +392,7 @@ class PoorRobot:
         names = list(coefficients.names)
         bounded = [model.parameters[k] for k in model.cone.nonnegative]
         kept = [[names.index(p.name) for p in bounded if p.joint == j and p.name in set(names) - free] for j in joints]
-        return _Form(model.columns(self.log.modelled.motion)[:, :, coefficients.kept], names, kept)
+        return _Form(model.columns(self.log.modelled.motion)[:, :, coefficients.selected], names, kept)
 
     @cached_property
     def _count(self) -> Array:
@@ -401,20 +405,20 @@ class PoorRobot:
 
     def _settled(self, form: _Form, begun: Array) -> _Settled:
         """Coefficients and signs in turn, from signs (N', n)."""
-        used, signals = self.log.data.used, self.log.evidence.signals
+        used, signals = self.log.data.used, self.log.log_data.signals
         start = np.where(np.where(signals.signed, signals.raw_effort[self.log.rows], begun) >= 0.0, 1.0, -1.0)
         signs = np.zeros(used.shape)
         known = np.broadcast_to(signals.signed, used.shape)[used]
         signs[used], _, beta = self._in_turn(form).from_signs(start[used], known)
         return _Settled(signs, self._rms(signs, form.columns @ beta), beta)
 
-    def _segments_turned(self, form: _Form, settled: _Settled) -> Array:
+    def _segments_turned(self, form: _Form, sign_solution: _Settled) -> Array:
         """(N', n) the best signs of whole segments, where those of joints that are explained poorly are in doubt."""
-        used, signals = self.log.data.used, self.log.evidence.signals
+        used, signals = self.log.data.used, self.log.log_data.signals
         segment = np.where(signals.signed, -1, _segment_of(self.log, self.segments))
         doubted = np.broadcast_to(self.poor, used.shape)
-        signs = settled.signs.copy()
-        signs[used] = self._in_turn(form).turned(signs[used], segment[used], doubted[used])
+        signs = sign_solution.signs.copy()
+        signs[used] = self._in_turn(form).flipped(signs[used], segment[used], doubted[used])
         return signs
 
     def _in_turn(self, form: _Form) -> InTurn:
@@ -431,22 +435,22 @@ class PoorRobot:
 
 def _noise_of(log: SignedLog) -> tuple[Array, Array]:
     """(n,) sd of each joint's error, N m, its autocorrelation included; and (n,) that, in thinned rows."""
-    evidence, predicted = log.evidence, log.fit.predicted
-    time = times_of(evidence.signals.nearest(predicted) - predicted, evidence.used, evidence.signals.rate)
-    time = np.maximum(time / (evidence.signals.rate / log.data.rate), 1.0)
+    log_data, predicted = log.log_data, log.fit.predicted
+    time = times_of(log_data.signals.nearest(predicted) - predicted, log_data.used, log_data.signals.rate)
+    time = np.maximum(time / (log_data.signals.rate / log.data.rate), 1.0)
     return log.fit.residual.sigma * np.sqrt(time), time
 
 
 def _segment_of(log: SignedLog, segments: Segments) -> Integers:
     """(N', n) of the thinned rows; -1 where none is fitted."""
     fitted = segments[segments.fitted]
-    numbered = fitted.per_sample(np.arange(1, len(fitted) + 1), *log.evidence.used.shape)
+    numbered = fitted.per_sample(np.arange(1, len(fitted) + 1), *log.log_data.used.shape)
     return numbered[log.rows].astype(np.int64) - 1
 
 
 def _of_samples(log: SignedLog, thinned: Array) -> Array:
     """(N, n) signs of all samples from those of thinned rows (N', n): each sample's is that of the nearest row."""
-    samples = np.arange(len(log.evidence.signals.motion))
+    samples = np.arange(len(log.log_data.signals.motion))
     after = np.clip(np.searchsorted(log.rows, samples), 1, len(log.rows) - 1)
     earlier = samples - log.rows[after - 1] < log.rows[after] - samples
     nearest: Array = thinned[np.where(earlier, after - 1, after)]

@@ -20,11 +20,11 @@ from bayesid.log.segments import Segments
 from bayesid.log.signals import Signals
 from bayesid.parallel import in_parallel
 from bayesid.progress import SILENT, Progress, Steps, no_steps
-from bayesid.regression.moments import Moments, moments
 from bayesid.regression.noise import residual_noise
+from bayesid.regression.normal_equations import NormalEquations, normal_equations
 from bayesid.signs.search.certified import candidate
 from bayesid.signs.search.problem import Problem
-from bayesid.signs.search.protocol import Branch, Search, SearchResult, SignProblem, Way, turned_round
+from bayesid.signs.search.protocol import Assignment, Search, SearchResult, SignProblem, Way, with_flipped
 from bayesid.signs.tuning import TUNING
 
 
@@ -35,11 +35,11 @@ class SegmentSigns:
     segments: Segments  # S segments, split where the effort crosses zero
     search: SearchResult  # the last result, over those that are fitted; its nodes and solves are those of all searches
     rounds: int  # how often segments were searched until none had to be split
-    unsplit: int  # cuts that the last search still asked for
+    unresolved: int  # cuts that the last search still asked for
     weights: Array  # (n,) noise by which the rows of the last search were scaled, N m
     proofs: int = 1  # how often the last word was said: again where the final noise weights change the signs
     # the best assignment and others that cost at most 20 nats more, by the weights of the final fit
-    near: tuple[Branch, ...] = ()
+    near: tuple[Assignment, ...] = ()
 
     @property
     def fitted(self) -> Segments:
@@ -57,7 +57,7 @@ class SignSearch:
     search: Search  # how signs are searched
     progress: Progress = SILENT  # of the stages
     likely: Sequence[Array] = ()  # (N, n) each, signs that are likely beforehand, between -1 and 1
-    unseen: float = 0.5  # `SearchResult.unseen` of the search that these are from
+    unlisted_probability: float = 0.5  # `SearchResult.unlisted_probability` of the search that these are from
 
     def run(self, segments: Segments) -> SegmentSigns:
         """Searches the signs, splits segments whose predicted effort clearly crosses zero, and searches again."""
@@ -65,14 +65,14 @@ class SignSearch:
         sigma: Array | None = None
         for rounds in range(1, TUNING.search_rounds + 1):
             fitted = segments[segments.fitted]
-            raw = self._moments(fitted)
+            raw = self._normal_equations(fitted)
             sigma = TUNING.first_noise * raw.rms_effort(self._n) if sigma is None else sigma
             with self.progress.stage(f"search, round {rounds} of at most {TUNING.search_rounds}") as steps:
                 searched.append(self.search.find(self._problem(fitted, raw.scaled(sigma), searched), steps))
                 cuts, sigma = self._cuts_and_noise(fitted, raw, searched[-1])
             last = rounds == TUNING.search_rounds
             if last or not cuts:
-                searched.append(self.search.conclude(self._problem(fitted, raw.scaled(sigma), searched), self.progress))
+                searched.append(self.search.certify(self._problem(fitted, raw.scaled(sigma), searched), self.progress))
                 turned = not np.array_equal(searched[-1].signs, searched[-2].signs)
                 cuts, _ = self._cuts_and_noise(fitted, raw, searched[-1])
                 if last or not cuts or searched[-1].certified or not turned:
@@ -91,56 +91,58 @@ class SignSearch:
         result, fitted = searched.search, searched.fitted
         if np.all(fitted.known != 0):
             return searched
-        raw = self._moments(fitted)
+        raw = self._normal_equations(fitted)
         problem = self._problem(fitted, raw.scaled(weights), [result])
         with self.progress.stage("proof by the noise of the fit") as steps:
-            found = rivals(problem, result, steps)
+            found = noise_sensitivity(problem, result, steps)
         searched = replace(searched, near=found.near)
-        if result.settled is None:
+        if result.persistent is None:
             if not found.changed:
                 return searched
             best = result.with_best(  # costs by other weights do not compare: of the new ones nothing is proven
                 found.best,
                 lower_bound=None if result.lower_bound is None else 0.0,
-                pull=None,
+                tikhonov=None,
                 ways=(*result.ways, Way("final noise weights", found.best.cost)),
             )
             return replace(searched, search=best, weights=weights)
         if found.changed and not repeat:
-            doubted = replace(result, certified=False, withheld="noise", settled=result.settled & found.settled)
+            doubted = replace(
+                result, certified=False, uncertified_because="noise", persistent=result.persistent & found.persistent
+            )
             return replace(searched, search=doubted)
         if not found.changed:
-            return replace(searched, search=replace(result, settled=result.settled & found.settled))
-        again = self.search.conclude(problem, self.progress).with_work_of([result])
+            return replace(searched, search=replace(result, persistent=result.persistent & found.persistent))
+        again = self.search.certify(problem, self.progress).with_work_of([result])
         return replace(searched, search=again, weights=weights, proofs=searched.proofs + 1)
 
     def following(self, searched: SegmentSigns, probability: Array) -> SegmentSigns:
         """The same with the signs of samples' (N, n) P(sign = +); of these nothing is proven."""
         result, fitted = searched.search, searched.fitted
         problem = replace(self, likely=(2.0 * probability - 1.0,))._problem(
-            fitted, self._moments(fitted).scaled(searched.weights), [result]
+            fitted, self._normal_equations(fitted).scaled(searched.weights), [result]
         )
-        best = Problem(problem.moments, problem.solver(), np.inf).price(problem.starts[0])
+        best = Problem(problem.normal_equations, problem.solver(), np.inf).price(problem.starts[0])
         lower = None if result.lower_bound is None else 0.0
         ways = (*result.ways, Way("direction of motion", best.cost))
-        return replace(searched, search=result.with_best(best, lower_bound=lower, pull=None, ways=ways))
+        return replace(searched, search=result.with_best(best, lower_bound=lower, tikhonov=None, ways=ways))
 
-    def _moments(self, segments: Segments) -> Moments:
+    def _normal_equations(self, segments: Segments) -> NormalEquations:
         motion, effort = self.signals.motion, self.signals.effort
-        return moments(self.model, self.coefficients, motion, effort, segments, TUNING.most_individual)
+        return normal_equations(self.model, self.coefficients, motion, effort, segments, TUNING.most_individual)
 
-    def _problem(self, segments: Segments, scaled: Moments, searched: list[SearchResult]) -> SignProblem:
+    def _problem(self, segments: Segments, scaled: NormalEquations, searched: list[SearchResult]) -> SignProblem:
         earlier = searched[-1] if searched else None
         sums = [segments.sums(likely * self.signals.effort) for likely in self.likely]
         starts = tuple(np.where(segments.known != 0, segments.known, np.where(s >= 0.0, 1, -1)) for s in sums)
-        return SignProblem(scaled, self.model.cone, self.coefficients, earlier, starts, self.unseen)
+        return SignProblem(scaled, self.model.cone, self.coefficients, earlier, starts, self.unlisted_probability)
 
     @property
     def _n(self) -> int:
         return self.model.robot.n_joints
 
     def _cuts_and_noise(
-        self, segments: Segments, raw: Moments, result: SearchResult
+        self, segments: Segments, raw: NormalEquations, result: SearchResult
     ) -> tuple[list[tuple[int, int]], Array]:
         """Where to cut, and (n,) noise, N m: sd of the residual times the root of its autocorrelation time.
 
@@ -174,43 +176,46 @@ def crossings(segments: Segments, predicted: Array, effort: Array, sigma: Array)
 
 
 @dataclass(frozen=True)
-class Rivals:
+class NoiseSensitivity:
     """What other weights make of a proof."""
 
-    best: Branch  # the one that costs least
-    near: tuple[Branch, ...]  # distinct ones up to 20 nats dearer than the best of the search, that one among them
+    best: Assignment  # the one that costs least
+    near: tuple[Assignment, ...]  # distinct ones up to 20 nats dearer than the best of the search, that one among them
     changed: bool  # whether another assignment costs less than the best of the search
-    settled: Mask  # (S,) whether no rival within Delta gives the segment another sign
+    persistent: Mask  # (S,) whether no rival within Delta gives the segment another sign
 
 
-def rivals(problem: SignProblem, result: SearchResult, steps: Steps = no_steps) -> Rivals:
+def noise_sensitivity(problem: SignProblem, result: SearchResult, steps: Steps = no_steps) -> NoiseSensitivity:
     """Prices what comes near the best assignment of a search; where it has proven something, candidates too.
 
     The problem is that of the search, with its moments scaled by other weights.
     """
-    inner = Problem(problem.moments, problem.solver(), np.inf)
-    known, far = problem.moments.known, max(result.within, TUNING.near)
+    inner = Problem(problem.normal_equations, problem.solver(), np.inf)
+    known, far = problem.normal_equations.known, max(result.optimality_gap, TUNING.near)
     best = inner.price(result.signs)
     listed = [branch.signs for branch in result.branches[1 : 1 + TUNING.most_repriced]]
-    around = [turned_round(problem.moments, best.signs, j) for j in np.unique(problem.moments.joint[known == 0])]
+    around = [
+        with_flipped(problem.normal_equations, best.signs, j)
+        for j in np.unique(problem.normal_equations.joint[known == 0])
+    ]
 
-    def priced(roughly: Branch) -> Branch:
+    def priced(roughly: Assignment) -> Assignment:
         """Precisely, where it may come near."""
         return inner.price(roughly.signs) if roughly.lower_bound <= best.cost + far else roughly
 
-    def settled(start: Callable[[], Branch]) -> list[Branch]:
+    def persistent(start: Callable[[], Assignment]) -> list[Assignment]:
         """A start, and what settling from it leads to."""
         begun = start()
         return [begun, priced(inner.settle(known, begun.theta))]
 
-    def near_to(signs: Integers) -> Branch:
+    def near_to(signs: Integers) -> Assignment:
         return priced(inner.complete(signs, best.theta))
 
-    starts: list[Callable[[], Branch]] = [] if result.settled is None else [partial(candidate, inner)]
+    starts: list[Callable[[], Assignment]] = [] if result.persistent is None else [partial(candidate, inner)]
     starts += [lambda: best, *(partial(near_to, signs) for signs in (*listed, *around))]
-    ways = [partial(settled, start) for start in starts]
+    ways = [partial(persistent, start) for start in starts]
     everything = [branch for found in in_parallel(ways, steps) for branch in found]
-    limit = min(branch.cost for branch in [best, *everything]) + result.within
+    limit = min(branch.cost for branch in [best, *everything]) + result.optimality_gap
     alike = [branch.signs == best.signs for branch in everything if branch.cost <= limit]
     unknown = np.flatnonzero(known == 0)
     agreed: Mask = np.all([np.ones(len(known), dtype=bool), *alike], axis=0)
@@ -218,4 +223,4 @@ def rivals(problem: SignProblem, result: SearchResult, steps: Steps = no_steps) 
     distinct = {branch.signs.tobytes(): branch for branch in [*everything, best]}.values()
     least = min(distinct, key=lambda branch: branch.cost)
     near = tuple(branch for branch in distinct if branch.cost <= best.cost + TUNING.near)
-    return Rivals(least, near, least.cost < best.cost - inner.exact, agreed)
+    return NoiseSensitivity(least, near, least.cost < best.cost - inner.exact, agreed)

@@ -62,7 +62,7 @@ class Tuning:
     """Share that the fallback may take at most, once a local search has had its turn."""
     unmoved: float = 1.0 / 3.0
     """Share of the proof's budget after which it is given up if its lower bound is still zero."""
-    hidden_by_pull: float = 3.0
+    hidden_by_tikhonov: float = 3.0
     """Times its own pull by which a branch may cost the data less than its cost says."""
     allowance: float = 10.0
     """Cost beyond that of a single assignment of the allowed mass up to which a proof goes at first."""
@@ -76,9 +76,9 @@ class Tuning:
     """Of the energy of a joint's strongest segment, from which on a segment takes part."""
     candidates_solved: int = 64
     """Candidates solved in the cone, at most."""
-    candidates_settled: int = 3
+    candidates_persistent: int = 3
     """Of those."""
-    turned: int = 20
+    flipped: int = 20
     """Single segments of the best candidate that are turned on trial."""
     settling_rounds: int = 20
     """Of settling undecided segments and parameters in turn."""
@@ -110,11 +110,11 @@ class Tuning:
     """Of K that are made together; bounds the memory."""
     pairs_at_once: int = 50_000
     """Of patterns that are priced together when two lists are joined; bounds the memory."""
-    undecided_pull: float = 1e-4
-    """Share of the pull in the bounds of undecided rows: keeps them well conditioned, and takes next to nothing from
+    undecided_tikhonov: float = 1e-4
+    """Share of the Tikhonov term in the bounds of undecided rows: keeps them well conditioned, and takes next to nothing from
     those of decided ones. A round number; any share keeps the bounds valid."""
-    lighter_pull: float = 1e-2
-    """Share of the pull with which costs by the data alone are had: less, and rounding spoils their bounds."""
+    lighter_tikhonov: float = 1e-2
+    """Share of the Tikhonov term with which costs by the data alone are had: less, and rounding spoils their bounds."""
 
     # Rounds of search
     first_noise: float = 0.05

@@ -217,5 +217,5 @@ def _log_ratio(eigenvalues: NDArray[np.floating[Any]]) -> float:
 
 def _scaled_columns(model: Model, coefficients: BaseCoefficients, motion: Motion) -> Array:
     """(N n, r) columns of length one; a column of zeros stays."""
-    columns = model.columns(motion)[:, :, coefficients.kept].reshape(-1, len(coefficients))
+    columns = model.columns(motion)[:, :, coefficients.selected].reshape(-1, len(coefficients))
     return columns / or_one(np.linalg.norm(columns, axis=0))

@@ -26,7 +26,7 @@ from bayesid.effects.coefficients import base_coefficients
 from bayesid.effects.model import Model
 from bayesid.log.segments import Segments
 from bayesid.motion import Motion
-from bayesid.regression.moments import Moments, join_moments, moments
+from bayesid.regression.normal_equations import NormalEquations, join_moments, normal_equations
 from bayesid.regression.solver import ConeLeastSquares
 from bayesid.robot import load_robot
 from bayesid.signs.search.certified import certified
@@ -102,8 +102,8 @@ class _Source:
         theta = random_parameters(model, np.random.default_rng(0))
         return cls(model, theta, np.sqrt(np.mean(model.effort(first, theta) ** 2, axis=0)), [])
 
-    def pieces(self, minutes: int, spent: list[float]) -> Iterator[Moments]:
-        """Raw moments of every minute; only the seconds within `moments` are added to `spent`."""
+    def pieces(self, minutes: int, spent: list[float]) -> Iterator[NormalEquations]:
+        """Raw moments of every minute; only the seconds within `normal_equations` are added to `spent`."""
         coefficients, rng = base_coefficients(self.model), np.random.default_rng(1)
         for minute in range(minutes):
             motion = _motion(minute)
@@ -112,7 +112,7 @@ class _Source:
             self.signs.append(signs)
             effort = np.abs(true + NOISE * self.rms * rng.standard_normal(true.shape))
             began = time.perf_counter()
-            piece = moments(self.model, coefficients, motion, effort, segments, _MOST_INDIVIDUAL)
+            piece = normal_equations(self.model, coefficients, motion, effort, segments, _MOST_INDIVIDUAL)
             spent.append(time.perf_counter() - began)
             yield piece
 

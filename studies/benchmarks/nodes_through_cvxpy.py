@@ -11,7 +11,7 @@ import numpy as np
 from bayesid.arrays import Array, Integers
 from bayesid.effects.parameters import Cone
 from bayesid.errors import SolverError
-from bayesid.regression.solver import pull_weight
+from bayesid.regression.solver import tikhonov_weight
 from bayesid.robot.inertia import PSEUDO_INERTIA_BASIS
 from bayesid.studies.benchmarks.problems import LogProblem
 
@@ -29,7 +29,7 @@ class PlainNode:
         cone: the cone of the P parameters.
         projection: (r, P) B.
         size: (P,) of the parameters.
-        typical: (P,) where the pull rho(theta) = w sum of ((theta - typical) / size)^2 leads.
+        typical: (P,) where the Tikhonov term rho(theta) = w sum of ((theta - typical) / size)^2 leads.
         energy: c of all data.
     """
 
@@ -49,7 +49,7 @@ class PlainNode:
         theta = cp.multiply(self.size, scaled)
         columns = self.projection * self.size
         data = cp.quad_form(scaled, cp.psd_wrap(columns.T @ hessian @ columns / self.energy))
-        pull = pull_weight(self.energy) / self.energy * cp.sum_squares(scaled - self.typical / self.size)
+        pull = tikhonov_weight(self.energy) / self.energy * cp.sum_squares(scaled - self.typical / self.size)
         constraints = [theta[self.cone.nonnegative] >= 0.0] if len(self.cone.nonnegative) else []
         for body in self.cone.bodies:
             constraints.append(sum(theta[int(i)] * PSEUDO_INERTIA_BASIS[k] for k, i in enumerate(body)) >> 0)
@@ -68,7 +68,7 @@ def plain_node(problem: LogProblem) -> PlainNode:
     steps = np.eye(cone.size)
     up, down = (np.array([solver.regularisation(sign * step) for step in steps]) for sign in (1.0, -1.0))
     weight = 0.5 * (up + down) - solver.regularisation(np.zeros(cone.size))
-    size = np.sqrt(pull_weight(problem.energy) / weight)
+    size = np.sqrt(tikhonov_weight(problem.energy) / weight)
     return PlainNode(cone, problem.coefficients.projection, size, 0.25 * (down - up) / weight, problem.energy)
 
 
@@ -77,20 +77,22 @@ def tree_through_cvxpy(problem: LogProblem, width: int = 5, initial: int = 5) ->
 
     Nothing is shared with `bayesid.signs.search.beam`: no bound spares a node, and no node's problem is prepared.
     """
-    moments, node = problem.moments, plain_node(problem)
-    order = np.argsort(-moments.energy)
+    normal_equations, node = problem.normal_equations, plain_node(problem)
+    order = np.argsort(-normal_equations.energy)
     survivors: list[tuple[float, tuple[int, ...]]] = [(0.0, ())]
     nodes, depth = 0, 0
     while depth < len(order):
         step = initial if depth == 0 else 1
         depth = min(depth + step, len(order))
         decided = order[:depth]
-        hessian, energy = moments.hessian_of(decided), float(moments.energy[decided].sum())
+        hessian, energy = normal_equations.hessian_of(decided), float(normal_equations.energy[decided].sum())
         children = []
         for _, path in survivors:
             for choice in itertools.product((1, -1), repeat=depth - len(path)):
                 child = (*path, *choice)
-                children.append((node.cost(hessian, np.array(child) @ moments.gradient[decided], energy), child))
+                children.append(
+                    (node.cost(hessian, np.array(child) @ normal_equations.gradient[decided], energy), child)
+                )
         nodes += len(children)
         survivors = sorted(children)[:width]
     cost, best = survivors[0]

@@ -36,7 +36,7 @@ except ImportError:
 _ROUNDING = 1e-10
 """Singular values, over the largest of columns of length 1, below which a direction is rounding."""
 _PULL = 1e-6
-"""Weight of the pull to the usual link, in units of one whitened row: it decides what the log leaves open alone. The
+"""Weight of the Tikhonov term to the usual link, in units of one whitened row: it decides what the log leaves open alone. The
 `prior_weight` that figaroh has by default."""
 
 
@@ -164,7 +164,7 @@ def weighted_least_squares(columns: Array, effort: Array, used: Mask) -> LeastSq
 
 def _without_constraint(recording: Recording, fit: Callable[[Array, Array, Mask], LeastSquares]) -> Answer:
     model, coefficients = recording.model, base_coefficients(recording.model)
-    kept = coefficients.kept
+    kept = coefficients.selected
     found = fit(model.columns(recording.motion)[:, :, kept], recording.signals.raw_effort, recording.used)
     half = NORMAL_95 * np.sqrt(np.diag(found.covariance))
     interval = np.stack([found.beta - half, found.beta + half])
@@ -200,7 +200,7 @@ def weighted_feasible(recording: Recording) -> Answer:
     2014) and of figaroh's `physical_fit`.
     """
     model, coefficients = recording.model, base_coefficients(recording.model)
-    columns = model.columns(recording.motion)[:, :, coefficients.kept]
+    columns = model.columns(recording.motion)[:, :, coefficients.selected]
     found = weighted_least_squares(columns, recording.signals.raw_effort, recording.used)
     theta = nearest_feasible(model, coefficients, found)
     beta = coefficients.project(theta)

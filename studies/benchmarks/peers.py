@@ -179,7 +179,7 @@ def _with_truth(scored: Scored, answer: Answer, fitted: Recording, case: Case) -
     """Coefficients of the standard terms, and their intervals, beside the truth."""
     _, standard = case.standard(fitted.motion)
     rms = np.sqrt(np.mean(case.log.effort**2, axis=0))
-    columns = fitted.model.columns(fitted.motion)[:, :, standard.kept] / rms[:, None]
+    columns = fitted.model.columns(fitted.motion)[:, :, standard.selected] / rms[:, None]
     size = np.sqrt(np.mean(np.sum(columns**2, axis=1), axis=0) / fitted.robot.n_joints)
     unit = dict(zip(standard.names, 1.0 / size, strict=True))
     truth = case.truth(answer.model, answer.coefficients)

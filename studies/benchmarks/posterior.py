@@ -332,7 +332,7 @@ class Coordinates(ABC):
 
 
 def _windows(problem: Problem) -> tuple[Array, Array]:
-    """(m, P) rows and (m,) offsets of the half spaces that are no part of the cone, in the order of `Region.of`."""
+    """(m, P) rows and (m,) offsets of the half spaces that are no part of the cone, in the order of `FeasibleSet.of`."""
     region, cone = problem.target.prior.region, problem.cone
     inner = slice(len(cone.nonnegative), len(region.rows) - 4 * len(cone.bodies))
     return region.rows[inner], region.offset[inner]
@@ -586,19 +586,19 @@ def compare(problem: Problem, settings: list[Setting], seconds: float, again: bo
     )
     bayesid_sampler(problem, 0.0, 0)  # what is imported and cached at first use is not anyone's price
     runs = [partial(stretch, problem, seconds), *(partial(nuts, problem, setting, seconds) for setting in settings)]
-    repeats, rivals = [bayesid_sampler(problem, seconds, 0)], []
+    repeats, competing = [bayesid_sampler(problem, seconds, 0)], []
     for seed, run in enumerate(runs, start=1):
-        rivals.append(run())
-        print(f"{rivals[-1].name}: {rivals[-1].note}", flush=True)
+        competing.append(run())
+        print(f"{competing[-1].name}: {competing[-1].note}", flush=True)
         if again:
             repeats.append(bayesid_sampler(problem, seconds, seed))
     rates = [repeat.per_second for repeat in repeats]
     ours = repeats[int(np.argsort(rates)[len(rates) // 2])]
     print(f"bayesid: {ours.note}; ESS/s of {len(rates)} seeds: {', '.join(f'{rate:.0f}' for rate in rates)}\n")
     table = Table(*_HEADER)
-    for outcome in (ours, *rivals):
+    for outcome in (ours, *competing):
         _row(table, ours, outcome)
-    return [*_ratio(ours, rivals[:1], 10.0), *_ratio(ours, rivals[1:], 3.0)]
+    return [*_ratio(ours, competing[:1], 10.0), *_ratio(ours, competing[1:], 3.0)]
 
 
 _HEADER = (
@@ -625,11 +625,11 @@ def _row(table: Table, ours: Outcome, outcome: Outcome) -> None:
     )
 
 
-def _ratio(ours: Outcome, rivals: list[Outcome], least: float) -> list[Check]:
+def _ratio(ours: Outcome, competing: list[Outcome], least: float) -> list[Check]:
     """The target beside the ratio to the best of the rivals: of those that have converged, if any has."""
-    if not rivals:
+    if not competing:
         return []
-    best = max(rivals, key=lambda rival: (rival.converged, rival.per_second))
+    best = max(competing, key=lambda rival: (rival.converged, rival.per_second))
     ratio = ours.per_second / best.per_second
     text = f"{'' if best.converged else 'at least '}{ratio:.1f} x"
     return [Check(f"ESS/s over {best.name}'s", text, f">= {least:g} x", ours.converged and ratio >= least)]

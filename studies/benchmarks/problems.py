@@ -23,7 +23,7 @@ from bayesid.log.log import Log
 from bayesid.log.reading import read_log
 from bayesid.motion import Motion
 from bayesid.progress import SILENT, Progress, Steps, no_steps
-from bayesid.regression.moments import Moments
+from bayesid.regression.normal_equations import NormalEquations
 from bayesid.regression.solver import ConeLeastSquares
 from bayesid.robot import load_robot, robot_from_table
 from bayesid.signs.search.certified import Certified, certified
@@ -128,9 +128,9 @@ class LogProblem:
     begins: Integers
 
     @property
-    def moments(self) -> Moments:
+    def normal_equations(self) -> NormalEquations:
         """Scaled moments of the S segments."""
-        return self.signs.moments
+        return self.signs.normal_equations
 
     @property
     def coefficients(self) -> BaseCoefficients:
@@ -145,7 +145,7 @@ class LogProblem:
     @cached_property
     def unknown(self) -> int:
         """Segments whose sign is searched."""
-        return int(np.sum(self.moments.known == 0))
+        return int(np.sum(self.normal_equations.known == 0))
 
     def solver(self) -> ConeLeastSquares:
         """A new solver, as the pipeline makes one for every search."""
@@ -153,16 +153,16 @@ class LogProblem:
 
     def best(self) -> SearchResult:
         """The best assignment without a proof, from scratch."""
-        return certified(self.moments, self.solver(), budget=0.0)
+        return certified(self.normal_equations, self.solver(), budget=0.0)
 
     def proof(self) -> SearchResult:
         """The best assignment with its proof, from scratch."""
-        return certified(self.moments, self.solver(), budget=BUDGET)
+        return certified(self.normal_equations, self.solver(), budget=BUDGET)
 
     def first(self, count: int) -> LogProblem:
         """The problem of the segments that begin first."""
         chosen = np.sort(np.argsort(self.begins, kind="stable")[:count])
-        signs = SignProblem(self.moments.chosen(chosen), self.signs.cone, self.coefficients)
+        signs = SignProblem(self.normal_equations.chosen(chosen), self.signs.cone, self.coefficients)
         return LogProblem(f"{self.name}, first {count}", self.model, signs, self.begins[chosen])
 
 
@@ -182,7 +182,7 @@ class Searched:
         """The pipeline's own search once more."""
         earlier = self.problem.signs.earlier
         start = None if earlier is None else earlier.theta
-        return certified(self.problem.moments, self.problem.solver(), start=start)
+        return certified(self.problem.normal_equations, self.problem.solver(), start=start)
 
 
 @dataclass(frozen=True)
@@ -206,7 +206,7 @@ class Recorder(Search):
     def conclude(self, problem: SignProblem, progress: Progress = SILENT) -> SearchResult:
         """See there."""
         self.concluded.append(problem)
-        return self.search.conclude(problem, progress)
+        return self.search.certify(problem, progress)
 
     def searched(self, name: str, result: Identification) -> Searched:
         """The identification made with this search, and its last problem."""

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from bayesid.arrays import Array, Integers
-from bayesid.regression.moments import Moments
+from bayesid.regression.normal_equations import NormalEquations
 from bayesid.regression.solver import ConeLeastSquares, Solution
 from bayesid.signs.search.certified import certified
 from bayesid.signs.search.protocol import SearchResult
@@ -32,17 +32,17 @@ class NoCone:
     """Least squares without any cone, in closed form, in the place of `ConeLeastSquares`: theta is beta itself.
 
     Attributes:
-        weight: (r, r) Q; the pull is beta' Q beta, to zero.
+        weight: (r, r) Q; the Tikhonov term is beta' Q beta, to zero.
     """
 
     weight: Array
 
-    def pull(self) -> tuple[Array, Array]:
+    def tikhonov(self) -> tuple[Array, Array]:
         """Q (r, r) and the centre (r,), zero."""
         return self.weight, np.zeros(len(self.weight))
 
     def regularisation(self, theta: Array) -> float:
-        """The pull on theta (r,)."""
+        """The Tikhonov term on theta (r,)."""
         return float(theta @ self.weight @ theta)
 
     def lighter(self, share: float) -> NoCone:
@@ -84,23 +84,23 @@ class FreeProblem:
     """min over s of c - s'G'(H + Q)^-1 G s = c (1 - |W s|^2), the sign of the strongest segment fixed.
 
     Attributes:
-        moments: of S segments, the strongest one's sign known.
-        pull: (r, r) Q.
+        normal_equations: of S segments, the strongest one's sign known.
+        tikhonov: (r, r) Q.
     """
 
-    moments: Moments
-    pull: Array
+    normal_equations: NormalEquations
+    tikhonov: Array
 
     @property
     def energy(self) -> float:
         """The energy c."""
-        return float(self.moments.energy.sum())
+        return float(self.normal_equations.energy.sum())
 
     @property
     def white(self) -> Array:
         """(r, S) W."""
-        factor = np.linalg.cholesky(self.moments.hessian.total() + self.pull)
-        white: Array = solve_triangular(factor, self.moments.gradient.T, lower=True) / np.sqrt(self.energy)
+        factor = np.linalg.cholesky(self.normal_equations.hessian.total() + self.tikhonov)
+        white: Array = solve_triangular(factor, self.normal_equations.gradient.T, lower=True) / np.sqrt(self.energy)
         return white
 
     def cost(self, signs: Array | Integers) -> float:
@@ -109,14 +109,14 @@ class FreeProblem:
 
     def certified(self, budget: float = BUDGET) -> SearchResult:
         """The certified search."""
-        return certified(self.moments, cast(ConeLeastSquares, NoCone(self.pull)), budget)
+        return certified(self.normal_equations, cast(ConeLeastSquares, NoCone(self.tikhonov)), budget)
 
 
 def without_cone(problem: LogProblem) -> FreeProblem:
     """The problem without its cone; that leaves the symmetry of all signs, which the strongest segment's breaks."""
-    known = problem.moments.known.copy()
-    known[np.argmax(problem.moments.energy)] = 1
-    return FreeProblem(replace(problem.moments, known=known), problem.solver().pull()[0])
+    known = problem.normal_equations.known.copy()
+    known[np.argmax(problem.normal_equations.energy)] = 1
+    return FreeProblem(replace(problem.normal_equations, known=known), problem.solver().tikhonov()[0])
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -148,7 +148,7 @@ def convex(scip: Any, model: Any, problem: FreeProblem, signs: list[Any]) -> Any
     = |u - W s|^2 + s'(C - W'W)s. SCIP gets a variable for each square and their sum as one constraint. Of the
     factors that could be chosen, this one is SCIP's fastest; without a factor it does not even finish 20 segments.
     """
-    white, energy = problem.white, problem.moments.energy / problem.energy
+    white, energy = problem.white, problem.normal_equations.energy / problem.energy
     values, vectors = np.linalg.eigh(np.diag(energy) - white.T @ white)
     free = {"lb": None}
     rows = [model.addVar(**free) - _dot(scip, row, signs) for row in white]
@@ -206,7 +206,7 @@ def solve_with_scip(problem: FreeProblem, formulation: Formulation, limit: float
     model.hideOutput()
     model.setParam("limits/time", limit)
     model.setParam("limits/gap", _GAP)
-    bits = [None if known else model.addVar(vtype="B") for known in problem.moments.known]
+    bits = [None if known else model.addVar(vtype="B") for known in problem.normal_equations.known]
     signs = [1.0 if bit is None else 2.0 * bit - 1.0 for bit in bits]
     model.setObjective(formulation(scip, model, problem, signs), "minimize")
     began = time.perf_counter()
@@ -239,15 +239,15 @@ def _against_scip(table: Table, problem: LogProblem, limit: float) -> list[Check
     cells = [(scip.seconds, scip.cost / free.energy, scip.lower_bound / free.energy, scip.proven) for scip in theirs]
     cost = ours.cost / free.energy
     values = (value for row in cells for value in row)
-    table.row(problem.name, len(free.moments), seconds, cost, ours.certified, *values)
+    table.row(problem.name, len(free.normal_equations), seconds, cost, ours.certified, *values)
     finished = [scip.seconds for scip in theirs if scip.proven]
     excess = cost - min(scip.cost for scip in theirs) / free.energy
     same = excess <= SAME and (not finished or excess >= -SAME)
     ratio = min(finished, default=limit) / seconds
-    where = f"scip: {problem.name} ({len(free.moments)} segments):"
+    where = f"scip: {problem.name} ({len(free.normal_equations)} segments):"
     target = "SCIP's optimum" if finished else "<= SCIP's best"
     checks = [Check(f"{where} certified cost", f"{excess:+.1e} of the energy", target, same and ours.certified)]
-    if len(free.moments) < _WHOLE:
+    if len(free.normal_equations) < _WHOLE:
         print(f"  cut short to let SCIP finish: SCIP takes {ratio:.1f} x the time of the certified search (no target)")
         return checks
     return [*checks, Check(f"{where} faster", f"{'' if finished else '>= '}{ratio:.1f} x", ">= 20 x", ratio >= 20.0)]

@@ -35,7 +35,7 @@ from bayesid.log.log import Log
 from bayesid.log.segments import find_segments
 from bayesid.log.signals import prepare
 from bayesid.robot import load_robot
-from bayesid.signs.search.beam import beam, turn_joints
+from bayesid.signs.search.beam import beam, flip_joints
 from bayesid.signs.search.protocol import SearchResult
 from bayesid.studies.benchmarks.memory import hour_in_new_process
 from bayesid.studies.benchmarks.nodes_through_cvxpy import tree_through_cvxpy
@@ -140,13 +140,13 @@ def logs(scale: Scale) -> list[Check]:
     )
     rows = [_log_row(table, real_problem(scale.data, name), scale.wide) for name in scale.logs]
     rows.append(_log_row(table, kr5_problem()[1], scale.wide))
-    settled = min(row["scored"] for row in rows)
+    persistent = min(row["scored"] for row in rows)
     return [
         _slowest("logs: slowest best assignment", [row["best_seconds"] for row in rows], 1.0),
         Check(f"logs: worst cost minus the beam's at w = {scale.wide}", *_excess(max(row["excess"] for row in rows))),
         _slowest("logs: slowest certified search", [row["proof_seconds"] for row in rows], 5.0),
         _all("logs: certified", [row["certified"] for row in rows]),
-        Check("logs: least share of scored samples settled", f"{settled:.2%}", ">= 97 %", settled >= 0.97),
+        Check("logs: least share of scored samples settled", f"{persistent:.2%}", ">= 97 %", persistent >= 0.97),
         _all("logs: the pipeline's own cost reproduced", [abs(row["again"]) <= 1e-9 for row in rows]),
     ]
 
@@ -156,7 +156,7 @@ def _log_row(table: Table, searched: Searched, width: int) -> Row:
     best, best_seconds = timed(problem.best)
     wide, wide_seconds = timed(lambda: _beam(problem, width))
     proof, proof_seconds = timed(problem.proof)
-    settled, scored = _settled(searched.result, proof)
+    persistent, scored = _settled(searched.result, proof)
     excess = (best.cost - wide.cost) / problem.energy
     again = (searched.repeated().cost - searched.result.search.cost) / problem.energy
     table.row(
@@ -171,7 +171,7 @@ def _log_row(table: Table, searched: Searched, width: int) -> Row:
         proof.missed,
         proof.nodes,
         proof.solves,
-        100.0 * settled,
+        100.0 * persistent,
         100.0 * scored,
         again,
     )
@@ -187,18 +187,18 @@ def _log_row(table: Table, searched: Searched, width: int) -> Row:
 
 def _beam(problem: LogProblem, width: int) -> SearchResult:
     solver = problem.solver()
-    return turn_joints(problem.moments, solver, beam(problem.moments, solver, width))
+    return flip_joints(problem.normal_equations, solver, beam(problem.normal_equations, solver, width))
 
 
 def _settled(result: Identification, proof: SearchResult) -> tuple[float, float]:
     """Share of the samples in motion whose sign the proof settles: of all, and of those above 5 % of their joint."""
     effort, segments = np.abs(result.signals.raw_effort), result.searched
-    if proof.settled is None:
+    if proof.persistent is None:
         return 0.0, 0.0
     moving = segments.per_sample(np.ones(len(segments)), *effort.shape) > 0
-    settled = segments.per_sample(proof.settled, *effort.shape) > 0
+    persistent = segments.per_sample(proof.persistent, *effort.shape) > 0
     strong = moving & (effort >= STRONG * effort.max(axis=0))
-    return float(settled[moving].mean()), float(settled[strong].mean())
+    return float(persistent[moving].mean()), float(persistent[strong].mean())
 
 
 def _slowest(what: str, seconds: list[float], limit: float) -> Check:
@@ -273,7 +273,7 @@ def pbpr(scale: Scale) -> list[Check]:
     price = AnnealedLeastSquares(cone, coefficients, bounds, problem.energy, constraints, _QUICK)
     ours, seconds = timed(problem.best)
     width, initial = (1, 2) if scale.short else (5, 5)
-    theirs, slow = timed(lambda: beam(problem.moments, price, width, initial))
+    theirs, slow = timed(lambda: beam(problem.normal_equations, price, width, initial))
     same = np.array_equal(ours.signs, theirs.signs)
     print(f"two joints, {problem.unknown} segments: best assignment {seconds:.3f} s, cost {ours.cost:.3f};")
     print(f"T-PBPR (w = {width}, s0 = {initial}) with PBPR in its nodes {slow:.1f} s, {theirs.solves} nodes solved;")

@@ -19,7 +19,7 @@ from bayesid.effects.catalogue import make_terms
 from bayesid.effects.coefficients import base_coefficients
 from bayesid.effects.model import Model
 from bayesid.log.segments import Segments
-from bayesid.regression.moments import moments
+from bayesid.regression.normal_equations import normal_equations
 from bayesid.robot import Robot, load_robot
 from bayesid.simulation.trajectories import random_trajectory
 
@@ -46,7 +46,7 @@ def study(robot_name: str, samples: int) -> dict[str, float]:
     segments = Segments(joints, np.tile(starts, n), np.tile(ends, n), unknown, moving)
     effort = np.abs(motion.ddq)
     began = time.perf_counter()
-    moments(model, coefficients, motion, effort, segments)
+    normal_equations(model, coefficients, motion, effort, segments)
     rate = samples / (time.perf_counter() - began)
     return {"coefficients": len(coefficients), "samples_per_second": rate, "over_pinocchio": _over_pinocchio(robot)}
 

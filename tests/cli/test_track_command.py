@@ -181,9 +181,9 @@ def test_a_stream_in_disorder_is_counted_and_goes_on(place, monkeypatch, capfd):
     """Rows repeated, late, not a number, no rows at all, and a gap."""
     header, *rows = (place / "log.csv").read_text().splitlines()
     cells = rows[60].split(",")
-    missing, unread = ",".join([cells[0], "nan", *cells[2:]]), rows[120].rpartition(",")[0] + ","
+    missing, invert_sensor = ",".join([cells[0], "nan", *cells[2:]]), rows[120].rpartition(",")[0] + ","
     bad = ["stray words", rows[80][:20], "", "# a remark"]
-    kept = [*rows[:50], rows[49], rows[40], *rows[50:60], missing, *rows[61:81], *bad, *rows[81:120], unread]
+    kept = [*rows[:50], rows[49], rows[40], *rows[50:60], missing, *rows[61:81], *bad, *rows[81:120], invert_sensor]
     lines = [header, *kept, *rows[121:140], *rows[170:]]
     on_input(monkeypatch, "\n".join(lines).encode())
     assert run(*FOLLOW, "--out", "out") == 0

@@ -10,7 +10,7 @@ from bayesid.effects.catalogue import make_terms
 from bayesid.effects.drive import Delay
 from bayesid.effects.hysteresis import Hysteresis
 from bayesid.effects.model import Model
-from bayesid.regression.knowledge import KinematicTolerance, Knowledge
+from bayesid.regression.knowledge import CoefficientPrior, KinematicTolerance
 from bayesid.simulation.parameters import random_parameters
 
 N = 3
@@ -22,7 +22,7 @@ def made_case(names, **tolerance):
     theta = random_parameters(model, np.random.default_rng(1))
     signals = SimpleNamespace(motion=motion, rate=50.0)
     trial = SimpleNamespace(signals=signals, actuators=motion, magnitude=None, used=None)
-    return Case(Knowledge(model, theta, np.zeros((1, 1))), None, None, trial, None, None, **tolerance), motion
+    return Case(CoefficientPrior(model, theta, np.zeros((1, 1))), None, None, trial, None, None, **tolerance), motion
 
 
 def test_what_is_uncertain_is_the_geometry_in_its_tolerance():

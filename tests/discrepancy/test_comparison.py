@@ -97,7 +97,7 @@ def test_what_only_the_first_log_shows_is_gone_and_what_only_a_later_one_shows_h
 def test_a_stored_model_tells_what_was_missing_all_along(loaded, sticky, told):
     """Its completion is in the model; a later log bears it out by itself, or does not."""
     result = bayesid.find_discrepancy(loaded.earlier, arm_log(3, sticky=sticky), posterior=False)
-    assert result.all_along == told
+    assert result.preexisting == told
     assert [check.name for check in discrepancy_checks(result)].count("Not new") == len(told)
     listed = [{"effect": effect, "joints": list(joints)} for effect, joints in told]
     assert discrepancy_summary(result)["all_along"] == listed

@@ -22,8 +22,8 @@ def blind_case(folder, seed, effect, size=0.0, style="bare", robot="random", tro
     options = {"complete": "auto" if trouble == blind.NO_TROUBLE else "off", "posterior": False}
     options["terms"] = (folder / "terms.txt").read_text().strip().split(",")
     healthy = bayesid.identify(folder / "robot.toml", folder / "baseline.csv", **options)
-    held_back = folder / "holdout.csv" if holdout else None
-    return bayesid.find_discrepancy(healthy, folder / "log.csv", held_back, posterior=False), truth
+    cross_validation = folder / "holdout.csv" if holdout else None
+    return bayesid.find_discrepancy(healthy, folder / "log.csv", cross_validation, posterior=False), truth
 
 
 LONG = [("rotor_inertia", "standard", 14), ("payload", "bare", 5), ("torque_ripple", "standard", 4)]

@@ -9,8 +9,8 @@ from scipy.stats import t
 
 from bayesid.discrepancy import selection
 from bayesid.discrepancy.sets import weighed
-from bayesid.regression.selection.explanation import Thresholds
-from bayesid.regression.selection.held_back import log_density, surely_better
+from bayesid.regression.selection.cross_validation import log_density, surely_better
+from bayesid.regression.selection.fitted_effects import Thresholds
 
 ROWS, BLOCKS = 1600, 16
 
@@ -33,7 +33,7 @@ def made(keys, log_posterior, error, form=""):
         forms=frozenset((name + form, joints) for name, joints in keys),
         effects=[SimpleNamespace(key=key, source=Source(key[0] + form), joints=key[1]) for key in sorted(keys)],
         log_posterior=log_posterior,
-        held_back=noise,
+        cross_validation=noise,
         data=SimpleNamespace(floor=np.array([0.9, 0.8])),
     )
 
@@ -41,10 +41,10 @@ def made(keys, log_posterior, error, form=""):
 def smallest(*found):
     used = np.ones((ROWS, 2), dtype=bool)
     trial = SimpleNamespace(used=used, rms=lambda values: np.sqrt((values**2).mean(axis=0)))
-    held_back = SimpleNamespace(
+    cross_validation = SimpleNamespace(
         trial=trial, by_block=lambda values: np.stack([x.sum(axis=0) for x in np.array_split(values, BLOCKS)])
     )
-    case = SimpleNamespace(held_back=held_back, thresholds=Thresholds(), needed=2.0 * np.log(10.0))
+    case = SimpleNamespace(cross_validation=cross_validation, thresholds=Thresholds(), needed=2.0 * np.log(10.0))
     sets = SimpleNamespace(found={one.forms: one for one in found}, case=case)
     return selection.minimal_sets(sets)
 

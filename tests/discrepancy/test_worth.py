@@ -13,7 +13,7 @@ from bayesid.discrepancy.sets import costs
 from bayesid.effects.drive import GainError, TorqueOffset
 from bayesid.effects.friction import CoulombFriction
 from bayesid.effects.model import Model
-from bayesid.regression.knowledge import Knowledge
+from bayesid.regression.knowledge import CoefficientPrior
 from bayesid.regression.selection.columns import Columns
 from bayesid.regression.selection.hypotheses import Hypothesis
 
@@ -37,12 +37,12 @@ def test_the_cost_is_the_error_without_an_effect_where_it_matters_most():
     body, friction = Acting(0, 1, 2), Acting(2)
 
     def set_of(effects, errors):
-        return SimpleNamespace(effects=effects, held_back=np.where(used, np.array(errors) * signs, 0.0))
+        return SimpleNamespace(effects=effects, cross_validation=np.where(used, np.array(errors) * signs, 0.0))
 
     chosen = set_of((body, friction), (1.0, 0.2, 3.0))
     fewer = [set_of((friction,), (4.0, 1.2, 3.0)), set_of((body,), (1.0, 2.0, 5.0))]
     trial = made_trial(smooth_motion(3, 4 / RATE, RATE), effort, used, signed=True)
-    sets = SimpleNamespace(case=SimpleNamespace(held_back=SimpleNamespace(trial=trial)), fewer=lambda _: fewer)
+    sets = SimpleNamespace(case=SimpleNamespace(cross_validation=SimpleNamespace(trial=trial)), fewer=lambda _: fewer)
     found = costs(sets, chosen)
     for one, joint, numbers in zip(found, (2, 3), ((1.2, 0.2, 2.0, 0.6, 0.1), (5.0, 3.0, 5.0, 1.0, 0.6)), strict=True):
         assert one.joint == joint
@@ -65,10 +65,10 @@ def case_of(rated=None, another_log=False):
     """A model of Coulomb friction alone, 2 and 5 N m, of a robot whose second joint may be rated."""
     robot = small_robot(2)
     object.__setattr__(robot.joints[1], "rated_effort", rated)
-    knowledge = Knowledge(Model(robot, (FRICTION,)), EARLIER, np.zeros((1, 1)))
+    knowledge = CoefficientPrior(Model(robot, (FRICTION,)), EARLIER, np.zeros((1, 1)))
     log = made_trial(MOTION, READ, USED, signed=True)
-    held_back = HeldBack(made_trial(MOTION, READ * USED, USED, signed=True), "held back", another_log)
-    return Case(knowledge, None, None, log, held_back, None)
+    cross_validation = HeldBack(made_trial(MOTION, READ * USED, USED, signed=True), "held back", another_log)
+    return Case(knowledge, None, None, log, cross_validation, None)
 
 
 def test_a_terms_effort_is_held_against_the_rating_or_the_logs_largest():

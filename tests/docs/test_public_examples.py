@@ -20,7 +20,7 @@ from test_docs import FEW, GAINS, assert_alike, write_files, write_logs
 
 import bayesid
 from bayesid.log.segments import find_segments
-from bayesid.regression.moments import moments
+from bayesid.regression.normal_equations import normal_equations
 from bayesid.signs.search.protocol import SignProblem
 
 TERMS = ["rigid_body", "viscous_friction", "coulomb_friction"]
@@ -76,7 +76,7 @@ def sign_problem(result: bayesid.Identification) -> SignProblem:
     segments = find_segments(signals, model.robot.actuators(signals.motion))
     segments = segments[segments.fitted]
     coefficients = result.coefficients
-    of_log = moments(model, coefficients, signals.motion, signals.raw_effort, segments)
+    of_log = normal_equations(model, coefficients, signals.motion, signals.raw_effort, segments)
     return SignProblem(of_log.scaled(result.noise.sigma), model.cone, coefficients)
 
 

@@ -75,16 +75,16 @@ def test_efforts_depend_on_the_coefficients_alone(name):
     theta, motion = rng.normal(size=(3, len(model.parameters))), random_motion(model.robot.n_joints, 20, seed=8)
     columns = model.columns(motion)
     expected = columns @ theta.T
-    assert_close(columns[:, :, coefficients.kept] @ coefficients.project(theta).T, expected, 1e-10)
+    assert_close(columns[:, :, coefficients.selected] @ coefficients.project(theta).T, expected, 1e-10)
     assert_close(columns @ coefficients.lift(coefficients.project(theta)).T, expected, 1e-10)
     beta = rng.normal(size=(3, len(coefficients)))
     np.testing.assert_allclose(coefficients.project(coefficients.lift(beta)), beta, rtol=0, atol=1e-11)
     np.testing.assert_allclose(coefficients.project(coefficients.lift(beta[0])), beta[0], rtol=0, atol=1e-11)
     r = len(coefficients)
     assert len(set(coefficients.names)) == len(set(coefficients.expressions)) == len(coefficients.units) == r
-    assert list(coefficients.names) == [model.parameters[k].name for k in coefficients.kept]
-    np.testing.assert_array_equal(coefficients.projection[:, coefficients.kept], np.eye(r))
-    assert all(np.diff(coefficients.kept) > 0)
+    assert list(coefficients.names) == [model.parameters[k].name for k in coefficients.selected]
+    np.testing.assert_array_equal(coefficients.projection[:, coefficients.selected], np.eye(r))
+    assert all(np.diff(coefficients.selected) > 0)
 
 
 def test_neither_another_seed_nor_an_earlier_model_of_the_same_structure_changes_anything():

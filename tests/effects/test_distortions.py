@@ -114,7 +114,7 @@ def test_readings_are_restored_from_the_last_distortion_to_the_first(sliding):
         read = model.read(effort)
         np.testing.assert_array_equal(read, last.measured(first.measured(effort)))
         np.testing.assert_allclose(np.abs(read).max(axis=0), highest, rtol=1e-14)
-        restored, valid = model.unread(np.abs(read))
+        restored, valid = model.invert_sensor(np.abs(read))
         np.testing.assert_allclose(restored[valid], np.abs(effort)[valid], rtol=1e-14, atol=0)
         middle = (np.abs(effort) > 0.5 * size) & (np.abs(effort) < 0.8 * size)
         assert middle.any(axis=0).all()

@@ -48,18 +48,18 @@ def open_result(n=3, terms=TERMS, seed=2, share=0.02, effects=NONE):
     model, theta = with_effects(model, theta, motion, added, seed)
     base = base_coefficients(model.before_sensors)
     noise = Noise(*(values[:n] for values in vars(NOISE).values()))
-    rows = (model.columns(motion)[:, :, base.kept] / noise.sigma[:, None]).reshape(-1, len(base))
+    rows = (model.columns(motion)[:, :, base.selected] / noise.sigma[:, None]).reshape(-1, len(base))
     size = 0.3 * np.abs(base.project(theta)) + 0.1
     return IdentifiedModel(model, theta, noise, share * rows.T @ rows + np.diag(size**-2.0))
 
 
-def open_known(rate=100.0, lacking=0.0, **options):
+def open_known(rate=100.0, model_error_covariance=0.0, **options):
     """The same as `Known`, with a covariance for what the model may lack."""
     result = open_result(**options)
-    if lacking:
+    if model_error_covariance:
         root = np.random.default_rng(8).normal(size=result.precision.shape) / len(result.precision)
-        sd = lacking * np.sqrt(np.diag(np.linalg.inv(result.precision)))
-        result = replace(result, lacking=np.outer(sd, sd) * (root @ root.T))
+        sd = model_error_covariance * np.sqrt(np.diag(np.linalg.inv(result.precision)))
+        result = replace(result, model_error_covariance=np.outer(sd, sd) * (root @ root.T))
     return known_of(result, rate)
 
 

@@ -9,8 +9,8 @@ from open_results import TERMS, earlier_motion, open_result
 
 from bayesid.discrepancy.workflow import find_discrepancy
 from bayesid.effects.friction import StribeckFriction
+from bayesid.excitation.competing import equivalent_classes
 from bayesid.excitation.next_motion import MotionSettings, design_next
-from bayesid.excitation.rivals import equivalent_classes
 from bayesid.identification.pipeline import identify
 from bayesid.simulation.logs import simulate
 
@@ -37,7 +37,7 @@ def with_equivalents(found, *names):
 def test_without_an_equivalent_all_that_is_open_is_asked_for(found):
     assert [(one.effect, one.joints, one.equivalent) for one in found.added] == [("stribeck_friction", (3,), ())]
     design = design_next(found, run=RUN, changes=5)
-    assert design.rivals == ()
+    assert design.competing == ()
     assert len(design.goal.names) == design.predicted.open_now
     np.testing.assert_allclose(design.motion.q[0], found.identification.signals.motion.q[0], atol=1e-12)
 
@@ -45,17 +45,17 @@ def test_without_an_equivalent_all_that_is_open_is_asked_for(found):
 def test_equivalent_effects_are_told_apart_each_in_its_own_place(found):
     """An effect that acts on the whole robot is not that of a joint: by its score, or by what the catalogue says."""
     design = design_next(with_equivalents(found, "thermal_drift", "payload"), run=RUN, changes=5)
-    (rivals,) = design.rivals
-    assert [rival.key for rival in rivals.rivals] == [
+    (competing,) = design.competing
+    assert [rival.key for rival in competing.competing] == [
         ("stribeck_friction", (3,)),
         ("thermal_drift", (3,)),
         ("payload", ()),
     ]
     place = found.identification.model.places[-1]
-    np.testing.assert_array_equal(rivals.rivals[0].own, found.identification.theta[place])
+    np.testing.assert_array_equal(competing.competing[0].own, found.identification.theta[place])
     assert design.goal is None
     assert len(design.predicted.log10_bayes_factors) == 6
-    assert "stribeck_friction" not in {term.name for term in rivals.known.model.terms}
-    assert design_next(with_equivalents(found, "thermal_drift"), ["Fs3"], run=RUN, changes=5).rivals == ()
+    assert "stribeck_friction" not in {term.name for term in competing.known.model.terms}
+    assert design_next(with_equivalents(found, "thermal_drift"), ["Fs3"], run=RUN, changes=5).competing == ()
     of_no_score = [("stribeck_friction", (3,), {"thermal_drift": None, "payload": None})]
-    assert equivalent_classes(of_no_score) == (tuple(rival.key for rival in rivals.rivals),)
+    assert equivalent_classes(of_no_score) == (tuple(rival.key for rival in competing.competing),)

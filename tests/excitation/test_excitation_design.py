@@ -17,16 +17,16 @@ from bayesid.excitation.resolvability import (
     JointFlips,
     SegmentFlips,
     expect,
+    flip_joints,
     groups_of,
     joint_grams,
     mistaken,
     noise_tolerance,
-    turn_joints,
     turn_measured,
     turn_segments,
 )
 from bayesid.log.segments import Segments
-from bayesid.regression.moments import moments
+from bayesid.regression.normal_equations import normal_equations
 from bayesid.report.motions import save_design
 from bayesid.robot import robot_from_table
 from bayesid.simulation.logs import simulate
@@ -56,7 +56,7 @@ def design(model):
 def problem(model):
     """Columns, efforts, speeds and noise of a motion; every joint's noise is another."""
     motion, coefficients = smooth_motion(3, 4.0, 60.0, seed=1), base_coefficients(model)
-    columns = model.columns(motion)[:, :, coefficients.kept]
+    columns = model.columns(motion)[:, :, coefficients.selected]
     beta = coefficients.project(random_parameters(model, np.random.default_rng(3)))
     return columns, beta, motion, np.array([0.7, 0.2, 1.9])
 
@@ -93,7 +93,7 @@ def test_turned_joints_cost_what_least_squares_says(problem):
     columns, beta, _, sigma = problem
     groups = groups_of([0, 1, 2])
     assert groups == ((0,), (1,), (2,), (0, 1), (0, 2), (1, 2))
-    flips = turn_joints(joint_grams(columns) / sigma[:, None, None] ** 2, beta, groups)
+    flips = flip_joints(joint_grams(columns) / sigma[:, None, None] ** 2, beta, groups)
     for group, found in zip(groups, flips.resolvability, strict=True):
         turned = columns @ beta
         turned[:, list(group)] *= -1.0
@@ -111,7 +111,9 @@ def test_segments_of_a_log_agree_with_those_of_the_expectation(problem, model):
     known = np.zeros(len(want.joint), dtype=np.int64)
     known[2] = 1
     segments = Segments(want.joint, want.start, want.end, known, np.ones(len(known), dtype=bool))
-    found = moments(model, base_coefficients(model), motion, np.abs(effort), segments, most_individual=0).scaled(sigma)
+    found = normal_equations(
+        model, base_coefficients(model), motion, np.abs(effort), segments, most_individual=0
+    ).scaled(sigma)
     have = turn_measured(found, segments.start, segments.end, weight=0.3)
     np.testing.assert_allclose(have.resolvability, np.delete(want.resolvability, 2), rtol=1e-6, atol=1e-6)
     np.testing.assert_array_equal(have.start, np.delete(want.start, 2))

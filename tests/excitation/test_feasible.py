@@ -91,12 +91,12 @@ def test_a_shortened_step_touches_one_limit_and_breaks_none(known, basis, limits
 
 
 def test_the_band_is_that_of_the_coefficients_and_what_the_model_lacks(basis):
-    known = open_known(lacking=0.7)
+    known = open_known(model_error_covariance=0.7)
     motion = moved(at_rest(basis, POSE), wave(basis)).motion(np.linspace(0.5, 2.5, 23))
     mean, sd = within(known).effort_band(motion)
     np.testing.assert_allclose(mean, known.model.effort(motion, known.theta), atol=1e-9)
     columns = known.columns(motion)
-    covariance = np.linalg.inv(known.precision) + known.lacking
+    covariance = np.linalg.inv(known.precision) + known.model_error_covariance
     want = np.sqrt(np.einsum("njr,rs,njs->nj", columns, covariance, columns))
     np.testing.assert_allclose(sd, want, rtol=1e-6)
 

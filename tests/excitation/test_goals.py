@@ -15,7 +15,7 @@ from bayesid.excitation.known import CRITERIA, Goal, goal_of, open_coefficients,
 
 @pytest.fixture(scope="module")
 def known():
-    return open_known(lacking=0.5)
+    return open_known(model_error_covariance=0.5)
 
 
 def with_gains(known, *joints):
@@ -31,17 +31,19 @@ def with_gains(known, *joints):
         units=(*known.units, *g * ("",)),
         mean=np.append(known.mean, np.zeros(g)),
         precision=precision,
-        lacking=np.zeros_like(precision),
+        model_error_covariance=np.zeros_like(precision),
         gains=np.array(joints),
     )
 
 
 def test_without_a_name_all_that_is_open_is_asked_for(known):
-    sd = np.sqrt(np.diag(np.linalg.inv(known.precision) + known.lacking))
+    sd = np.sqrt(np.diag(np.linalg.inv(known.precision) + known.model_error_covariance))
     want = [name for name, one, mean in zip(known.names, sd, known.mean, strict=True) if one > 0.1 * abs(mean)]
     assert 0 < len(want) < len(known)
     assert goal_of(known).names == tuple(want)
-    sure = replace(known, precision=1e12 * known.precision, lacking=np.zeros_like(known.lacking))
+    sure = replace(
+        known, precision=1e12 * known.precision, model_error_covariance=np.zeros_like(known.model_error_covariance)
+    )
     assert open_coefficients(sure) == []
     assert goal_of(sure).names == known.names
 

@@ -28,7 +28,7 @@ def test_what_a_recording_leaves_is_a_regression_on_prior_and_noise_rows(motion)
     memory = np.exp(-PERIOD / NOISE.correlation)
     times = 1.0 + 2.0 * NOISE.coloured**2 / (NOISE.white**2 + NOISE.coloured**2) * memory / (1.0 - memory)
     sigma = np.sqrt(NOISE.white**2 + NOISE.coloured**2)
-    rows = result.model.columns(motion)[:, :, known.coefficients.kept] / (sigma * np.sqrt(times))[:, None]
+    rows = result.model.columns(motion)[:, :, known.coefficients.selected] / (sigma * np.sqrt(times))[:, None]
     moving = np.abs(motion.dq) > result.model.robot.actuators(motion).standstill_speed
     prior = np.linalg.cholesky(result.precision).T
     stacked = np.vstack([prior, rows[moving]])
@@ -45,7 +45,7 @@ def test_columns_are_derivatives_of_efforts_as_they_are_read(motion):
     assert known.names[-2:] == ("log_gain1", "log_gain3")
     assert known.units[-2:] == ("", "")
     np.testing.assert_array_equal(known.gains, [0, 2])
-    kept, theta = known.coefficients.kept, known.theta
+    kept, theta = known.coefficients.selected, known.theta
 
     def read(moves):
         moved = theta.copy()
@@ -80,10 +80,12 @@ def test_draws_that_are_wider_than_the_log_s_information_say_what_is_lacking():
     known = known_of(replace(result, draws=ParameterDraws(theta, np.tile(NOISE.sigma, (20_000, 1)))), 50.0)
     inside = np.linalg.inv(result.precision)
     np.testing.assert_allclose(inverse_of(known.precision), inside, rtol=1e-6, atol=1e-9 * np.abs(inside).max())
-    ratio = np.diag(known.lacking) / np.diag(inside)
+    ratio = np.diag(known.model_error_covariance) / np.diag(inside)
     np.testing.assert_allclose(ratio, 3.0, rtol=0.07)  # five times 4 / 3 sqrt(2 / 20000)
-    told = replace(result, draws=ParameterDraws(theta, np.tile(NOISE.sigma, (20_000, 1))), lacking=0.5 * inside)
-    np.testing.assert_allclose(known_of(told, 50.0).lacking, 0.5 * inside, rtol=1e-6, atol=1e-9)
+    told = replace(
+        result, draws=ParameterDraws(theta, np.tile(NOISE.sigma, (20_000, 1))), model_error_covariance=0.5 * inside
+    )
+    np.testing.assert_allclose(known_of(told, 50.0).model_error_covariance, 0.5 * inside, rtol=1e-6, atol=1e-9)
 
 
 def test_without_a_posterior_what_plausible_robots_have_in_common_is_the_prior():

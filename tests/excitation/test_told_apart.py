@@ -13,8 +13,8 @@ from bayesid.effects.drive import Delay
 from bayesid.effects.friction import StribeckFriction
 from bayesid.effects.kinematic_errors import BaseTilt
 from bayesid.errors import InputError
+from bayesid.excitation.competing import inseparable, make_competing, parse_key
 from bayesid.excitation.known import known_of, usual_motion
-from bayesid.excitation.rivals import inseparable, make_rivals, parse_key
 
 PERIOD = 0.1
 DRAWS = 4000
@@ -44,30 +44,30 @@ def keys(*names):
     return [parse_key(name) for name in names]
 
 
-def numbers(rivals, motion, form):
+def numbers(competing, motion, form):
     """Rows (M, R) and noise (M,) of the samples that count, for the coefficients and one form."""
-    columns = rivals.columns(motion)
-    weights = rivals.known.weights(motion)
-    r = len(rivals.known)
+    columns = competing.columns(motion)
+    weights = competing.known.weights(motion)
+    r = len(competing.known)
     chosen = np.concatenate([np.arange(r), form.columns])
     seen = weights > 0.0
     return columns[seen][:, chosen], 1.0 / np.sqrt(weights[seen])
 
 
-def prior(rivals, form):
+def prior(competing, form):
     """Mean and covariance of coefficients and amplitudes before everything."""
-    mean = np.concatenate([rivals.known.mean, form.mean])
+    mean = np.concatenate([competing.known.mean, form.mean])
     covariance = np.zeros((len(mean), len(mean)))
-    r = len(rivals.known)
-    covariance[:r, :r] = np.linalg.inv(rivals.prior)
+    r = len(competing.known)
+    covariance[:r, :r] = np.linalg.inv(competing.prior)
     covariance[r:, r:] = np.diag(form.sd**2)
     return mean, covariance
 
 
-def drawn_factors(motion, rivals, true, others):
+def drawn_factors(motion, competing, true, others):
     """(DRAWS, forms) log Bayes factors of a true distribution of a form against others, in draws of recordings."""
     form, mean, covariance = true
-    rows, sd = numbers(rivals, motion, form)
+    rows, sd = numbers(competing, motion, form)
     rng = np.random.default_rng(3)
     z = rng.multivariate_normal(mean, covariance, size=DRAWS)
     y = z @ rows.T + sd * rng.standard_normal((DRAWS, len(sd)))
@@ -75,13 +75,13 @@ def drawn_factors(motion, rivals, true, others):
     own = multivariate_normal(rows @ mean, rows @ covariance @ rows.T + noise).logpdf(y)
     factors = []
     for other, centre, spread in others:
-        rows, _ = numbers(rivals, motion, other)
+        rows, _ = numbers(competing, motion, other)
         factors.append(own - multivariate_normal(rows @ centre, rows @ spread @ rows.T + noise).logpdf(y))
     return np.array(factors).T
 
 
-def information(rivals, motion):
-    rows = rivals.columns(motion) * np.sqrt(rivals.known.weights(motion))[:, :, None]
+def information(competing, motion):
+    rows = competing.columns(motion) * np.sqrt(competing.known.weights(motion))[:, :, None]
     return np.einsum("njr,njs->rs", rows, rows)
 
 
@@ -104,27 +104,27 @@ def assert_is_mean(value, factors):
     ],
 )
 def test_the_expected_factor_is_that_of_draws_without_an_earlier_recording(known, motion, reference, one, other):
-    rivals = make_rivals(known, keys(one, other), None, reference)
-    expected = rivals.expected(information(rivals, motion))
+    competing = make_competing(known, keys(one, other), None, reference)
+    expected = competing.expected(information(competing, motion))
     assert set(expected) == {(one, other), (other, one)}
-    for a, b in rivals.pairs:
+    for a, b in competing.pairs:
         form = a.forms[len(a.forms) // 2]
         factors = drawn_factors(
-            motion, rivals, (form, *prior(rivals, form)), [(each, *prior(rivals, each)) for each in b.forms]
+            motion, competing, (form, *prior(competing, form)), [(each, *prior(competing, each)) for each in b.forms]
         )
         assert_is_mean(expected[a.name, b.name], factors)
     most = 4.0 * np.log(10.0)  # what is told clearly counts no more
-    assert rivals.worth(information(rivals, motion)) == pytest.approx(
+    assert competing.worth(information(competing, motion)) == pytest.approx(
         -sum(min(value, most) for value in expected.values())
     )
 
 
-def after(rivals, earlier, form, truth):
+def after(competing, earlier, form, truth):
     """Normal distribution after a noise-free earlier recording, by least squares on rows of prior and recording."""
-    mean, covariance = prior(rivals, form)
+    mean, covariance = prior(competing, form)
     true_form, values = truth
-    rows, sd = numbers(rivals, earlier, form)
-    true_rows, _ = numbers(rivals, earlier, true_form)
+    rows, sd = numbers(competing, earlier, form)
+    true_rows, _ = numbers(competing, earlier, true_form)
     root = np.linalg.cholesky(np.linalg.inv(covariance)).T
     stacked = np.vstack([root, rows / sd[:, None]])
     target = np.concatenate([root @ mean, true_rows @ values / sd])
@@ -145,29 +145,29 @@ def test_an_effect_that_was_found_is_true_with_its_own_amplitudes(motion):
     """The other one is what the earlier log shows of it where the first is true."""
     result, earlier = found_result(), earlier_motion()[::5]
     known = quiet(known_of(result, 100.0), 0.5)
-    rivals = make_rivals(known, keys("stribeck_friction:3", "thermal_drift:3"), earlier, earlier)
-    stribeck, drift = rivals.rivals
+    competing = make_competing(known, keys("stribeck_friction:3", "thermal_drift:3"), earlier, earlier)
+    stribeck, drift = competing.competing
     assert drift.own is None
     np.testing.assert_array_equal(stribeck.own, result.theta[result.model.places[-1]])
-    assert [term.name for term in rivals.known.model.terms] == list(TERMS)
+    assert [term.name for term in competing.known.model.terms] == list(TERMS)
     assert len(stribeck.forms) > 1
     assert len(drift.forms) > 1
-    before = np.diag(np.linalg.inv(rivals.prior))
-    assert np.all(before >= 0.99 * np.diag(rivals.known.now))  # the earlier log has told something of each
-    assert np.median(before / np.diag(rivals.known.now)) > 2.0
+    before = np.diag(np.linalg.inv(competing.prior))
+    assert np.all(before >= 0.99 * np.diag(competing.known.now))  # the earlier log has told something of each
+    assert np.median(before / np.diag(competing.known.now)) > 2.0
     first = stribeck.forms[0]
-    truth = first, np.concatenate([rivals.known.mean, stribeck.own])
-    expected = rivals.expected(information(rivals, motion))
-    own = truth[1], after(rivals, earlier, first, truth)[1]  # about its amplitudes, not drawn to zero by their prior
-    others = [(form, *after(rivals, earlier, form, truth)[:2]) for form in drift.forms]
-    factors = drawn_factors(motion, rivals, (first, *own), others)
+    truth = first, np.concatenate([competing.known.mean, stribeck.own])
+    expected = competing.expected(information(competing, motion))
+    own = truth[1], after(competing, earlier, first, truth)[1]  # about its amplitudes, not drawn to zero by their prior
+    others = [(form, *after(competing, earlier, form, truth)[:2]) for form in drift.forms]
+    factors = drawn_factors(motion, competing, (first, *own), others)
     assert_is_mean(expected[stribeck.name, drift.name], factors)
     # where drift is true, it has looked to the earlier log as the friction did: in the form that fits best
-    fits = [(*after(rivals, earlier, form, truth), form) for form in drift.forms]
+    fits = [(*after(competing, earlier, form, truth), form) for form in drift.forms]
     mean, covariance, _, form = min(fits, key=lambda fit: fit[2])
     mimic = form, mean
-    others = [(form, *after(rivals, earlier, form, mimic)[:2]) for form in stribeck.forms]
-    factors = drawn_factors(motion, rivals, (form, mean, covariance), others)
+    others = [(form, *after(competing, earlier, form, mimic)[:2]) for form in stribeck.forms]
+    factors = drawn_factors(motion, competing, (form, mean, covariance), others)
     assert_is_mean(expected[drift.name, stribeck.name], factors)
 
 
@@ -177,37 +177,39 @@ def test_an_effect_that_was_found_is_true_with_its_own_amplitudes(motion):
 def test_effects_of_the_whole_robot_have_no_joints(distortion, key, reference, motion):
     result = open_result(share=0.3)
     distorted = known_of(replace(result, model=result.model.extend(distortion)), 100.0)
-    rivals = make_rivals(distorted, keys(key, "torque_offset:2"), None, reference)
-    whole = rivals.rivals[0]
+    competing = make_competing(distorted, keys(key, "torque_offset:2"), None, reference)
+    whole = competing.competing[0]
     assert whole.name == key
     assert whole.own is not None
     fine = smooth_motion(3, 1.2, 200.0, seed=21)
-    columns = rivals.columns(fine)
-    plain = columns[:, :, : len(rivals.known)] @ rivals.known.mean
+    columns = competing.columns(fine)
+    plain = columns[:, :, : len(competing.known)] @ competing.known.mean
     change = columns[:, :, whole.forms[0].columns] @ whole.own
-    want = replace(rivals.known.model, distortions=(distortion,)).effort(fine, rivals.known.theta) - plain
+    want = replace(competing.known.model, distortions=(distortion,)).effort(fine, competing.known.theta) - plain
     scale = np.abs(want).max()
     assert scale > 0.05
     np.testing.assert_allclose(change[10:], want[10:], atol=0.02 * scale)
-    assert rivals.memory == (key == "delay")
+    assert competing.memory == (key == "delay")
 
 
 def test_a_pair_that_no_motion_tells_apart_is_named(known, reference):
     """A gain that is wrong in all efforts of a joint is no load; the drift of a joint under another name is itself."""
-    rivals = make_rivals(known, keys("gain_error:3", "thermal_drift:1"), None, reference)
-    gain, drift = rivals.rivals
-    assert inseparable(rivals, reference) == []
-    friction = make_rivals(known, keys("coulomb_friction:2", "stribeck_friction:2"), None, reference)
+    competing = make_competing(known, keys("gain_error:3", "thermal_drift:1"), None, reference)
+    gain, drift = competing.competing
+    assert inseparable(competing, reference) == []
+    friction = make_competing(known, keys("coulomb_friction:2", "stribeck_friction:2"), None, reference)
     assert inseparable(friction, reference) == []  # the model has the one, not the other's second column
     as_gain = replace(drift, forms=(*drift.forms, replace(gain.forms[0])))  # one form that is alike is enough
-    assert inseparable(replace(rivals, rivals=(gain, as_gain)), reference) == [("gain_error:3", "thermal_drift:1")]
+    assert inseparable(replace(competing, competing=(gain, as_gain)), reference) == [
+        ("gain_error:3", "thermal_drift:1")
+    ]
 
 
 def test_names_of_hypotheses(known, reference):
     refused = [lambda text=text: parse_key(text) for text in ("friction:3", "stribeck_friction:x", "", "delay:1.5")]
     for names in ((), ("stribeck_friction:3",), ("thermal_drift:7",), ("base_tilt:2",)):
         pair = keys("stribeck_friction:3", *names)
-        refused.append(lambda pair=pair: make_rivals(known, pair, None, reference))
+        refused.append(lambda pair=pair: make_competing(known, pair, None, reference))
     for call in refused:
         with pytest.raises(InputError) as caught:
             call()
@@ -218,11 +220,13 @@ def test_a_term_that_has_changed_is_as_it_was_before_without_the_step_that_it_ma
     """Which is taken out of what was known of it, but for a hundredth of the variance."""
     known, earlier = known_of(open_result(share=0.3), 100.0), earlier_motion()[::5]
     (key, other), place = keys("coulomb_friction:3", "thermal_drift:3"), known.coefficients.names.index("Fc3")
-    plain, changed = (make_rivals(known, (key, other), earlier, earlier, {key: step}) for step in ({}, {"Fc3": 0.25}))
-    assert (plain.rivals[0].own, changed.rivals[0].own) == (None, [0.25])
+    plain, changed = (
+        make_competing(known, (key, other), earlier, earlier, {key: step}) for step in ({}, {"Fc3": 0.25})
+    )
+    assert (plain.competing[0].own, changed.competing[0].own) == (None, [0.25])
     moved = np.zeros(len(known))
     moved[place] = 0.25
     np.testing.assert_allclose(plain.known.mean - changed.known.mean, moved, atol=1e-12)
-    covariance, (sd,) = np.linalg.inv(plain.prior), changed.rivals[0].forms[0].sd
+    covariance, (sd,) = np.linalg.inv(plain.prior), changed.competing[0].forms[0].sd
     covariance[place, place] -= min(sd**2, 0.99 / plain.prior[place, place])
     np.testing.assert_allclose(covariance @ changed.prior, np.eye(len(known)), atol=1e-6)

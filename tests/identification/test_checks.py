@@ -11,7 +11,7 @@ from bayesid.identification.checks import warnings_of
 from bayesid.identification.misread import Misreading
 from bayesid.log.log import Log
 from bayesid.log.low_pass import AfterRectifier, LowPass
-from bayesid.regression.knowledge import Nominal
+from bayesid.regression.knowledge import NominalParameters
 
 
 def fit_with(relative=(0.1, 0.2), sd=(0.3, 0.5, 0.1), on_edge=(False, False, False), tolerance=1e-10):
@@ -20,17 +20,17 @@ def fit_with(relative=(0.1, 0.2), sd=(0.3, 0.5, 0.1), on_edge=(False, False, Fal
     )
 
 
-def signs_with(certified=True, lower_bound=90.0, unsplit=0, withheld="", timed_out=False):
+def signs_with(certified=True, lower_bound=90.0, unresolved=0, uncertified_because="", timed_out=False):
     search = SimpleNamespace(
         certified=certified,
         lower_bound=lower_bound,
         cost=120.0,
         seconds=9.0,
-        withheld=withheld,
+        uncertified_because=uncertified_because,
         timed_out=timed_out,
         signs=np.ones(200),
     )
-    return SimpleNamespace(search=search, unsplit=unsplit, rounds=4)
+    return SimpleNamespace(search=search, unresolved=unresolved, rounds=4)
 
 
 def model_of(*names, notes=()):
@@ -39,7 +39,7 @@ def model_of(*names, notes=()):
         SimpleNamespace(name=name, joints=tuple(map(int, joints))) for name, *joints in (text.split() for text in names)
     ]
     model = SimpleNamespace(terms=effects, effects=effects, robot=SimpleNamespace(notes=notes))
-    return SimpleNamespace(model=model, evidence=read_through(None))
+    return SimpleNamespace(model=model, log_data=read_through(None))
 
 
 def read_through(low_pass, used=(True, True)):
@@ -55,7 +55,7 @@ def read_through(low_pass, used=(True, True)):
 
 def blind():
     """No effort of joint 2."""
-    return SimpleNamespace(model=model_of().model, evidence=read_through(None, used=(True, False)))
+    return SimpleNamespace(model=model_of().model, log_data=read_through(None, used=(True, False)))
 
 
 @dataclass
@@ -63,7 +63,7 @@ class Averaged:
     """Signs by the model asked for, nothing wrong with them."""
 
     fit: SimpleNamespace = field(default_factory=fit_with)
-    settled: SimpleNamespace = field(default_factory=lambda: SimpleNamespace(signs=signs_with()))
+    sign_solution: SimpleNamespace = field(default_factory=lambda: SimpleNamespace(signs=signs_with()))
     asked: SimpleNamespace = field(default_factory=lambda: model_of("rigid_body"))
     by_asked: bool = True
 
@@ -82,7 +82,7 @@ def unproven(**changes):
 
 
 def posterior_with(
-    converged=True, weights=(1.0,), chosen=0, asked=1, excluded=None, pressed=(), timed_out=False, edges=()
+    converged=True, weights=(1.0,), chosen=0, asked=1, excluded=None, active_bounds=(), timed_out=False, edges=()
 ):
     return SimpleNamespace(
         excluded=excluded,
@@ -93,15 +93,15 @@ def posterior_with(
         turned_joints=lambda mode: ((), (2, 3), ())[mode],
         chosen=chosen,
         sampling=SimpleNamespace(mode=asked, max_rhat=1.01, wanted_ess=1024.0),
-        pressed=pressed,
+        active_bounds=active_bounds,
         pressed_constraints=dict(edges),
         timed_out=timed_out,
     )
 
 
-def warnings(log, doubt=(0.0, 0.0), posterior=None, reading=None, nominal=None, **changes):
+def warnings(log, model_error_probability=(0.0, 0.0), posterior=None, reading=None, nominal=None, **changes):
     averaged = Averaged(**changes)
-    return warnings_of(log, averaged, np.array(doubt), posterior, reading, nominal=nominal)
+    return warnings_of(log, averaged, np.array(model_error_probability), posterior, reading, nominal=nominal)
 
 
 def test_nothing_wrong_is_nothing_said(log):
@@ -111,10 +111,10 @@ def test_nothing_wrong_is_nothing_said(log):
         {"posterior": posterior_with()},
         {"posterior": posterior_with(weights=(0.995, 0.005))},
         {"posterior": posterior_with(excluded=0.008)},
-        {"settled": SimpleNamespace(signs=signs_with(unsplit=1))},  # of 200 segments
-        {"settled": unproven(lower_bound=None)},
+        {"sign_solution": SimpleNamespace(signs=signs_with(unresolved=1))},  # of 200 segments
+        {"sign_solution": unproven(lower_bound=None)},
         {"fit": fit_with(on_edge=(True, True, False))},  # of single parameters, which nobody asked for
-        {"fit": fit_with(on_edge=(True, True, False)), "nominal": Nominal(*np.full((2, 20), np.nan))},
+        {"fit": fit_with(on_edge=(True, True, False)), "nominal": NominalParameters(*np.full((2, 20), np.nan))},
     ):
         assert warnings(log, **changes) == ()
 
@@ -124,26 +124,26 @@ FAULTS = (
     ({"fit": fit_with(sd=(0.3, np.inf, np.inf))}, ("2 of 3 coefficients",)),
     ({"fit": fit_with(sd=(0.3, np.inf, np.inf)), "asked": blind()}, ("joint 2 shows no effort", "Fv2, Fc2")),
     (
-        {"fit": fit_with(on_edge=(True, True, False)), "nominal": Nominal(*np.full((2, 20), 0.5))},
+        {"fit": fit_with(on_edge=(True, True, False)), "nominal": NominalParameters(*np.full((2, 20), 0.5))},
         ("links 1, 2", "--nominal"),
     ),
     ({"fit": fit_with(tolerance=2e-8)}, ("2e-08",)),
     ({"fit": fit_with(sd=(0.3, 0.5, 0.1, 0.2, 0.2))}, ("5 coefficients", "4 independent samples")),
-    ({"settled": unproven()}, ("not proven", "25.0% smaller", "--search-budget")),
-    ({"settled": unproven(lower_bound=120.0, withheld="pull")}, ("not proven",)),
-    ({"settled": unproven(lower_bound=120.0, withheld="noise")}, ("noise",)),
+    ({"sign_solution": unproven()}, ("not proven", "25.0% smaller", "--search-budget")),
+    ({"sign_solution": unproven(lower_bound=120.0, uncertified_because="tikhonov")}, ("not proven",)),
+    ({"sign_solution": unproven(lower_bound=120.0, uncertified_because="noise")}, ("noise",)),
     ({"posterior": posterior_with(excluded=0.83)}, ("83%",)),
-    ({"settled": SimpleNamespace(signs=signs_with(unsplit=3))}, ("3 segments", "4 searches")),
-    ({"settled": SimpleNamespace(signs=signs_with(False, timed_out=True))}, ("search", "--time-limit")),
-    ({"settled": SimpleNamespace(signs=signs_with(False, None, timed_out=True))}, ("search", "--time-limit")),
+    ({"sign_solution": SimpleNamespace(signs=signs_with(unresolved=3))}, ("3 segments", "4 searches")),
+    ({"sign_solution": SimpleNamespace(signs=signs_with(False, timed_out=True))}, ("search", "--time-limit")),
+    ({"sign_solution": SimpleNamespace(signs=signs_with(False, None, timed_out=True))}, ("search", "--time-limit")),
     ({"posterior": posterior_with(converged=False, timed_out=True)}, ("sampling", "--time-limit")),
-    ({"doubt": (0.0, 0.3)}, ("joint 2", "0.85")),
+    ({"model_error_probability": (0.0, 0.3)}, ("joint 2", "0.85")),
     ({"posterior": posterior_with(weights=(0.7, 0.3))}, ("mode 1 (0.7)", "0.3 for mode 2", "joint 2, 3", "--mode")),
     ({"posterior": posterior_with(weights=(0.7, 0.28, 0.02), chosen=1)}, ("mode 2 (0.28)", "0.7 for mode 1")),
     ({"posterior": posterior_with(asked=3)}, ("no mode 3", "of 1")),
     ({"posterior": posterior_with(converged=False)}, ("1.05,", "1.01 ", "needs 1,024", "has 73", "--posterior-budget")),
     (
-        {"posterior": posterior_with(pressed=(("mass of all links, from above", 0.87),))},
+        {"posterior": posterior_with(active_bounds=(("mass of all links, from above", 0.87),))},
         ("mass of all", "87%", "--links"),
     ),
     ({"posterior": posterior_with(edges=(("m3 <= m2", 0.063),))}, ("constraint m3 <= m2", "6.3%")),
@@ -152,7 +152,7 @@ FAULTS = (
         ("1e4 times as likely", "`correct`", "joints 2 and 3 exchanged", "4.1%", "21.3%"),
     ),
     (
-        {"asked": SimpleNamespace(model=model_of().model, evidence=read_through(LowPass(2, 7.934, zero_phase=False)))},
+        {"asked": SimpleNamespace(model=model_of().model, log_data=read_through(LowPass(2, 7.934, zero_phase=False)))},
         ("low-passed", "7.93 Hz", "order 2"),
     ),
 )
@@ -167,7 +167,7 @@ def test_each_fault_is_one_line_that_names_what_is_at_fault_and_the_option(log):
 
 def test_what_a_robot_was_read_with_comes_first(log):
     notes = ("joints finger1, finger2 are held: a gripper is not identified",)
-    found = warnings(log, asked=model_of("rigid_body", notes=notes), doubt=(0.0, 0.3))
+    found = warnings(log, asked=model_of("rigid_body", notes=notes), model_error_probability=(0.0, 0.3))
     assert (found[0], len(found)) == (notes[0], 2)
 
 
@@ -175,8 +175,8 @@ def test_what_the_model_lacks_is_named_with_its_joint_where_another_one_has_it(l
     asked, richer = model_of("rigid_body", "gravity_spring 2"), model_of("rigid_body", "gravity_spring 2", "delay 7")
     more = model_of("rigid_body", "gravity_spring 2", "viscous_friction", "torque_offset")
     for rival, named in ((richer, "delay 7:"), (more, "viscous_friction, torque_offset:")):
-        settled = SimpleNamespace(signs=signs_with(), **vars(rival))
-        (warning,) = warnings(log, asked=asked, settled=settled, by_asked=False)
+        sign_solution = SimpleNamespace(signs=signs_with(), **vars(rival))
+        (warning,) = warnings(log, asked=asked, sign_solution=sign_solution, by_asked=False)
         assert named in warning
 
 

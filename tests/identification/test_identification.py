@@ -27,7 +27,7 @@ from bayesid.regression.knowledge import ParameterPrior
 from bayesid.robot import Robot, load_robot, robot_from_table
 from bayesid.signs.rounds import crossings
 from bayesid.signs.search.certified import Certified
-from bayesid.signs.settling import settle_signs
+from bayesid.signs.sign_solution import settle_signs
 from bayesid.simulation.logs import simulate, simulate_log
 from bayesid.simulation.parameters import random_parameters
 from bayesid.simulation.trajectories import random_trajectory
@@ -124,7 +124,7 @@ def test_without_noise_there_are_draws_too(truth):
     result = bayesid.identify(truth.model.robot, truth.log(grid(), noise=0.0))
     assert result.posterior.converged
     assert truth.right_signs(result) == 1.0
-    rms = result.posterior.moments.rms_effort(3)
+    rms = result.posterior.normal_equations.rms_effort(3)
     assert (result.posterior.noise.sigma > 0.99e-3 * rms).all()
     assert (np.exp(result.posterior.draws.log_scale.mean(axis=(0, 1, 2))) > 0.5).all()
 
@@ -167,7 +167,7 @@ def test_a_sampled_result_is_that_of_its_draws(truth, unsigned, drawn):
     posterior = result.posterior
     assert len(posterior.branch_mass) == len(result.search.branches) >= 1
     assert posterior.branch_mass.sum() + posterior.elsewhere == pytest.approx(1.0, abs=1e-9)
-    assert result.settled_share == 1.0
+    assert result.persistent_share == 1.0
     assert posterior.branch_mass.max() > 0.9, "nobody doubts it"
 
 
@@ -205,7 +205,7 @@ def ordinary_least_squares(result: Identification, effort: Array, counted: Array
     slow = 0.01 * np.abs(motion.dq).max(axis=0)
     diagonals = [motion.dq, np.tanh(motion.dq / slow), np.ones_like(motion.dq), motion.ddq]
     columns = [robot.regressor(motion), *(np.einsum("ij,jk->ijk", diagonal, np.eye(3)) for diagonal in diagonals)]
-    rows = np.concatenate(columns, axis=2)[:, :, result.coefficients.kept]
+    rows = np.concatenate(columns, axis=2)[:, :, result.coefficients.selected]
     ends = 0.5 / result.signals.cutoff
     inside = (motion.t >= motion.t[0] + ends) & (motion.t <= motion.t[-1] - ends)
     moving = (np.abs(motion.dq) > slow) & inside[:, None] & counted
@@ -344,7 +344,7 @@ def test_samples_under_the_threshold_have_no_say_in_the_fit(truth):
     assert truth.right_signs(result) == 1.0
     t, ends = result.signals.motion.t, 0.5 / result.signals.cutoff
     inside = (t >= t[0] + ends) & (t <= t[-1] - ends)
-    assert result.posterior.moments.count.sum() == (fitted & inside[:, None]).sum()
+    assert result.posterior.normal_equations.count.sum() == (fitted & inside[:, None]).sum()
 
 
 def test_a_cut_that_segmentation_missed_is_made_by_searching_again(truth, unsigned):
@@ -352,11 +352,11 @@ def test_a_cut_that_segmentation_missed_is_made_by_searching_again(truth, unsign
     cut, effort = find_segments(unsigned.signals, unsigned.signals.motion), truth.effort(unsigned.signals.motion.t)
     blunt = glued(cut, effort)
     assert len(blunt) == len(cut) - 3
-    settled = settle_signs(unsigned.model, unsigned.signals, blunt, Certified())
-    assert settled.signs.rounds > 1
-    assert len(settled.signs.segments) > len(blunt)
+    sign_solution = settle_signs(unsigned.model, unsigned.signals, blunt, Certified())
+    assert sign_solution.signs.rounds > 1
+    assert len(sign_solution.signs.segments) > len(blunt)
     strong = np.abs(effort) >= STRONG * np.abs(effort).max(axis=0)
-    assert np.mean(((settled.probability >= 0.5) == (effort > 0.0))[strong]) >= 0.999
+    assert np.mean(((sign_solution.probability >= 0.5) == (effort > 0.0))[strong]) >= 0.999
 
 
 def glued(segments: Segments, effort: Array) -> Segments:

@@ -18,7 +18,7 @@ from bayesid.motion import Motion
 from bayesid.posterior.sampler import Sampling
 from bayesid.regression.knowledge import ParameterPrior
 from bayesid.report.folders import save_identification
-from bayesid.signs.completion import CompletedSigns
+from bayesid.signs.model_selection import CompletedSigns
 from bayesid.signs.search.certified import Certified
 from bayesid.simulation.trajectories import random_trajectory
 
@@ -55,7 +55,7 @@ def test_gains_are_those_of_the_model_that_effects_are_left_out_of(arm, monkeypa
     asked, limits = [], []
 
     def doubtful(self, theta, covariance):
-        asked.append([effect.key for effect in self.completion.effects])
+        asked.append([effect.key for effect in self.model_selection.effects])
         return set(asked[-1][-1:]) if len(asked) == 2 else set()
 
     monkeypatch.setattr(CompletedSigns, "consistent_with_nothing", doubtful)
@@ -63,7 +63,7 @@ def test_gains_are_those_of_the_model_that_effects_are_left_out_of(arm, monkeypa
     monkeypatch.setattr(Certified, "limited", lambda *given: (limits.append(given[-1]), limited(*given))[1])
     terms, brief = ("rigid_body", "viscous_friction"), Sampling(budget=0.0)
     result = identify(arm.robot, wrong(arm.log(noise=0.03)), terms, search=SEARCH, posterior=brief)
-    assert (len(asked[1]), len(result.completion.effects)) == (3, 2)
+    assert (len(asked[1]), len(result.model_selection.effects)) == (3, 2)
     assert result.posterior.log_gain.shape[-1] == 3
     assert np.abs(ratio_errors(result.gains, 1.0)).max() < 5.0
     assert limits == sorted(limits, reverse=True)
@@ -86,7 +86,7 @@ def test_signs_do_not_suffer_from_wrong_gains(arm, known, found):
 
 def test_ratios_that_the_log_shows_come_out_and_the_rest_says_prior(found):
     gains = found.gains
-    assert gains.settled
+    assert gains.sign_solution
     assert gains.decided_by == (BY_DATA, BY_DATA, BY_PRIOR)  # the last link hardly loads its joint
     assert np.abs(ratio_errors(gains, 1.0)).max() < 3.5
     assert gains.ratio_sd[:2].max() < 0.05

@@ -53,10 +53,10 @@ def test_normal_coefficients_have_the_closed_form(noise, normal):
     np.testing.assert_allclose(predicted.sd, np.sqrt(variance + noise.white**2 + noise.coloured**2), rtol=1e-6)
     np.testing.assert_allclose(predicted.upper - predicted.mean, Z * predicted.sd, rtol=1e-6)
     np.testing.assert_allclose(predicted.mean - predicted.lower, Z * predicted.sd, rtol=1e-6)
-    lacking = np.zeros_like(covariance)  # what the model may lack widens the band
-    lacking[2:4, 2:4] = [[0.5, 0.2], [0.2, 0.3]]
-    wider = replace(identified, lacking=lacking).predict(motion, noise=False)
-    variance = np.einsum("tjr,rs,tjs->tj", rows, covariance + lacking, rows)
+    model_error_covariance = np.zeros_like(covariance)  # what the model may lack widens the band
+    model_error_covariance[2:4, 2:4] = [[0.5, 0.2], [0.2, 0.3]]
+    wider = replace(identified, model_error_covariance=model_error_covariance).predict(motion, noise=False)
+    variance = np.einsum("tjr,rs,tjs->tj", rows, covariance + model_error_covariance, rows)
     np.testing.assert_allclose(wider.sd, np.sqrt(variance), rtol=1e-6)
 
 
@@ -194,11 +194,11 @@ def test_what_is_no_motion_is_refused():
 
 def test_a_prediction_is_the_same_from_a_folder_and_in_frames_datasets_and_files(tmp_path):
     size = len(by_least_squares().coefficients)
-    lacking = replace(by_least_squares(), lacking=np.diag(np.arange(1.0, size + 1.0)))
-    save_identification(lacking, tmp_path / "result", report=False)
+    model_error_covariance = replace(by_least_squares(), model_error_covariance=np.diag(np.arange(1.0, size + 1.0)))
+    save_identification(model_error_covariance, tmp_path / "result", report=False)
     there = load(tmp_path / "result")
-    np.testing.assert_array_equal(there.lacking, lacking.lacking)
-    predicted, again = (one.predict(motion_of(7), draws=5) for one in (lacking, there))
+    np.testing.assert_array_equal(there.model_error_covariance, model_error_covariance.model_error_covariance)
+    predicted, again = (one.predict(motion_of(7), draws=5) for one in (model_error_covariance, there))
     np.testing.assert_allclose(again.mean, predicted.mean, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(again.sd, predicted.sd, rtol=1e-6)
     header = ["t", *(f"{kind}{j}" for kind in ("tau", "sd", "lower", "upper") for j in (1, 2, 3))]

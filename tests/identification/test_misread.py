@@ -18,7 +18,7 @@ from bayesid.log.log import Log
 from bayesid.log.reading import read_log
 from bayesid.log.segments import find_segments
 from bayesid.log.signals import prepare
-from bayesid.regression.evidence import Evidence
+from bayesid.regression.log_data import LogData
 from bayesid.report.findings import report_data
 from bayesid.report.folders import save_identification
 from bayesid.report.verdicts import check_findings, verdict
@@ -54,7 +54,7 @@ def moved(log, order=None, factor=1.0):
 def evidence_of(robot, signals):
     model = Model(robot, make_terms(STANDARD, robot, signals.motion))
     segments = find_segments(signals, robot.actuators(signals.motion))
-    return Evidence.of(model, signals, segments.per_sample(segments.moving, *signals.effort.shape) > 0)
+    return LogData.of(model, signals, segments.per_sample(segments.moving, *signals.effort.shape) > 0)
 
 
 def reading_of(robot, signed, rectified=True):
@@ -62,16 +62,16 @@ def reading_of(robot, signed, rectified=True):
     robot = load_robot(robot) if isinstance(robot, str) else robot
     as_signed = prepare(signed)
     signals = prepare(signed.rectified()) if rectified else as_signed
-    evidence, effort = evidence_of(robot, signals), as_signed.effort
-    rows = evidence.columns / np.linalg.norm(evidence.columns, axis=(0, 1))
-    weight = evidence.used / np.sqrt((effort**2 * evidence.used).sum(axis=0))
+    log_data, effort = evidence_of(robot, signals), as_signed.effort
+    rows = log_data.columns / np.linalg.norm(log_data.columns, axis=(0, 1))
+    weight = log_data.used / np.sqrt((effort**2 * log_data.used).sum(axis=0))
     flat = (rows * weight[:, :, None]).reshape(effort.size, -1)
     inverse = np.linalg.pinv(flat.T @ flat, rcond=1e-12, hermitian=True) @ flat.T
     for _ in range(10):
         predicted = rows @ (inverse @ (effort * weight).ravel())
         effort = np.where(signals.signed, effort, np.where(predicted >= 0.0, 1.0, -1.0) * np.abs(effort))
-    time = evidence.residual_noise(predicted).autocorrelation
-    return better_reading(evidence, np.where(effort >= 0.0, 1.0, -1.0), time)
+    time = log_data.residual_noise(predicted).autocorrelation
+    return better_reading(log_data, np.where(effort >= 0.0, 1.0, -1.0), time)
 
 
 def left_by_least_squares(motion, effort, used):

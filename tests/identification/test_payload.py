@@ -55,10 +55,10 @@ def test_sizes_of_a_flat_posterior_become_flat():
     inertia = np.trace(second, axis1=1, axis2=2)[:, None, None] * np.eye(3) - second
     draws = np.array([ten_parameters(1.0, CENTRE, one) for one in inertia[:20_000]])
     kept = pseudo_inertia(evenly_sized(draws))
-    moments = (kept[:, :3, :3] - np.einsum("i,j->ij", CENTRE, CENTRE))[:, range(3), range(3)]
+    normal_equations = (kept[:, :3, :3] - np.einsum("i,j->ij", CENTRE, CENTRE))[:, range(3), range(3)]
     assert len(np.unique(kept[:, 0, 0])) > 5_000
     np.testing.assert_allclose(
-        np.quantile(moments, [0.25, 0.5, 0.75], axis=0).T, [[0.0175, 0.025, 0.0325]] * 3, atol=6e-4
+        np.quantile(normal_equations, [0.25, 0.5, 0.75], axis=0).T, [[0.0175, 0.025, 0.0325]] * 3, atol=6e-4
     )
 
 

@@ -64,7 +64,7 @@ def test_a_search_of_a_users_own_finds_the_signs_and_is_named():
     assert (options["search"], options["search.width"], options["posterior"]) == ("mine", 2, None)
     assert result.search.method == "mine"
     assert not result.search.certified
-    assert result.completion.effects == (), "a search that knows one model completes none"
+    assert result.model_selection.effects == (), "a search that knows one model completes none"
     strong = np.abs(log.effort) >= 0.05 * np.abs(log.effort).max(axis=0)
     assert np.mean((result.sample_signs == np.sign(log.effort))[strong]) >= 0.99
 
@@ -72,7 +72,7 @@ def test_a_search_of_a_users_own_finds_the_signs_and_is_named():
 def test_a_search_that_knows_one_model_gives_no_second_opinion():
     result = bayesid.identify(ROBOT, log_of(0, False), ["rigid_body"], complete="off", search=Mine(), posterior=False)
     assert result.sign_terms == ("rigid_body",)
-    assert result.sign_weight == 1.0
+    assert result.completed_model_weight == 1.0
 
 
 @dataclass(frozen=True)

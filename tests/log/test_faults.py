@@ -168,7 +168,7 @@ def test_signs_elsewhere_stay_right_where_a_joint_has_no_effort_at_all(log):
     assert result.warnings[0].startswith("joint 3: its effort reads exactly zero in motion, ")
     assert "joint 3 shows no effort in motion: Fv3, Fc3, offset3" in " ".join(result.warnings)
     assert "does not excite" not in " ".join(result.warnings)
-    assert not result.sign_doubt.any()
+    assert not result.model_error_probability.any()
 
 
 @pytest.mark.filterwarnings("error")

@@ -55,7 +55,7 @@ class Stream:
 
     def rows(self, sigma):
         """(N, n, r) columns over the noise (n,)."""
-        return self.model.columns(self.motion)[:, :, self.coefficients.kept] / sigma[:, None]
+        return self.model.columns(self.motion)[:, :, self.coefficients.selected] / sigma[:, None]
 
 
 @cache
@@ -193,9 +193,11 @@ def test_what_was_known_before_counts_if_it_is_to():
 def test_what_decides_is_the_stream_or_the_log_before_it(sharper, decided_by):
     """By their information alone: what the model may lack is in the sd before as it is in the sd now."""
     case = stream()
-    lacking, by_gains = (np.diag(np.full(len(case.beta), size)) for size in (3.0, 1.0))
+    model_error_covariance, by_gains = (np.diag(np.full(len(case.beta), size)) for size in (3.0, 1.0))
     precision = sharper * earlier_precision(case)
-    model = replace(case.identified(precision=precision), lacking=lacking, by_gains=by_gains)
+    model = replace(
+        case.identified(precision=precision), model_error_covariance=model_error_covariance, by_gains=by_gains
+    )
     running = fed(case, bayesid.RecursiveEstimator(model, earlier=True), moving=everywhere(case))
     table = running.coefficients()
     assert {one.decided_by for one in table} == {decided_by}
@@ -271,7 +273,7 @@ def test_readings_that_show_no_effort_do_not_count():
     limit = float(np.quantile(np.abs(case.measured[:, 1]), 0.7))
     case.model = case.model.extend(Clipping(joints=(2,), limit=(limit,)))
     clipped, moving = case.model.read(case.measured), everywhere(case)
-    below = case.model.unread(np.abs(clipped))[1]
+    below = case.model.invert_sensor(np.abs(clipped))[1]
     assert 0.6 < below[:, 1].mean() < 0.8
     running = fed(case, bayesid.RecursiveEstimator(case.identified()), 4, effort=np.abs(clipped), moving=moving)
     told = fed(case, bayesid.RecursiveEstimator(case.identified()), 1, moving=below)
@@ -285,7 +287,7 @@ def test_effects_with_a_memory_see_over_the_borders(monkeypatch):
     moving = everywhere(case)
     whole = fed(case, bayesid.RecursiveEstimator(case.identified()), 1, moving=moving)
     parts = fed(case, bayesid.RecursiveEstimator(case.identified()), 23, moving=moving)
-    columns = case.model.columns(case.motion)[: -TUNING.look_ahead, :, case.coefficients.kept]
+    columns = case.model.columns(case.motion)[: -TUNING.look_ahead, :, case.coefficients.selected]
     rows = (columns / weights_of(case, whole)[:, None]).reshape(-1, columns.shape[2])
     effort = signed_effort(case)[: -TUNING.look_ahead] / weights_of(case, whole)
     beta = np.linalg.lstsq(rows, effort.ravel(), rcond=None)[0]

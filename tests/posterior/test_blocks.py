@@ -39,15 +39,15 @@ class Log:
         turned = self.segments.per_sample(SIGNS, 400, 2)
         self.effort = turned * (self.columns @ BETA + SIGMA * rng.standard_normal((400, 2)))
         pieces, segment = divide(self.segments, np.full(2, LENGTH))
-        moments = self.moments(pieces, self.segments.known[segment])
-        self.blocks = SegmentBlocks(moments, segment, pieces.start, pieces.end)
-        self.whole = self.moments(self.segments, self.segments.known)
+        normal_equations = self.normal_equations(pieces, self.segments.known[segment])
+        self.blocks = SegmentBlocks(normal_equations, segment, pieces.start, pieces.end)
+        self.whole = self.normal_equations(self.segments, self.segments.known)
         coefficients = BaseCoefficients(("a", "b", "c"), ("a", "b", "c"), ("", "", ""), np.arange(3), np.eye(3))
         unknown = np.zeros(5, dtype=int)
         self.likelihood = make_likelihood(self.whole, coefficients, SIGMA, np.full(2, LENGTH), unknown)
         self.draws = BETA + 0.05 * rng.standard_normal((600, 3)), 0.1 * rng.standard_normal((600, 2))
 
-    def moments(self, segments, known):
+    def normal_equations(self, segments, known):
         ranges = zip(segments.joint, segments.start, segments.end, strict=True)
         return moments_of([(self.columns[a:b, j], self.effort[a:b, j]) for j, a, b in ranges], segments.joint, known)
 
@@ -111,12 +111,14 @@ def test_likelihoods_of_blocks_multiply_to_the_segments():
     log = Log()
     blocks, likelihood = by_blocks(log.blocks, log.likelihood, *log.draws)
     whole = pointwise(log.likelihood, log.whole, *log.draws)
-    apart = pointwise(likelihood, blocks.moments, *log.draws)
+    apart = pointwise(likelihood, blocks.normal_equations, *log.draws)
     assert len(blocks) > len(log.whole)
     given = np.array([1, 3])  # agreed on, cut, and not known before
     whole[:, given] += np.log(2.0)
     for k in range(5):
-        assert np.allclose(apart[:, blocks.moments.part[blocks.segment == k]].sum(axis=1), whole[:, k], atol=1e-3)
+        assert np.allclose(
+            apart[:, blocks.normal_equations.part[blocks.segment == k]].sum(axis=1), whole[:, k], atol=1e-3
+        )
 
 
 @pytest.mark.long

@@ -8,7 +8,7 @@ from posterior_logs import Enumerated, cells, infer_from, make_log, near_symmetr
 from posterior_problems import information_of
 
 from bayesid.posterior.sampler import Sampling
-from bayesid.regression.knowledge import Information
+from bayesid.regression.knowledge import InformationMatrix
 
 SHORT = Sampling(walkers=4, budget=0.0)
 
@@ -26,10 +26,10 @@ def test_an_earlier_log_weighs_two_modes_as_quadrature_weighs_them():
     assert posterior.converged
     assert len(posterior.modes) == 2
     of_plus = next(sampled.weight for sampled in posterior.modes if sampled.mode.theta[0] > 0.0)
-    doubt = np.hypot(*(sampled.marginal_likelihood.standard_error for sampled in posterior.modes))
-    assert abs(np.log(of_plus / (1.0 - of_plus)) - np.log(share / (1.0 - share))) < 4.5 * doubt
-    assert doubt < 0.15
-    assert np.allclose(posterior.plus, exact.plus, atol=0.03 + 4.5 * doubt * share * (1.0 - share))
+    model_error_probability = np.hypot(*(sampled.marginal_likelihood.standard_error for sampled in posterior.modes))
+    assert abs(np.log(of_plus / (1.0 - of_plus)) - np.log(share / (1.0 - share))) < 4.5 * model_error_probability
+    assert model_error_probability < 0.15
+    assert np.allclose(posterior.plus, exact.plus, atol=0.03 + 4.5 * model_error_probability * share * (1.0 - share))
 
 
 @pytest.mark.parametrize(("ratio", "decided"), [(8.0, False), (10.5, True)])
@@ -46,7 +46,7 @@ def test_what_only_an_earlier_log_shows_is_decided_by_data(ratio, decided):
     without = infer_from(log, options=SHORT)
     assert np.array_equal(without.decided_by_data, [True, False, True])
     precision = ratio / 0.4**2
-    known = Information(np.diag([0.0, precision, 0.0]), np.array([0.0, 3.0 * precision, 0.0]), 9.0 * precision)
+    known = InformationMatrix(np.diag([0.0, precision, 0.0]), np.array([0.0, 3.0 * precision, 0.0]), 9.0 * precision)
     posterior = infer_from(replace(log, earlier=known), options=replace(SHORT, walkers=64))
     assert np.array_equal(posterior.decided_by_data, [True, decided, True])
     assert posterior.theta[1] == pytest.approx((3.0 * ratio + 0.2) / (ratio + 1.0), abs=0.05)

@@ -7,8 +7,8 @@ import pytest
 from scipy.stats import truncnorm
 
 from bayesid.effects.constraints import Constraints
-from bayesid.posterior.edges import at_edges, pressed_windows
-from bayesid.posterior.target import Window
+from bayesid.posterior.edges import active_bounds, at_edges
+from bayesid.posterior.target import Bound
 from bayesid.posterior.tuning import TUNING
 
 COUNT = 40_000
@@ -52,20 +52,20 @@ def test_of_a_cone_the_distance_counts_in_which_it_ends():
     )
     small = 1e-4 * rng.standard_normal(COUNT)
     law = truncnorm(0.0, np.inf)
-    pressed = np.column_stack([small, 2.0 - np.abs(small) - 0.3 * cut(0.0, rng)])
+    active_bounds = np.column_stack([small, 2.0 - np.abs(small) - 0.3 * cut(0.0, rng)])
     exact = law.cdf(TUNING.at_edge * law.std())
-    assert at_edges(stated, pressed)["cone"] == pytest.approx(exact, abs=4.0 * np.sqrt(exact / COUNT))
-    assert at_edges(stated, pressed - [0.0, 2.0])["cone"] == 0.0
+    assert at_edges(stated, active_bounds)["cone"] == pytest.approx(exact, abs=4.0 * np.sqrt(exact / COUNT))
+    assert at_edges(stated, active_bounds - [0.0, 2.0])["cone"] == 0.0
 
 
 def test_a_window_that_a_constraint_ends_before_is_not_blamed():
     rng = np.random.default_rng(5)
     draws = np.column_stack([9.5 - 0.1 * cut(0.0, rng), np.zeros(COUNT)])
-    window = Window("mass of all links, from above", np.array([1.0, 0.0]), 0.0, np.zeros(2), 10.0)
+    window = Bound("mass of all links, from above", np.array([1.0, 0.0]), 0.0, np.zeros(2), 10.0)
     stated = half("m1 <= 9.5", [-1.0, 0.0], 9.5)
     for constraints, blamed in ((None, ["mass of all links, from above"]), (stated, [])):
         prior = SimpleNamespace(windows=(window,), stated=constraints)
-        assert [name for name, _ in pressed_windows(prior, draws)] == blamed
+        assert [name for name, _ in active_bounds(prior, draws)] == blamed
     nearer = SimpleNamespace(windows=(window,), stated=stated)
-    assert pressed_windows(nearer, draws + np.array([0.5, 0.0])), "its own edge presses too"
+    assert active_bounds(nearer, draws + np.array([0.5, 0.0])), "its own edge presses too"
     assert at_edges(stated, draws)["m1 <= 9.5"] > TUNING.presses

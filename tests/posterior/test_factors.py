@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from bayesid.posterior.region import factor
+from bayesid.posterior.feasible_set import factor
 
 
 def test_a_factor_in_mixed_units():

@@ -10,13 +10,13 @@ from bayesid.posterior.modes import MarginalLikelihood, Mode, SampledMode, pool
 from bayesid.posterior.sampler import Diagnostics, Draws, Sampling, nominal_sweep
 from bayesid.progress import Progress
 from bayesid.signs.search.beam import beam
-from bayesid.signs.search.protocol import Branch, SearchResult
+from bayesid.signs.search.protocol import Assignment, SearchResult
 
 
 def listing(log, assignments, decided):
     """A search's answer that lists these assignments (B, S) and decides the same segments (S,) in each."""
     prepared, gradient = log.solver.prepared(), log.scaled.gradient
-    branches = tuple(Branch(signs, prepared.solve(signs @ gradient).theta, 0.0, 0.0) for signs in assignments)
+    branches = tuple(Assignment(signs, prepared.solve(signs @ gradient).theta, 0.0, 0.0) for signs in assignments)
     figures = 0.0, "given", None, True, 0.0, 0, 0, 0.0, 0.0, branches, 1.0, 1e-3, decided
     return SearchResult(assignments[0], branches[0].theta, *figures, np.tile(decided, (len(branches), 1)))
 
@@ -132,9 +132,11 @@ def test_two_modes_are_weighed_as_quadrature_weighs_them():
 
     of_plus = next(sampled.weight for sampled in posterior.modes if sampled.mode.theta[0] > 0.0)
     log_odds = np.log(of_plus / (1.0 - of_plus))
-    doubt = np.hypot(first.marginal_likelihood.standard_error, second.marginal_likelihood.standard_error)
-    assert abs(log_odds - np.log(share / (1.0 - share))) < 4.5 * doubt
-    assert doubt < 0.15
+    model_error_probability = np.hypot(
+        first.marginal_likelihood.standard_error, second.marginal_likelihood.standard_error
+    )
+    assert abs(log_odds - np.log(share / (1.0 - share))) < 4.5 * model_error_probability
+    assert model_error_probability < 0.15
 
     pooled = posterior.draws.theta
     assert np.mean(pooled[..., 0] > 0.0) == pytest.approx(of_plus, abs=2.0 / pooled[..., 0].size)
@@ -145,7 +147,7 @@ def test_two_modes_are_weighed_as_quadrature_weighs_them():
     effective = worst * shares * pooled[..., 0].size
     within = np.sqrt(np.sum((shares * sds) ** 2 / effective, axis=0))
     pooled_mean = posterior.draws.theta.mean(axis=(0, 1, 2))
-    assert np.all(np.abs(pooled_mean - mean) < 4.5 * np.hypot(doubt * both * np.abs(apart), within))
+    assert np.all(np.abs(pooled_mean - mean) < 4.5 * np.hypot(model_error_probability * both * np.abs(apart), within))
     np.testing.assert_array_equal(posterior.theta, first.draws.theta.mean(axis=(0, 1, 2)))  # no point between
     about_theta = posterior.draws.theta - posterior.theta
     np.testing.assert_allclose(posterior.parameter_sd**2, np.mean(about_theta**2, axis=(0, 1, 2)), rtol=1e-9)
@@ -160,7 +162,10 @@ def test_two_modes_are_weighed_as_quadrature_weighs_them():
 
     odds = sign_odds(log, posterior)[..., :3]
     assert np.all(np.abs(posterior.plus[:3] - odds.mean(axis=(0, 1, 2))) < 4.5 * odds.std(axis=(0, 1, 2)) / 32.0)
-    assert np.all(np.abs(posterior.plus[:3] - exact.plus[:3]) < 4.5 * (doubt * both + odds.std(axis=(0, 1, 2)) / 32.0))
+    assert np.all(
+        np.abs(posterior.plus[:3] - exact.plus[:3])
+        < 4.5 * (model_error_probability * both + odds.std(axis=(0, 1, 2)) / 32.0)
+    )
     assert np.ptp(exact.plus[:3]) > 0.3
     assert posterior.branch_mass.sum() + posterior.elsewhere == pytest.approx(1.0, abs=1e-12)
     assert posterior.max_rhat == max(sampled.draws.diagnostics.max_rhat for sampled in posterior.modes)

@@ -16,7 +16,7 @@ from bayesid.errors import InputError
 from bayesid.posterior.inference_data import Labels, as_inference_data, keep, read_coefficients, read_draws, write
 from bayesid.posterior.likelihood import make_likelihood, pointwise
 from bayesid.posterior.sampler import Diagnostics, Draws
-from bayesid.regression.knowledge import Information
+from bayesid.regression.knowledge import InformationMatrix
 
 JOINTS = ("A1", "A2", "A3")
 SIGMA = np.array([0.5, 2.0, 1.3])
@@ -33,12 +33,12 @@ class Problem:
         made = {"joint": np.arange(24) % 3, "known": known, "sigma": SIGMA, "time": AUTOCORRELATION, "seed": 3}
         log = make_log(THETA, rows, projection=PROJECTION, sd=np.full(5, 2.0), **made)
         self.rows, self.effort = zip(*log.rows, strict=True)
-        self.moments = log.moments if own is None else log.moments.compact(own)
+        self.normal_equations = log.normal_equations if own is None else log.normal_equations.compact(own)
         coefficients = BaseCoefficients(
             ("m1", "fv1", "Ia1"), ("m1 + 0.7 m2", "fv1", "Ia1"), ("kg", "N m s", "kg m2"), np.arange(3), PROJECTION
         )
         branch = np.isin(np.arange(24), fixed).astype(int)
-        likelihood = make_likelihood(self.moments, coefficients, SIGMA, AUTOCORRELATION, branch)
+        likelihood = make_likelihood(self.normal_equations, coefficients, SIGMA, AUTOCORRELATION, branch)
         self.target = replace(log.target, likelihood=likelihood)
         parameters = [Parameter(f"p{k}", "kg", 1) for k in range(5)]
         time = [np.linspace(0.5 * k, 0.5 * k + 0.4, len(y)) for k, y in enumerate(self.rows)]
@@ -63,7 +63,7 @@ class Problem:
     def kept(self, draws=None, attributes=None, **options):
         draws = self.draws() if draws is None else draws
         attributes = attributes or {"seed": 3}
-        return keep(draws, self.target, one_each(self.moments), self.labels, attributes, **options)
+        return keep(draws, self.target, one_each(self.normal_equations), self.labels, attributes, **options)
 
     def data(self, *given, **options):
         return as_inference_data(self.kept(*given, **options))
@@ -101,7 +101,7 @@ def test_groups_dimensions_and_names(data):
 def test_what_an_earlier_log_has_told_is_kept(tmp_path):
     problem = Problem()
     root = np.array([[2.0, 0.3, 0.0], [0.0, 1.0, -0.7]])
-    known = Information(root.T @ root, np.array([0.4, -1.0, 0.2]), 3.5)
+    known = InformationMatrix(root.T @ root, np.array([0.4, -1.0, 0.2]), 3.5)
     assert not any(str(name).startswith("earlier") for name in problem.data().constant_data)
     without = problem.data().sample_stats.lp.values
     problem.target = replace(problem.target, information=known)
@@ -126,7 +126,7 @@ def test_blocks_are_named_and_measured(data):
     assert np.allclose(observed.effort, [np.sqrt(np.mean(e**2)) for e in problem.effort])
     assert np.allclose(observed.effort_energy, [np.sum(e**2) for e in problem.effort])
     assert observed.n_unknown.values.tolist() == [int(k not in (3, 9, 11)) for k in range(24)]
-    assert observed.fixed_sign.values.tolist() == problem.moments.known.tolist()
+    assert observed.fixed_sign.values.tolist() == problem.normal_equations.known.tolist()
 
 
 def test_draws_are_in_walker_major_order(data):
@@ -141,7 +141,7 @@ def test_draws_are_in_walker_major_order(data):
         assert np.allclose(data.posterior.noise.sel(at), SIGMA * np.exp(draws.log_scale[sweep, chain, walker]))
         assert float(stats.lp.sel(at)) == draws.log_density[sweep, chain, walker]
         one = (values[sweep, chain, walker][None] for values in (draws.theta, draws.log_scale))
-        terms = pointwise(problem.target.likelihood, problem.moments, *one)[0]
+        terms = pointwise(problem.target.likelihood, problem.normal_equations, *one)[0]
         assert np.allclose(data.log_likelihood.effort.sel(at), terms, rtol=1e-5, atol=1e-6)
 
 
@@ -171,7 +171,7 @@ def test_attributes_of_all_kinds(tmp_path):
 
 def _brute_force(problem, theta, log_scale, k):
     """Tempered normal densities of a segment's rows, the mean over both signs if it is unknown."""
-    j = problem.moments.joint[k]
+    j = problem.normal_equations.joint[k]
     sd, power = SIGMA[j] * np.exp(log_scale[j]), 1.0 / AUTOCORRELATION[j]
     predicted, measured = problem.rows[k] @ PROJECTION @ theta, problem.effort[k]
 
@@ -186,21 +186,21 @@ def _brute_force(problem, theta, log_scale, k):
 def test_pointwise_is_the_density_of_the_rows(own, rng):
     problem = Problem(own=own, fixed=(0, 7, 12))
     theta, log_scale = THETA + 0.5 * rng.standard_normal((4, 5)), 0.3 * rng.standard_normal((4, 3))
-    terms = pointwise(problem.target.likelihood, problem.moments, theta, log_scale)
+    terms = pointwise(problem.target.likelihood, problem.normal_equations, theta, log_scale)
     assert terms.shape == (4, {None: 24, 0: 3 + 2}[own])
     wanted = np.zeros_like(terms)
     for w in range(4):
         for k in range(24):
-            wanted[w, problem.moments.part[k]] += _brute_force(problem, theta[w], log_scale[w], k)
+            wanted[w, problem.normal_equations.part[k]] += _brute_force(problem, theta[w], log_scale[w], k)
     assert np.allclose(terms, wanted, rtol=1e-10, atol=1e-8)
 
 
 def test_a_joint_without_segments_does_no_harm():
     problem, labels = Problem(), Problem().labels
-    moments = problem.moments.chosen(np.flatnonzero(problem.moments.joint != 1))
-    likelihood = make_likelihood(moments, labels.coefficients, SIGMA, AUTOCORRELATION, np.zeros(16, dtype=int))
+    normal_equations = problem.normal_equations.chosen(np.flatnonzero(problem.normal_equations.joint != 1))
+    likelihood = make_likelihood(normal_equations, labels.coefficients, SIGMA, AUTOCORRELATION, np.zeros(16, dtype=int))
     target = replace(problem.target, likelihood=likelihood)
-    made = as_inference_data(keep(problem.draws(), target, one_each(moments), labels, {}))
+    made = as_inference_data(keep(problem.draws(), target, one_each(normal_equations), labels, {}))
     assert np.isfinite(made.log_likelihood.effort).all()
     assert np.isnan(made.constant_data.autocorrelation.values).tolist() == [False, True, False]
 
@@ -209,10 +209,10 @@ def test_shared_parts_say_whose_they_are():
     problem = Problem(own=2, fixed=(0,))
     observed = problem.data().observed_data
     assert observed.n_blocks.sum() == 24
-    assert observed.n_samples.sum() == problem.moments.count.sum()
+    assert observed.n_samples.sum() == problem.normal_equations.count.sum()
     weak = observed.sel(block="A1 4 blocks of unknown sign")
     unknown = np.setdiff1d(np.arange(0, 24, 3), (3, 9))
-    members = unknown[np.argsort(-problem.moments.energy[unknown])][2:]
+    members = unknown[np.argsort(-problem.normal_equations.energy[unknown])][2:]
     assert (weak.n_blocks, weak.joint, weak.fixed_sign) == (4, "A1", 0)
     assert (weak.start, weak.end) == (0.5 * members.min(), 0.5 * members.max() + 0.4)
     both = observed.sel(block="A1 2 blocks of known sign")
@@ -223,17 +223,17 @@ def test_shared_parts_say_whose_they_are():
 def test_what_has_no_samples_is_no_observation():
     """A segment at the end of a log, of which the filter leaves nothing: `az.loo` of ArviZ 1.x refuses it."""
     problem, last = Problem(), np.arange(24) < 23
-    moments = problem.moments
+    normal_equations = problem.normal_equations
     emptied = replace(
-        moments,
-        hessian=moments.hessian.scaled(last.astype(float)),
-        gradient=moments.gradient * last[:, None],
-        energy=moments.energy * last,
-        count=moments.count * last,
+        normal_equations,
+        hessian=normal_equations.hessian.scaled(last.astype(float)),
+        gradient=normal_equations.gradient * last[:, None],
+        energy=normal_equations.energy * last,
+        count=normal_equations.count * last,
     )
     unknown, coefficients = np.zeros(24, dtype=np.int64), problem.labels.coefficients
     target = replace(problem.target, likelihood=make_likelihood(emptied, coefficients, SIGMA, AUTOCORRELATION, unknown))
-    blocks = replace(one_each(moments), moments=emptied)
+    blocks = replace(one_each(normal_equations), normal_equations=emptied)
     made = as_inference_data(keep(problem.draws(), target, blocks, problem.labels, {}))
     assert made.log_likelihood.sizes["block"] == made.observed_data.sizes["block"] == 23
     assert (made.observed_data.n_samples > 0).all()
@@ -333,7 +333,7 @@ def test_damage_is_said(tmp_path):
 def test_pointwise_of_more_draws_than_are_taken_at_once_is_that_of_each():
     problem, rng = Problem(), np.random.default_rng(1)
     theta, log_scale = THETA + rng.standard_normal((30_000, 5)), rng.standard_normal((30_000, 3))
-    whole = pointwise(problem.target.likelihood, problem.moments, theta, log_scale)
+    whole = pointwise(problem.target.likelihood, problem.normal_equations, theta, log_scale)
     parts = [slice(k, k + 200) for k in range(0, 30_000, 200)]
-    pieces = [pointwise(problem.target.likelihood, problem.moments, theta[k], log_scale[k]) for k in parts]
+    pieces = [pointwise(problem.target.likelihood, problem.normal_equations, theta[k], log_scale[k]) for k in parts]
     assert np.allclose(whole, np.concatenate(pieces), rtol=1e-12)

@@ -48,4 +48,4 @@ def test_pull_is_the_gradient_for_given_signs(rng):
         return -0.5 * np.sum(np.exp(-2 * log_scale) * data.residual(b, signs))
 
     numeric = [(log_density(beta + 1e-5 * e) - log_density(beta - 1e-5 * e)) / 2e-5 for e in np.eye(3)]
-    assert np.allclose(data.pull(beta, log_scale, signs)[0], numeric, rtol=1e-6)
+    assert np.allclose(data.conditional_gradient(beta, log_scale, signs)[0], numeric, rtol=1e-6)

@@ -16,7 +16,7 @@ from bayesid.log.segments import Segments
 from bayesid.posterior.sampler import Sampling
 from bayesid.posterior.target import usual_links
 from bayesid.regression.knowledge import LinkPrior, ParameterPrior
-from bayesid.regression.moments import moments
+from bayesid.regression.normal_equations import normal_equations
 from bayesid.robot import robot_from_table
 from bayesid.signs.search.certified import Certified
 from bayesid.simulation.logs import simulate
@@ -43,7 +43,7 @@ def links_of(robot, effort, motion=MOTION, terms=("rigid_body",), reach=None):
     segments = Segments(
         np.arange(n), np.zeros(n, int), np.full(n, len(motion)), np.ones(n, int), np.ones(n, dtype=bool)
     )
-    observed = moments(model, coefficients, motion, effort, segments)
+    observed = normal_equations(model, coefficients, motion, effort, segments)
     return usual_links(robot, motion, coefficients, model.cone, observed, reach=reach)
 
 
@@ -135,7 +135,7 @@ def test_from_a_desktop_arm_to_a_palletiser(total, length):
         masses = posterior.draws.theta[..., result.model.cone.bodies[:, 9]].sum(axis=-1)
         assert abs(masses.mean() - total) < 3.0 * masses.std()
         assert masses.std() > 0.05 * total  # it stands at no window
-        assert posterior.pressed == ()
+        assert posterior.active_bounds == ()
         low, high = posterior.interval(0.95)
         inside += ((low <= truth) & (truth <= high)).tolist()
     few = 0.95 - 2.0 * np.sqrt(0.95 * 0.05 / len(inside)) - 0.03  # of four logs, coefficients are no independent draws
@@ -151,9 +151,9 @@ def test_from_a_desktop_arm_to_a_palletiser(total, length):
 )
 def test_draws_at_a_window_are_named(links, named):
     _, result = identified(690.0, 3.0, 0, links, Sampling(walkers=32, most_sweeps=100))
-    pressed = dict(result.posterior.pressed)
-    assert any(named in name for name in pressed)
-    assert all(share > 0.2 for share in pressed.values())
+    active_bounds = dict(result.posterior.active_bounds)
+    assert any(named in name for name in active_bounds)
+    assert all(share > 0.2 for share in active_bounds.values())
     (said,) = [warning for warning in result.warnings if "--links" in warning]
     assert named in said
 

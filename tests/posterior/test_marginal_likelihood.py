@@ -4,8 +4,8 @@ from posterior_problems import disc, quadrature, simulate, target_in
 from scipy import stats
 
 from bayesid.effects.parameters import Cone
+from bayesid.posterior.feasible_set import FeasibleSet
 from bayesid.posterior.modes import Normal, bridge, integrate, mode_weights, truncate, truncate_by_splitting
-from bayesid.posterior.region import Region
 from bayesid.posterior.sampler import Sampling, sample
 from bayesid.robot.inertia import from_pseudo_inertia
 
@@ -24,7 +24,7 @@ def test_two_dimensions_match_quadrature(rng):
 
 @pytest.mark.parametrize("mean", [0.5, -12.0])
 def test_share_of_a_half_line(mean):
-    region = Region.of(Cone.orthant(1))
+    region = FeasibleSet.of(Cone.orthant(1))
     normal = Normal(np.array([[4.0]]), np.array([4.0 * mean]))
     exact = stats.norm.logcdf(2.0 * mean)
     for method in (truncate, truncate_by_splitting):
@@ -35,7 +35,7 @@ def test_share_of_a_half_line(mean):
 
 
 def test_share_of_a_rigid_body_matches_rejection(rng):
-    region, body = Region.of(Cone.rigid_bodies(1)), from_pseudo_inertia(np.diag([0.3, 0.5, 0.8, 1.0]))
+    region, body = FeasibleSet.of(Cone.rigid_bodies(1)), from_pseudo_inertia(np.diag([0.3, 0.5, 0.8, 1.0]))
     share = region.contains((body + 0.5 * rng.standard_normal((400_000, 10))).T).mean()
     normal = Normal(4.0 * np.eye(10), 4.0 * body)
     _, log_mass = truncate(region, normal, body, np.random.RandomState(0), **MANY)

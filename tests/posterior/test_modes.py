@@ -7,7 +7,7 @@ from posterior_logs import make_log, near_symmetric, unproven
 
 from bayesid.effects.parameters import Cone
 from bayesid.posterior.modes import starting_points
-from bayesid.regression.knowledge import Information, Nominal
+from bayesid.regression.knowledge import InformationMatrix, NominalParameters
 
 
 @pytest.mark.parametrize("proven", [True, False])
@@ -49,7 +49,7 @@ def test_ten_nats_below_the_best_do_not_matter(depth):
     log = alone(1.5)
     size = abs(log.modes()[0].theta[0])
     lean = depth * 4.0 / (2.0 * size)  # the prior's log ratio between the two sides, 2 size lean / sd^2
-    log = replace(log, nominal=Nominal(np.array([lean]), log.nominal.sd))
+    log = replace(log, nominal=NominalParameters(np.array([lean]), log.nominal.sd))
     points = np.linspace(-4.0, 4.0, 4001)[:, None]
     values = log.log_density(points)
     assert abs(values[points[:, 0] > 0].max() - values[points[:, 0] < 0].max() - depth) < 1.0
@@ -62,7 +62,7 @@ def test_a_side_that_an_earlier_log_rules_out_is_no_starting_point(side, weight)
     """The other side costs too much; of the larger weight it is given up by the signs it predicts."""
     for search in (log.search(), unproven(log.search())):
         assert len(log.modes(search)) == 2
-        earlier = Information(np.array([[weight]]), np.array([side * 1.4 * weight]), weight * 1.4**2)
+        earlier = InformationMatrix(np.array([[weight]]), np.array([side * 1.4 * weight]), weight * 1.4**2)
         known = replace(log, earlier=earlier)
         ((_, start),) = starting_points(known.scaled, known.earlier, known.solver, search)
         assert start[0] * side > 0.0

@@ -6,8 +6,8 @@ from posterior_problems import Rotated, disc, information_of, quadrature, sample
 from scipy import stats
 
 from bayesid.effects.parameters import Cone
+from bayesid.posterior.feasible_set import FeasibleSet
 from bayesid.posterior.moves import Conditional, HitAndRun, InTurn, NoiseScales
-from bayesid.posterior.region import Region
 from bayesid.robot.inertia import from_pseudo_inertia
 
 
@@ -54,7 +54,7 @@ def test_two_parameters_in_a_cone_and_the_noise_match_quadrature(rng):
 
 
 def test_a_rigid_body_matches_rejection(rng):
-    region = Region.of(Cone.rigid_bodies(1))
+    region = FeasibleSet.of(Cone.rigid_bodies(1))
     body = from_pseudo_inertia(np.diag([0.3, 0.5, 0.8, 1.0]))
     sd = np.full(10, 0.3)
     proposals = body + sd * rng.standard_normal((200_000, 10))

@@ -9,12 +9,12 @@ from posterior_problems import whole_space
 from scipy.stats import norm, truncnorm
 
 from bayesid.effects.parameters import Cone
+from bayesid.posterior.feasible_set import FeasibleSet
 from bayesid.posterior.inference import Posterior, widened
 from bayesid.posterior.likelihood import Likelihood
 from bayesid.posterior.modes import Mode, SampledMode
-from bayesid.posterior.region import Region
 from bayesid.posterior.sampler import Diagnostics, Draws, Sampling
-from bayesid.posterior.target import Prior, Target
+from bayesid.posterior.target import Target, TruncatedGaussian
 
 
 def test_what_the_data_decide():
@@ -39,7 +39,7 @@ def numbered(sweeps, ensembles=4, walkers=16):
     projection = np.array([[1.0, 10.0], [0.5, -1.0]])
     zero = np.zeros((1, 2, 2)), np.zeros(1), np.ones(1), np.zeros((1, 2)), np.zeros(1, dtype=int)
     likelihood = Likelihood(projection, *zero, np.zeros(1, dtype=int), np.ones(1))
-    prior = Prior(whole_space(2), np.zeros(2), np.ones(2), np.full(1, LOG_SCALE_SD), np.zeros(2))
+    prior = TruncatedGaussian(whole_space(2), np.zeros(2), np.ones(2), np.full(1, LOG_SCALE_SD), np.zeros(2))
     log_scale = theta @ np.array([[0.0], [1e-3]]) + 1.0
     none = Diagnostics(np.ones(1), np.ones(1), np.ones(1))
     draws = Draws(theta, log_scale, theta @ projection.T, theta[..., 0], none, none, True, 1.0)
@@ -95,14 +95,14 @@ def test_what_a_model_may_lack_widens_by_the_closed_form():
     """A normal posterior: theta moves by Cov(theta, beta) H e; nothing else moves."""
     plain = normal_draws(np.array([[2.0, 0.6], [0.6, 0.5]]))
     information = np.linalg.inv(plain.covariance_of_log)
-    lacking = np.array([[3.0, -1.1], [-1.1, 0.7]])
-    wide = widened(plain, information, lacking)
+    model_error_covariance = np.array([[3.0, -1.1], [-1.1, 0.7]])
+    wide = widened(plain, information, model_error_covariance)
     error = 4.5 * np.sqrt(2.0 / plain.draws.log_density.size) * np.array([[5.0, 3.0], [3.0, 1.5]])
-    assert np.all(np.abs(wide.covariance - plain.covariance - lacking) < error)
+    assert np.all(np.abs(wide.covariance - plain.covariance - model_error_covariance) < error)
     np.testing.assert_array_equal(wide.theta, plain.theta)
     np.testing.assert_array_equal(wide.covariance_of_log, plain.covariance_of_log)
     assert np.all(wide.parameter_sd > 1.2 * plain.parameter_sd)
-    np.testing.assert_array_equal(widened(plain, information, lacking).shift, wide.shift)
+    np.testing.assert_array_equal(widened(plain, information, model_error_covariance).shift, wide.shift)
 
 
 def test_what_a_model_may_lack_leaves_no_friction_below_zero():
@@ -144,7 +144,7 @@ def normal_draws(covariance, cone=None):
     mode = replace(posterior.modes[0], draws=draws)
     target = replace(posterior.target, likelihood=likelihood)
     if cone is not None:
-        target = replace(target, prior=replace(target.prior, region=Region.of(cone), inside=np.ones(2)))
+        target = replace(target, prior=replace(target.prior, region=FeasibleSet.of(cone), inside=np.ones(2)))
     return replace(posterior, target=target, draws=draws, modes=(mode,))
 
 

@@ -5,7 +5,7 @@ import pytest
 from posterior_problems import disc, quadrature, simulate, target_in
 
 from bayesid.errors import InputError
-from bayesid.posterior.region import barrier_minimum
+from bayesid.posterior.feasible_set import barrier_minimum
 from bayesid.posterior.sampler import Sampling, sample
 
 FEW = Sampling(walkers=16)

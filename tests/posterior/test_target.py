@@ -60,7 +60,7 @@ def test_the_density_has_the_rows_of_both_logs_and_the_earlier_ones_keep_their_n
 
 def test_what_the_log_does_not_show_is_as_large_as_the_earlier_one_says():
     new = make_log((1.0, 40.0, 0.3, 0.1), rows=(20, 20), known=(1, 1), sees=((1.0, 0.0, 0.0, 0.0),), sigma=(0.5,))
-    likelihood = make_likelihood(new.moments, new.coefficients, new.sigma, new.time, np.zeros(2, dtype=int))
+    likelihood = make_likelihood(new.normal_equations, new.coefficients, new.sigma, new.time, np.zeros(2, dtype=int))
     columns = np.zeros((4, 4))
     columns[:, :3] = [[0.0, 2.0, 0.0], [1e-3, -1.0, 0.0], [0.0, 0.0, 900.0], [0.0, 0.0, 100.0]]
     known = information_of(columns, columns @ np.array([0.0, 40.0, 0.3, 0.0]))

@@ -112,7 +112,7 @@ def quadratic(model, seed):
     """Infeasible random data: cone and constraints bind."""
     coefficients, rng = base_coefficients(model), np.random.default_rng(seed)
     motion = random_motion(3, 200, seed)
-    columns = model.columns(motion)[:, :, coefficients.kept].reshape(-1, len(coefficients))
+    columns = model.columns(motion)[:, :, coefficients.selected].reshape(-1, len(coefficients))
     efforts = columns @ rng.normal(size=len(coefficients)) + 0.3 * rng.normal(size=len(columns))
     return coefficients, columns.T @ columns, columns.T @ efforts, float(efforts @ efforts)
 
@@ -132,7 +132,7 @@ def test_optimum_is_that_of_cvxpy(form, model):
         cone.append(cp.reshape(PSEUDO_INERTIA_BASIS.reshape(10, 16).T @ theta[body], (4, 4), order="C") >> 0)
     root = np.linalg.cholesky(hessian).T
     misfit = cp.sum_squares(root @ (coefficients.projection @ theta) - np.linalg.solve(root.T, gradient))
-    pull = solver.pull_weight * cp.sum_squares(theta / solver.scale - solver.typical)
+    pull = solver.tikhonov_weight * cp.sum_squares(theta / solver.scale - solver.typical)
     other = cp.Problem(cp.Minimize(misfit + pull), stated + cone).solve(solver=cp.CLARABEL)
     other -= float(gradient @ np.linalg.solve(hessian, gradient))
     assert solution.cost == pytest.approx(other, abs=1e-6 * energy)
@@ -287,7 +287,7 @@ def few_rows(model):
             yield cp.norm(p.first_moment(3) - centre[2] * p["m3"]) <= 0.02 * p["m3"]
 
         constrained = replace(model, constraints=constraints_of(says, model))
-        columns = model.columns(motion)[:, :, coefficients.kept].reshape(-1, len(coefficients))
+        columns = model.columns(motion)[:, :, coefficients.selected].reshape(-1, len(coefficients))
         efforts = columns @ coefficients.project(truth)
         efforts += 0.03 * np.sqrt(np.mean(efforts**2)) * rng.normal(size=len(efforts))
         solver = ConeLeastSquares(constrained.cone, coefficients, columns.T @ columns, float(efforts @ efforts))

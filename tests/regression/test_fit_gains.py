@@ -11,9 +11,9 @@ from bayesid.effects.coefficients import base_coefficients
 from bayesid.effects.model import Model
 from bayesid.log.gains import Gains
 from bayesid.log.signals import Signals
-from bayesid.regression.evidence import Evidence
 from bayesid.regression.gains import GainPrior, fit_gains, likely_gains, prior_of, signed_moments
-from bayesid.regression.knowledge import LinkPrior, Nominal
+from bayesid.regression.knowledge import LinkPrior, NominalParameters
+from bayesid.regression.log_data import LogData
 from bayesid.regression.noise import Noise
 from bayesid.simulation.parameters import random_parameters
 
@@ -39,21 +39,21 @@ class Case:
             self.motion, self.effort, self.effort, np.ones(3, bool), RATE, 20.0, {}, np.ones(effort.shape, bool)
         )
         every = np.ones(effort.shape, dtype=bool)
-        self.evidence = Evidence(self.model, base_coefficients(self.model), signals, every, every)
+        self.log_data = LogData(self.model, base_coefficients(self.model), signals, every, every)
 
     def fit(self, prior, nominal=None):
-        return fit_gains(self.evidence, self.moments, self.noise, prior, LINKS, nominal)
+        return fit_gains(self.log_data, self.normal_equations, self.noise, prior, LINKS, nominal)
 
     @property
-    def moments(self):
-        return signed_moments(self.evidence, np.ones(self.effort.shape))
+    def normal_equations(self):
+        return signed_moments(self.log_data, np.ones(self.effort.shape))
 
     def raw_cost(self, log, prior):
         """Of all rows, without moments, cone or linearisation."""
         rows, efforts = [], []
-        used = self.evidence.used
+        used = self.log_data.used
         for j in range(3):
-            rows.append(np.exp(-log[j]) * self.evidence.columns[used[:, j], j] / (self.sd[j] * self.off[j]))
+            rows.append(np.exp(-log[j]) * self.log_data.columns[used[:, j], j] / (self.sd[j] * self.off[j]))
             efforts.append(self.effort[used[:, j], j] / (self.sd[j] * self.off[j]))
         design, measured = np.concatenate(rows), np.concatenate(efforts)
         size = np.linalg.norm(design, axis=0)
@@ -99,7 +99,7 @@ def test_their_covariance_is_the_inverse_curvature_of_all_rows(case):
 def test_a_common_factor_leaves_no_trace(case):
     found, one = case.fit(WIDE), np.ones(3)
     assert abs(one @ found.information @ one) < 1e-6 * np.trace(found.information)
-    project = case.evidence.coefficients.project
+    project = case.log_data.coefficients.project
     assert project(found.moves @ one) == pytest.approx(project(found.theta), rel=1e-4, abs=1e-4)
 
 
@@ -120,7 +120,7 @@ def test_a_known_mass_fixes_the_factor_only_as_far_as_the_log_shows_that_mass(ca
         place = names.index(name)
         mean, spread = np.full(len(names), np.nan), np.full(len(names), np.nan)
         mean[place], spread[place] = case.theta[place], 1e-3 * case.theta[place]
-        told[name] = case.fit(WIDE, Nominal(mean, spread))
+        told[name] = case.fit(WIDE, NominalParameters(mean, spread))
     assert sd_of(told["m3"])[2] > 0.5 * sd
     assert sd_of(told["Fc3"])[2] < 0.2 * sd
     assert abs(told["Fc3"].log[2] + np.log(OFF[2])) < 3.5 * sd_of(told["Fc3"])[2]
@@ -129,7 +129,7 @@ def test_a_known_mass_fixes_the_factor_only_as_far_as_the_log_shows_that_mass(ca
 def test_draws_scale_parameters_as_their_gains_say(case):
     found = case.fit(WIDE)
     common = np.full((1, 3), 0.4)
-    project = case.evidence.coefficients.project
+    project = case.log_data.coefficients.project
     scaled = found.scaled(found.theta[None], common)[0]
     assert project(scaled) == pytest.approx(np.exp(0.4) * project(found.theta), rel=1e-4, abs=1e-4)
     assert found.scaled(found.theta[None], np.zeros((1, 3)))[0] == pytest.approx(found.theta)
@@ -144,26 +144,26 @@ def test_the_linearised_best_parameters_are_those_of_other_gains(case):
 
     def best(log):
         weight = 1.0 / (case.sd * case.off)
-        design = np.exp(-log)[:, None] * weight[:, None] * case.evidence.columns * case.evidence.used[:, :, None]
+        design = np.exp(-log)[:, None] * weight[:, None] * case.log_data.columns * case.log_data.used[:, :, None]
         flat = design.reshape(-1, design.shape[2])
         size = np.linalg.norm(flat, axis=0)
-        measured = (case.effort * weight * case.evidence.used).ravel()
+        measured = (case.effort * weight * case.log_data.used).ravel()
         return np.linalg.lstsq(flat / size, measured, rcond=1e-12)[0] / size
 
     away = step * np.array([0.0, 1.0, 0.0])
     change = (best(found.log + away) - best(found.log - away)) / (2.0 * step)
-    stated = case.evidence.coefficients.projection @ found.moves[:, 1]
+    stated = case.log_data.coefficients.projection @ found.moves[:, 1]
     np.testing.assert_allclose(stated, change, atol=0.03 * np.abs(change).max())
 
 
 def test_gains_that_nobody_knows_begin_where_a_robot_of_its_reach_would_have_them(case):
     """Readings a thousand times smaller need gains a thousand times larger."""
     gains = Gains(np.ones(3), np.full(3, np.inf))
-    factor = likely_gains(case.evidence, gains)
+    factor = likely_gains(case.log_data, gains)
     small = Case(off=OFF / 1000.0)
-    np.testing.assert_allclose(likely_gains(small.evidence, gains), 1000.0 * factor, rtol=1e-9)
+    np.testing.assert_allclose(likely_gains(small.log_data, gains), 1000.0 * factor, rtol=1e-9)
     half = Gains(np.ones(3), np.array([np.inf, 0.0, 0.2]))
-    assert (likely_gains(case.evidence, half)[1:] == 1.0).all()
+    assert (likely_gains(case.log_data, half)[1:] == 1.0).all()
     prior = prior_of(half)
     assert prior.loose.tolist() == [0, 2]
     assert prior.covariance[0, 0] > 1.0 > prior.covariance[2, 2]

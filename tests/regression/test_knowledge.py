@@ -9,7 +9,7 @@ from bayesid.effects.model import Model
 from bayesid.errors import InputError
 from bayesid.identification.pipeline import identify
 from bayesid.posterior.sampler import Sampling
-from bayesid.regression.knowledge import Knowledge, ParameterPrior, of_base, read_nominal
+from bayesid.regression.knowledge import CoefficientPrior, ParameterPrior, of_base, read_nominal
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters
 from bayesid.simulation.trajectories import random_trajectory
@@ -31,9 +31,9 @@ def weighted_rows(model, motion):
 def known_from(model, motion, effort):
     """A log's moments of the model's own base coefficients, as knowledge."""
     coefficients = base_coefficients(model)
-    rows, effort = weighted_rows(model, motion)[:, coefficients.kept], (effort / SIZES).ravel()
+    rows, effort = weighted_rows(model, motion)[:, coefficients.selected], (effort / SIZES).ravel()
     precision = rows.T @ rows
-    return Knowledge(model, coefficients.lift(np.linalg.solve(precision, rows.T @ effort)), precision)
+    return CoefficientPrior(model, coefficients.lift(np.linalg.solve(precision, rows.T @ effort)), precision)
 
 
 def log_of(model, seed, rng):
@@ -59,12 +59,14 @@ def test_information_and_a_second_log_are_both_logs_together(whole, rng):
     first[:, : len(part.parameters)] = weighted_rows(part, motion)
     second = weighted_rows(whole, log_of(whole, 2, rng)[0])
     after = rng.normal(size=180)
-    both = np.vstack([first, second])[:, coefficients.kept]
-    assert_close(info.hessian + second[:, coefficients.kept].T @ second[:, coefficients.kept], both.T @ both, 1e-9)
+    both = np.vstack([first, second])[:, coefficients.selected]
+    assert_close(
+        info.hessian + second[:, coefficients.selected].T @ second[:, coefficients.selected], both.T @ both, 1e-9
+    )
     efforts = np.concatenate([(effort / SIZES).ravel(), after])
-    assert_close(info.gradient + second[:, coefficients.kept].T @ after, both.T @ efforts, 1e-9)
+    assert_close(info.gradient + second[:, coefficients.selected].T @ after, both.T @ efforts, 1e-9)
     points = rng.normal(size=(2, len(coefficients)))
-    by_hand = [np.sum((first[:, coefficients.kept] @ x - efforts[:180]) ** 2) for x in points]
+    by_hand = [np.sum((first[:, coefficients.selected] @ x - efforts[:180]) ** 2) for x in points]
     assert info.misfit(points[0]) - info.misfit(points[1]) == pytest.approx(by_hand[0] - by_hand[1], rel=1e-9)
     centre = coefficients.project(np.append(knowledge.theta, points[0, : len(whole.parameters) - len(part.parameters)]))
     assert info.misfit(centre) == pytest.approx(0.0, abs=1e-9 * info.energy)
@@ -105,7 +107,7 @@ def test_widened_needs_no_inverse_of_what_is_known():
     model = plain_model()
     coefficients, rng = base_coefficients(model), np.random.default_rng(5)
     root = rng.normal(size=(len(coefficients), len(coefficients) - 2))
-    knowledge = Knowledge(model, np.zeros(len(model.parameters)), root @ root.T)
+    knowledge = CoefficientPrior(model, np.zeros(len(model.parameters)), root @ root.T)
     labels = [parameter.name for parameter in model.parameters]
     steps = coefficients.projection[:, [labels.index(name) for name in NAMES]]
     nearly = np.linalg.inv(root @ root.T + 1e-7 * np.eye(len(coefficients))) + steps @ np.diag(SD**2) @ steps.T

@@ -6,9 +6,9 @@ from bayesid.effects.catalogue import make_terms
 from bayesid.effects.coefficients import base_coefficients
 from bayesid.effects.model import Model
 from bayesid.log.signals import Signals
-from bayesid.regression.evidence import Evidence
-from bayesid.regression.knowledge import Information
+from bayesid.regression.knowledge import InformationMatrix
 from bayesid.regression.least_squares import fit_signed
+from bayesid.regression.log_data import LogData
 from bayesid.regression.noise import Noise
 
 RATE = 100.0
@@ -34,12 +34,12 @@ class Arm:
         every = np.ones_like(effort, dtype=bool)
         return Signals(self.motion, effort, effort, np.array([signed]), RATE, 20.0, {}, every)
 
-    def evidence(self, effort, signed=False, information=None):
+    def log_data(self, effort, signed=False, information=None):
         moving = np.ones_like(effort, dtype=bool)
-        return Evidence(self.model, self.coefficients, self.signals(effort, signed), moving, moving, information)
+        return LogData(self.model, self.coefficients, self.signals(effort, signed), moving, moving, information)
 
     def fit(self, effort, signs, signed=False, information=None):
-        return fit_signed(self.evidence(effort, signed, information), signs)
+        return fit_signed(self.log_data(effort, signed, information), signs)
 
 
 @pytest.fixture(scope="module")
@@ -76,7 +76,7 @@ def test_known_signs_are_ordinary_least_squares(arm):
     found = arm.fit(arm.effort + noise, signs, signed=True)
     inside = arm.signals(arm.effort).inner[:, 0]
     assert inside.sum() == len(inside) - 2 * int(np.ceil(0.5 / 20.0 * RATE))
-    columns = arm.model.columns(arm.motion)[:, 0, arm.coefficients.kept]
+    columns = arm.model.columns(arm.motion)[:, 0, arm.coefficients.selected]
     expected = np.linalg.lstsq(columns[inside], (arm.effort + noise)[inside, 0], rcond=None)[0]
     assert np.abs((found.beta - expected) / found.sd).max() < 0.01
     half = arm.fit(np.abs(arm.effort), 0.5 * np.sign(arm.effort))
@@ -88,7 +88,7 @@ COLOURED = Noise(np.array([0.2]), np.array([0.6]), np.array([-0.01 / np.log(0.9)
 
 def noisy_fit(arm, seed, signed=True, **options):
     effort = arm.effort + COLOURED.draw(len(arm.effort), 1, RATE, np.random.default_rng(seed))[:, :, 0]
-    return fit_signed(arm.evidence(effort if signed else np.abs(effort), signed), np.sign(arm.effort), **options)
+    return fit_signed(arm.log_data(effort if signed else np.abs(effort), signed), np.sign(arm.effort), **options)
 
 
 def test_the_noise_is_what_there_was_and_the_residual_what_is_left():
@@ -124,15 +124,15 @@ def test_a_long_log_is_not_corrected(arm):
 def earlier_log(arm, spread):
     """Columns and efforts of another motion, in units of their noise, and their information."""
     motion = smooth_motion(1, 3.0, RATE, seed=17)
-    columns = arm.model.columns(motion)[:, 0, arm.coefficients.kept] / spread
+    columns = arm.model.columns(motion)[:, 0, arm.coefficients.selected] / spread
     effort = columns @ arm.beta + np.random.default_rng(8).standard_normal(len(motion))
-    return columns, effort, Information(columns.T @ columns, columns.T @ effort, float(effort @ effort))
+    return columns, effort, InformationMatrix(columns.T @ columns, columns.T @ effort, float(effort @ effort))
 
 
 def joint_fit(arm, earlier, effort, spread):
     """Least squares on both logs, stacked."""
     inside = arm.signals(effort).inner[:, 0]
-    columns = arm.model.columns(arm.motion)[inside, 0][:, arm.coefficients.kept] / spread
+    columns = arm.model.columns(arm.motion)[inside, 0][:, arm.coefficients.selected] / spread
     rows = np.vstack([earlier[0], columns])
     return np.linalg.lstsq(rows, np.concatenate([earlier[1], effort[inside, 0] / spread]), rcond=None)[0], rows
 
@@ -157,7 +157,7 @@ def test_the_information_of_both_logs_adds(arm):
     effort = arm.effort + 0.2 * arm.size * np.random.default_rng(9).standard_normal(arm.effort.shape)
     known = earlier_log(arm, 0.5 * arm.size)[2]
     found = arm.fit(effort, np.sign(arm.effort), True, known)
-    columns = arm.model.columns(arm.motion)[arm.signals(effort).inner[:, 0], 0][:, arm.coefficients.kept]
+    columns = arm.model.columns(arm.motion)[arm.signals(effort).inner[:, 0], 0][:, arm.coefficients.selected]
     later = columns.T @ columns / found.noise.sigma[0] ** 2 / found.noise.autocorrelation[0]
     np.testing.assert_allclose(found.information, later + known.hessian, rtol=1e-9)
     assert_inverse(found.covariance, found.information)

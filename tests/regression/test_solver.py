@@ -29,7 +29,7 @@ def problem(names, seed, n=2, noise=0.3):
     model = Model(robot, make_terms(names, robot, motion))
     coefficients = base_coefficients(model)
     rng = np.random.default_rng(seed)
-    columns = model.columns(motion)[:, :, coefficients.kept].reshape(-1, len(coefficients))
+    columns = model.columns(motion)[:, :, coefficients.selected].reshape(-1, len(coefficients))
     efforts = columns @ rng.normal(size=len(coefficients)) + noise * rng.normal(size=len(columns))
     return model, coefficients, columns.T @ columns, columns.T @ efforts, float(efforts @ efforts)
 
@@ -91,7 +91,7 @@ def test_what_leaves_no_trace_is_drawn_to_a_typical_link():
     coefficients = base_coefficients(model)
     truth = random_parameters(model, np.random.default_rng(4))
     beta = coefficients.project(truth)
-    columns = model.columns(motion)[:, :, coefficients.kept].reshape(-1, len(coefficients))
+    columns = model.columns(motion)[:, :, coefficients.selected].reshape(-1, len(coefficients))
     hessian, energy = columns.T @ columns, float(np.sum((columns @ beta) ** 2))
     theta = solve_precisely(model.cone, coefficients, hessian, hessian @ beta, energy).theta
     allowed = 1e-3 * np.sqrt(energy / len(columns))
@@ -143,7 +143,7 @@ def test_no_feasible_point_costs_less_than_the_lower_bound(names, tolerance):
 def test_the_lower_bound_meets_what_active_sets_find():
     model, coefficients, hessian, gradient, energy = problem(["viscous_friction", "coulomb_friction"], 3)
     solver = ConeLeastSquares(model.cone, coefficients, hessian, energy)
-    ridge = [solver.regularisation(step) for step in np.eye(model.cone.size)]  # the pull is to zero
+    ridge = [solver.regularisation(step) for step in np.eye(model.cone.size)]  # the Tikhonov term is to zero
     root = np.linalg.cholesky(coefficients.projection.T @ hessian @ coefficients.projection + np.diag(ridge)).T
     target = np.linalg.solve(root.T, gradient @ coefficients.projection)
     least = nnls(root, target)[1] ** 2 - target @ target
@@ -228,7 +228,7 @@ def test_more_data_pull_no_harder():
     ) == pytest.approx(1.0)
     lighter = once.lighter(0.01)
     assert lighter.regularisation(theta) == pytest.approx(0.01 * once.regularisation(theta))
-    assert once.pull_weight == pytest.approx(1.0 / TUNING.pull_reach**2), "the first is as it was"
+    assert once.tikhonov_weight == pytest.approx(1.0 / TUNING.pull_reach**2), "the first is as it was"
 
 
 def test_a_cone_without_constraints_is_plain_least_squares():
@@ -254,7 +254,7 @@ def test_well_conditioned_nonnegative_least_squares_are_solved(seed, options):
     small = synthetic(seed, **options)
     solver = small.solver().prepared()
     for signs, cost in zip(small.assignments, small.costs, strict=True):
-        solution = solver.solve(signs @ small.moments.gradient)
+        solution = solver.solve(signs @ small.normal_equations.gradient)
         assert solution.cost + small.energy == pytest.approx(cost, abs=1e-5 * small.energy)
 
 
@@ -317,9 +317,9 @@ def test_useless_multipliers_leave_the_bound_without_a_cone(answering):
     """None of them is the least that is proven, and their size does not matter."""
     model, coefficients, hessian, gradient, energy = problem(["rigid_body", "viscous_friction"], 4)
     stated = ConeLeastSquares(model.cone, coefficients, hessian, energy)
-    pull, centre = stated.pull()
-    curvature, slope = hessian + pull, gradient + pull @ centre
-    plain = float(centre @ pull @ centre - slope @ np.linalg.solve(curvature, slope))
+    tikhonov, centre = stated.tikhonov()
+    curvature, slope = hessian + tikhonov, gradient + tikhonov @ centre
+    plain = float(centre @ tikhonov @ centre - slope @ np.linalg.solve(curvature, slope))
     right = stated.prepared().solve_precisely(gradient).lower_bound
     assert right > plain + 1e-3 * energy, "the cone binds"
     bounds = []
@@ -342,12 +342,12 @@ def test_the_pull_on_coefficients_is_the_least_on_parameters():
     weight = 0.5 * (ahead + behind) - at_zero
     centre = 0.25 * (behind - ahead) / weight
     projection = coefficients.projection
-    pull, drawn_to = solver.pull()
-    np.testing.assert_allclose(pull, pull.T, rtol=1e-9, atol=1e-12 * np.abs(pull).max())
+    tikhonov, drawn_to = solver.tikhonov()
+    np.testing.assert_allclose(tikhonov, tikhonov.T, rtol=1e-9, atol=1e-12 * np.abs(tikhonov).max())
     for beta in np.random.default_rng(7).normal(size=(5, len(coefficients))):
         # stationary: 2 w (theta - t) = B' l,  so  theta = t + B' l / 2 w  with  B theta = beta
         inner = (projection / weight) @ projection.T
         multipliers = np.linalg.solve(inner, beta - projection @ centre)
         theta = centre + (projection.T @ multipliers) / weight
         np.testing.assert_allclose(projection @ theta, beta, atol=1e-8)
-        assert (beta - drawn_to) @ pull @ (beta - drawn_to) == pytest.approx(rho(theta), rel=1e-6)
+        assert (beta - drawn_to) @ tikhonov @ (beta - drawn_to) == pytest.approx(rho(theta), rel=1e-6)

@@ -28,14 +28,14 @@ def written(folder):
 def test_summary_holds_what_entered(case):
     result, folder = case
     complete = written(folder)
-    completion = result.completion
+    model_selection = result.model_selection
     assert set(complete) == {"effects", "held_back_error", "uncertain", "may_enter", "too_narrow"}
     for name in ("before", "after", "effort"):
-        assert complete["held_back_error"][name] == getattr(completion, name).tolist()
-    assert complete["uncertain"] == list(completion.uncertain)
-    assert complete["too_narrow"] == json.loads(json.dumps([vars(one) for one in completion.too_narrow]))
-    assert len(complete["effects"]) == len(completion.effects)
-    for entry, entered in zip(complete["effects"], completion.effects, strict=True):
+        assert complete["held_back_error"][name] == getattr(model_selection, name).tolist()
+    assert complete["uncertain"] == list(model_selection.uncertain)
+    assert complete["too_narrow"] == json.loads(json.dumps([vars(one) for one in model_selection.too_narrow]))
+    assert len(complete["effects"]) == len(model_selection.effects)
+    for entry, entered in zip(complete["effects"], model_selection.effects, strict=True):
         assert entry["effect"] == entered.effect
         assert entry["form"] == entered.source.name
         assert entry["joints"] == list(entered.joints)
@@ -55,11 +55,11 @@ def test_numbers_are_those_of_the_model():
         assert number["value"] == result.theta[place]
         assert number["sd"] in (None, result.parameter_sd[0][place])
         assert number["unit"] == "N m"
-    speed = result.completion.effects[0].source.speed[0]
+    speed = result.model_selection.effects[0].source.speed[0]
     assert entry["parameters"]["speed2"] == {"value": speed, "sd": None, "unit": "rad/s"}
     late = identified("delay")
     (entry,) = as_json(report_data(late).summary)["complete"]["effects"]
-    (entered,) = late.completion.effects
+    (entered,) = late.model_selection.effects
     expected = {"value": entered.source.lag[0], "sd": entered.number_sd[0], "unit": "s"}
     assert list(entry["parameters"].values()) == [expected]
 

@@ -229,10 +229,10 @@ def test_five_lines_say_it_all():
 def test_what_has_changed_is_not_called_known():
     changed = found(friction(), {"Fc2": (2.3, 0.1, "N m"), "change of Fc2": (0.4, 0.1, "N m")}, changes=("Fc2",))
     known = (("coulomb_friction", (2,)), ("coulomb_friction", (3,)))
-    (check,) = checks_of(make(added=(changed,), all_along=known), "Not new")
+    (check,) = checks_of(make(added=(changed,), preexisting=known), "Not new")
     assert "joint 3" in check.message
     assert "joint 2" not in check.message
-    assert checks_of(make(added=(changed,), all_along=known[:1]), "Not new") == []
+    assert checks_of(make(added=(changed,), preexisting=known[:1]), "Not new") == []
 
 
 def numbers_of(kind):

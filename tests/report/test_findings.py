@@ -21,7 +21,7 @@ from bayesid.report.tuning import TUNING
 from bayesid.report.verdicts import check_findings, verdict
 from bayesid.robot import robot_from_table, robot_table
 from bayesid.signs.search.certified import Certified
-from bayesid.signs.search.protocol import Branch
+from bayesid.signs.search.protocol import Assignment
 from bayesid.simulation.logs import simulate_log
 
 JOINTS = (
@@ -201,7 +201,7 @@ def test_what_differs_in_other_assignments(half_signed):
     decided = np.ones((3, len(search.signs)), dtype=bool)
     decided[1, 4] = False
     costs = search.cost + np.array([0.0, 2.5, 4.25])
-    branches = tuple(Branch(one, search.theta, cost, search.cost) for one, cost in zip(signs, costs, strict=True))
+    branches = tuple(Assignment(one, search.theta, cost, search.cost) for one, cost in zip(signs, costs, strict=True))
     found = report_data(replace(half_signed, search=replace(search, branches=branches, decided=decided))).alternatives
     np.testing.assert_allclose(found.cost - found.cost[0], [0.0, 2.5, 4.25])
     np.testing.assert_array_equal(found.branch, [1, 2, 2, 2])

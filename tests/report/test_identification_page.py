@@ -39,7 +39,7 @@ def one_joint():
 def beam():
     """Nothing is proven, nothing was sampled."""
     found = make_findings(n=1, draws=False, coefficients=3)
-    nothing = dict.fromkeys(("lower_bound", "gap", "within", "assignments", "settled_share"))
+    nothing = dict.fromkeys(("lower_bound", "gap", "optimality_gap", "assignments", "persistent_share"))
     return with_summary(with_summary(found, posterior=None), "search", certified=False, method="beam", **nothing)
 
 

@@ -42,7 +42,7 @@ def test_the_summary_has_the_promised_keys(result, folder):
     search = content["search"]
     assert (search["method"], search["certified"]) == ("branch and bound", True)
     assert [way["name"] for way in search["ways"]][-1] == "branch and bound"
-    assert search["unseen"] == 0.0
+    assert search["unlisted_probability"] == 0.0
     assert search["lower_bound"] == pytest.approx(search["cost"], rel=1e-4)
     assert search["gap"] == search["cost"] - search["lower_bound"]
     assert search["assignments"] >= 1

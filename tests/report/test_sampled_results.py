@@ -18,8 +18,8 @@ from bayesid.identification.model_file import load
 
 KEYS = {
     *("converged", "max_rhat", "min_ess", "max_rhat_of_parameters", "draws", "ensembles", "walkers", "seed", "seconds"),
-    *("prior", "prior_sd", "noise_scale", "mode", "assignments", "assignments_elsewhere", "excluded"),
-    "pressed_windows",
+    *("prior", "prior_sd", "noise_scale", "mode", "assignments", "assignments_elsewhere", "posterior_conflict"),
+    "active_bounds",
     "timed_out",
     *("wanted_rhat", "wanted_ess"),
 }

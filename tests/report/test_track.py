@@ -71,8 +71,8 @@ def test_an_external_torque_is_told_as_the_test_of_a_contact_takes_it():
     of_stream.add(replace(now, external=50.0 * limit))
     np.testing.assert_allclose(of_stream.pushed, [0.9, 1.1])
     test, sums = ChangeTest(None, 50.0, 0.01), Sums.begin(2)
-    felt = np.array([test.push(sums, ratio * limit, limit) for ratio in ratios])
-    np.testing.assert_array_equal(felt.any(axis=0), of_stream.pushed > 1.0)
+    sparsity = np.array([test.push(sums, ratio * limit, limit) for ratio in ratios])
+    np.testing.assert_array_equal(sparsity.any(axis=0), of_stream.pushed > 1.0)
 
 
 def test_what_was_not_compared_and_what_became_of_the_rows_is_said():

@@ -9,7 +9,7 @@ from made_findings import make_findings, make_samples, with_summary
 
 from bayesid.identification.checks import Check
 from bayesid.identification.misread import Misreading
-from bayesid.regression.selection.unseen import TooNarrow
+from bayesid.regression.selection.nuisance_scales import TooNarrow
 from bayesid.report.summary import CompletionSummary, ErrorsSummary, GainsSummary, LowPassSummary, ModeSummary
 from bayesid.report.verdicts import check_findings, sure_share, verdict, worst
 
@@ -97,7 +97,7 @@ def with_gains(**changes):
 SPRING = TooNarrow(("gravity_spring", "joint_spring"), (2,), ("mc2x", "J2xx"))
 FAR_OFF = TooNarrow(("kinematics",), (), ("a", "b", "c", "d", "e", "f", "g"), 3.14)
 OTHER = Misreading("joint order", "joints 2 and 3 exchanged", 0.041, 0.213, 9.0, "check the robot file")
-NO_PROOF = {"certified": False, "lower_bound": None, "gap": None, "within": None, "assignments": None}
+NO_PROOF = {"certified": False, "lower_bound": None, "gap": None, "optimality_gap": None, "assignments": None}
 PRESSED = {"mass of all links, from above": 0.97}
 MENDED = ("rows of 0; 37 are dropped",)
 LOW_PASS = LowPassSummary(8.1, 1, True, (0.2, 0.3), "8.1 Hz (so)")
@@ -117,16 +117,16 @@ CASES = {  # of each check: state, findings, and what the message contains, in t
         ("good", SIGNED, ""),
         ("look", unsure(1, 0.2), "2|10"),
         ("bad", unsure(0, 0.5), ""),
-        ("look", with_summary(GOOD, "signs", doubt=[0.0, 0.3]), "joint 2|0.85"),
+        ("look", with_summary(GOOD, "signs", model_error_probability=[0.0, 0.3]), "joint 2|0.85"),
     ],
     "Low-pass after the rectifier": [("look", summary(low_pass_after_rectifier=LOW_PASS), "8.1 Hz")],
     "Proof": [
         ("good", GOOD, ""),
         ("good", SIGNED, ""),
-        ("good", search(assignments=4, settled_share=0.97), "3 others|3.0%"),
-        ("look", search(assignments=4, settled_share=0.9), "3 others|10.0%"),
+        ("good", search(assignments=4, persistent_share=0.97), "3 others|3.0%"),
+        ("look", search(assignments=4, persistent_share=0.9), "3 others|10.0%"),
         ("look", search(**NO_PROOF), "beam"),
-        ("look", search(certified=False, withheld="pull"), "not proven"),
+        ("look", search(certified=False, uncertified_because="tikhonov"), "not proven"),
         ("bad", posterior(excluded=0.83), "83"),
         ("look", posterior(excluded=0.14), "14"),
         ("look", search(certified=False, lower_bound=800.25, gap=12.25), "not proven|1.5%"),
@@ -177,7 +177,7 @@ CASES = {  # of each check: state, findings, and what the message contains, in t
         ("look", decided(7), "7|8"),
         ("look", decided(4), "4|8"),
         ("bad", decided(3), "3|8"),
-        ("bad", posterior(pressed_windows=PRESSED), "mass of all links, from above|97"),
+        ("bad", posterior(active_bounds=PRESSED), "mass of all links, from above|97"),
         ("good", by_factor(0.1), "common to all gains|8 of 8|0 are"),
         ("good", by_factor(2.0), "common to all gains|8 of 8|8 are"),
     ],

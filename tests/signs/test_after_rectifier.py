@@ -18,7 +18,7 @@ from bayesid.log.signals import prepare
 from bayesid.regression.noise import Noise
 from bayesid.signs.after_rectifier import noise_taken, settle_unfiltered, significance
 from bayesid.signs.search.certified import Certified
-from bayesid.signs.settling import settle_signs
+from bayesid.signs.sign_solution import settle_signs
 from bayesid.signs.smoothing import smooth
 
 RATE = 100.0
@@ -58,21 +58,21 @@ def unfiltered(kind):
     return settle_unfiltered(model, signals, segments, SEARCH, USUAL)[0]
 
 
-def wrong_and_sure(settled):
+def wrong_and_sure(sign_solution):
     """How many of the samples that are given 0.999 are wrong, and how many are given that."""
-    probability = settled.probability
+    probability = sign_solution.probability
     sure = np.maximum(probability, 1.0 - probability) >= 0.999
     return int(((probability >= 0.5) != (signed_log().effort >= 0.0))[sure].sum()), int(sure.sum())
 
 
 @pytest.mark.parametrize(("kind", "cutoff"), [("rc 8 Hz", 8.0), ("2nd 3 Hz", 3.0), ("zero phase 8 Hz", 8.0)])
 def test_a_low_pass_is_found_and_signs_are_no_surer_than_right(kind, cutoff):
-    settled = unfiltered(kind)
-    found = settled.evidence.signals.after_rectifier
+    sign_solution = unfiltered(kind)
+    found = sign_solution.log_data.signals.after_rectifier
     assert found is not None
     assert found.low_pass.cutoff == pytest.approx(cutoff, rel=0.1)
-    wrong, sure = wrong_and_sure(settled)
-    assert sure > 0.6 * settled.probability.size
+    wrong, sure = wrong_and_sure(sign_solution)
+    assert sure > 0.6 * sign_solution.probability.size
     assert wrong <= 1e-3 * sure
 
 
@@ -81,10 +81,10 @@ def test_what_was_not_filtered_or_before_the_rectifier_is_left_alone(kind):
     effort = signed_log().effort if kind == "none" else KINDS[kind](signed_log().effort)
     model, signals, segments = started(read(np.abs(effort)))
     expected = settle_signs(model, signals, segments, SEARCH)
-    settled, as_before = settle_unfiltered(model, signals, segments, SEARCH, USUAL)
-    assert settled.evidence.signals is signals
+    sign_solution, as_before = settle_unfiltered(model, signals, segments, SEARCH, USUAL)
+    assert sign_solution.log_data.signals is signals
     assert as_before is segments
-    np.testing.assert_array_equal(settled.probability, expected.probability)
+    np.testing.assert_array_equal(sign_solution.probability, expected.probability)
 
 
 def test_significance_bounds_the_share_of_all_signs():

@@ -11,7 +11,7 @@ from bayesid.signs.search.protocol import SignProblem
 
 def problem(seed=5, segments=9, **changes):
     made = synthetic(seed, segments, joints=2, cone="body", noise=0.5, longest=12, **changes)
-    return SignProblem(made.moments, made.cone, made.coefficients)
+    return SignProblem(made.normal_equations, made.cone, made.coefficients)
 
 
 @pytest.fixture(scope="module")
@@ -21,7 +21,7 @@ def searched():
 
 def test_it_has_as_many_nodes_as_the_paper_says(searched):
     asked, result, nodes = searched
-    assert len(nodes) == 2**4 + 2 * 3 * (len(asked.moments) - 4) == result.nodes == result.solves
+    assert len(nodes) == 2**4 + 2 * 3 * (len(asked.normal_equations) - 4) == result.nodes == result.solves
     assert [node.number for node in nodes] == list(range(1, len(nodes) + 1))
     assert [sum(node.depth == depth for node in nodes) for depth in (4, 5, 9)] == [16, 6, 6]
 
@@ -34,7 +34,7 @@ def test_children_follow_from_kept_parents_and_only_the_last_are_leaves(searched
             parent = of[node.parent]
             assert (parent.fate, parent.depth) == ("kept", node.depth - 1)
             assert node.ols_cost >= parent.ols_cost - 1e-6
-        assert (node.fate == "leaf") <= (node.depth == len(asked.moments))
+        assert (node.fate == "leaf") <= (node.depth == len(asked.normal_equations))
         same_depth = [one for one in nodes if one.depth == node.depth]
         kept = [one for one in same_depth if one.fate in ("kept", "leaf")]
         assert len(kept) == 3
@@ -61,7 +61,7 @@ def test_feasible_estimates_cost_what_least_squares_does_and_infeasible_ones_mor
 
 def test_the_beam_ends_at_the_same_leaves_with_fewer_cone_problems(searched):
     asked, result, _ = searched
-    same = beam(asked.moments, asked.solver(), width=3, initial=4)
+    same = beam(asked.normal_equations, asked.solver(), width=3, initial=4)
     assert np.array_equal(same.signs, result.signs)
     assert same.cost == pytest.approx(result.cost, rel=1e-5)
     assert (same.nodes, same.solves < result.solves) == (result.nodes, True)
@@ -69,7 +69,7 @@ def test_the_beam_ends_at_the_same_leaves_with_fewer_cone_problems(searched):
 
 def test_known_signs_are_the_root_and_all_may_be_enumerated():
     asked = problem(segments=5, known=2)
-    known = asked.moments.known
+    known = asked.normal_equations.known
     unknown = int((known == 0).sum())
     result, nodes = algorithm1(asked, initial=9)
     assert len(nodes) == 2**unknown
@@ -79,7 +79,7 @@ def test_known_signs_are_the_root_and_all_may_be_enumerated():
 def test_what_is_refused_is_pruned_and_the_cheapest_goes_on_where_all_are():
     asked = problem()
     _, nodes = algorithm1(asked, width=3, initial=4, refuse=lambda one: np.ones(len(one.margins), dtype=bool))
-    assert len(nodes) == 2**4 + 2 * (len(asked.moments) - 4)
+    assert len(nodes) == 2**4 + 2 * (len(asked.normal_equations) - 4)
     assert {node.fate for node in nodes} == {"kept", "leaf", "pruned as infeasible"}
     _, nodes = algorithm1(asked, width=3, initial=4, refuse=lambda one: one.margins < 0.0)
     for depth in {node.depth for node in nodes}:

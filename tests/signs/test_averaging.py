@@ -45,7 +45,7 @@ def sure_samples(result):
 
 def test_a_model_without_friction_asks_another_one_and_confidences_are_rare_and_right(rough, poor, full):
     assert set(poor.sign_terms) == set(STANDARD)
-    assert poor.sign_weight == 0.95
+    assert poor.completed_model_weight == 0.95
     assert [term.name for term in poor.model.terms] == list(POOR)
     (said,) = [warning for warning in poor.warnings if "lacks" in warning]
     assert "viscous_friction, coulomb_friction" in said
@@ -62,7 +62,7 @@ def test_a_full_model_and_a_signed_log_ask_nobody(rough, full):
     signed = identify(rough.robot, rough.log(signed=True), POOR, posterior=False)
     for result, terms in ((full, STANDARD), (signed, POOR)):
         assert result.sign_terms == terms
-        assert result.sign_weight == 1.0
+        assert result.completed_model_weight == 1.0
         assert not any("lacks" in warning for warning in result.warnings)
 
 
@@ -76,8 +76,8 @@ def test_parameters_are_those_of_the_model_asked_for_under_the_others_signs(roug
 
 def test_given_signs_stand_in_the_posterior_of_the_poor_model(poor):
     """Its draws must not find the wrong signs again that the other model has ruled out."""
-    np.testing.assert_array_equal(np.abs(poor.posterior.moments.known), 1)
-    np.testing.assert_array_equal(poor.posterior.moments.known, poor.search.signs)
+    np.testing.assert_array_equal(np.abs(poor.posterior.normal_equations.known), 1)
+    np.testing.assert_array_equal(poor.posterior.normal_equations.known, poor.search.signs)
     assert poor.posterior.elsewhere is None
 
 
@@ -85,7 +85,7 @@ def test_a_right_model_is_not_talked_over():
     smooth = arm_with_friction(0.0)
     result = identify(smooth.robot, smooth.log(), ["rigid_body"], search=SEARCH, posterior=False)
     assert result.sign_terms == ("rigid_body",)
-    assert result.sign_weight > 0.95
+    assert result.completed_model_weight > 0.95
     right, strong = smooth.right(result)
     assert right[strong].all()
     assert not any("lacks" in warning for warning in result.warnings)
@@ -97,9 +97,9 @@ def asked(rough):
     return settle(rough.robot, rough.log(), POOR)
 
 
-def with_residual(settled, coloured):
-    residual = replace(settled.fit.residual, white=np.array([1.0, 2.0, 3.0]), coloured=np.array(coloured))
-    return replace(settled, fit=replace(settled.fit, residual=residual))
+def with_residual(sign_solution, coloured):
+    residual = replace(sign_solution.fit.residual, white=np.array([1.0, 2.0, 3.0]), coloured=np.array(coloured))
+    return replace(sign_solution, fit=replace(sign_solution.fit, residual=residual))
 
 
 def test_another_model_is_asked_where_a_residual_lasts(asked):
@@ -112,8 +112,8 @@ def test_another_model_is_asked_where_a_residual_lasts(asked):
 
 def fake(error, coefficients, moving=(600, 300)):
     mask = np.arange(max(moving))[:, None] < np.array(moving)
-    evidence = SimpleNamespace(coefficients=range(coefficients), used=mask, signals=SimpleNamespace(rate=100.0))
-    return SimpleNamespace(error=error, evidence=evidence)
+    log_data = SimpleNamespace(coefficients=range(coefficients), used=mask, signals=SimpleNamespace(rate=100.0))
+    return SimpleNamespace(error=error, log_data=log_data)
 
 
 def information_criterion(sigma, count, coefficients):
@@ -126,7 +126,7 @@ def test_the_weight_is_that_of_the_information_criterion():
     """600 and 300 samples, by the longer of two autocorrelation times."""
     errors = [coloured_errors(seed, moving=(600, 300)) for seed in (3, 8)]
     asked = fake(1.1 * errors[0], 4)
-    time = np.max([times_of(error, asked.evidence.used, 100.0) for error in errors], axis=0)
+    time = np.max([times_of(error, asked.log_data.used, 100.0) for error in errors], axis=0)
     sizes = [[np.sqrt(np.mean(e[:n, j] ** 2)) for j, n in enumerate((600, 300))] for e in (1.1 * errors[0], errors[1])]
     for more in (5, 7, 8, 9, 12):
         rival, count = fake(errors[1], 4 + more), np.array([600, 300]) / time
@@ -160,7 +160,7 @@ def test_a_joint_is_doubted_for_its_own_error_and_for_the_worst_one_unless_its_o
 def test_what_a_joint_turned_round_costs_is_what_is_left_of_the_rows_of_each():
     """Row by row, by ordinary least squares: three joints that share their coefficients, in every set of them."""
     problem = synthetic(5, 14, joints=3, cone="free", size=5, noise=0.2, longest=9)
-    joint, known = problem.moments.joint, problem.moments.known
+    joint, known = problem.normal_equations.joint, problem.normal_equations.known
     signs = problem.assignments[int(np.argmin(problem.costs))]
     columns = np.concatenate([y for y, _ in problem.rows])
     of_row = np.repeat(np.arange(len(joint)), [len(e) for _, e in problem.rows])
@@ -171,7 +171,7 @@ def test_what_a_joint_turned_round_costs_is_what_is_left_of_the_rows_of_each():
         return np.bincount(joint[of_row], weights=left**2, minlength=3)
 
     sets = []
-    for turned, rise in rises_by_joint(problem.moments, problem.solver(), signs, 3):
+    for turned, rise in rises_by_joint(problem.normal_equations, problem.solver(), signs, 3):
         sets.append(tuple(turned))
         expected = residuals(np.where(np.isin(joint, turned) & (known == 0), -signs, signs)) - residuals(signs)
         np.testing.assert_allclose(rise, expected, atol=2e-3 * problem.energy)

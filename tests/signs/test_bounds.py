@@ -14,13 +14,13 @@ class Flipped:
 
     def __init__(self, problem, rank=0, fixed=(), tolerance=None):
         self.problem, self.fixed = problem, np.array(fixed, dtype=np.int64)
-        self.view = Problem(problem.moments, problem.solver(tolerance or 1e-6), np.inf)
+        self.view = Problem(problem.normal_equations, problem.solver(tolerance or 1e-6), np.inf)
         self.signs = problem.assignments[np.argsort(problem.costs)[rank]]
         if tolerance is None:
             self.branch = self.view.price(self.signs)
         else:
             self.branch = self.view.complete(self.signs, np.zeros(problem.cone.size))
-        unknown = np.flatnonzero(problem.moments.known == 0)
+        unknown = np.flatnonzero(problem.normal_equations.known == 0)
         self.free = np.setdiff1d(unknown, self.fixed)
         self.flips = self.view.flips(self.branch, self.free)
         self.turned = problem.assignments != self.signs
@@ -29,7 +29,7 @@ class Flipped:
 
     def limited(self, **limits):
         """The same flips, with less work done on them."""
-        view = Problem(self.problem.moments, self.problem.solver(), np.inf, tuning=Tuning(**limits))
+        view = Problem(self.problem.normal_equations, self.problem.solver(), np.inf, tuning=Tuning(**limits))
         return view.flips(self.branch, self.free)
 
     def least(self, *chosen):
@@ -56,7 +56,7 @@ def flipped_cases():
                 scale=3.0,
             )
             for rank in (0, 1, len(problem.assignments) // 2):
-                yield Flipped(problem, rank, fixed=np.flatnonzero(problem.moments.known == 0)[: seed % 3])
+                yield Flipped(problem, rank, fixed=np.flatnonzero(problem.normal_equations.known == 0)[: seed % 3])
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +77,7 @@ def test_no_set_of_flips_costs_less_than_is_said(cases):
     for case in cases:
         assert_bounds_hold(case, case.flips)
         assert set(case.flips.best[1]) <= set(case.free)
-        (nothing_forced,) = case.flips.forced(np.zeros((1, case.problem.moments.gradient.shape[1])))
+        (nothing_forced,) = case.flips.forced(np.zeros((1, case.problem.normal_equations.gradient.shape[1])))
         assert nothing_forced <= case.flips.best[0] + case.rounding, "the slopes are no sharper than the enumeration"
 
 
@@ -96,7 +96,7 @@ def test_less_work_bounds_flips_less_sharply_and_never_wrongly(cases, limits):
 def test_segments_turned_by_force_cost_what_is_said_whatever_the_free_ones_do(cases):
     rng = np.random.default_rng(0)
     for case in cases:
-        m, unknown = case.problem.moments, np.flatnonzero(case.problem.moments.known == 0)
+        m, unknown = case.problem.normal_equations, np.flatnonzero(case.problem.normal_equations.known == 0)
         free = rng.choice(unknown, len(unknown) // 2, replace=False)
         forced = np.setdiff1d(unknown, free)
         flips = case.view.flips(case.branch, free)
@@ -110,12 +110,12 @@ def test_segments_turned_by_force_cost_what_is_said_whatever_the_free_ones_do(ca
 def test_the_bounds_are_no_worse_than_the_quadratic_itself_for_few_segments(cases):
     """`best` is the least of 4 (sum a - sum K) over all sets, here written out set by set."""
     for case in cases:
-        m, beta = case.problem.moments, case.problem.coefficients.project(case.branch.theta)
+        m, beta = case.problem.normal_equations, case.problem.coefficients.project(case.branch.theta)
         pull = case.problem.solver().pull()[0]
         turned = case.signs[case.free, None] * m.gradient[case.free]
         inner = turned @ np.linalg.solve(m.hessian.total() + pull, turned.T)
-        doubt = np.sqrt(max(case.branch.cost - case.branch.lower_bound, 0.0) * np.diag(inner))
-        gains = turned @ beta - doubt
+        model_error_probability = np.sqrt(max(case.branch.cost - case.branch.lower_bound, 0.0) * np.diag(inner))
+        gains = turned @ beta - model_error_probability
         sets = (np.arange(2 ** len(case.free))[:, None] >> np.arange(len(case.free))) & 1
         least = 4.0 * np.min(sets @ gains - np.einsum("tk,kl,tl->t", sets, inner, sets))
         assert case.flips.best[0] == pytest.approx(least, abs=case.rounding)

@@ -13,7 +13,7 @@ from bayesid.signs.tuning import TUNING
 
 def given(segments=40):
     small = synthetic(3, segments, joints=2, cone="orthant", noise=0.3, known=1)
-    return small.moments, SignProblem(small.moments, small.cone, small.coefficients)
+    return small.normal_equations, SignProblem(small.normal_equations, small.cone, small.coefficients)
 
 
 class Spends(Search):
@@ -56,15 +56,15 @@ def test_the_time_limit_counts_from_the_first_search_whatever_the_budget():
 
 def test_a_beam_ends_with_its_budget_and_says_so():
     """With none at all it enumerates once; every segment has a sign all the same, and nothing known is turned."""
-    moments, problem = given()
+    normal_equations, problem = given()
     whole = Beam(width=3, budget=np.inf).find(problem)
     assert whole.pruning.undecided == 0
     for ends, timed_out in (({"budget": 0.0}, False), ({"time_limit": 0.0, "budget": np.inf}, True)):
         cut = Beam(width=3, **ends).find(problem)
         assert cut.timed_out == timed_out
-        assert cut.pruning.undecided == int((moments.known == 0).sum()) - 5
+        assert cut.pruning.undecided == int((normal_equations.known == 0).sum()) - 5
         assert cut.solves < whole.solves
         assert set(np.unique(cut.signs)) <= {-1, 1}
-        assert np.all(cut.signs[moments.known != 0] == moments.known[moments.known != 0])
+        assert np.all(cut.signs[normal_equations.known != 0] == normal_equations.known[normal_equations.known != 0])
         assert whole.cost - 1e-6 <= cut.cost < problem.energy
         assert not cut.certified

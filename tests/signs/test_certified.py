@@ -17,7 +17,7 @@ MISSED = (1e-3, 1e-9)
 
 
 def solved(problem, budget=10.0, missed=1e-3, **options):
-    return certified(problem.moments, problem.solver(), budget, missed, **options)
+    return certified(problem.normal_equations, problem.solver(), budget, missed, **options)
 
 
 def random_problems():
@@ -73,9 +73,9 @@ def honest(problem, found):
     if found.certified:
         assert found.cost <= problem.least + 2 * problem.exact
         assert found.lower_bound >= found.cost - 1e-6 * problem.energy
-    if found.settled is not None:
+    if found.sign_solution is not None:
         signs = within_delta(problem, found)
-        assert np.all(signs[:, found.settled] == found.signs[found.settled])
+        assert np.all(signs[:, found.sign_solution] == found.signs[found.sign_solution])
 
 
 def test_nearly_all_small_problems_are_certified_and_every_claim_holds(results):
@@ -84,10 +84,10 @@ def test_nearly_all_small_problems_are_certified_and_every_claim_holds(results):
     for i, (problem, found) in enumerate(results):
         honest(problem, found)
         assert found.missed <= 1.001 * MISSED[i % 2]
-    differs = failing(results, lambda problem, found: len(set(found.signs[problem.moments.known == 0])) > 1)
+    differs = failing(results, lambda problem, found: len(set(found.signs[problem.normal_equations.known == 0])) > 1)
     assert len(differs) > 100, "noise makes other signs the best than those of the problem, which are mostly +"
     agree = [np.all(within_delta(problem, found) == found.signs, axis=0).sum() for problem, found in results]
-    assert sum(found.settled.sum() for _, found in results) >= 0.9 * sum(agree) > 360, (
+    assert sum(found.sign_solution.sum() for _, found in results) >= 0.9 * sum(agree) > 360, (
         "short of the truth, but not by much"
     )
 
@@ -96,7 +96,7 @@ def test_every_assignment_within_delta_belongs_to_a_branch(results):
     """It has the branch's signs wherever they are decided one by one."""
 
     def wrong(problem, found):
-        decided, branches = strong(problem.moments), np.array([branch.signs for branch in found.branches])
+        decided, branches = strong(problem.normal_equations), np.array([branch.signs for branch in found.branches])
         signs = within_delta(problem, found)
         return not np.all(np.any(np.all((signs[:, None] == branches)[:, :, decided], axis=2), axis=1))
 
@@ -105,7 +105,7 @@ def test_every_assignment_within_delta_belongs_to_a_branch(results):
 
 def test_an_assignment_costs_at_least_the_bound_of_its_branch_or_delta(results):
     def wrong(problem, found):
-        decided, branches = strong(problem.moments), np.array([branch.signs for branch in found.branches])
+        decided, branches = strong(problem.normal_equations), np.array([branch.signs for branch in found.branches])
         same = np.all((problem.assignments[:, None] == branches)[:, :, decided], axis=2)
         bounds = np.where(same, [branch.lower_bound for branch in found.branches], np.inf)
         bounds = np.minimum(bounds.min(axis=1), found.cost + found.within)
@@ -127,7 +127,7 @@ def test_branches_are_sorted_and_cost_what_they_say(results):
 
 def left_out_mass(problem, found):
     """Sum of exp(-(cost - best cost) / 2) over the assignments of the decided segments that no branch has."""
-    decided = strong(problem.moments)
+    decided = strong(problem.normal_equations)
     listed = {tuple(branch.signs[decided]) for branch in found.branches}
     least: dict[tuple, float] = {}
     for signs, cost in zip(map(tuple, problem.assignments[:, decided]), problem.costs, strict=True):
@@ -159,17 +159,19 @@ def test_parameters_that_few_rows_leave_open():
         problem = synthetic(seed, longest=2, **options)
         found = solved(problem)
         honest(problem, found)
-        assert found.certified or found.withheld == "pull", "rows so few that the data may cost nothing either way"
+        assert found.certified or found.uncertified_because == "pull", (
+            "rows so few that the data may cost nothing either way"
+        )
 
 
 def planted(seed, effort, cone="orthant", **options):
     """A synthetic problem with one more segment, whose efforts `effort` makes from its columns and the others' fit."""
     problem = synthetic(seed, cone=cone, **options)
     rng = np.random.default_rng(seed)
-    beta = np.linalg.solve(problem.moments.hessian.total(), problem.moments.gradient.sum(axis=0))
+    beta = np.linalg.solve(problem.normal_equations.hessian.total(), problem.normal_equations.gradient.sum(axis=0))
     columns = rng.normal(size=(8, len(beta)))
     rows = (*problem.rows, (columns, effort(columns, beta)))
-    joint, known = np.append(problem.moments.joint, 0), np.append(problem.moments.known, 0)
+    joint, known = np.append(problem.normal_equations.joint, 0), np.append(problem.normal_equations.known, 0)
     return SignProblem(problem.cone, problem.coefficients, moments_of(rows, joint, known), rows)
 
 
@@ -187,7 +189,7 @@ def test_a_sign_that_matters_little_is_told_or_left_open(cone):
         found = solved(problem)
         assert found.certified
         honest(problem, found)
-        assert share or not found.settled[-1]
+        assert share or not found.sign_solution[-1]
 
 
 def test_twelve_joints():
@@ -211,8 +213,10 @@ def test_twelve_joints():
     problem = SignProblem(Cone.orthant(24), coefficients, m)
     found = solved(problem)
     assert found.certified
-    assert np.all(found.settled), "the cone settles which way round every joint is"
-    np.testing.assert_allclose(problem.pull[1], 0.0, atol=1e-12, err_msg="the pull adds no cost of its own to a joint")
+    assert np.all(found.sign_solution), "the cone settles which way round every joint is"
+    np.testing.assert_allclose(
+        problem.pull[1], 0.0, atol=1e-12, err_msg="the Tikhonov term adds no cost of its own to a joint"
+    )
     np.testing.assert_array_equal(found.signs, signs)
     assert found.cost == pytest.approx(best, abs=1e-6 * problem.energy)
 
@@ -221,14 +225,14 @@ def test_moments_of_many_weak_segments_share_their_hessian():
     """The proof decides only those that have a part of their own, and stays as right."""
     for seed in range(25):
         whole = synthetic(seed, 8, joints=2, cone="orthant", noise=(0.1, 0.5)[seed % 2], spread=10.0, scale=5.0)
-        problem = whole.but(whole.moments.compact(2))
-        assert not np.all(problem.moments.individual)
+        problem = whole.but(whole.normal_equations.compact(2))
+        assert not np.all(problem.normal_equations.individual)
         found = solved(problem)
         assert found.lower_bound <= whole.least + whole.precision
         assert found.certified
         assert found.cost <= whole.least + 2 * whole.exact
         signs = within_delta(whole, found)
-        assert np.all(signs[:, found.settled] == found.signs[found.settled])
+        assert np.all(signs[:, found.sign_solution] == found.signs[found.sign_solution])
 
 
 POOR_CANDIDATES = Tuning(
@@ -236,7 +240,7 @@ POOR_CANDIDATES = Tuning(
     candidate_patterns=1,
     candidate_combinations=1,
     candidates_solved=1,
-    candidates_settled=1,
+    candidates_persistent=1,
     settling_rounds=1,
 )
 """Of a search whose first guess is mostly wrong, so that it is for the proof to find the best signs."""
@@ -286,13 +290,13 @@ def test_wherever_the_budget_ends_only_what_is_proven_is_claimed():
 def test_a_solver_that_fails_is_an_error_not_a_result():
     problem = synthetic(16, 4, cone="body")
     with pytest.raises(SolverError, match="cone least squares"):
-        certified(problem.moments, problem.solver(tolerance=1e-30))
+        certified(problem.normal_equations, problem.solver(tolerance=1e-30))
 
 
 def test_no_single_flip_improves_a_candidate():
     """Without any proof, too: a weak segment may pull the parameters over to its own sign and look settled there."""
     for seed in range(40):
         problem = synthetic(seed, 8, cone=("orthant", "free")[seed % 2], size=6, noise=0.8, longest=3, spread=5.0)
-        found = certified(problem.moments, problem.solver(), budget=0.0)
+        found = certified(problem.normal_equations, problem.solver(), budget=0.0)
         single = np.sum(problem.assignments != found.signs, axis=1) == 1
         assert found.cost <= problem.costs[single].min() + problem.precision + problem.exact

@@ -15,15 +15,15 @@ class Combined:
 
     def __init__(self, problem, within, solver=None, **limits):
         self.problem = problem
-        self.view = Problem(problem.moments, solver or problem.solver(), np.inf, tuning=Tuning(**limits))
+        self.view = Problem(problem.normal_equations, solver or problem.solver(), np.inf, tuning=Tuning(**limits))
         self.limit = problem.least + within
         self.found = combinations(self.view, self.limit, least_costs(self.view))
-        self.decided = np.concatenate([np.flatnonzero(problem.moments.known), self.found.patterns.segments])
+        self.decided = np.concatenate([np.flatnonzero(problem.normal_equations.known), self.found.patterns.segments])
         signs = problem.assignments[:, self.decided]
         self.least: dict[tuple, float] = {}
         for choice, cost in zip(map(tuple, signs.tolist()), problem.costs, strict=True):
             self.least[choice] = min(cost, self.least.get(choice, np.inf))
-        known = problem.moments.known[problem.moments.known != 0]
+        known = problem.normal_equations.known[problem.normal_equations.known != 0]
         self.listed = [(*known.tolist(), *choice) for choice in self.found.patterns.signs.tolist()]
 
     def assert_sound(self):
@@ -73,7 +73,7 @@ def test_nothing_that_may_cost_up_to_the_limit_is_left_out(problems, options):
     for k, problem in enumerate(problems):
         combined = Combined(problem, (1.0, 30.0, 1000.0)[k % (2 if options else 3)], **options)
         combined.assert_sound()
-        assert options or set(np.flatnonzero(strong(problem.moments))) == set(combined.decided)
+        assert options or set(np.flatnonzero(strong(problem.normal_equations))) == set(combined.decided)
 
 
 def settled_by_the_cone(joint, costs=None):

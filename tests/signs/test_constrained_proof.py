@@ -31,11 +31,13 @@ def stated_for(cone, seed, matrices):
 
 
 def brute_force(problem):
-    """Costs of all assignments, the pull included, each by a program of cvxpy."""
-    cone, solver, moments = problem.cone, problem.solver(), problem.moments
+    """Costs of all assignments, the Tikhonov term included, each by a program of cvxpy."""
+    cone, solver, normal_equations = problem.cone, problem.solver(), problem.normal_equations
     z = cp.Variable(cone.size)  # in sizes
     theta = cp.multiply(solver.scale, z)
-    root = np.linalg.cholesky(moments.hessian.total() + 1e-13 * problem.energy * np.eye(len(moments.gradient[0]))).T
+    root = np.linalg.cholesky(
+        normal_equations.hessian.total() + 1e-13 * problem.energy * np.eye(len(normal_equations.gradient[0]))
+    ).T
     target = cp.Parameter(len(root))
     feasible = [cone.stated.rows @ theta + cone.stated.offset >= 0]
     if len(cone.nonnegative):
@@ -48,11 +50,11 @@ def brute_force(problem):
         part, more = (theta[constant], np.zeros((4, 4))) if of_body else (theta, constant)
         feasible.append(cp.reshape(basis.reshape(-1, 16).T @ part, (4, 4), order="C") + more >> 0)
     misfit = cp.sum_squares(root @ (problem.coefficients.projection @ theta) - target)
-    pull = solver.pull_weight * cp.sum_squares(z - solver.typical)
+    pull = solver.tikhonov_weight * cp.sum_squares(z - solver.typical)
     program = cp.Problem(cp.Minimize(misfit + pull), feasible)
     costs = []
     for signs in problem.assignments:
-        target.value = np.linalg.solve(root.T, signs @ moments.gradient)
+        target.value = np.linalg.solve(root.T, signs @ normal_equations.gradient)
         costs.append(program.solve(solver=cp.CLARABEL) - float(target.value @ target.value) + problem.energy)
     return np.array(costs)
 
@@ -71,19 +73,19 @@ def agree(count):
     binding = 0
     for seed, problem in enumerate(problems(count)):
         costs = brute_force(problem)
-        found = certified(problem.moments, problem.solver(), 10.0)
+        found = certified(problem.normal_equations, problem.solver(), 10.0)
         close = 2e-6 * problem.energy
         row = np.flatnonzero(np.all(problem.assignments == found.signs, axis=1))
         assert found.cost == pytest.approx(costs[row[0]], abs=close), seed
         assert found.lower_bound <= costs.min() + close, seed
         if found.certified:
             assert found.cost <= costs.min() + close, seed
-        if found.settled is not None:
+        if found.sign_solution is not None:
             near = problem.assignments[costs <= found.cost + found.within - close]
-            assert np.all(near[:, found.settled] == found.signs[found.settled]), seed
-        assert found.certified or found.withheld == "pull", seed
+            assert np.all(near[:, found.sign_solution] == found.signs[found.sign_solution]), seed
+        assert found.certified or found.uncertified_because == "pull", seed
         free = replace(problem, cone=replace(problem.cone, stated=None))
-        other = certified(free.moments, free.solver(), 10.0)
+        other = certified(free.normal_equations, free.solver(), 10.0)
         binding += found.cost > other.cost + 1e-3 * problem.energy
         assert not np.array_equal(found.signs, -found.signs)
     assert binding >= 0.5 * count, "constraints bind"

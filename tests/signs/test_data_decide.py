@@ -1,7 +1,7 @@
-"""The certificate is about the data: the pull that completes parameters decides nothing.
+"""The certificate is about the data: the Tikhonov term that completes parameters decides nothing.
 
 A pendulum of a heavy point mass that swings slowly. Hanging and standing explain |effort| alike but for its inertia,
-J ddq, which hardly shows; and either way the mass must be far from a typical link's, so that the pull has a say. Its
+J ddq, which hardly shows; and either way the mass must be far from a typical link's, so that the Tikhonov term has a say. Its
 mass leaves no trace, so the cone asks for J >= 0 alone: data costs are had in closed form.
 """
 
@@ -15,7 +15,7 @@ from bayesid.effects.coefficients import base_coefficients
 from bayesid.effects.model import Model
 from bayesid.log.segments import Segments
 from bayesid.motion import Motion
-from bayesid.regression.moments import moments
+from bayesid.regression.normal_equations import normal_equations
 from bayesid.regression.solver import ConeLeastSquares
 from bayesid.regression.tuning import TUNING
 from bayesid.robot import robot_from_table
@@ -34,7 +34,7 @@ INERTIA, MOMENT = 0.042, 2.0
 class Pendulum:
     """Moments in units of the noise, and what assignments cost by the data alone."""
 
-    def __init__(self, speed, seed, noise=0.01, duration=60.0, friction=0.0, least_pull=TUNING.least_pull):
+    def __init__(self, speed, seed, noise=0.01, duration=60.0, friction=0.0, least_tikhonov=TUNING.least_tikhonov):
         t = np.arange(0.0, duration, 0.02)
         waves = ((0.3, speed), (0.05, 2.3 * speed))
         q, dq, ddq = (
@@ -53,18 +53,20 @@ class Pendulum:
         measured = np.abs(effort + sigma * np.random.default_rng(seed).standard_normal(effort.shape))
         none = np.zeros(len(edges) - 1, dtype=np.int64)
         segments = Segments(none, edges[:-1], edges[1:], none, np.ones(len(none), dtype=bool))
-        self.moments = moments(self.model, self.coefficients, motion, measured, segments, 500).scaled(np.array([sigma]))
-        self.least_pull = least_pull
-        self.hessian, self.energy = self.moments.hessian.total(), float(self.moments.energy.sum())
+        self.normal_equations = normal_equations(self.model, self.coefficients, motion, measured, segments, 500).scaled(
+            np.array([sigma])
+        )
+        self.least_tikhonov = least_tikhonov
+        self.hessian, self.energy = self.normal_equations.hessian.total(), float(self.normal_equations.energy.sum())
 
     def solver(self):
         return ConeLeastSquares(
-            self.model.cone, self.coefficients, self.hessian, self.energy, least_pull=self.least_pull
+            self.model.cone, self.coefficients, self.hessian, self.energy, least_tikhonov=self.least_tikhonov
         )
 
     def data_cost(self, signs):
         """Least squares with J >= 0 and friction >= 0: at its minimum, or on one of the walls, or on both."""
-        gradient = signs @ self.moments.gradient
+        gradient = signs @ self.normal_equations.gradient
         walls, names = ("J1zz", "Fv1"), self.coefficients.names
         costs = []
         for held in itertools.chain.from_iterable(itertools.combinations(walls, k) for k in range(3)):
@@ -78,30 +80,30 @@ class Pendulum:
 
 @pytest.mark.parametrize(("speed", "seed"), [(0.2, 1), (0.3, 3), (0.5, 4)])
 def test_what_the_data_allow_is_listed(speed, seed):
-    """Standing costs the data a few units more than hanging; the pull of before made it 20 to 60 and excluded it."""
+    """Standing costs the data a few units more than hanging; the Tikhonov term of before made it 20 to 60 and excluded it."""
     problem = Pendulum(speed, seed)
-    result = certified(problem.moments, problem.solver())
+    result = certified(problem.normal_equations, problem.solver())
     between = problem.data_cost(-result.signs) - problem.data_cost(result.signs)
-    assert 0.0 < between < result.within - 1.0, "or the case shows nothing"
+    assert 0.0 < between < result.optimality_gap - 1.0, "or the case shows nothing"
     listed = [branch.signs.tolist() for branch in result.branches]
     assert (-result.signs).tolist() in listed
-    assert not result.settled.any()
+    assert not result.persistent.any()
 
 
 @pytest.mark.parametrize(("noise", "least_pull", "seeds"), [(0.01, 1e-7, range(40)), (0.001, 1e-9, range(40))])
-def test_no_certificate_where_the_data_prefer_what_the_pull_does_not(noise, least_pull, seeds):
-    """Hanging has the friction of the log, standing the inertia that its noise shows: the pull takes it.
+def test_no_certificate_where_the_data_prefer_what_the_pull_does_not(noise, least_tikhonov, seeds):
+    """Hanging has the friction of the log, standing the inertia that its noise shows: the Tikhonov term takes it.
 
     Of the more precise log a hundred millionth of the energy is a cost of 30, which counts as equal in the tree alone.
     """
-    withheld = 0
+    uncertified_because = 0
     for seed in seeds:
-        problem = Pendulum(0.1, seed, noise=noise, friction=2.0 * noise, least_pull=least_pull)
-        result = certified(problem.moments, problem.solver())
+        problem = Pendulum(0.1, seed, noise=noise, friction=2.0 * noise, least_tikhonov=least_tikhonov)
+        result = certified(problem.normal_equations, problem.solver())
         assert result.pull == pytest.approx(problem.solver().regularisation(result.theta))
-        assert result.certified != (result.withheld == "pull")
+        assert result.certified != (result.uncertified_because == "pull")
         gain = problem.data_cost(result.signs) - min(problem.data_cost(branch.signs) for branch in result.branches)
         left = 0.05 * result.pull  # of a pull that is a hundredth of what it was here
         assert not (result.certified and gain > 0.1 + left), "a tenth counts as alike"
-        withheld += bool(result.withheld)
-    assert withheld, "or the case shows nothing"
+        uncertified_because += bool(result.uncertified_because)
+    assert uncertified_because, "or the case shows nothing"

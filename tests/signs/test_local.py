@@ -11,7 +11,7 @@ ROBOT = ("rigid_body", "viscous_friction", "coulomb_friction", "rotor_inertia")
 
 
 def search(problem, signs, failures=60):
-    inner = Problem(problem.moments, problem.solver(), np.inf)
+    inner = Problem(problem.normal_equations, problem.solver(), np.inf)
     return inner, local_search(inner, [inner.settle_from(signs)], failures)
 
 
@@ -29,7 +29,7 @@ def test_from_the_worst_signs_of_all_the_best_ones_are_found():
         inner, found = search(problem, worst)
         began_elsewhere += inner.settle_from(worst).cost > problem.least + 10 * problem.exact
         assert found.met[0].cost == pytest.approx(problem.least, abs=2 * problem.exact + ROUNDING * problem.energy)
-        known = problem.moments.known
+        known = problem.normal_equations.known
         for branch in found.met:
             assert branch.cost == pytest.approx(problem.price(branch.signs), abs=1e-5 * problem.energy)
             assert np.all(branch.signs[known != 0] == known[known != 0])

@@ -23,7 +23,7 @@ def never(_):
 def prepared(seed, **options):
     """A sign problem and the search's view of it."""
     problem = synthetic(seed, **options)
-    return problem, Problem(problem.moments, problem.solver(), np.inf)
+    return problem, Problem(problem.normal_equations, problem.solver(), np.inf)
 
 
 def everything(bound):
@@ -40,7 +40,7 @@ def least_squares(problem, segments, signs, share):
 
 def brute_force(problem, block, depth):
     """(2^depth, depth) patterns and their bounds."""
-    m = problem.moments
+    m = problem.normal_equations
     known = np.flatnonzero((m.joint == m.joint[block.segments[0]]) & (m.known != 0))
     share = block.hessian(0) - m.hessian_of(known)
     patterns = np.array(list(itertools.product((1, -1), repeat=depth)))
@@ -118,10 +118,10 @@ def test_groups_share_segments_and_pull_and_cost_no_more_than_the_whole():
 
 
 def test_shares_of_the_pull_add_up_to_less_than_half_of_it():
-    """Half is what is left of the pull once it is drawn to zero instead of to typical links; the rest is the slack."""
+    """Half is what is left of the Tikhonov term once it is drawn to zero instead of to typical links; the rest is the slack."""
     for seed in range(6):
         problem, view = prepared(seed, segments=8, joints=3, cone="body", known=1, load=(1.0, 1e-3)[seed % 2])
-        m = problem.moments
+        m = problem.normal_equations
         shares = sum(block.hessian(0) for block in view.blocks) - m.hessian_of(np.flatnonzero(m.known))
         pull, centre = problem.solver().pull()
         left = np.linalg.eigvalsh(0.5 * pull - shares)
@@ -136,9 +136,9 @@ def test_shares_of_the_pull_add_up_to_less_than_half_of_it():
 def two_joints(seed, depth=3, **options):
     options = {"segments": 10, "size": 4, "noise": 0.5, "longest": 3, **options}
     problem = synthetic(seed, **options)
-    joint = np.arange(len(problem.moments)) % 2
-    problem = replace(problem, moments=replace(problem.moments, joint=joint))
-    view = Problem(problem.moments, problem.solver(), np.inf)
+    joint = np.arange(len(problem.normal_equations)) % 2
+    problem = replace(problem, normal_equations=replace(problem.normal_equations, joint=joint))
+    view = Problem(problem.normal_equations, problem.solver(), np.inf)
     left, right = view.blocks
     hessian = left.hessian(depth) + right.hessian(depth)
     energy = left.energy(depth) + right.energy(depth)
@@ -147,7 +147,7 @@ def two_joints(seed, depth=3, **options):
 
 def pair_bounds(problem, view, depth):
     """Bounds of all pairs of patterns, by the signs of the left's segments and then of the right's."""
-    m = problem.moments
+    m = problem.normal_equations
     known = np.flatnonzero(m.known)
     used = np.concatenate([known, *(block.segments[:depth] for block in view.blocks)])
     share = sum(block.hessian(0) for block in view.blocks) - m.hessian_of(known)
@@ -167,7 +167,7 @@ def test_a_join_prices_all_pairs():
             assert found[signs] == pytest.approx(bound, abs=ROUNDING * problem.energy)
         np.testing.assert_array_equal(joined.segments, np.concatenate([one.segments for one in lists]))
         assert joined.log_missed == -np.inf
-        m = problem.moments
+        m = problem.normal_equations
         by_hand = m.known @ m.gradient + joined.signs @ m.gradient[joined.segments]
         np.testing.assert_allclose(joined.gradient, by_hand, rtol=1e-12, atol=1e-9)
 
@@ -205,7 +205,7 @@ def test_a_join_keeps_the_pairs_up_to_a_limit_and_bounds_the_mass_of_the_others(
     data=st.data(),
 )
 def test_a_bound_never_exceeds_the_cost_of_any_completion(seed, cone, size, joints, longest, known, load, data):
-    """In the cone, with all rows and the pull: for each joint's patterns, their sums, and all joints together."""
+    """In the cone, with all rows and the Tikhonov term: for each joint's patterns, their sums, and all joints together."""
     segments = 5 if cone == "body" else 6
     problem, view = prepared(
         seed, segments=segments, joints=joints, cone=cone, size=size, longest=longest, known=known, noise=0.5, load=load

@@ -10,9 +10,9 @@ from bayesid.effects import STANDARD
 from bayesid.effects.catalogue import make_effect, make_terms
 from bayesid.effects.model import Model
 from bayesid.identification.pipeline import identify
-from bayesid.regression.evidence import Evidence
 from bayesid.regression.least_squares import fit_signed
-from bayesid.regression.selection.wanted import SignedLog
+from bayesid.regression.log_data import LogData
+from bayesid.regression.selection.detected import SignedLog
 from bayesid.signs.proposals import PoorRobot
 from bayesid.signs.search.certified import Certified
 from bayesid.simulation.logs import simulate
@@ -55,7 +55,7 @@ def test_drives_that_overcompensate_viscous_friction_are_named(seed):
     assert before[1:].max() < 0.1
     result, right = right_signs(log)
     assert right.min() > 0.995
-    assert {(e.effect, e.joints) for e in result.completion.effects} == {
+    assert {(e.effect, e.joints) for e in result.model_selection.effects} == {
         ("overcompensated_friction", (2,)),
         ("overcompensated_friction", (3,)),
     }
@@ -67,7 +67,7 @@ def test_drives_that_overcompensate_viscous_friction_are_named(seed):
 def test_a_drive_without_feedforward_keeps_its_bound():
     result, right = right_signs(made(0)[0])
     assert right.min() > 0.995
-    assert not any(e.effect == "overcompensated_friction" for e in result.completion.effects)
+    assert not any(e.effect == "overcompensated_friction" for e in result.model_selection.effects)
 
 
 @pytest.mark.parametrize("seed", [0, 5])
@@ -92,14 +92,14 @@ def test_a_tilted_base_is_proposed_while_signs_are_wrong():
     log, motion = made(1, lambda model, *_: model.extend(tilt))
     result, right = right_signs(log)
     assert right.min() > 0.995
-    (found,) = [e for e in result.completion.effects if e.effect == "base_tilt"]
+    (found,) = [e for e in result.model_selection.effects if e.effect == "base_tilt"]
     np.testing.assert_allclose(found.source.angle, tilt.angle, atol=0.02)
     plain, _ = right_signs(log, complete="off")
-    evidence = Evidence.of(plain.model, plain.signals, plain.segments.per_sample(plain.segments.moving, 501, 3) > 0)
+    log_data = LogData.of(plain.model, plain.signals, plain.segments.per_sample(plain.segments.moving, 501, 3) > 0)
     wrong = np.where(np.arange(501) % 150 < 100, -1.0, 1.0)
     probability = plain.probability.copy()
     probability[:, 2] = np.where(wrong > 0.0, probability[:, 2], 1.0 - probability[:, 2])
-    poor = SignedLog.of(evidence, fit_signed(evidence, 2.0 * probability - 1.0), probability)
+    poor = SignedLog.of(log_data, fit_signed(log_data, 2.0 * probability - 1.0), probability)
     (proposal,) = PoorRobot(poor, plain.segments, np.array([False, False, True])).propose()
     assert [effect.effect for effect in proposal.effects] == ["base_tilt"]
     strong = (np.abs(log.effort) > 0.1 * np.abs(log.effort).max(axis=0)) & (proposal.signs != 0.0)

@@ -10,10 +10,10 @@ from completion_problems import BASE, RIPPLE, identified, log_with, true_signs
 from bayesid.effects.catalogue import make_effect
 from bayesid.log.segments import Segmentation, find_segments
 from bayesid.log.signals import prepare
-from bayesid.regression.selection.wanted import SignedLog
+from bayesid.regression.selection.detected import SignedLog
 from bayesid.signs.proposals import InTurn, PoorJoint, propose
 from bayesid.signs.search.certified import Certified
-from bayesid.signs.settling import settle_signs
+from bayesid.signs.sign_solution import settle_signs
 
 
 @pytest.fixture(scope="module")
@@ -21,8 +21,10 @@ def searched():
     """Segments and log, under the standard terms, two fifths of the second joint's signs wrong."""
     signals = prepare(log_with("torque_ripple"))
     segments = find_segments(signals, BASE.robot.actuators(signals.motion), Segmentation())
-    settled = settle_signs(BASE, signals, segments, Certified(budget=2.0))
-    return settled.signs.segments, SignedLog.of(settled.evidence, settled.fit, settled.probability)
+    sign_solution = settle_signs(BASE, signals, segments, Certified(budget=2.0))
+    return sign_solution.signs.segments, SignedLog.of(
+        sign_solution.log_data, sign_solution.fit, sign_solution.probability
+    )
 
 
 @pytest.fixture(scope="module")
@@ -61,10 +63,10 @@ def test_a_distortion_acts_on_columns_and_readings_as_in_a_model(log, segments, 
     poor, effect = PoorJoint.of(log, segments, 1), make_effect(name, {"joints": [2], **shape})
     like = next(group[0] for group in log.library(1) if group[0].joints == (2,))
     rows = poor.rows_under(replace(like, source=effect))
-    model, evidence, used = BASE.extend(effect), log.evidence, log.data.used[:, 1]
-    magnitude, readable = model.unread(evidence.signals.magnitude[log.rows])
+    model, log_data, used = BASE.extend(effect), log.log_data, log.data.used[:, 1]
+    magnitude, readable = model.invert_sensor(log_data.signals.magnitude[log.rows])
     shown = readable[used, 1]
-    columns = model.columns(evidence.signals.motion[log.rows])[:, 1, evidence.coefficients.kept]
+    columns = model.columns(log_data.signals.motion[log.rows])[:, 1, log_data.coefficients.selected]
     np.testing.assert_array_equal(rows.columns, columns[used])
     np.testing.assert_array_equal(rows.shown, shown)
     np.testing.assert_array_equal(rows.magnitude[shown], magnitude[used, 1][shown])
@@ -113,6 +115,6 @@ def test_signs_are_found_under_what_was_proposed():
     assert np.mean((off.sample_signs == signs)[strong]) < 0.9
     assert np.mean((auto.sample_signs == signs)[strong]) > 0.995
     assert auto.search.certified
-    assert {(e.effect, e.joints) for e in auto.completion.effects} == {("torque_ripple", (2,))}
-    assert auto.sign_doubt.max() == 0.0
-    assert auto.completion.after[1] < 0.1 * auto.completion.before[1]
+    assert {(e.effect, e.joints) for e in auto.model_selection.effects} == {("torque_ripple", (2,))}
+    assert auto.model_error_probability.max() == 0.0
+    assert auto.model_selection.after[1] < 0.1 * auto.model_selection.before[1]

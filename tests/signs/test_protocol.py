@@ -14,15 +14,15 @@ from bayesid.signs.search.protocol import Search, SearchResult, SignProblem
 
 def given(seed=3, **options):
     small = synthetic(seed, 6, joints=2, cone="orthant", noise=0.3, known=1, **options)
-    return small, SignProblem(small.moments, small.cone, small.coefficients)
+    return small, SignProblem(small.normal_equations, small.cone, small.coefficients)
 
 
 class Wrong(Search):
     """All unknown signs are +."""
 
     def find(self, problem, steps=lambda done, total: None):
-        signs = np.where(problem.moments.known != 0, problem.moments.known, 1)
-        solution = problem.solver().prepared().solve(signs @ problem.moments.gradient)
+        signs = np.where(problem.normal_equations.known != 0, problem.normal_equations.known, 1)
+        solution = problem.solver().prepared().solve(signs @ problem.normal_equations.gradient)
         return SearchResult(signs, solution.theta, problem.energy + solution.cost, "wrong", nodes=7, solves=1)
 
 
@@ -37,7 +37,7 @@ def test_what_cannot_be_searched_with_is_refused():
         (lambda: Certified(budget=np.inf), "Certified.budget"),
         (lambda: Certified(missed_mass=0.0), "missed_mass"),
         (lambda: Certified(missed_mass=1.0), "missed_mass"),
-        (lambda: Certified(fallback=Beam(node_cost=lambda *_: None)), "node_cost"),
+        (lambda: Certified(fallback=Beam(node_solver=lambda *_: None)), "node_cost"),
     ):
         with pytest.raises(InputError) as refusal:
             make()
@@ -48,29 +48,32 @@ def test_a_conclusion_costs_no_more_than_what_was_found():
     small, problem = given()
     for search in (Certified(), Certified(fallback=Wrong(), budget=1e-9), Beam(), Beam(width=64)):
         result = search.find(problem)
-        concluded = search.conclude(replace(problem, earlier=result))
+        concluded = search.certify(replace(problem, earlier=result))
         assert concluded.cost <= result.cost + small.exact
         assert concluded.cost >= small.least - small.exact
-        assert np.all(concluded.signs[small.moments.known != 0] == small.moments.known[small.moments.known != 0])
+        assert np.all(
+            concluded.signs[small.normal_equations.known != 0]
+            == small.normal_equations.known[small.normal_equations.known != 0]
+        )
 
 
 def test_a_proof_that_closes_asks_no_other_search():
     _, problem = given()
     search = Certified(fallback=Wrong())
-    concluded = search.conclude(replace(problem, earlier=search.find(problem)))
+    concluded = search.certify(replace(problem, earlier=search.find(problem)))
     assert concluded.certified
     assert [way.name for way in concluded.ways] == ["candidates", "branch and bound"]
-    assert concluded.unseen == 0.0
+    assert concluded.unlisted_probability == 0.0
 
 
 def test_where_no_proof_closes_the_cheaper_signs_are_taken():
     """A fallback of the user's own is named; the bound that was proven stays."""
     _, problem = given()
     search = Certified(fallback=Wrong(), budget=1e-9)
-    concluded = search.conclude(replace(problem, earlier=search.find(problem)))
+    concluded = search.certify(replace(problem, earlier=search.find(problem)))
     assert [way.name for way in concluded.ways][-3:] == ["local search", "wrong", "local search"]
     assert concluded.ways[-2].cost == Wrong().find(problem).cost > concluded.cost
-    assert 0.0 < concluded.unseen < 0.01
+    assert 0.0 < concluded.unlisted_probability < 0.01
     assert concluded.lower_bound is not None
     assert concluded.nodes > 7
 
@@ -78,7 +81,7 @@ def test_where_no_proof_closes_the_cheaper_signs_are_taken():
 def test_a_time_limit_ends_the_local_search_too_and_is_named():
     _, problem = given()
     search = Certified(fallback=Wrong(), budget=1e-9, time_limit=0.0)
-    concluded = search.conclude(replace(problem, earlier=search.find(problem)))
+    concluded = search.certify(replace(problem, earlier=search.find(problem)))
     assert [way.starts for way in concluded.ways if way.name == "local search"] == [0, 0]
     assert concluded.timed_out
-    assert concluded.unseen == 0.5
+    assert concluded.unlisted_probability == 0.5

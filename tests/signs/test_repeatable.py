@@ -102,7 +102,7 @@ def hard():
 
 
 def searched(problem, budget):
-    found = certified(problem.moments, problem.solver(), budget)
+    found = certified(problem.normal_equations, problem.solver(), budget)
     return found, (found.cost, found.lower_bound, found.nodes, found.solves, found.signs.tolist(), found.theta.tolist())
 
 

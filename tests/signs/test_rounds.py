@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from sign_problems import synthetic
 
-from bayesid.signs.rounds import rivals
+from bayesid.signs.rounds import noise_sensitivity
 from bayesid.signs.search.certified import certified
 from bayesid.signs.search.protocol import SignProblem
 
@@ -15,9 +15,9 @@ HEAVIER = np.array([0.6, 2.5])
 def reweighted(seed):
     """A proof, the problem with other weights, and what all assignments cost then."""
     problem = synthetic(seed, segments=7, joints=2, size=4, noise=0.6)
-    result = certified(problem.moments, problem.solver())
-    other = problem.but(problem.moments.scaled(HEAVIER))
-    return result, SignProblem(other.moments, other.cone, other.coefficients), other
+    result = certified(problem.normal_equations, problem.solver())
+    other = problem.but(problem.normal_equations.scaled(HEAVIER))
+    return result, SignProblem(other.normal_equations, other.cone, other.coefficients), other
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +29,7 @@ def test_whether_the_optimum_changes_is_seen(cases):
     changes = []
     for result, problem, other in cases:
         truth = other.price(result.signs) > other.least + other.exact
-        assert rivals(problem, result).changed == truth
+        assert noise_sensitivity(problem, result).changed == truth
         changes.append(truth)
     assert 2 <= sum(changes) <= 38, "or the case shows nothing"
 
@@ -38,9 +38,9 @@ def test_what_stays_settled_is_turned_by_no_assignment_near(cases):
     """No lower bound of all assignments, but of all that come near here."""
     unsettled = 0
     for result, problem, other in cases:
-        found = rivals(problem, result)
-        near = other.assignments[other.costs <= other.least + result.within - other.exact]
+        found = noise_sensitivity(problem, result)
+        near = other.assignments[other.costs <= other.least + result.optimality_gap - other.exact]
         one_sided = np.all(near == result.signs, axis=0)
-        assert not np.any(found.settled & ~one_sided)
-        unsettled += int(np.sum(one_sided & ~found.settled))
+        assert not np.any(found.sign_solution & ~one_sided)
+        unsettled += int(np.sum(one_sided & ~found.sign_solution))
     assert unsettled < 0.2 * sum(len(result.signs) for result, _, _ in cases), "a segment is not doubted for nothing"

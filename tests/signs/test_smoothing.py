@@ -77,15 +77,15 @@ def test_standstill_against_weighed_paths(seed):
 
 def test_more_readings_of_a_standstill_are_no_less_sure():
     """Half a second, in which static friction holds more than the model has it; the effort's steady course tells."""
-    doubt = []
+    model_error_probability = []
     for rate in (50.0, 500.0):
         time = np.arange(int(1.5 * rate)) / rate
         shape = np.interp(time, [0.5, 0.65, 0.85, 1.0], [0.0, 1.0, 1.0, 0.0])[:, None]
         moving = ((time < 0.5) | (time >= 1.0))[:, None]
         found = smooth(1.2 - 0.6 * shape, 1.2 + (-0.3 - 1.2) * shape, moving, noise_of(0.1, 0.05, 0.1), rate)
         assert found.min() > 0.5
-        doubt.append((1.0 - found[~moving]).mean())
-    assert doubt[1] < doubt[0] < 0.01
+        model_error_probability.append((1.0 - found[~moving]).mean())
+    assert model_error_probability[1] < model_error_probability[0] < 0.01
 
 
 def test_an_outlier_is_no_proof_of_its_sign():

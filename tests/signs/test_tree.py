@@ -10,7 +10,7 @@ from sign_problems import synthetic
 from bayesid.signs.search.combinations import Combinations
 from bayesid.signs.search.patterns import Patterns
 from bayesid.signs.search.problem import Problem
-from bayesid.signs.search.tree import consequences, prove, settled
+from bayesid.signs.search.tree import consequences, prove, sign_solution
 
 
 class Proven:
@@ -20,7 +20,7 @@ class Proven:
     """
 
     def __init__(self, problem, decided, within, all_given=False):
-        m = problem.moments
+        m = problem.normal_equations
         self.problem, self.view = problem, Problem(m, problem.solver(), np.inf)
         self.decided = np.setdiff1d(np.asarray(decided, dtype=np.int64), np.flatnonzero(m.known))
         self.listed = np.concatenate([np.flatnonzero(m.known), self.decided])
@@ -38,7 +38,7 @@ class Proven:
         self.exact, self.rounding = problem.exact, problem.precision
         self.signs = np.array([branch.signs for branch in self.proof.branches]).reshape(-1, len(m))
         pairs = zip(self.proof.branches, self.proof.decided, strict=True)
-        certain = [settled(self.view, branch, one, self.proof.limit) for branch, one in pairs]
+        certain = [sign_solution(self.view, branch, one, self.proof.limit) for branch, one in pairs]
         self.certain = np.array(certain, dtype=bool).reshape(self.signs.shape)
 
     def least_with(self, segments, signs):
@@ -93,7 +93,7 @@ def random_proofs():
                 scale=(1.0, 10.0)[seed % 2],
                 load=(1.0, 1e-3)[seed % 5 == 4],
             )
-            first = np.flatnonzero(problem.moments.known == 0)[: 1 + seed % 3]
+            first = np.flatnonzero(problem.normal_equations.known == 0)[: 1 + seed % 3]
             yield Proven(problem, first, (1.0, 20.0, 200.0)[seed % 3], all_given=seed % 2 == 1)
 
 
@@ -132,7 +132,7 @@ class Followed:
     """What follows from the signs of some segments in the assignment of a rank, by cost, up to a limit."""
 
     def __init__(self, problem, decided, within, rank=0):
-        m = problem.moments
+        m = problem.normal_equations
         self.problem, self.limit = problem, problem.least + within
         signs = problem.assignments[np.argsort(problem.costs)[rank]]
         self.given = m.known.copy()
@@ -183,8 +183,8 @@ def cases():
                 known=seed % 3,
                 scale=(3.0, 30.0)[seed % 2],
             )
-            unknown = np.flatnonzero(problem.moments.known == 0)
-            strongest = unknown[np.argsort(-problem.moments.energy[unknown])]
+            unknown = np.flatnonzero(problem.normal_equations.known == 0)
+            strongest = unknown[np.argsort(-problem.normal_equations.energy[unknown])]
             for depth in (1, 2, 3):
                 for within in (2.0, 24.0, 300.0):
                     for rank in (0, 1, len(problem.costs) // 2):
@@ -210,7 +210,7 @@ def test_much_follows_from_few_signs(followed):
 
 def test_segments_that_share_a_part_of_the_hessian_are_left_alone():
     problem = synthetic(1, 7, cone="free", size=3, noise=0.05, longest=8, scale=30.0)
-    shared = problem.but(problem.moments.compact(2))
-    case = Followed(shared, [int(np.argmax(shared.moments.energy))], 24.0)
+    shared = problem.but(problem.normal_equations.compact(2))
+    case = Followed(shared, [int(np.argmax(shared.normal_equations.energy))], 24.0)
     case.check()
-    assert np.all(case.found.signs[~shared.moments.individual & (shared.moments.known == 0)] == 0)
+    assert np.all(case.found.signs[~shared.normal_equations.individual & (shared.normal_equations.known == 0)] == 0)

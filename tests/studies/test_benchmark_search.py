@@ -30,7 +30,7 @@ def searched() -> Searched:
 
 def brute_force(cost, free):
     """The least cost of all signs, the first one that is known left as it is."""
-    known = free.moments.known
+    known = free.normal_equations.known
     return min(
         cost(np.where(known != 0, known, signs))
         for signs in map(np.array, itertools.product((1, -1), repeat=len(known)))
@@ -40,12 +40,12 @@ def brute_force(cost, free):
 class TestThroughCvxpy:
     def test_a_node_costs_what_the_fast_solver_says(self, searched):
         problem, rng = searched.problem, np.random.default_rng(1)
-        node, solver, moments = plain_node(problem), problem.solver(), problem.moments
-        order = np.argsort(-moments.energy)
+        node, solver, normal_equations = plain_node(problem), problem.solver(), problem.normal_equations
+        order = np.argsort(-normal_equations.energy)
         for count in (2, len(order) // 2, len(order)):
             decided = order[:count]
-            hessian, energy = moments.hessian_of(decided), float(moments.energy[decided].sum())
-            gradient = rng.choice([-1.0, 1.0], count) @ moments.gradient[decided]
+            hessian, energy = normal_equations.hessian_of(decided), float(normal_equations.energy[decided].sum())
+            gradient = rng.choice([-1.0, 1.0], count) @ normal_equations.gradient[decided]
             expected = energy + solver.prepared(hessian).solve_precisely(gradient).cost
             cost = node.cost(hessian, gradient, energy)
             assert cost == pytest.approx(expected, abs=3e-5 * problem.energy)  # cvxpy may end with an inaccurate 1e-5
@@ -54,13 +54,13 @@ class TestThroughCvxpy:
 class TestWithoutCone:
     def test_the_cost_is_that_of_the_best_coefficients(self, searched):
         problem = without_cone(searched.problem)
-        signs = np.random.default_rng(2).choice([-1.0, 1.0], len(problem.moments))
-        hessian = problem.moments.hessian.total()
+        signs = np.random.default_rng(2).choice([-1.0, 1.0], len(problem.normal_equations))
+        hessian = problem.normal_equations.hessian.total()
         solver = NoCone(problem.pull).prepared(hessian)
-        gradient = signs @ problem.moments.gradient
+        gradient = signs @ problem.normal_equations.gradient
         solution = solver.solve(gradient)
         beta = np.linalg.solve(hessian + problem.pull, gradient)
-        expected = problem.moments.cost(beta, signs) + beta @ problem.pull @ beta
+        expected = problem.normal_equations.cost(beta, signs) + beta @ problem.pull @ beta
         np.testing.assert_allclose(solution.theta, beta, rtol=1e-6, atol=1e-9 * np.abs(beta).max())
         assert problem.energy + solution.cost == pytest.approx(expected, abs=1e-9 * problem.energy)
         assert problem.cost(signs) == pytest.approx(expected, abs=1e-9 * problem.energy)

@@ -45,7 +45,7 @@ def test_feasible_inertia_reaches_the_optimum_of_the_cone():
     coefficients, motion, rng = base_coefficients(model), random_motion(2, 100, 4), np.random.default_rng(4)
     effort = model.effort(motion, random_parameters(model, rng))
     effort = (effort + 0.5 * effort.std(axis=0) * rng.normal(size=effort.shape)).ravel()
-    rows = model.columns(motion).reshape(len(effort), -1)[:, coefficients.kept]
+    rows = model.columns(motion).reshape(len(effort), -1)[:, coefficients.selected]
     hessian, gradient, energy = rows.T @ rows, rows.T @ effort, float(effort @ effort)
     error, box = effort_error(coefficients, hessian, gradient, energy), make_bounds(model)
     cone = energy + solve_precisely(model.cone, coefficients, hessian, gradient, energy).cost

@@ -11,7 +11,7 @@ from scipy.special import logsumexp
 from bayesid.effects.catalogue import main_forms
 from bayesid.effects.formula import Description
 from bayesid.regression.selection.columns import NO_COLUMNS, Columns
-from bayesid.regression.selection.explanation import LN10, Explanation, Observations, Thresholds
+from bayesid.regression.selection.fitted_effects import LN10, FittedEffects, Observations, Thresholds
 from bayesid.regression.selection.hypotheses import EffectKey, Hypothesis, Library
 from bayesid.regression.selection.regression import explain
 from bayesid.regression.selection.scores import Score, assess, plain_first
@@ -31,7 +31,7 @@ class AddedEffect:
     probability: float
     nothing_missing: float  #: probability that nothing is missing in its place
     something_else: float  #: probability that it is something outside of the catalogue
-    rivals: tuple[Score, ...]  #: the alternatives, best first, itself included
+    competing: tuple[Score, ...]  #: the alternatives, best first, itself included
     equivalent: tuple[str, ...]  #: names of the effects that the log cannot tell from it
     included: float = 1.0  #: probability of it over all sets that are weighed (`bayesid.discrepancy.sets.WeighedSet`)
     #: of an error of the robot's table, those of other joints' rows that the log cannot tell from it
@@ -45,13 +45,13 @@ class AddedEffect:
 
     def __repr__(self) -> str:
         where = f"joint {', '.join(map(str, self.joints))}" if self.joints else "the whole robot"
-        evidence = f"log10 of the Bayes factor {self.log10_bayes_factor:.3g}, probability {self.probability:.3g}"
-        return f"AddedEffect {self.effect}, {where}: {evidence}; go on with .parameters, .readable, .rivals"
+        log_data = f"log10 of the Bayes factor {self.log10_bayes_factor:.3g}, probability {self.probability:.3g}"
+        return f"AddedEffect {self.effect}, {where}: {log_data}; go on with .parameters, .readable, .rivals"
 
     @property
     def alone(self) -> AddedEffect:
         """The same, without the columns of other forms in memory."""
-        return replace(self, hypothesis=self.hypothesis.alone, rivals=tuple(score.alone for score in self.rivals))
+        return replace(self, hypothesis=self.hypothesis.alone, competing=tuple(score.alone for score in self.competing))
 
     @property
     def log10_bayes_factor(self) -> float:
@@ -80,18 +80,18 @@ class AddedEffect:
 
 
 def weigh(
-    explanation: Explanation, library: Library, effect: Hypothesis, uncertain: Columns = NO_COLUMNS
+    fitted_effects: FittedEffects, library: Library, effect: Hypothesis, uncertain: Columns = NO_COLUMNS
 ) -> AddedEffect:
     """An effect of an explanation against all in the library that could stand in its place, the other effects given.
 
     One without a name is what was outside of the catalogue: it shares that prior. `uncertain` are columns that the
     model may be wrong by beside.
     """
-    data, others = explanation.data, explanation.without(effect)
-    limits, without = data.thresholds, explain(data, others, explanation, uncertain)
+    data, others = fitted_effects.data, fitted_effects.without(effect)
+    limits, without = data.thresholds, explain(data, others, fitted_effects, uncertain)
     scores = plain_first(assess(without, _rivals(library, effect, others)), data)
     scored = next((score.gain for score in scores if score.key == effect.key), -np.inf)
-    as_added = explain(data, explanation.effects, explanation, uncertain).log_evidence - without.log_evidence
+    as_added = explain(data, fitted_effects.effects, fitted_effects, uncertain).log_evidence - without.log_evidence
     gain = max(scored, as_added)  # averaged over the library's forms, or of the form that was refined
     share = (1.0 - limits.nothing_missing - limits.something_else) / len(main_forms())
     places = max(1, data.effort.shape[1])
@@ -116,7 +116,7 @@ def weigh(
         probability=float(np.exp(logsumexp(class_logs) - total)) if class_logs else 0.0,
         nothing_missing=float(np.exp(nothing - total)),
         something_else=float(np.exp(np.log(limits.something_else) - total)),
-        rivals=tuple(scores),
+        competing=tuple(scores),
         equivalent=tuple(sorted(equivalent)),
         elsewhere=tuple(sorted(elsewhere)),
     )
@@ -193,7 +193,7 @@ def _ratio(part: float, whole: float) -> float:
     return part / whole if whole > 0.0 else np.nan
 
 
-def all_along(without: Explanation, library: Library) -> frozenset[EffectKey]:
+def preexisting(without: FittedEffects, library: Library) -> frozenset[EffectKey]:
     """Errors of the table that cannot have come since the earlier log: they do not show above the noise floor.
 
     The floor holds what the earlier model left of its own log. An error that was there already is a part of it, however
@@ -206,7 +206,7 @@ def all_along(without: Explanation, library: Library) -> frozenset[EffectKey]:
     return frozenset(h.key for group in library for h in group if h.source.of_table and not above[_strongest(data, h)])
 
 
-def was_there(with_it: Explanation, without: Explanation) -> bool:
+def was_there(with_it: FittedEffects, without: FittedEffects) -> bool:
     """Whether the earlier log speaks against an error of the table, as surely as an effect must be found.
 
     A model that was bent by the error fits it badly: its coefficients have to move far from what that log showed. Those

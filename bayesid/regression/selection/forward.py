@@ -8,8 +8,8 @@ from itertools import combinations, islice
 
 import numpy as np
 
-from bayesid.regression.selection.explanation import LN10
-from bayesid.regression.selection.held_back import bears_out, harmed
+from bayesid.regression.selection.cross_validation import confirms, harmed
+from bayesid.regression.selection.fitted_effects import LN10
 from bayesid.regression.selection.hypotheses import EffectKey, Hypothesis
 from bayesid.regression.selection.regression import Effects, Regression
 from bayesid.regression.tuning import TUNING
@@ -78,11 +78,11 @@ class _Selection:
 
     def _first_borne_out(self, promising: Effects) -> list[Hypothesis] | None:
         """The chosen and the first effect that is borne out, if any. More and more are looked at at once."""
-        before = self.regression.held_back(self.chosen)
+        before = self.regression.cross_validation(self.chosen)
         left, count = iter([_with(self.chosen, entering) for entering in promising]), 1
         while some := list(islice(left, count)):
             for more, errors in zip(some, self.regression.held_back_each(some), strict=True):
-                if bears_out(errors, before, more[-1].columns.joints):
+                if confirms(errors, before, more[-1].columns.joints):
                     return more
             count = min(2 * count, TUNING.sets_predicted_at_once)
         return None
@@ -104,7 +104,7 @@ class _Selection:
             winner = rivals[min(equal, key=lambda k: len(rivals[k].columns.sd))]
             exchanged = [winner if other is effect else other for other in chosen]
             after, before = self.regression.held_back_each([exchanged, others])
-            if bears_out(after, before, winner.columns.joints):
+            if confirms(after, before, winner.columns.joints):
                 chosen = exchanged
         return chosen
 
@@ -126,7 +126,7 @@ class _Selection:
             both = alone[0] + float(self.regression.gains([*others, pair[0]], [pair[1]])[0])
             if gain > max(*alone, both - 3.0 * self.needed) + self.needed:
                 after, before = self.regression.held_back_each([[*others, winner], others])
-                chosen = [*others, winner] if bears_out(after, before, joints) else chosen
+                chosen = [*others, winner] if confirms(after, before, joints) else chosen
         return chosen
 
     def _best(self, others: Effects, rivals: Effects) -> Hypothesis:
@@ -158,7 +158,7 @@ class _Selection:
             sets = [self.chosen, *(_without(self.chosen, effect) for effect in self.chosen)]
             after, *before = self.regression.held_back_each(sets)
             pairs = zip(self.chosen, before, strict=True)
-            idle = [effect for effect, errors in pairs if not bears_out(after, errors, effect.columns.joints)]
+            idle = [effect for effect, errors in pairs if not confirms(after, errors, effect.columns.joints)]
             if not idle:
                 break
             self.chosen = _without(self.chosen, min(idle, key=self._gain))
@@ -166,8 +166,8 @@ class _Selection:
 
     def drop_harmful(self) -> None:
         """Leaves out those that harm a joint, the most harmful first."""
-        nothing = self.regression.held_back(())
-        while (joints := harmed(self.regression.held_back(self.chosen), nothing)).any():
+        nothing = self.regression.cross_validation(())
+        while (joints := harmed(self.regression.cross_validation(self.chosen), nothing)).any():
             others = self.regression.held_back_each([_without(self.chosen, effect) for effect in self.chosen])
             relative = [(errors.rms / nothing.rms)[joints].sum() for errors in others]
             self.chosen = _without(self.chosen, self.chosen[int(np.argmin(relative))])

@@ -24,7 +24,7 @@ from bayesid.effects.learned_effect import LearnedEffect, values_of
 from bayesid.parallel import in_parallel
 from bayesid.regression.selection.columns import Columns
 from bayesid.regression.selection.error_model import ErrorModel
-from bayesid.regression.selection.explanation import LN10, Explanation
+from bayesid.regression.selection.fitted_effects import LN10, FittedEffects
 from bayesid.regression.selection.hypotheses import Curve, Hypothesis
 from bayesid.regression.selection.regression import Regression, integrated
 from bayesid.regression.tuning import TUNING
@@ -228,7 +228,7 @@ class Finder:
         return Hypothesis(source, columns, self.make)
 
     def ranked(
-        self, explanation: Explanation, errors: Sequence[ErrorModel] | None = None, *, bounded: bool = False
+        self, fitted_effects: FittedEffects, errors: Sequence[ErrorModel] | None = None, *, bounded: bool = False
     ) -> list[Learned]:
         """The most promising functions, one for each set of variables, best first, on top of an explanation.
 
@@ -236,7 +236,7 @@ class Finder:
         so that functions are weighed again by the errors that the best of them leaves. Bounded functions stay as they
         are beyond the range seen.
         """
-        again, regression = errors is not None, Regression.of(explanation)
+        again, regression = errors is not None, Regression.of(fitted_effects)
         regression = regression if errors is None else regression.weighed(errors)
         screened = self._best(regression, self.screened())
         promising = sorted(screened, key=lambda variables: -screened[variables][1])[
@@ -245,11 +245,11 @@ class Finder:
         forms = (form for one in promising for form in self.forms(one, fine=again))
         best = self._best(regression, (form for form in forms if form.bounded or not bounded))
         best |= self._best(regression, self._tuned([form for form, *_ in best.values()]))
-        return self._looked_at(explanation, regression.errors, best, float(np.log(len(screened))))
+        return self._looked_at(fitted_effects, regression.errors, best, float(np.log(len(screened))))
 
     def _looked_at(
         self,
-        explanation: Explanation,
+        fitted_effects: FittedEffects,
         errors: Sequence[ErrorModel],
         best: Mapping[frozenset[Variable], tuple[Form, float, float]],
         price: float,
@@ -259,11 +259,11 @@ class Finder:
         for one in sorted(best, key=lambda variables: -best[variables][1])[: TUNING.variables_looked_at]:
             form, gain, own = best[one]
             hypothesis = self.hypothesis(form)
-            effects = (*explanation.effects, hypothesis)
-            extended = Regression(explanation.data, effects, errors, explanation.uncertain)
-            extended = extended.weighed(extended.explanation.errors)
-            evidence, off = extended.explanation.log_evidence - explanation.log_evidence, own - gain + price
-            closer.append(Learned(form, hypothesis, evidence - off, off))
+            effects = (*fitted_effects.effects, hypothesis)
+            extended = Regression(fitted_effects.data, effects, errors, fitted_effects.uncertain)
+            extended = extended.weighed(extended.fitted_effects.errors)
+            log_data, off = extended.fitted_effects.log_evidence - fitted_effects.log_evidence, own - gain + price
+            closer.append(Learned(form, hypothesis, log_data - off, off))
         return _plainest_first(closer)
 
     def _best(

@@ -20,9 +20,9 @@ from bayesid.effects.kinematic_errors import is_distal, shift, turn, with_joint,
 from bayesid.effects.model import Model
 from bayesid.motion import Motion
 from bayesid.parallel import in_parallel
-from bayesid.regression.knowledge import Information, KinematicTolerance, Knowledge
+from bayesid.regression.knowledge import CoefficientPrior, InformationMatrix, KinematicTolerance
 from bayesid.regression.selection.columns import Columns, Whitening
-from bayesid.regression.selection.explanation import Explanation, Observations, Thresholds
+from bayesid.regression.selection.fitted_effects import FittedEffects, Observations, Thresholds
 from bayesid.regression.selection.hypotheses import Hypothesis, maker
 from bayesid.regression.selection.regression import Effects, Regression, explain
 from bayesid.regression.tuning import TUNING
@@ -42,7 +42,7 @@ class Geometry(Effect):
 class ModelledLog:
     """A log beside a model of its robot; the signs of its efforts come from elsewhere."""
 
-    knowledge: Knowledge  #: of the model's parameters, from an earlier log; of no precision without one
+    knowledge: CoefficientPrior  #: of the model's parameters, from an earlier log; of no precision without one
     coefficients: BaseCoefficients  #: the model's r base coefficients
     motion: Motion  #: N instants
     magnitude: Array  #: (N, n) absolute values of the unfiltered efforts, N m
@@ -57,10 +57,10 @@ class ModelledLog:
     @cached_property
     def columns(self) -> Array:
         """(N, n, r) of the base coefficients, at samples that are not used too."""
-        return self.model.columns(self.motion)[:, :, self.coefficients.kept]
+        return self.model.columns(self.motion)[:, :, self.coefficients.selected]
 
     @cached_property
-    def information(self) -> Information:
+    def information(self) -> InformationMatrix:
         """What is known of the base coefficients."""
         return self.knowledge.information(self.model, self.coefficients)
 
@@ -99,9 +99,9 @@ class ModelledLog:
         links = self.model.links(self.knowledge.theta).ravel()
         return Columns.of_joints(kinematic_columns(self.model.robot, self.motion, links, tolerance, known=known))
 
-    def effort(self, explanation: Explanation, *, distorted: bool = True) -> Array:
+    def effort(self, fitted_effects: FittedEffects, *, distorted: bool = True) -> Array:
         """(N, n) efforts of an explanation, N m; or of model and terms alone, not distorted."""
-        return self.effort_of(explanation.beta, explanation.parts, distorted=distorted)
+        return self.effort_of(fitted_effects.beta, fitted_effects.parts, distorted=distorted)
 
     def effort_of(self, beta: Array, parts: Iterable[tuple[Hypothesis, Array]], *, distorted: bool) -> Array:
         """The same of coefficients (r,), and of effects with their amplitudes."""
@@ -114,16 +114,16 @@ class ModelledLog:
                     effort[:, j] += change
         return effort
 
-    def sharpened(self, data: Observations, effects: Sequence[Hypothesis]) -> Explanation:
+    def sharpened(self, data: Observations, effects: Sequence[Hypothesis]) -> FittedEffects:
         """By the effects, distortions linearised about the numbers that were found."""
-        explanation = explain(data, effects)
+        fitted_effects = explain(data, effects)
         for _ in range(TUNING.relinearisations):
-            if not _moves(explanation):
+            if not _moves(fitted_effects):
                 break
-            scene, parts = self.scene(self.effort(explanation, distorted=False)), explanation.parts
+            scene, parts = self.scene(self.effort(fitted_effects, distorted=False)), fitted_effects.parts
             moved = [h if h.source.linear else replace(h, source=h.source.moved(a)) for h, a in parts]
-            explanation = explain(data, about(moved, scene), explanation)
-        return explanation
+            fitted_effects = explain(data, about(moved, scene), fitted_effects)
+        return fitted_effects
 
     def sharper(self, regression: Regression, chosen: Effects) -> Mapping[int, Hypothesis]:
         """Chosen distortions as they are near what has been found, by the ids of their old forms."""
@@ -132,14 +132,14 @@ class ModelledLog:
         new = self.sharpened(regression.data, chosen).effects
         return {id(old): form for old, form in zip(chosen, new, strict=True)}
 
-    def extended(self, explanation: Explanation) -> Extension:
+    def extended(self, fitted_effects: FittedEffects) -> Extension:
         """The model with the effects of an explanation added."""
         knowledge, model, coefficients = self.knowledge, self.model, self.coefficients
         names = [parameter.name for parameter in model.parameters]
         without_trace = knowledge.theta - coefficients.lift(coefficients.project(knowledge.theta))
-        theta = coefficients.lift(explanation.beta) + without_trace
+        theta = coefficients.lift(fitted_effects.beta) + without_trace
         added: list[Array] = []
-        for hypothesis, amplitude in explanation.parts:
+        for hypothesis, amplitude in fitted_effects.parts:
             if hypothesis.changes:
                 theta[[names.index(name) for name in hypothesis.changes]] += amplitude
                 knowledge = knowledge.widened(hypothesis.changes, hypothesis.columns.sd, coefficients)
@@ -149,9 +149,9 @@ class ModelledLog:
         return Extension(model, knowledge, np.concatenate([theta, *added]))
 
 
-def _moves(explanation: Explanation) -> bool:
+def _moves(fitted_effects: FittedEffects) -> bool:
     """Whether a distortion is still on its way, by more than nobody would see, or what it does may be."""
-    distortions = [(effect, amplitude) for effect, amplitude in explanation.parts if not effect.source.linear]
+    distortions = [(effect, amplitude) for effect, amplitude in fitted_effects.parts if not effect.source.linear]
     if any(isinstance(effect.source, Distortion) and effect.source.of_effort for effect, _ in distortions):
         return True
     return any(np.any(np.abs(amplitude) > TUNING.still * effect.columns.sd) for effect, amplitude in distortions)
@@ -180,7 +180,7 @@ class Extension:
     """
 
     model: Model
-    knowledge: Knowledge
+    knowledge: CoefficientPrior
     theta: Array
 
 

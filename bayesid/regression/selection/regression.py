@@ -34,9 +34,9 @@ from scipy.special import log_ndtr
 from bayesid.arrays import TINY, Array, Integers
 from bayesid.regression.knowledge import inverse_root
 from bayesid.regression.selection.columns import NO_COLUMNS, Columns, by_fold, rows_of_blocks, together
+from bayesid.regression.selection.cross_validation import CrossValidation
 from bayesid.regression.selection.error_model import ErrorModel, alike, fit_error
-from bayesid.regression.selection.explanation import Explanation, JudgedJoint, Observations
-from bayesid.regression.selection.held_back import HeldBackErrors
+from bayesid.regression.selection.fitted_effects import FittedEffects, JudgedJoint, Observations
 from bayesid.regression.selection.hypotheses import Hypothesis
 from bayesid.regression.tuning import TUNING
 
@@ -67,9 +67,9 @@ class Regression:
     _pulled: dict[int, tuple[Integers, Array]] = field(default_factory=dict, init=False, repr=False)
 
     @classmethod
-    def of(cls, explanation: Explanation) -> Regression:
+    def of(cls, fitted_effects: FittedEffects) -> Regression:
         """On the columns of an explanation, samples weighed by the errors that it leaves."""
-        return cls(explanation.data, explanation.effects, explanation.errors, explanation.uncertain)
+        return cls(fitted_effects.data, fitted_effects.effects, fitted_effects.errors, fitted_effects.uncertain)
 
     # -----------------------------------------------------------------------------------------------------------
     # Columns: m in all; the model's, uncertain ones, and those of the effects, each with its change behind
@@ -218,11 +218,11 @@ class Regression:
         of_prior = float(np.diag(self._known[0])[r:] @ best[r:] ** 2)
         return float(left) + self.data.information.misfit(best[:r]) + of_prior
 
-    def held_back(self, chosen: Effects) -> HeldBackErrors:
+    def cross_validation(self, chosen: Effects) -> CrossValidation:
         """Every block predicted by a fit of a set to the folds that it is not in."""
         return self.held_back_each([chosen])[0]
 
-    def held_back_each(self, sets: Sequence[Effects]) -> list[HeldBackErrors]:
+    def held_back_each(self, sets: Sequence[Effects]) -> list[CrossValidation]:
         """The same of k sets."""
         fits = [
             np.stack([self._solved(products, some, uncertain=self.predicting).best for some in sets], axis=1)
@@ -232,7 +232,7 @@ class Regression:
         left = (self._left_each(fits[b % TUNING.folds], rows) for b, rows in enumerate(blocks))
         squares = np.stack([np.einsum("ijk,ijk->kj", some, some) for some in left], axis=1)
         counts = np.stack([used[rows].sum(axis=0) for rows in blocks])
-        return [HeldBackErrors(of_set, counts) for of_set in squares]
+        return [CrossValidation(of_set, counts) for of_set in squares]
 
     def residual(self, chosen: Effects) -> Array:
         """(N, n) what a set leaves, N m."""
@@ -278,13 +278,13 @@ class Regression:
         return self._solved(self._all, self.effects)
 
     @cached_property
-    def explanation(self) -> Explanation:
+    def fitted_effects(self) -> FittedEffects:
         """By all effects; what is left is judged by error models of its own."""
         index, best, root, volume = self._whole
         spread, amplitude = np.zeros_like(best), index >= self._ends[0]  # sd of coefficients without data overflows
         spread[index[amplitude]] = np.sqrt(np.sum(root[:, amplitude] ** 2, axis=0))
         places = [self.place(effect) for effect in self.effects]
-        return Explanation(
+        return FittedEffects(
             data=self.data,
             effects=tuple(self.effects),
             uncertain=self.uncertain,
@@ -371,16 +371,16 @@ class Regression:
 
 
 def explain(
-    data: Observations, effects: Effects, start: Explanation | None = None, uncertain: Columns = NO_COLUMNS
-) -> Explanation:
+    data: Observations, effects: Effects, start: FittedEffects | None = None, uncertain: Columns = NO_COLUMNS
+) -> FittedEffects:
     """By some effects, error models found with it, from those of another explanation or the reference."""
     begin = data.reference if start is None else start
     regression = Regression(data, effects, plain_errors(data) if begin is None else begin.errors, uncertain)
     for _ in range(TUNING.settlings):
-        regression = regression.weighed(regression.explanation.errors)
-        if alike(regression.errors, regression.explanation.errors):
+        regression = regression.weighed(regression.fitted_effects.errors)
+        if alike(regression.errors, regression.fitted_effects.errors):
             break
-    return regression.explanation
+    return regression.fitted_effects
 
 
 def plain_errors(data: Observations) -> tuple[ErrorModel, ...]:

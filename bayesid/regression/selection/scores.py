@@ -27,7 +27,7 @@ from scipy.special import log_ndtr, logsumexp
 
 from bayesid.arrays import TINY, Array, Integers, Mask
 from bayesid.regression.selection.error_model import ErrorModel, alike
-from bayesid.regression.selection.explanation import LN10, Explanation, Observations, Thresholds
+from bayesid.regression.selection.fitted_effects import LN10, FittedEffects, Observations, Thresholds
 from bayesid.regression.selection.hypotheses import EffectKey, Hypothesis, Library
 from bayesid.regression.selection.regression import Effects, Regression, explain
 from bayesid.regression.tuning import TUNING
@@ -62,14 +62,14 @@ class Score:
         return self.gain > thresholds.log10_bayes_factor * LN10 and self.improvement > thresholds.improvement
 
 
-def assess(explanation: Explanation, library: Library) -> list[Score]:
+def assess(fitted_effects: FittedEffects, library: Library) -> list[Score]:
     """Every effect of the library in its best form, best first, on top of an explanation.
 
     By a quick look all of them, by a closer one the most promising.
     """
-    count = explanation.data.thresholds.close_looks
-    ordered = best_forms(Regression.of(explanation), library)
-    closer = [_closer(explanation, score) for score in ordered[:count]]
+    count = fitted_effects.data.thresholds.close_looks
+    ordered = best_forms(Regression.of(fitted_effects), library)
+    closer = [_closer(fitted_effects, score) for score in ordered[:count]]
     return sorted(closer, key=lambda score: -score.gain) + ordered[count:]
 
 
@@ -145,17 +145,19 @@ def _grid(effect: Hypothesis, library: Library) -> tuple[str, Sequence[float]] |
     return None
 
 
-def _closer(explanation: Explanation, score: Score) -> Score:
+def _closer(fitted_effects: FittedEffects, score: Score) -> Score:
     """The score with its own error models, and by how much the effect improves the fit."""
-    data = replace(explanation.data, reference=explanation)
-    regression = Regression(data, (*explanation.effects, score.hypothesis), explanation.errors, explanation.uncertain)
-    extended = regression.explanation
-    if not alike(extended.errors, explanation.errors):
-        extended = regression.weighed(extended.errors).explanation
-    before, after = explanation.mean_square, extended.mean_square
+    data = replace(fitted_effects.data, reference=fitted_effects)
+    regression = Regression(
+        data, (*fitted_effects.effects, score.hypothesis), fitted_effects.errors, fitted_effects.uncertain
+    )
+    extended = regression.fitted_effects
+    if not alike(extended.errors, fitted_effects.errors):
+        extended = regression.weighed(extended.errors).fitted_effects
+    before, after = fitted_effects.mean_square, extended.mean_square
     return replace(
         score,
-        gain=extended.log_evidence - explanation.log_evidence + score.spread,
+        gain=extended.log_evidence - fitted_effects.log_evidence + score.spread,
         improvement=float(np.max(_improvement(before, after, data.thresholds))),
         mean_square=after,
     )

@@ -13,7 +13,7 @@ from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.effects.catalogue import forms
 from bayesid.parallel import one_at_a_time
 from bayesid.regression.selection.added_effect import AddedEffect
-from bayesid.regression.selection.explanation import LN10
+from bayesid.regression.selection.fitted_effects import LN10
 from bayesid.regression.selection.hypotheses import Hypothesis
 from bayesid.regression.selection.scores import Score
 from bayesid.report.brief import in_brief

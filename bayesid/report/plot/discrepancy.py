@@ -12,7 +12,7 @@ from bayesid.discrepancy.comparison import ChangeReport
 from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.identification.prediction import NORMAL_95
 from bayesid.regression.selection.added_effect import AddedEffect
-from bayesid.regression.selection.explanation import LN10
+from bayesid.regression.selection.fitted_effects import LN10
 from bayesid.report.comparison import moved_parameters
 from bayesid.report.findings import binned, evenly
 from bayesid.report.plot import figure as fig

@@ -215,7 +215,7 @@ def alternatives_figure(findings: ReportData) -> fig.Figure:
     count = max(1, len(above))
     marks: list[fig.Mark] = []
     if search.certified:
-        within = search.within or 0.0
+        within = search.optimality_gap or 0.0
         marks.append(fig.Boxes(([within], [max(1.6 * within, 1.0)]), None, fig.INK, "all others", 0.18))
         marks.append(fig.upright(within, width=1.2, style="dashed"))
     else:

@@ -24,7 +24,7 @@ from bayesid.arrays import Array, Integers, Mask
 from bayesid.progress import Steps, no_steps
 from bayesid.regression.feasibility import FeasibilityCheck
 from bayesid.signs.search.bounds import UnconstrainedBound
-from bayesid.signs.search.protocol import Branch, Pruning, SearchResult, SignProblem, listed_without_proof
+from bayesid.signs.search.protocol import Assignment, Pruning, SearchResult, SignProblem, listed_without_proof
 
 Fate = Literal["kept", "pruned by width", "pruned as infeasible", "leaf"]
 """A node is pruned as infeasible if its OLS cost is below the cost of a node that is kept: without the price of being
@@ -64,14 +64,14 @@ class Node:
     segments: tuple[int, ...]  #: 0-based, those that this node decides
     signs: tuple[int, ...]  #: +1 or -1 for each of them
     ols_cost: float  #: of ordinary least squares over the decided segments, efforts in units of their noise
-    cone_cost: float  #: PBPR's: of the best feasible robot, with the pull
-    margin: float  #: largest smallest eigenvalue of the OLS estimate's pseudo-inertias, at most 1
+    cone_cost: float  #: PBPR's: of the best feasible robot, with the Tikhonov term
+    min_eigenvalue: float  #: largest smallest eigenvalue of the OLS estimate's pseudo-inertias, at most 1
     fate: Fate
 
     @property
     def feasible(self) -> bool:
         """Whether the OLS estimate is that of a feasible robot."""
-        return self.margin >= 0.0
+        return self.min_eigenvalue >= 0.0
 
 
 def algorithm1(
@@ -89,18 +89,21 @@ def algorithm1(
     Raises:
         SolverError: a node could not be solved.
     """
-    began, moments = time.perf_counter(), problem.moments
-    known, unknown = np.flatnonzero(moments.known), np.flatnonzero(moments.known == 0)
-    order = unknown[np.argsort(-moments.energy[unknown], kind="stable")]
+    began, normal_equations = time.perf_counter(), problem.normal_equations
+    known, unknown = np.flatnonzero(normal_equations.known), np.flatnonzero(normal_equations.known == 0)
+    order = unknown[np.argsort(-normal_equations.energy[unknown], kind="stable")]
     pricing, check = problem.solver(), FeasibilityCheck(problem.cone, problem.coefficients.projection)
-    hessian, energy = moments.hessian_of(known), float(moments.energy[known].sum())
-    root = (moments.known[known] @ moments.gradient[known])[None]
+    hessian, energy = normal_equations.hessian_of(known), float(normal_equations.energy[known].sum())
+    root = (normal_equations.known[known] @ normal_equations.gradient[known])[None]
     level = _Level(np.empty((1, 0), dtype=np.int64), root, np.zeros(1, dtype=np.int64))
-    nodes, leaves = list[Node](), list[Branch]()
+    nodes, leaves = list[Node](), list[Assignment]()
     while (depth := level.paths.shape[1]) < len(order):
         group = order[depth : depth + (1 if depth else initial)]
-        hessian, energy = hessian + moments.hessian_of(group), energy + float(moments.energy[group].sum())
-        children, depth = _children(level, moments.gradient[group]), depth + len(group)
+        hessian, energy = (
+            hessian + normal_equations.hessian_of(group),
+            energy + float(normal_equations.energy[group].sum()),
+        )
+        children, depth = _children(level, normal_equations.gradient[group]), depth + len(group)
         prepared = pricing.prepared(hessian)
         solved = [prepared.solve(gradient) for gradient in children.gradients]
         costs = energy + np.array([one.cost for one in solved])
@@ -116,12 +119,17 @@ def algorithm1(
             nodes.append(Node(first + k, int(children.parents[k]), depth, *decides, *numbers, fate))
         level = _Level(children.paths[kept], children.gradients[kept], first + kept)
         leaves = [
-            Branch(_whole(moments.known, order[:depth], children.paths[k]), solved[k].theta, float(costs[k]), -np.inf)
+            Assignment(
+                _whole(normal_equations.known, order[:depth], children.paths[k]),
+                solved[k].theta,
+                float(costs[k]),
+                -np.inf,
+            )
             for k in kept
         ]
         steps(depth, len(order))
     best = min(leaves, key=lambda leaf: leaf.cost)
-    branches, decided = listed_without_proof(moments, best, leaves)
+    branches, decided = listed_without_proof(normal_equations, best, leaves)
     pruned = sum(node.fate.startswith("pruned") for node in nodes)
     result = SearchResult(
         signs=best.signs,
@@ -135,7 +143,7 @@ def algorithm1(
         seconds=time.perf_counter() - began,
         branches=branches,
         decided=decided,
-        pull=pricing.regularisation(best.theta),
+        tikhonov=pricing.regularisation(best.theta),
         pruning=Pruning(len(nodes), 0, pruned, len(nodes) - pruned, len(leaves)),
     )
     return result, tuple(nodes)

@@ -19,15 +19,15 @@ import numpy as np
 from bayesid.arrays import Array, Integers
 from bayesid.errors import InputError
 from bayesid.progress import SILENT, Progress, Steps, no_steps
-from bayesid.regression.moments import Moments
+from bayesid.regression.normal_equations import NormalEquations
 from bayesid.regression.solver import ConeLeastSquares
 from bayesid.signs.search.bounds import UnconstrainedBound
 from bayesid.signs.search.local import searched_locally
 from bayesid.signs.search.protocol import (
-    Branch,
+    Assignment,
     Budget,
-    NodeCost,
     NodeCostFactory,
+    NodeSolver,
     PreparedNode,
     Pruning,
     Search,
@@ -36,7 +36,7 @@ from bayesid.signs.search.protocol import (
     check_limits,
     listed_without_proof,
     predicted_signs,
-    turned_round,
+    with_flipped,
 )
 from bayesid.signs.tuning import TUNING
 
@@ -48,7 +48,7 @@ class Beam(Search):
     Attributes:
         width: w of T-PBPR, nodes that survive each step.
         initial_segments: s0 of T-PBPR, segments that are enumerated at the start.
-        node_cost: what prices a node, made from (cone, coefficients, hessian, energy); None for the cone.
+        node_solver: what prices a node, made from (cone, coefficients, hessian, energy); None for the cone.
         budget: nominal seconds of work for all beams of an identification (`bayesid.signs.search.protocol`); those that
             follow once they are spent share a fifth. Where a beam's budget ends each leaf predicts the signs of the
             segments that no step has decided.
@@ -62,7 +62,7 @@ class Beam(Search):
 
     width: int = 5
     initial_segments: int = 5
-    node_cost: NodeCostFactory | None = None
+    node_solver: NodeCostFactory | None = None
     budget: float = 10.0
     time_limit: float = 600.0
 
@@ -77,7 +77,7 @@ class Beam(Search):
     @property
     def any_model(self) -> bool:
         """Not where a price of the user's is given: it may know the model asked for only."""
-        return self.node_cost is None
+        return self.node_solver is None
 
     def limited(self, budget: float, time_limit: float) -> Beam:
         """See Search."""
@@ -98,14 +98,14 @@ class Beam(Search):
         best = best.with_work_of([wider if best is result else result])
         return replace(best, spent=budget.spent, timed_out=budget.timed_out)
 
-    def conclude(self, problem: SignProblem, progress: Progress = SILENT) -> SearchResult:
+    def certify(self, problem: SignProblem, progress: Progress = SILENT) -> SearchResult:
         """A local search about the beam's leaves; none where a price is given.
 
         Raises:
             SolverError: a cone problem could not be solved.
         """
-        result = super().conclude(problem, progress)
-        if self.node_cost is not None:
+        result = super().certify(problem, progress)
+        if self.node_solver is not None:
             return result
         left = max(self.time_limit - result.seconds, 0.0)
         with progress.stage("local search") as steps:
@@ -113,18 +113,20 @@ class Beam(Search):
 
     def _search(self, problem: SignProblem, width: int, budget: Budget, steps: Steps) -> SearchResult:
         """A beam with its joints turned where that helps; the signs of an earlier search are not lost."""
-        moments, pricing = problem.moments, self._pricing(problem)
-        result = beam(moments, pricing, width, self.initial_segments, steps, budget)
+        normal_equations, pricing = problem.normal_equations, self._pricing(problem)
+        result = beam(normal_equations, pricing, width, self.initial_segments, steps, budget)
         if problem.earlier is not None:
-            result = keep_incumbent(moments, pricing, result, problem.coefficients.project(problem.earlier.theta))
-        listed = _listed(moments, turn_joints(moments, pricing, result, budget), result.branches)
-        pull = pricing.regularisation(listed.theta) if isinstance(pricing, ConeLeastSquares) else None
-        return replace(listed, pull=pull)
+            result = keep_incumbent(
+                normal_equations, pricing, result, problem.coefficients.project(problem.earlier.theta)
+            )
+        listed = _listed(normal_equations, flip_joints(normal_equations, pricing, result, budget), result.branches)
+        tikhonov = pricing.regularisation(listed.theta) if isinstance(pricing, ConeLeastSquares) else None
+        return replace(listed, tikhonov=tikhonov)
 
-    def _pricing(self, problem: SignProblem) -> NodeCost:
-        if self.node_cost is None:
+    def _pricing(self, problem: SignProblem) -> NodeSolver:
+        if self.node_solver is None:
             return problem.solver()
-        return self.node_cost(problem.cone, problem.coefficients, problem.hessian, problem.energy)
+        return self.node_solver(problem.cone, problem.coefficients, problem.hessian, problem.energy)
 
 
 @dataclass(frozen=True)
@@ -136,8 +138,8 @@ class _Level:
 
 
 def beam(
-    moments: Moments,
-    node_cost: NodeCost,
+    normal_equations: NormalEquations,
+    node_solver: NodeSolver,
     width: int | None = 5,
     initial: int = 5,
     steps: Steps = no_steps,
@@ -146,8 +148,8 @@ def beam(
     """Searches the signs of all unknown segments, those with the most energy first.
 
     Args:
-        moments: scaled moments of S segments.
-        node_cost: prices a node; `bayesid.regression.solver.ConeLeastSquares` by default, PBPR as in the paper.
+        normal_equations: scaled moments of S segments.
+        node_solver: prices a node; `bayesid.regression.solver.ConeLeastSquares` by default, PBPR as in the paper.
         width: w, nodes that survive each step; None for all (exhaustive).
         initial: s0, segments that are enumerated at the start.
         steps: called as steps(decided, total) after each step.
@@ -157,24 +159,29 @@ def beam(
         SolverError: a node could not be priced.
     """
     began = time.perf_counter()
-    known, unknown = np.flatnonzero(moments.known), np.flatnonzero((moments.known == 0) & moments.individual)
-    order = unknown[np.argsort(-moments.energy[unknown], kind="stable")]  # they decide most and are mistaken least
+    known, unknown = (
+        np.flatnonzero(normal_equations.known),
+        np.flatnonzero((normal_equations.known == 0) & normal_equations.individual),
+    )
+    order = unknown[
+        np.argsort(-normal_equations.energy[unknown], kind="stable")
+    ]  # they decide most and are mistaken least
     budget = Budget() if budget is None else budget
-    pricing = _Pricing(node_cost, budget)
-    hessian = moments.hessian_of(known)
-    energy = float(moments.energy[known].sum())
+    pricing = _Pricing(node_solver, budget)
+    hessian = normal_equations.hessian_of(known)
+    energy = float(normal_equations.energy[known].sum())
     level = _Level(
         signs=np.empty((1, 0), dtype=np.int64),
-        gradient=(moments.known[known] @ moments.gradient[known])[None, :],
+        gradient=(normal_equations.known[known] @ normal_equations.gradient[known])[None, :],
         cost=np.zeros(1),
         theta=np.empty((1, 0)),
     )
     depth = 0
     while True:
         group = order[depth : depth + (initial if depth == 0 else 1)]
-        hessian = hessian + moments.hessian_of(group)
-        energy += float(moments.energy[group].sum())
-        candidates = _expand(level, moments.gradient[group])
+        hessian = hessian + normal_equations.hessian_of(group)
+        energy += float(normal_equations.energy[group].sum())
+        candidates = _expand(level, normal_equations.gradient[group])
         depth += len(group)
         level = pricing.select(candidates, hessian, energy, width)
         steps(depth, len(order))
@@ -182,11 +189,11 @@ def beam(
             break
     leaves = []
     for chosen, theta, cost in zip(level.signs, level.theta, level.cost, strict=True):
-        signs = moments.known.copy()
+        signs = normal_equations.known.copy()
         signs[order[:depth]] = chosen
-        leaves.append(Branch(signs, theta, float(cost), -np.inf))
-    if depth + len(known) < len(moments):
-        leaves = _with_undecided_segments(moments, node_cost, leaves, hessian, level.gradient)
+        leaves.append(Assignment(signs, theta, float(cost), -np.inf))
+    if depth + len(known) < len(normal_equations):
+        leaves = _with_undecided_segments(normal_equations, node_solver, leaves, hessian, level.gradient)
         pricing.solves += len(leaves)
     result = SearchResult(
         signs=leaves[0].signs,
@@ -200,25 +207,33 @@ def beam(
         seconds=time.perf_counter() - began,
         pruning=replace(pricing.pruning, leaves=len(leaves), undecided=max(len(order) - depth, 0)),
     )
-    return _listed(moments, result, leaves)
+    return _listed(normal_equations, result, leaves)
 
 
 def _with_undecided_segments(
-    moments: Moments, node_cost: NodeCost, leaves: list[Branch], hessian: Array, gradients: Array
-) -> list[Branch]:
+    normal_equations: NormalEquations,
+    node_solver: NodeSolver,
+    leaves: list[Assignment],
+    hessian: Array,
+    gradients: Array,
+) -> list[Assignment]:
     """Segments that no step has decided take the signs that the others' coefficients predict; cheapest leaf first."""
-    prepared, energy, whole = node_cost.prepared(moments.hessian.total()), float(moments.energy.sum()), []
+    prepared, energy, whole = (
+        node_solver.prepared(normal_equations.hessian.total()),
+        float(normal_equations.energy.sum()),
+        [],
+    )
     for leaf, gradient in zip(leaves, gradients, strict=True):
-        signs = predicted_signs(moments, np.linalg.lstsq(hessian, gradient, rcond=None)[0], leaf.signs)
-        solution = prepared.solve(signs @ moments.gradient)
-        whole.append(Branch(signs, solution.theta, energy + solution.cost, -np.inf))
+        signs = predicted_signs(normal_equations, np.linalg.lstsq(hessian, gradient, rcond=None)[0], leaf.signs)
+        solution = prepared.solve(signs @ normal_equations.gradient)
+        whole.append(Assignment(signs, solution.theta, energy + solution.cost, -np.inf))
     return sorted(whole, key=lambda leaf: leaf.cost)
 
 
-def _listed(moments: Moments, result: SearchResult, leaves: Iterable[Branch]) -> SearchResult:
+def _listed(normal_equations: NormalEquations, result: SearchResult, leaves: Iterable[Assignment]) -> SearchResult:
     """The result with its own signs and those of the leaves as branches: what costs too much more is pruned."""
-    own = Branch(result.signs, result.theta, result.cost, -np.inf)
-    branches, decided = listed_without_proof(moments, own, leaves)
+    own = Assignment(result.signs, result.theta, result.cost, -np.inf)
+    branches, decided = listed_without_proof(normal_equations, own, leaves)
     return replace(result, branches=branches, decided=decided)
 
 
@@ -234,8 +249,8 @@ def _expand(level: _Level, gradients: Array) -> tuple[Integers, Array]:
 class _Pricing:
     """Selects the cheapest nodes of a depth, solving as few cone problems as it can; counts what it did."""
 
-    def __init__(self, node_cost: NodeCost, budget: Budget) -> None:
-        self._node_cost, self._budget = node_cost, budget
+    def __init__(self, node_solver: NodeSolver, budget: Budget) -> None:
+        self._node_cost, self._budget = node_solver, budget
         self.pruning = Pruning()
         self.solves = 0
         self.tolerance = 0.0
@@ -264,24 +279,33 @@ class _Pricing:
         return _Level(signs[chosen], gradient[chosen], cost, np.array([theta for _, _, theta in survivors]))
 
 
-def keep_incumbent(moments: Moments, node_cost: NodeCost, result: SearchResult, beta: Array) -> SearchResult:
+def keep_incumbent(
+    normal_equations: NormalEquations, node_solver: NodeSolver, result: SearchResult, beta: Array
+) -> SearchResult:
     """The result, or the signs that earlier coefficients beta (r,) predict where those cost less.
 
     A narrow beam on re-cut segments may lose what the search before it had.
     """
-    return _cheaper(moments, node_cost.prepared(moments.hessian.total()), result, predicted_signs(moments, beta))
+    return _cheaper(
+        normal_equations,
+        node_solver.prepared(normal_equations.hessian.total()),
+        result,
+        predicted_signs(normal_equations, beta),
+    )
 
 
-def _cheaper(moments: Moments, prepared: PreparedNode, result: SearchResult, signs: Integers) -> SearchResult:
+def _cheaper(
+    normal_equations: NormalEquations, prepared: PreparedNode, result: SearchResult, signs: Integers
+) -> SearchResult:
     """The result, or other signs (S,) where those cost less; one cone problem more."""
-    solution = prepared.solve(signs @ moments.gradient)
+    solution = prepared.solve(signs @ normal_equations.gradient)
     result = replace(result, solves=result.solves + 1, tolerance=max(result.tolerance, solution.tolerance))
-    other = Branch(signs, solution.theta, float(moments.energy.sum()) + solution.cost, -np.inf)
+    other = Assignment(signs, solution.theta, float(normal_equations.energy.sum()) + solution.cost, -np.inf)
     return result.with_best(other) if other.cost < result.cost else result
 
 
-def turn_joints(
-    moments: Moments, node_cost: NodeCost, result: SearchResult, budget: Budget | None = None
+def flip_joints(
+    normal_equations: NormalEquations, node_solver: NodeSolver, result: SearchResult, budget: Budget | None = None
 ) -> SearchResult:
     """The result with all signs of a joint turned round wherever that lowers the cost.
 
@@ -289,18 +313,21 @@ def turn_joints(
     symmetry at its root cannot come back to it one segment at a time. Every joint is tried once at least, whatever is
     left of the budget.
     """
-    prepared, budget = node_cost.prepared(moments.hessian.total()), Budget() if budget is None else budget
-    joints = np.unique(moments.joint[moments.known == 0])
+    prepared, budget = node_solver.prepared(normal_equations.hessian.total()), Budget() if budget is None else budget
+    joints = np.unique(normal_equations.joint[normal_equations.known == 0])
     better, tried, failed = True, 0, 0
     while better:
         better = False
         for joint in joints:
             if budget.over and tried >= len(joints):
                 break
-            before, result = result, _cheaper(moments, prepared, result, turned_round(moments, result.signs, joint))
+            before, result = (
+                result,
+                _cheaper(normal_equations, prepared, result, with_flipped(normal_equations, result.signs, joint)),
+            )
             budget.count(parameters=len(result.theta))
             tried, better = tried + 1, result.cost < before.cost
             failed = 0 if better else failed + 1
             if better:
                 break
-    return replace(result, unseen=1.0 / (failed + 2.0))
+    return replace(result, unlisted_probability=1.0 / (failed + 2.0))

@@ -2,7 +2,7 @@
 
 Let theta be the best feasible parameters for the signs s, beta = B theta. The cost under s is strongly convex, so by
 the variational inequality (Boyd and Vandenberghe 2004, 4.2.3) every feasible point at a distance d costs at least
-d'(H + Q)d more, Q the pull. Turning the set T of segments adds 4 sum over T of s_k g_k'(beta + d), and minimising over
+d'(H + Q)d more, Q the Tikhonov term. Turning the set T of segments adds 4 sum over T of s_k g_k'(beta + d), and minimising over
 all d leaves :eq:`flip-bound`::
 
     F(s with T turned) - F(s)  >=  4 (sum over T of a_k  -  sum over T x T of K_kl),
@@ -23,19 +23,19 @@ import numpy as np
 from scipy.linalg.lapack import dtrtri
 
 from bayesid.arrays import Array, Integers
-from bayesid.regression.moments import Moments
+from bayesid.regression.normal_equations import NormalEquations
 from bayesid.signs.tuning import TUNING, Tuning
 
 _RIDGE = 1e-13
-"""Curvature added to columns of unit length: a hundredth of the solver's least pull to typical links
-(`bayesid.regression.solver.pull_weight`), so that the bound stays below the cost."""
+"""Curvature added to columns of unit length: a hundredth of the solver's least Tikhonov term to typical links
+(`bayesid.regression.solver.tikhonov_weight`), so that the bound stays below the cost."""
 
 
 class UnconstrainedBound:
     """min over all coefficients of beta' H beta - 2 g' beta, for many g: a lower bound of the cost in the cone.
 
     The least over beta of :eq:`binary-quadratic`, and the bound of :eq:`unconstrained-bound`, without the energy c.
-    The ridge is curvature added to columns of unit length; 0 where H (r, r) holds a share of the pull.
+    The ridge is curvature added to columns of unit length; 0 where H (r, r) holds a share of the Tikhonov term.
     """
 
     def __init__(self, hessian: Array, ridge: float = _RIDGE) -> None:
@@ -78,12 +78,12 @@ class Flips:
     """Flips of some segments, those that are free, from a settled assignment s (S,).
 
     Coefficients beta (r,) are the best for s, whose cost may be less than theirs by a gap. The unconstrained bound is
-    prepared for the H of all segments and the pull.
+    prepared for the H of all segments and the Tikhonov term.
     """
 
     def __init__(
         self,
-        moments: Moments,
+        normal_equations: NormalEquations,
         unconstrained: UnconstrainedBound,
         signs: Integers,
         beta: Array,
@@ -91,13 +91,13 @@ class Flips:
         free: Integers,
         tuning: Tuning = TUNING,
     ) -> None:
-        turned = signs[free, None] * moments.gradient[free]
+        flipped = signs[free, None] * normal_equations.gradient[free]
         self.free, self._tuning = free, tuning
         self._unconstrained, self._beta, self._gap = unconstrained, beta, max(gap, 0.0)
-        self._white = unconstrained.whiten(turned)
+        self._white = unconstrained.whiten(flipped)
         self._diagonal = np.sum(self._white**2, axis=1)
         # beta may be |d| <= sqrt(gap) off the best point, and a_k then by sqrt(gap K_kk).
-        self._linear = turned @ beta - np.sqrt(self._gap * self._diagonal)
+        self._linear = flipped @ beta - np.sqrt(self._gap * self._diagonal)
 
     @property
     def undecided(self) -> Integers:
@@ -111,11 +111,11 @@ class Flips:
         while remaining.size:
             margin = self._linear[remaining] + self._diagonal[remaining]
             margin = margin - 2.0 * self._interference(remaining, remaining)
-            settled = margin > 0.0
-            if not np.any(settled):
+            persistent = margin > 0.0
+            if not np.any(persistent):
                 break
-            least = min(least, float(margin[settled].min()))
-            remaining = remaining[~settled]
+            least = min(least, float(margin[persistent].min()))
+            remaining = remaining[~persistent]
         return remaining, least
 
     @property

@@ -25,15 +25,15 @@ import numpy as np
 from bayesid.arrays import Array, Integers
 from bayesid.errors import InputError
 from bayesid.progress import SILENT, Progress, Steps, no_steps
-from bayesid.regression.moments import Moments
+from bayesid.regression.normal_equations import NormalEquations
 from bayesid.regression.solver import ConeLeastSquares
 from bayesid.signs.search.beam import Beam
 from bayesid.signs.search.combinations import TooManyError, combinations, combine, least_costs
 from bayesid.signs.search.local import searched_locally
 from bayesid.signs.search.patterns import LOG2, Keep
 from bayesid.signs.search.problem import OutOfTimeError, Problem
-from bayesid.signs.search.protocol import Branch, Search, SearchResult, SignProblem, Way, check_limits
-from bayesid.signs.search.tree import Proof, prove, settled
+from bayesid.signs.search.protocol import Assignment, Search, SearchResult, SignProblem, Way, check_limits
+from bayesid.signs.search.tree import Proof, persistent, prove
 from bayesid.signs.tuning import TUNING, Tuning
 
 METHOD = "branch and bound"
@@ -85,7 +85,7 @@ class Certified(Search):
             return result
         return searched_locally(problem, [result], TUNING.failures_on_the_way, self._left(result), steps)
 
-    def conclude(self, problem: SignProblem, progress: Progress = SILENT) -> SearchResult:
+    def certify(self, problem: SignProblem, progress: Progress = SILENT) -> SearchResult:
         """The proof; where it does not end, the cheapest signs of a local search, a beam, and a local search from its.
 
         Raises:
@@ -113,7 +113,7 @@ class Certified(Search):
 
     def _search(self, problem: SignProblem, budget: float, steps: Steps) -> SearchResult:
         result = certified(
-            problem.moments,
+            problem.normal_equations,
             problem.solver(),
             budget,
             self.missed_mass,
@@ -122,11 +122,11 @@ class Certified(Search):
             time_limit=self.time_limit,
             signs=problem.starts,
         )
-        return result if result.certified else replace(result, unseen=problem.unseen)
+        return result if result.certified else replace(result, unlisted_probability=problem.unlisted_probability)
 
 
 def certified(  # noqa: PLR0913  a problem, a budget, two starts, and how to go on
-    moments: Moments,
+    normal_equations: NormalEquations,
     solver: ConeLeastSquares,
     budget: float = 10.0,
     missed: float = 1e-3,
@@ -139,7 +139,7 @@ def certified(  # noqa: PLR0913  a problem, a budget, two starts, and how to go 
     """Finds the best signs and proves as much about all others as the budget allows.
 
     Args:
-        moments: scaled moments of S segments.
+        normal_equations: scaled moments of S segments.
         solver: for the cone and for H and energy of all segments.
         budget: nominal seconds of work; the candidates are looked for however few they are.
         missed: the mass, relative to the best assignment's, that the branches may leave out.
@@ -154,7 +154,7 @@ def certified(  # noqa: PLR0913  a problem, a budget, two starts, and how to go 
     """
     began = time.perf_counter()
     steps(0, 100)
-    problem = Problem(moments, solver, budget, time_limit, tuning, steps)
+    problem = Problem(normal_equations, solver, budget, time_limit, tuning, steps)
     best, lower_bound, proof = _first(problem, start, signs), 0.0, None
     ways = [Way("earlier signs" if signs else "candidates", best.cost, problem.budget.spent)]
     try:
@@ -180,12 +180,12 @@ def certified(  # noqa: PLR0913  a problem, a budget, two starts, and how to go 
     )
 
 
-def _first(problem: Problem, start: Array | None, signs: Sequence[Integers]) -> Branch:
+def _first(problem: Problem, start: Array | None, signs: Sequence[Integers]) -> Assignment:
     """What a proof begins with: the signs of an earlier search; without it, or without a budget, the best candidate.
 
     Signs that are likely beforehand take the candidates' place.
     """
-    known, begun = problem.moments.known, []
+    known, begun = problem.normal_equations.known, []
     if start is not None:
         begun.append(problem.price(problem.settle(known, start).signs))
     if signs:
@@ -195,7 +195,7 @@ def _first(problem: Problem, start: Array | None, signs: Sequence[Integers]) -> 
     return min(begun, key=lambda branch: branch.cost)
 
 
-def _result(problem: Problem, best: Branch, lower_bound: float, proof: Proof | None, missed: float) -> SearchResult:
+def _result(problem: Problem, best: Assignment, lower_bound: float, proof: Proof | None, missed: float) -> SearchResult:
     if proof is not None and proof.branches:
         best = min([proof.branches[0], best], key=lambda branch: branch.cost)
     result = SearchResult(
@@ -203,7 +203,7 @@ def _result(problem: Problem, best: Branch, lower_bound: float, proof: Proof | N
         best.theta,
         best.cost,
         METHOD,
-        pull=problem.pull_of(best),
+        tikhonov=problem.tikhonov_of(best),
         lower_bound=max(min(lower_bound, best.lower_bound), 0.0),  # the cost is a sum of squares
     )
     if proof is None or not proof.branches or proof.branches[0].cost > best.cost + problem.exact:
@@ -213,37 +213,37 @@ def _result(problem: Problem, best: Branch, lower_bound: float, proof: Proof | N
         result,
         certified=certified,
         lower_bound=max(result.lower_bound or 0.0, proof.lower_bound),
-        unseen=0.0 if certified else result.unseen,
+        unlisted_probability=0.0 if certified else result.unlisted_probability,
     )
-    kept, within, log_missed = _what_matters(proof, best.cost, missed)
-    if within < 0.0:
+    kept, optimality_gap, log_missed = _what_matters(proof, best.cost, missed)
+    if optimality_gap < 0.0:
         return result  # the budget has ended while something below the best cost was open
     if result.certified and not _data_agree(problem, best, proof.branches[1:kept]):
-        result = replace(result, certified=False, withheld="pull")
+        result = replace(result, certified=False, uncertified_because="tikhonov")
     agreed = [
-        settled(problem, branch, decided, best.cost + within) & (branch.signs == best.signs)
+        persistent(problem, branch, decided, best.cost + optimality_gap) & (branch.signs == best.signs)
         for branch, decided in zip(proof.branches[:kept], proof.decided[:kept], strict=True)
     ]
     return replace(
         result,
         branches=proof.branches[:kept],
-        within=within,
+        optimality_gap=optimality_gap,
         missed=float(np.exp(log_missed)),
-        settled=np.all(agreed, axis=0),
+        persistent=np.all(agreed, axis=0),
         decided=proof.decided[:kept],
     )
 
 
-def _data_agree(problem: Problem, best: Branch, others: Sequence[Branch]) -> bool:
-    """Whether the best branch costs the data least too; only those need be looked at whose pull may hide it.
+def _data_agree(problem: Problem, best: Assignment, others: Sequence[Assignment]) -> bool:
+    """Whether the best branch costs the data least too; only those need be looked at whose Tikhonov term may hide it.
 
-    Of a cost that grows as w^p with the weight of the pull, the pull is p times the growth; masses that run away near
+    Of a cost that grows as w^p with the weight of the Tikhonov term, the Tikhonov term is p times the growth; masses that run away near
     the cone's edge grow as w^(1/3).
     """
     near = [
         branch
         for branch in others
-        if branch.cost - TUNING.hidden_by_pull * problem.pull_of(branch) <= best.cost + problem.exact
+        if branch.cost - TUNING.hidden_by_tikhonov * problem.tikhonov_of(branch) <= best.cost + problem.exact
     ]
     value = problem.data_cost(best)[1] if near else best.cost
     return all(problem.data_cost(branch)[0] >= value - min(problem.exact, TUNING.alike) for branch in near)
@@ -266,7 +266,7 @@ def _what_matters(proof: Proof, cost: float, missed: float) -> tuple[int, float,
     return kept, min(proven, max(least, proof.branches[kept - 1].cost - cost)), log_missed
 
 
-def candidate(problem: Problem) -> Branch:
+def candidate(problem: Problem) -> Assignment:
     """The best assignment among combinations of each joint's best patterns, without any proof."""
     tuning = problem.tuning
 
@@ -285,37 +285,37 @@ def candidate(problem: Problem) -> Branch:
         solution = problem.solve(prepared, joined.gradient[row])
         solved.append((energy + solution.cost, int(row), solution.theta))
         solved.sort(key=lambda candidate: candidate[:2])
-    settled = [
-        problem.settle(problem.decided(joined, row), theta) for _, row, theta in solved[: tuning.candidates_settled]
+    persistent = [
+        problem.settle(problem.decided(joined, row), theta) for _, row, theta in solved[: tuning.candidates_persistent]
     ]
-    best = min(settled, key=lambda branch: branch.cost)
-    return _turned(problem, problem.price(problem.settle(problem.moments.known, best.theta).signs))
+    best = min(persistent, key=lambda branch: branch.cost)
+    return _turned(problem, problem.price(problem.settle(problem.normal_equations.known, best.theta).signs))
 
 
-def _turned(problem: Problem, branch: Branch) -> Branch:
+def _turned(problem: Problem, branch: Assignment) -> Assignment:
     """The branch with single segments turned where that pays: those that draw the parameters to their present sign."""
-    known = problem.moments.known
+    known = problem.normal_equations.known
     unknown = np.flatnonzero(known == 0)
-    for _ in range(problem.tuning.turned):
+    for _ in range(problem.tuning.flipped):
         changes = problem.single_flips(branch, unknown)
         k = int(np.argmin(changes)) if unknown.size else 0
         if not unknown.size or changes[k] >= -problem.exact:
             break
         decided = known.copy()
         decided[unknown[k]] = -branch.signs[unknown[k]]
-        turned = problem.price(problem.settle(decided, branch.theta).signs)
-        if turned.cost < branch.cost:
-            branch = turned
+        flipped = problem.price(problem.settle(decided, branch.theta).signs)
+        if flipped.cost < branch.cost:
+            branch = flipped
         else:
             unknown = np.delete(unknown, k)
     return branch
 
 
-def _prove_enough(problem: Problem, best: Branch, least: Array, log_missed: float) -> Proof:
+def _prove_enough(problem: Problem, best: Assignment, least: Array, log_missed: float) -> Proof:
     """A proof with a Delta so wide that it leaves out no more than it may, or as far as the budget goes."""
-    within = -2.0 * log_missed + problem.tuning.allowance
+    optimality_gap = -2.0 * log_missed + problem.tuning.allowance
     while True:
-        limit = best.cost + within
+        limit = best.cost + optimality_gap
         survivors = combinations(problem, limit, least)
         excess = survivors.log_missed + 0.5 * best.cost - (log_missed - LOG2)
         if excess <= 0.0 or problem.budget.over:
@@ -324,4 +324,4 @@ def _prove_enough(problem: Problem, best: Branch, least: Array, log_missed: floa
             excess = proof.log_missed + 0.5 * best.cost - log_missed
             if excess <= 0.0 or problem.budget.over:
                 return proof
-        within += 2.0 * excess + problem.tuning.growth
+        optimality_gap += 2.0 * excess + problem.tuning.growth

@@ -54,10 +54,10 @@ def _ends(problem: Problem, share: float) -> list[int]:
 
 
 def _tails(problem: Problem, ends: list[int]) -> list[float]:
-    """Lower bounds of what the segments beyond the ends cost by themselves, with half of the undecided rows' pull."""
+    """Lower bounds of what the segments beyond the ends cost by themselves, with half of the undecided rows' Tikhonov term."""
     if not problem.tails:
-        pull = 0.5 * problem.tuning.undecided_pull / max(1, len(problem.blocks)) * problem.pull
-        tails = [block.after(end, pull) for block, end in zip(problem.blocks, ends, strict=True)]
+        tikhonov = 0.5 * problem.tuning.undecided_tikhonov / max(1, len(problem.blocks)) * problem.tikhonov
+        tails = [block.after(end, tikhonov) for block, end in zip(problem.blocks, ends, strict=True)]
         problem.tails = [_least_cost(problem, tail) if len(tail.segments) else 0.0 for tail in tails]
     return problem.tails
 
@@ -118,9 +118,9 @@ class _Level:
         depths = [block.strong(share, problem.tuning.listed) for block in problem.blocks]
         limit += 2.0 * LOG2 * max(0, finest - sum(depths))
         ends = _ends(problem, problem.tuning.shares[-1])
-        pull = 0.5 * problem.tuning.undecided_pull / len(problem.blocks) * problem.pull
+        tikhonov = 0.5 * problem.tuning.undecided_tikhonov / len(problem.blocks) * problem.tikhonov
         ranges = zip(problem.blocks, depths, ends, strict=True)
-        rests = [block.after(depth, pull, end) for block, depth, end in ranges]
+        rests = [block.after(depth, tikhonov, end) for block, depth, end in ranges]
         rest = np.array([_least_cost(problem, block) for block in rests]) + _tails(problem, ends)
         lists = []
         for i, block in enumerate(problem.blocks):
@@ -177,13 +177,13 @@ class _Level:
 
         A solved problem bounds the rest too: with other signs its cost changes by -2 step' beta, it is strongly convex
         around its optimum, and the least over all d of d'(H + Q / 2) d - 2 step'(beta + d) remains
-        (:eq:`convexity-bound`). So few need be solved. The other half of Q pays for the share u of the pull in the
+        (:eq:`convexity-bound`). So few need be solved. The other half of Q pays for the share u of the Tikhonov term in the
         bounds of undecided rows, u (beta + d)' Q (beta + d) <= 2 u beta' Q beta + d' Q d / 2.
         """
         problem, patterns, lower = self.problem, joined.patterns, joined.lower.copy()
         hessian, energy = problem.decided_moments(patterns)
         prepared = problem.solver.prepared(hessian)
-        unconstrained = UnconstrainedBound(hessian + 0.5 * problem.pull, 0.0)
+        unconstrained = UnconstrainedBound(hessian + 0.5 * problem.tikhonov, 0.0)
         rest = float(self.rest.sum())
         solved: dict[int, Array] = {}
         remaining = np.flatnonzero(lower <= self.limit)
@@ -197,12 +197,14 @@ class _Level:
                 energy
                 + solution.lower_bound
                 + rest
-                - 2.0 * problem.tuning.undecided_pull * float(beta @ problem.pull @ beta)
+                - 2.0 * problem.tuning.undecided_tikhonov * float(beta @ problem.tikhonov @ beta)
             )
             steps = patterns.gradient[remaining] - patterns.gradient[row]
             reach = -unconstrained(steps)
-            doubt = 2.0 * np.sqrt((solution.cost - solution.lower_bound) * reach)
-            lower[remaining] = np.maximum(lower[remaining], bound - 2.0 * steps @ beta - reach - doubt)
+            model_error_probability = 2.0 * np.sqrt((solution.cost - solution.lower_bound) * reach)
+            lower[remaining] = np.maximum(
+                lower[remaining], bound - 2.0 * steps @ beta - reach - model_error_probability
+            )
             remaining = remaining[lower[remaining] <= self.limit]
             waiting = remaining[~np.isin(remaining, list(solved))]
         log_missed = float(np.logaddexp(joined.log_missed, log_sum(np.delete(lower, remaining))))
@@ -226,7 +228,7 @@ def combine(
     a limit of the sum of their separate bounds.
     """
     order = _shortest_first(lists) if order is None else order
-    joined, hessian, energy = lists[order[0]], np.zeros_like(problem.pull), 0.0
+    joined, hessian, energy = lists[order[0]], np.zeros_like(problem.tikhonov), 0.0
     for position, i in enumerate(order):
         depth = len(lists[i].segments)
         hessian = hessian + problem.blocks[i].hessian(depth)

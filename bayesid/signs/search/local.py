@@ -25,13 +25,13 @@ from bayesid.arrays import Integers
 from bayesid.progress import Steps, no_steps
 from bayesid.signs.search.problem import Problem
 from bayesid.signs.search.protocol import (
-    Branch,
+    Assignment,
     SearchResult,
     SignProblem,
     Way,
     listed_without_proof,
     predicted_signs,
-    turned_round,
+    with_flipped,
 )
 from bayesid.signs.tuning import TUNING
 
@@ -41,13 +41,13 @@ class LocalOptima(NamedTuple):
 
     #: distinct local optima and the assignments it began with, cheapest first; the best is priced as precisely as the
     #: solver can
-    met: tuple[Branch, ...]
+    met: tuple[Assignment, ...]
     failed: int  #: starts since the best was met, none of which led to a better one
     starts: int  #: all
 
 
 def local_search(
-    problem: Problem, begun: Iterable[Branch], failures: int, seed: int = 0, steps: Steps = no_steps
+    problem: Problem, begun: Iterable[Assignment], failures: int, seed: int = 0, steps: Steps = no_steps
 ) -> LocalOptima:
     """Local optima about the best of some assignments, at least one.
 
@@ -72,15 +72,15 @@ def local_search(
     return LocalOptima(tuple(sorted(met.values(), key=lambda branch: branch.cost)), failed, tried)
 
 
-def _starts(problem: Problem, best: Branch, rng: np.random.Generator) -> Iterator[Integers]:
+def _starts(problem: Problem, best: Assignment, rng: np.random.Generator) -> Iterator[Integers]:
     """(S,) signs: of the best assignment with joints turned, then as drawn parameters predict; without an end."""
-    moments = problem.moments
-    joints = np.unique(moments.joint[moments.known == 0]).tolist()
-    for turned in (*itertools.combinations(joints, 1), *itertools.combinations(joints, 2)):
-        yield turned_round(moments, best.signs, turned)
+    normal_equations = problem.normal_equations
+    joints = np.unique(normal_equations.joint[normal_equations.known == 0]).tolist()
+    for flipped in (*itertools.combinations(joints, 1), *itertools.combinations(joints, 2)):
+        yield with_flipped(normal_equations, best.signs, flipped)
     beta = problem.solver.project(best.theta)
     for temperature in itertools.cycle(TUNING.temperatures):
-        yield predicted_signs(moments, beta + np.sqrt(temperature) * problem.unconstrained.draw(rng))
+        yield predicted_signs(normal_equations, beta + np.sqrt(temperature) * problem.unconstrained.draw(rng))
 
 
 def searched_locally(
@@ -94,8 +94,8 @@ def searched_locally(
 
     The first result says what is proven, if anything. The search ends after so many `failures`, or seconds.
     """
-    began, inner = time.perf_counter(), Problem(problem.moments, problem.solver(), np.inf, time_limit)
-    known, first = problem.moments.known, results[0]
+    began, inner = time.perf_counter(), Problem(problem.normal_equations, problem.solver(), np.inf, time_limit)
+    known, first = problem.normal_equations.known, results[0]
     thetas = [[one.theta, *(branch.theta for branch in one.branches[: TUNING.most_begun])] for one in results]
     begun = [inner.settle(known, theta) for theta in itertools.chain(*thetas)]
     found = local_search(inner, begun, failures, steps=steps)
@@ -104,10 +104,10 @@ def searched_locally(
     worked = first.with_work_of(results[1:])
     result = worked.with_best(
         best,
-        pull=inner.pull_of(best),
+        tikhonov=inner.tikhonov_of(best),
         width=results[-1].width,
         pruning=results[-1].pruning,
-        unseen=_unseen(first, found),
+        unlisted_probability=_unseen(first, found),
         seconds=sum(one.seconds for one in results) + time.perf_counter() - began,
         solves=worked.solves + inner.solves,
         timed_out=worked.timed_out or inner.budget.timed_out,
@@ -115,10 +115,10 @@ def searched_locally(
         tolerance=max(inner.tolerance, *(one.tolerance for one in results)),
         ways=(*ways, Way("local search", best.cost, work, found.starts)),
     )
-    if first.settled is not None and np.array_equal(first.signs, best.signs):
+    if first.persistent is not None and np.array_equal(first.signs, best.signs):
         return result
-    branches, decided = listed_without_proof(problem.moments, best, found.met)
-    return replace(result, branches=branches, decided=decided, within=0.0, missed=np.inf, settled=None)
+    branches, decided = listed_without_proof(problem.normal_equations, best, found.met)
+    return replace(result, branches=branches, decided=decided, optimality_gap=0.0, missed=np.inf, persistent=None)
 
 
 def _unseen(first: SearchResult, found: LocalOptima) -> float:
@@ -126,5 +126,5 @@ def _unseen(first: SearchResult, found: LocalOptima) -> float:
 
     Where nothing is better than the result that the search began with, the starts that led there count too.
     """
-    before = 0.5 if found.met[0].cost < first.cost - TUNING.alike else first.unseen
+    before = 0.5 if found.met[0].cost < first.cost - TUNING.alike else first.unlisted_probability
     return before / (1.0 + found.failed * before)  # 1 / (starts + 2)

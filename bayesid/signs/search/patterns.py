@@ -3,7 +3,7 @@
 The rows of one joint almost decide its own pattern. With any set D of decided segments, and without the cone,
 :eq:`dropped-rows`::
 
-    b(s) = min over beta of  sum over k in D of |s_k e_k - Y_k beta|^2 + a share of the pull
+    b(s) = min over beta of  sum over k in D of |s_k e_k - Y_k beta|^2 + a share of the Tikhonov term
 
 bounds the cost of every completion from below: the rows left out could only add to it, and so could the cone. So
 patterns whose bound exceeds what can still matter are never looked at again. Segments are decided in the order of
@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayesid.arrays import Array, Integers, Mask
-from bayesid.regression.moments import Moments
+from bayesid.regression.normal_equations import NormalEquations
 from bayesid.signs.search.bounds import UnconstrainedBound
 
 LOG2 = float(np.log(2.0))
@@ -69,25 +69,25 @@ class Patterns:
 
     def beginning_with(self, decided: Integers) -> Patterns:
         """Those that agree with the signs that are decided (S,), 0 for all others."""
-        wanted = decided[self.segments]
-        return self[np.flatnonzero(np.all((self.signs == wanted) | (wanted == 0), axis=1))]
+        detected = decided[self.segments]
+        return self[np.flatnonzero(np.all((self.signs == detected) | (detected == 0), axis=1))]
 
 
 class Block:
     """The segments of one joint in the order in which they are decided; prepares its bounds once.
 
     Segments that share a part of the Hessian are never decided. `known` are those whose sign is known beforehand,
-    `segments` the others, strongest first; `pull` (r, r) is this block's share of it.
+    `segments` the others, strongest first; `tikhonov` (r, r) is this block's share of it.
     """
 
-    def __init__(self, moments: Moments, known: Integers, segments: Integers, pull: Array) -> None:
+    def __init__(self, normal_equations: NormalEquations, known: Integers, segments: Integers, tikhonov: Array) -> None:
         self.segments = segments
-        self._moments, self._known, self._pull = moments, known, pull
-        self._gradient = moments.known[known] @ moments.gradient[known]
-        self._energy = float(moments.energy[known].sum()) + np.cumsum(
-            np.concatenate([[0.0], moments.energy[self.segments]])
+        self._normal_equations, self._known, self._tikhonov = normal_equations, known, tikhonov
+        self._gradient = normal_equations.known[known] @ normal_equations.gradient[known]
+        self._energy = float(normal_equations.energy[known].sum()) + np.cumsum(
+            np.concatenate([[0.0], normal_equations.energy[self.segments]])
         )
-        self._root = pull + moments.hessian_of(known)
+        self._root = tikhonov + normal_equations.hessian_of(known)
         self._last = self._root
         self._bounds: list[UnconstrainedBound] = []
         self.nodes = 0
@@ -96,11 +96,11 @@ class Block:
         """The known and the first `depth` unknown segments as another block."""
         if depth == len(self.segments):
             return self
-        return Block(self._moments, self._known, self.segments[:depth], self._pull)
+        return Block(self._normal_equations, self._known, self.segments[:depth], self._tikhonov)
 
-    def after(self, depth: int, pull: Array, end: int | None = None) -> Block:
-        """The segments from `depth` on, up to `end`, as another block, with another share of the pull (r, r)."""
-        return Block(self._moments, self.segments[:0], self.segments[depth:end], pull)
+    def after(self, depth: int, tikhonov: Array, end: int | None = None) -> Block:
+        """The segments from `depth` on, up to `end`, as another block, with another share of the Tikhonov term (r, r)."""
+        return Block(self._normal_equations, self.segments[:0], self.segments[depth:end], tikhonov)
 
     def groups(self, size: int) -> list[Block]:
         """The block in groups of about `size` segments, each with strong and weak ones, that cost no more than it does.
@@ -112,16 +112,16 @@ class Block:
             return [self]
         known = [self._known, *(count - 1) * [self._known[:0]]]
         parts = [self.segments[k::count] for k in range(count)]
-        return [Block(self._moments, *pair, self._pull / count) for pair in zip(known, parts, strict=True)]
+        return [Block(self._normal_equations, *pair, self._tikhonov / count) for pair in zip(known, parts, strict=True)]
 
     def strong(self, share: float, most: int) -> int:
         """How many segments have at least this share of the strongest one's energy; at most `most`."""
-        energy = self._moments.energy[self.segments[:most]]
+        energy = self._normal_equations.energy[self.segments[:most]]
         return int(np.sum(energy >= share * energy.max(initial=0.0)))
 
     def hessian(self, depth: int) -> Array:
-        """(r, r) of the known and the first `depth` unknown segments, the share of the pull included."""
-        return self._root + self._moments.hessian_of(self.segments[:depth])
+        """(r, r) of the known and the first `depth` unknown segments, the share of the Tikhonov term included."""
+        return self._root + self._normal_equations.hessian_of(self.segments[:depth])
 
     def energy(self, depth: int) -> float:
         """Energy of the known and the first `depth` unknown segments."""
@@ -169,7 +169,7 @@ class Block:
         bound = self._bound(0, root)
         parents = Patterns(self.segments[:0], np.ones((1, 0), dtype=np.int8), root, bound, remainder)
         for d in range(1, depth + 1):
-            step = self._moments.gradient[self.segments[d - 1]]
+            step = self._normal_equations.gradient[self.segments[d - 1]]
             children = np.concatenate([parents.gradient + step, parents.gradient - step])
             bound = self._bound(d, children)
             kept = keep(bound, depth - d)
@@ -184,23 +184,23 @@ class Block:
     def _bound(self, depth: int, gradient: Array) -> Array:
         while len(self._bounds) <= depth:
             if self._bounds:
-                self._last = self._last + self._moments.hessian_of(self.segments[[len(self._bounds) - 1]])
+                self._last = self._last + self._normal_equations.hessian_of(self.segments[[len(self._bounds) - 1]])
             self._bounds.append(UnconstrainedBound(self._last, 0.0))
         bound: Array = self._energy[depth] + self._bounds[depth](gradient)
         self.nodes += len(bound)
         return bound
 
 
-def make_blocks(moments: Moments, pull: Array) -> list[Block]:
-    """A block for every joint that has segments, each with the same share of the pull (r, r)."""
-    joints = np.unique(moments.joint)
+def make_blocks(normal_equations: NormalEquations, tikhonov: Array) -> list[Block]:
+    """A block for every joint that has segments, each with the same share of the Tikhonov term (r, r)."""
+    joints = np.unique(normal_equations.joint)
     blocks = []
     for joint in joints:
-        here = np.flatnonzero(moments.joint == joint)
-        known = here[moments.known[here] != 0]
-        unknown = here[(moments.known[here] == 0) & moments.individual[here]]
-        strongest_first = unknown[np.argsort(-moments.energy[unknown], kind="stable")]
-        blocks.append(Block(moments, known, strongest_first, pull / len(joints)))
+        here = np.flatnonzero(normal_equations.joint == joint)
+        known = here[normal_equations.known[here] != 0]
+        unknown = here[(normal_equations.known[here] == 0) & normal_equations.individual[here]]
+        strongest_first = unknown[np.argsort(-normal_equations.energy[unknown], kind="stable")]
+        blocks.append(Block(normal_equations, known, strongest_first, tikhonov / len(joints)))
     return blocks
 
 
@@ -215,7 +215,7 @@ def join(
 ) -> Patterns:
     """All pairs of patterns of two sets of segments that are kept, with the bound of their rows together.
 
-    H (r, r), with shares of the pull, and c are those of both. Pairs whose separate bounds add up to more than a limit
+    H (r, r), with shares of the Tikhonov term, and c are those of both. Pairs whose separate bounds add up to more than a limit
     are not looked at; `keep` is called for `pairs_at_once`, which bounds the memory.
     """
     unconstrained = UnconstrainedBound(hessian, 0.0)

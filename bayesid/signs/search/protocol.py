@@ -1,7 +1,7 @@
 """What every search for signs answers to, what it is given, and what it returns.
 
 A log is searched in rounds (`bayesid.signs.rounds`): each round asks a search to `find` the signs of the segments, and
-splits those segments whose predicted effort crosses zero. Once none is split any more, the search may `conclude`.
+splits those segments whose predicted effort crosses zero. Once none is split any more, the search may `certify`.
 
 A budget in seconds of the clock would end wherever the machine has got to by then. Searches count their work instead,
 in *nominal seconds*: numbers of steps, sign choices, cone problems and pairs of segments, each times about what it
@@ -26,7 +26,7 @@ from bayesid.effects.coefficients import BaseCoefficients
 from bayesid.effects.parameters import Cone
 from bayesid.errors import InputError
 from bayesid.progress import SILENT, Progress, Steps, no_steps
-from bayesid.regression.moments import Moments
+from bayesid.regression.normal_equations import NormalEquations
 from bayesid.regression.solver import ConeLeastSquares, Solution
 from bayesid.regression.tuning import TUNING as REGRESSION
 from bayesid.signs.tuning import TUNING
@@ -37,7 +37,7 @@ gaps (tests/regression/test_solver.py)."""
 
 
 @dataclass(frozen=True)
-class Branch:
+class Assignment:
     """One assignment of signs and the best parameters under it."""
 
     signs: Integers  #: (S,) +1 or -1 for each segment of the moments
@@ -68,18 +68,20 @@ class Pruning:
         return replace(self, **both)
 
 
-def turned_round(moments: Moments, signs: Integers, joints: int | Sequence[int]) -> Integers:
+def with_flipped(normal_equations: NormalEquations, signs: Integers, joints: int | Sequence[int]) -> Integers:
     """(S,) the signs (S,) with all unknown ones of some joints, or of one, turned round."""
-    return np.where(np.isin(moments.joint, joints) & (moments.known == 0), -signs, signs)
+    return np.where(np.isin(normal_equations.joint, joints) & (normal_equations.known == 0), -signs, signs)
 
 
-def predicted_signs(moments: Moments, beta: Array, decided: Integers | None = None) -> Integers:
+def predicted_signs(normal_equations: NormalEquations, beta: Array, decided: Integers | None = None) -> Integers:
     """(S,) the signs that coefficients (r,) predict where none is decided (S,), by default known beforehand."""
-    decided = moments.known if decided is None else decided
-    return np.where(decided != 0, decided, np.where(moments.gradient @ beta >= 0.0, 1, -1))
+    decided = normal_equations.known if decided is None else decided
+    return np.where(decided != 0, decided, np.where(normal_equations.gradient @ beta >= 0.0, 1, -1))
 
 
-def listed_without_proof(moments: Moments, best: Branch, others: Iterable[Branch]) -> tuple[tuple[Branch, ...], Mask]:
+def listed_without_proof(
+    normal_equations: NormalEquations, best: Assignment, others: Iterable[Assignment]
+) -> tuple[tuple[Assignment, ...], Mask]:
     """The best assignment and those that come near, cheapest first, and (B, S) segments that each decides.
 
     A branch decides the strong segments and those in which branches differ; it stands for all signs of the others.
@@ -88,10 +90,10 @@ def listed_without_proof(moments: Moments, best: Branch, others: Iterable[Branch
     near = (branch for branch in distinct if branch.cost <= best.cost + TUNING.near)
     branches = tuple(sorted(near, key=lambda branch: branch.cost))
     differ = np.any([branch.signs != best.signs for branch in branches], axis=0)
-    strongest = np.zeros(int(moments.joint.max(initial=-1)) + 1)
-    np.maximum.at(strongest, moments.joint, moments.energy)
-    strong = moments.energy >= TUNING.strong * strongest[moments.joint]
-    decided = (moments.known == 0) & ((strong & moments.individual) | differ)
+    strongest = np.zeros(int(normal_equations.joint.max(initial=-1)) + 1)
+    np.maximum.at(strongest, normal_equations.joint, normal_equations.energy)
+    strong = normal_equations.energy >= TUNING.strong * strongest[normal_equations.joint]
+    decided = (normal_equations.known == 0) & ((strong & normal_equations.individual) | differ)
     return branches, np.tile(decided, (len(branches), 1))
 
 
@@ -117,7 +119,7 @@ class SearchResult:
     cost: float
     method: str  #: of the search
     width: int | None = None  #: of the beam; None if it was unlimited or there was none
-    #: whether no other assignment can cost less (by more than 1e-8 of the efforts' energy), with the pull and without
+    #: whether no other assignment can cost less (by more than 1e-8 of the efforts' energy), with the Tikhonov term and without
     #: it, by the noise weights of the search and by those of its result
     certified: bool = False
     lower_bound: float | None = None  #: proven bound on the cost of every assignment, or None
@@ -125,30 +127,30 @@ class SearchResult:
     solves: int = 0  #: cone problems solved
     tolerance: float = 0.0  #: coarsest relative gap among them
     seconds: float = 0.0  #: of wall time
-    #: the best assignment and all others that may cost at most `within` more, cheapest first; of a beam, the leaves
+    #: the best assignment and all others that may cost at most `optimality_gap` more, cheapest first; of a beam, the leaves
     #: that survived its last step; empty if neither was had
-    branches: tuple[Branch, ...] = ()
-    within: float = 0.0  #: Delta, in units of the cost
+    branches: tuple[Assignment, ...] = ()
+    optimality_gap: float = 0.0  #: Delta, in units of the cost
     #: bound on the sum of exp(-(cost - best cost) / 2) over all assignments of the segments decided one by one that
     #: `branches` leaves out (:eq:`missed-mass`); inf if nothing is proven
     missed: float = np.inf
     #: (S,) whether all assignments within Delta give the segment the same sign; None if nothing is proven
-    settled: Mask | None = None
+    persistent: Mask | None = None
     #: (B, S) segments that each branch decides one by one; it stands for all signs of the others
     decided: Mask | None = None
-    #: why a proof is no certificate: "pull" where another assignment may cost the data less, "noise" where the best
+    #: why a proof is no certificate: "tikhonov" where another assignment may cost the data less, "noise" where the best
     #: assignment depends on the noise weights; empty otherwise
-    withheld: str = ""
-    pull: float | None = None  #: what rho adds to the cost; None if the nodes' price is the user's
+    uncertified_because: str = ""
+    tikhonov: float | None = None  #: what rho adds to the cost; None if the nodes' price is the user's
     pruning: Pruning | None = None  #: what became of a beam's nodes; None without one
     spent: float = 0.0  #: nominal seconds of work; 0 where the search had no budget
     #: whether the time limit on the clock has ended it: a faster machine may give another result
     timed_out: bool = False
     ways: tuple[Way, ...] = ()  #: what each way of searching has found, in the order in which they were tried
     #: probability that an assignment which nobody has looked at is the right one; 0 where a proof excludes it
-    unseen: float = 0.5
+    unlisted_probability: float = 0.5
 
-    def with_best(self, branch: Branch, **changes: Any) -> SearchResult:
+    def with_best(self, branch: Assignment, **changes: Any) -> SearchResult:
         """The result with other signs, and other changes."""
         return replace(self, signs=branch.signs, theta=branch.theta, cost=branch.cost, **changes)
 
@@ -175,24 +177,24 @@ class SearchResult:
 class SignProblem:
     """The sign problem of one log and one model."""
 
-    moments: Moments  #: of S segments, rows in units of the noise
+    normal_equations: NormalEquations  #: of S segments, rows in units of the noise
     cone: Cone  #: the cone of the model's P parameters
     coefficients: BaseCoefficients  #: the model's r base coefficients
     #: the result of the search before, on this log but perhaps on longer segments and with other noise; None in the
     #: first round
     earlier: SearchResult | None = None
     starts: tuple[Integers, ...] = ()  #: (S,) each, signs that are likely beforehand, say those under another model
-    unseen: float = 0.5  #: `SearchResult.unseen` of the search that these are from.
+    unlisted_probability: float = 0.5  #: `SearchResult.unlisted_probability` of the search that these are from.
 
     @cached_property
     def hessian(self) -> Array:
         """(r, r) H of all segments."""
-        return self.moments.hessian.total()
+        return self.normal_equations.hessian.total()
 
     @property
     def energy(self) -> float:
         """The energy c of all segments."""
-        return float(self.moments.energy.sum())
+        return float(self.normal_equations.energy.sum())
 
     def solver(self) -> ConeLeastSquares:
         """A new solver for least squares in the cone, prepared for all segments."""
@@ -200,9 +202,9 @@ class SignProblem:
 
     def is_poor(self, result: SearchResult) -> bool:
         """Whether a joint's residual exceeds `poor_fit` of its effort: the search may have gone wrong."""
-        n_joints = int(self.moments.joint.max(initial=-1)) + 1
-        residual = self.moments.residual_sd(self.coefficients.project(result.theta), result.signs, n_joints)
-        return bool(np.any(residual >= REGRESSION.poor_fit * self.moments.rms_effort(n_joints)))
+        n_joints = int(self.normal_equations.joint.max(initial=-1)) + 1
+        residual = self.normal_equations.residual_sd(self.coefficients.project(result.theta), result.signs, n_joints)
+        return bool(np.any(residual >= REGRESSION.poor_fit * self.normal_equations.rms_effort(n_joints)))
 
 
 class Search(ABC):
@@ -255,7 +257,7 @@ class Search(ABC):
             (56, False)
         """
 
-    def conclude(self, problem: SignProblem, progress: Progress = SILENT) -> SearchResult:
+    def certify(self, problem: SignProblem, progress: Progress = SILENT) -> SearchResult:
         """The last word, once no segment is split any more: by default the last round's result.
 
         Args:
@@ -273,7 +275,7 @@ class Search(ABC):
             >>> from dataclasses import replace
             >>> search = bayesid.Beam()
             >>> last = search.find(problem)
-            >>> bool((search.conclude(replace(problem, earlier=last)).signs == last.signs).all())
+            >>> bool((search.certify(replace(problem, earlier=last)).signs == last.signs).all())
             True
         """
         assert problem.earlier is not None
@@ -360,9 +362,9 @@ class OneBudget(Search):
         """Signs by which segments are split."""
         return self._counted(self._left.find(problem, steps))
 
-    def conclude(self, problem: SignProblem, progress: Progress = SILENT) -> SearchResult:
+    def certify(self, problem: SignProblem, progress: Progress = SILENT) -> SearchResult:
         """The last word."""
-        return self._counted(self._left.conclude(problem, progress))
+        return self._counted(self._left.certify(problem, progress))
 
     @property
     def _left(self) -> Search:
@@ -383,12 +385,12 @@ class PreparedNode(Protocol):
         """The best parameters for g (r,)."""
 
 
-class NodeCost(Protocol):
+class NodeSolver(Protocol):
     """What prices the nodes of a beam."""
 
     def prepared(self, hessian: Array) -> PreparedNode:
         """Prepares for the H (r, r) of one depth; never changes what has been prepared before."""
 
 
-NodeCostFactory = Callable[[Cone, BaseCoefficients, Array, float], NodeCost]
+NodeCostFactory = Callable[[Cone, BaseCoefficients, Array, float], NodeSolver]
 """Makes the price of a node from the model's cone and coefficients and the moments H (r, r) and c of all data."""

@@ -1,7 +1,7 @@
 """The proof's tree: from combinations of the joints' patterns to branches whose every completion is accounted for.
 
 Consequences are what decided signs say about further segments, one at a time. Let D be the decided segments, l the
-least cost of their rows with half of the pull, beta the coefficients where it is had and H its curvature. Three things
+least cost of their rows with half of the Tikhonov term, beta the coefficients where it is had and H its curvature. Three things
 follow for another segment k, with v_k = g_k' H^-1 g_k:
 
 1. Its efforts leave (c_k - s g_k' beta)^2 / c_k along their own direction at least, so that its sign s costs at least
@@ -33,7 +33,7 @@ from bayesid.signs.search.bounds import Flips, UnconstrainedBound
 from bayesid.signs.search.combinations import Combinations
 from bayesid.signs.search.patterns import log_sum
 from bayesid.signs.search.problem import OutOfTimeError, Problem
-from bayesid.signs.search.protocol import Branch
+from bayesid.signs.search.protocol import Assignment
 
 
 @dataclass(frozen=True)
@@ -58,24 +58,24 @@ def consequences(problem: Problem, decided: Integers, limit: float) -> Consequen
     while True:
         found = _once(problem, decided, limit)
         excluded.append(found.excluded)
-        turned = found.bound + found.gain
-        sure = np.isfinite(turned) & (turned > limit)
+        flipped = found.bound + found.gain
+        sure = np.isfinite(flipped) & (flipped > limit)
         decided = np.where(sure, found.signs, found.decided)
-        excluded.append(turned[sure])
+        excluded.append(flipped[sure])
         if found.bound > limit or not np.any(sure):
             return replace(found, excluded=np.concatenate(excluded))
 
 
 def _once(problem: Problem, decided: Integers, limit: float) -> Consequences:
-    moments, rows, signs = problem.moments, np.flatnonzero(decided), decided.copy()
+    normal_equations, rows, signs = problem.normal_equations, np.flatnonzero(decided), decided.copy()
     decided, gains, excluded = decided.copy(), np.full(len(decided), np.inf), [np.empty(0)]
     known, bound = _Rows(problem), 0.0
     while rows.size:
         known.add(rows, signs)
-        free = np.flatnonzero((signs == 0) & moments.individual & (moments.energy > 0.0))
+        free = np.flatnonzero((signs == 0) & normal_equations.individual & (normal_equations.energy > 0.0))
         slope, spread = known.predict(free)
-        costs = known.least + (moments.energy[free] - np.array([[1.0], [-1.0]]) * slope) ** 2 / (
-            moments.energy[free] + spread
+        costs = known.least + (normal_equations.energy[free] - np.array([[1.0], [-1.0]]) * slope) ** 2 / (
+            normal_equations.energy[free] + spread
         )
         bound = max(bound, known.least, float(costs.min(axis=0).max(initial=-np.inf)))
         if bound > limit:
@@ -93,19 +93,19 @@ def _once(problem: Problem, decided: Integers, limit: float) -> Consequences:
 
 class _Rows:
     def __init__(self, problem: Problem) -> None:
-        self._problem, self._moments = problem, problem.moments
-        self._hessian, self._gradient, self._energy = 0.5 * problem.pull, np.zeros(len(problem.pull)), 0.0
-        self.add(np.empty(0, dtype=np.int64), problem.moments.known)
+        self._problem, self._normal_equations = problem, problem.normal_equations
+        self._hessian, self._gradient, self._energy = 0.5 * problem.tikhonov, np.zeros(len(problem.tikhonov)), 0.0
+        self.add(np.empty(0, dtype=np.int64), problem.normal_equations.known)
 
     def add(self, segments: Integers, signs: Integers) -> None:
         """More segments, with signs (S,) of all."""
-        moments = self._moments
-        self._hessian = self._hessian + moments.hessian_of(segments)
-        self._gradient = self._gradient + signs[segments] @ moments.gradient[segments]
-        self._energy += float(moments.energy[segments].sum())
+        normal_equations = self._normal_equations
+        self._hessian = self._hessian + normal_equations.hessian_of(segments)
+        self._gradient = self._gradient + signs[segments] @ normal_equations.gradient[segments]
+        self._energy += float(normal_equations.energy[segments].sum())
         self._unconstrained = UnconstrainedBound(self._hessian, 0.0)
         self._white = self._unconstrained.whiten(self._gradient[None])[0]
-        self._problem.count(len(moments))
+        self._problem.count(len(normal_equations))
 
     @property
     def least(self) -> float:
@@ -114,7 +114,7 @@ class _Rows:
 
     def predict(self, segments: Integers) -> tuple[Array, Array]:
         """(k,) g' beta and g' H^-1 g of other segments."""
-        white = self._unconstrained.whiten(self._moments.gradient[segments])
+        white = self._unconstrained.whiten(self._normal_equations.gradient[segments])
         return white @ self._white, np.sum(white**2, axis=1)
 
 
@@ -122,7 +122,7 @@ class _Rows:
 class Proof:
     """What is proven about all assignments."""
 
-    branches: tuple[Branch, ...]  # those that are not excluded, cheapest first
+    branches: tuple[Assignment, ...]  # those that are not excluded, cheapest first
     decided: Mask  # (branches, S) segments whose sign is the same in all that a branch stands for
     alternatives: Array  # (branches,) lower bounds of what a branch stands for but the branch itself
     limit: float  # lower bound of the cost of all other assignments
@@ -150,7 +150,7 @@ class _Node:
 
 @dataclass(frozen=True)
 class _Leaf:
-    branch: Branch  # the settled assignment; its lower bound is that of its signs alone
+    branch: Assignment  # the settled assignment; its lower bound is that of its signs alone
     bound: float  # lower bound of the cost of all completions that are neither excluded nor children's
     alternatives: float  # the same of those completions but the branch itself
     decided: Mask  # (S,) segments whose sign is the same in all of them
@@ -186,7 +186,7 @@ def prove(problem: Problem, combinations: Combinations, limit: float, theta: Arr
         )
         for row, bound in enumerate(combinations.lower)
     ]
-    weak = np.setdiff1d(np.flatnonzero(problem.moments.known == 0), patterns.segments)
+    weak = np.setdiff1d(np.flatnonzero(problem.normal_equations.known == 0), patterns.segments)
     leaves: list[_Leaf] = []
     while open_nodes and not problem.budget.over:
         open_nodes.sort(key=lambda node: -node.bound)
@@ -270,17 +270,17 @@ def _grow(problem: Problem, node: _Node, further: Consequences, limit: float) ->
             branch = problem.price(problem.settle(further.signs, branch.theta).signs)
 
 
-def _closed(branch: Branch, flips: Flips, further: Consequences, limit: float) -> _Leaf:
+def _closed(branch: Assignment, flips: Flips, further: Consequences, limit: float) -> _Leaf:
     """The leaf where none of the free segments can be turned for the better."""
     least = branch.lower_bound + flips.best[0]
     alternatives = min(branch.lower_bound + flips.any, least + float(further.gain.min(initial=np.inf)))
-    turned = least + further.gain
-    turned[flips.free] = branch.lower_bound + flips.changes()
-    sure = np.isfinite(turned) & (turned > limit)
-    return _Leaf(branch, least, alternatives, (further.decided != 0) | sure, [], turned[sure])
+    flipped = least + further.gain
+    flipped[flips.free] = branch.lower_bound + flips.changes()
+    sure = np.isfinite(flipped) & (flipped > limit)
+    return _Leaf(branch, least, alternatives, (further.decided != 0) | sure, [], flipped[sure])
 
 
-def settled(problem: Problem, branch: Branch, decided: Mask, limit: float) -> Mask:
+def persistent(problem: Problem, branch: Assignment, decided: Mask, limit: float) -> Mask:
     """(S,) the segments of a proof's branch that are decided or cannot be turned below the limit.
 
     Each that is settled leaves fewer to interfere with; where that gets no further, the strongest is turned on trial.
@@ -297,18 +297,18 @@ def settled(problem: Problem, branch: Branch, decided: Mask, limit: float) -> Ma
         hopeful = flips.free[~tried[flips.free] & (branch.lower_bound + flips.alone > limit)]
         if not hopeful.size or problem.budget.over:
             return certain
-        k = hopeful[np.argmax(problem.moments.energy[hopeful])]
+        k = hopeful[np.argmax(problem.normal_equations.energy[hopeful])]
         tried[k] = True
         certain[k] = _turned(problem, branch, np.where(certain, branch.signs, 0), int(k)) > limit
 
 
-def _turned(problem: Problem, branch: Branch, decided: Integers, k: int) -> float:
+def _turned(problem: Problem, branch: Assignment, decided: Integers, k: int) -> float:
     decided[k] = -branch.signs[k]
-    turned = problem.settle(decided, branch.theta)
-    return turned.lower_bound + problem.flips(turned, np.flatnonzero(decided == 0)).best[0]
+    flipped = problem.settle(decided, branch.theta)
+    return flipped.lower_bound + problem.flips(flipped, np.flatnonzero(decided == 0)).best[0]
 
 
-def _improved(problem: Problem, branch: Branch, flips: Flips) -> tuple[Branch, bool]:
+def _improved(problem: Problem, branch: Assignment, flips: Flips) -> tuple[Assignment, bool]:
     signs = branch.signs.copy()
     signs[flips.best[1]] *= -1
     flipped = problem.price(signs)

@@ -8,10 +8,10 @@ import pytest
 from bayesid.discrepancy.case import NoiseFloor
 from bayesid.effects.catalogue import make_effect
 from bayesid.effects.springs import JointSpring
-from bayesid.regression.knowledge import Information
-from bayesid.regression.selection.added_effect import all_along, was_there
+from bayesid.regression.knowledge import InformationMatrix
+from bayesid.regression.selection.added_effect import preexisting, was_there
 from bayesid.regression.selection.columns import NO_COLUMNS, Columns, Whitening
-from bayesid.regression.selection.explanation import LN10, Observations, Thresholds
+from bayesid.regression.selection.fitted_effects import LN10, Observations, Thresholds
 from bayesid.regression.selection.hypotheses import Hypothesis
 from bayesid.regression.selection.regression import explain
 from bayesid.regression.selection.scores import Score
@@ -24,7 +24,7 @@ def data(residual):
     limits = np.stack([1.1 * SD, 0.3 * SD], axis=1)
     columns = np.zeros((N, 2, 1))
     columns[:, :, 0] = 1e-6
-    return Observations(Whitening(columns, used), residual, Information.none(1), SD, used[0], limits, 100.0)
+    return Observations(Whitening(columns, used), residual, InformationMatrix.none(1), SD, used[0], limits, 100.0)
 
 
 def hypothesis(name, shape, rows):
@@ -43,7 +43,7 @@ def test_error_of_the_table_is_new_where_it_shows_above_the_floor(above, old):
     residual = np.random.default_rng(1).standard_normal((N, 2)) * SD * above
     log = data(residual)
     without = explain(log, ())
-    assert all_along(without, of_library()) == ({("joint_zero", (2,))} if old else set())
+    assert preexisting(without, of_library()) == ({("joint_zero", (2,))} if old else set())
 
 
 def test_a_blunt_floor_must_be_exceeded_by_more():
@@ -51,14 +51,16 @@ def test_a_blunt_floor_must_be_exceeded_by_more():
     for sharp, old in ((True, False), (False, True)):
         log = replace(data(residual), sharp=np.full(2, sharp))
         without = explain(log, ())
-        assert bool(all_along(without, of_library())) == old
+        assert bool(preexisting(without, of_library())) == old
 
 
 @pytest.mark.parametrize(("moved", "there"), [(2.9, False), (3.2, True)])
 def test_error_that_moves_what_the_earlier_log_has_shown_was_there(moved, there):
     """Three standard deviations are a likelihood ratio of 100 = exp(9.2 / 2), as an effect needs."""
     log = data(np.random.default_rng(4).standard_normal((N, 2)) * SD)
-    log = replace(log, information=Information(np.array([[4.0]]), np.array([8.0]), 16.0))  # 2 with an sd of a half
+    log = replace(
+        log, information=InformationMatrix(np.array([[4.0]]), np.array([8.0]), 16.0)
+    )  # 2 with an sd of a half
     without = explain(log, ())
     at = replace(without, beta=np.array([2.0]))
     assert was_there(replace(without, beta=np.array([2.0 - 0.5 * moved])), at) == there

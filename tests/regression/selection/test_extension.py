@@ -8,9 +8,9 @@ from bayesid.effects.catalogue import make_effect, make_terms
 from bayesid.effects.coefficients import base_coefficients
 from bayesid.effects.effect import Scene
 from bayesid.effects.model import Model
-from bayesid.regression.knowledge import Knowledge
+from bayesid.regression.knowledge import CoefficientPrior
 from bayesid.regression.selection.columns import NO_COLUMNS
-from bayesid.regression.selection.explanation import Explanation
+from bayesid.regression.selection.fitted_effects import FittedEffects
 from bayesid.regression.selection.hypotheses import hypotheses, maker
 from bayesid.regression.selection.modelled_log import ModelledLog
 from bayesid.simulation.parameters import random_parameters
@@ -30,7 +30,7 @@ class Case:
         self.coefficients = base_coefficients(self.model)
         theta = random_parameters(self.model, rng)
         root = rng.normal(size=(len(self.coefficients),) * 2)
-        self.knowledge = Knowledge(self.model, theta, root @ root.T + np.eye(len(root)))
+        self.knowledge = CoefficientPrior(self.model, theta, root @ root.T + np.eye(len(root)))
         self.beta = self.coefficients.project(theta) * rng.uniform(0.9, 1.1, len(self.coefficients))
         self.effort = self.of(MOTION)
         make = maker(self.model, self.scene, np.ones_like(self.effort, bool))
@@ -38,7 +38,7 @@ class Case:
 
     def of(self, motion):
         """(N, n) efforts of the coefficients alone."""
-        return self.model.columns(motion)[:, :, self.coefficients.kept] @ self.beta
+        return self.model.columns(motion)[:, :, self.coefficients.selected] @ self.beta
 
     @property
     def scene(self):
@@ -61,17 +61,17 @@ class Case:
         blank = np.zeros_like(self.effort)
         sd = tuple(np.ones(len(one)) for one in amplitudes)
         sizes = tuple(map(np.array, amplitudes))
-        return Explanation(None, tuple(found), NO_COLUMNS, self.beta, sizes, sd, blank, (), 0.0, blank)
+        return FittedEffects(None, tuple(found), NO_COLUMNS, self.beta, sizes, sd, blank, (), 0.0, blank)
 
     def extended(self, found, amplitudes):
         return extended(self, self.explained(found, amplitudes))
 
 
-def extended(case, explanation):
+def extended(case, fitted_effects):
     """Whatever the log was: the explanation has said all of it."""
     magnitude = np.abs(case.effort)
     used = np.ones(magnitude.shape, dtype=bool)
-    return ModelledLog(case.knowledge, case.coefficients, MOTION, magnitude, used, 100.0).extended(explanation)
+    return ModelledLog(case.knowledge, case.coefficients, MOTION, magnitude, used, 100.0).extended(fitted_effects)
 
 
 def predicted(case, found, amplitudes):
@@ -141,9 +141,9 @@ def test_of_what_has_changed_less_is_known(full):
 def test_parameters_stay_where_the_log_says_nothing(full):
     """The same coefficients again: then the parameters are the ones known before, not the shortest ones."""
     same = full.coefficients.project(full.knowledge.theta)
-    explanation = full.explained([], [])
-    object.__setattr__(explanation, "beta", same)
-    extension = extended(full, explanation)
+    fitted_effects = full.explained([], [])
+    object.__setattr__(fitted_effects, "beta", same)
+    extension = extended(full, fitted_effects)
     np.testing.assert_allclose(extension.theta, full.knowledge.theta, atol=1e-9)
     assert np.abs(full.coefficients.lift(same) - full.knowledge.theta).max() > 0.1
 

@@ -66,15 +66,15 @@ def test_the_group_that_is_there_is_found_and_no_other(place, memory):
 
 def test_nothing_is_found_in_noise():
     """Twenty logs, 24 candidates each; a threshold of 0 nats is passed by some, held-back blocks by few of these."""
-    passed = borne_out = 0
+    passed = confirmed = 0
     for seed in range(20):
         rng, columns, effort = log_of(100 + seed, 1.0, 0.9)
         products = products_of(columns, effort, dictionary(rng))
         passed += bool((products.gains((), products.effects) > 0.0).any())
         assert select_forward(products, **RULES)[1] == []
-        borne_out += bool(select_forward(products, needed=0.0, most=16)[1])
+        confirmed += bool(select_forward(products, needed=0.0, most=16)[1])
     assert passed > 5
-    assert borne_out <= passed / 3
+    assert confirmed <= passed / 3
 
 
 def three_of_one_joint(seed=5):
@@ -176,5 +176,5 @@ def test_what_harms_most_in_the_end_goes_and_does_not_come_back(monkeypatch):
     monkeypatch.setattr(forward, "harmed", lambda after, nothing: after.rms < 0.5 * nothing.rms)
     products = three_of_one_joint()
     _, chosen = select_forward(products, **RULES)
-    left = {c.key: products.held_back([c]).rms[0] for c in products.effects if c.key in kept}
+    left = {c.key: products.cross_validation([c]).rms[0] for c in products.effects if c.key in kept}
     assert names(chosen) == [min(left, key=left.get)]

@@ -7,13 +7,13 @@ import pytest
 from effect_problems import Made, observed
 from scipy.stats import multivariate_normal, norm
 
-from bayesid.regression.knowledge import Information
+from bayesid.regression.knowledge import InformationMatrix
 from bayesid.regression.selection.columns import Columns
 from bayesid.regression.selection.scores import JointForms, joint_sets
 
 COUNT, JOINT = 120, 1
 FLOOR = np.array([0.7, 0.4])
-UNIT = Information(np.eye(1), np.zeros(1), 0.0)
+UNIT = InformationMatrix(np.eye(1), np.zeros(1), 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +58,7 @@ def problem():
     used = np.ones((COUNT, 2), dtype=bool)
     used[[3, 50, 51], JOINT] = False
     data = observed(columns, np.column_stack([np.zeros(COUNT), effort]), used)
-    information = Information(known, known @ expected, float(expected @ known @ expected))
+    information = InformationMatrix(known, known @ expected, float(expected @ known @ expected))
     data = replace(data, information=information, floor=FLOOR)
     return data, forms, np.linalg.inv(known), expected
 

@@ -14,15 +14,15 @@ from bayesid.effects.coefficients import base_coefficients
 from bayesid.effects.drive import Delay
 from bayesid.log.segments import Segmentation, find_segments
 from bayesid.log.signals import prepare
-from bayesid.regression.knowledge import Information
+from bayesid.regression.knowledge import InformationMatrix
 from bayesid.regression.selection.columns import Whitening
-from bayesid.regression.selection.explanation import Observations
+from bayesid.regression.selection.detected import SignedLog
+from bayesid.regression.selection.fitted_effects import Observations
 from bayesid.regression.selection.hypotheses import hypotheses, maker
 from bayesid.regression.selection.regression import Regression, plain_errors
 from bayesid.regression.selection.scores import refined
-from bayesid.regression.selection.wanted import SignedLog
 from bayesid.signs.search.certified import Certified
-from bayesid.signs.settling import settle_signs
+from bayesid.signs.sign_solution import settle_signs
 
 SPEED = 0.13
 """Of the highest; the list holds 0.1 and 0.17."""
@@ -39,7 +39,7 @@ def case():
     columns = BASE.columns(MOTION)
     used = np.ones(effort.shape, dtype=bool)
     scene = BASE.scene(MOTION, THETA, BASE.effort(MOTION, THETA), np.abs(effort))
-    nothing = Information(np.eye(columns.shape[2]), THETA, float(THETA @ THETA))
+    nothing = InformationMatrix(np.eye(columns.shape[2]), THETA, float(THETA @ THETA))
     limits = np.full((2, 2), 0.05)
     data = Observations(
         Whitening(columns, used), effort, nothing, np.full(2, 0.05), np.ones(2, dtype=bool), limits, 50.0
@@ -75,7 +75,7 @@ def left_at(lag, result):
     """Weighted sum of squares of what the best coefficients leave, if the whole robot's efforts lag by so much."""
     model = replace(result.model, distortions=(Delay(lag=(lag,)),))
     used = result.signals.inner & (np.abs(result.signals.motion.dq) > 0.05)
-    columns = model.columns(result.signals.motion)[:, :, base_coefficients(model).kept]
+    columns = model.columns(result.signals.motion)[:, :, base_coefficients(model).selected]
     weight = result.fit.noise.sigma
     rows, effort = (columns / weight[:, None])[used], (result.signals.raw_effort / weight)[used]
     rows = rows / np.linalg.norm(rows, axis=0)
@@ -85,7 +85,7 @@ def left_at(lag, result):
 def test_the_lag_is_that_of_the_least_residual():
     """Signs known; to half a standard deviation, as samples weigh a little differently there."""
     result = identified("delay", signed=True)
-    (entered,) = result.completion.effects
+    (entered,) = result.model_selection.effects
     (sd,) = entered.number_sd
     lags = LAG + np.linspace(-0.004, 0.004, 33)
     squares = np.array([left_at(lag, result) for lag in lags])
@@ -102,7 +102,7 @@ def test_distortions_are_linearised_anew_where_what_was_found_changes_the_effort
     signals = prepare(log_with(signed=True))
     segments = find_segments(signals, BASE.robot.actuators(signals.motion), Segmentation())
     settled = settle_signs(BASE, signals, segments, Certified(budget=2.0))
-    log = SignedLog.of(settled.evidence, settled.fit, settled.probability)
+    log = SignedLog.of(settled.log_data, settled.fit, settled.probability)
     lags = log.made([Delay(lag=(0.01,)), Delay(lag=(0.03,))])
     products = Regression(log.data, lags, plain_errors(log.data))
     assert log.sharpened(products, []) == {}

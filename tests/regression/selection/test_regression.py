@@ -9,8 +9,8 @@ from scipy.integrate import simpson
 from scipy.special import logsumexp
 from scipy.stats import norm
 
-from bayesid.regression.knowledge import Information
-from bayesid.regression.selection import explanation as judging
+from bayesid.regression.knowledge import InformationMatrix
+from bayesid.regression.selection import fitted_effects as judging
 from bayesid.regression.selection.columns import Columns
 from bayesid.regression.selection.error_model import ErrorModel, fit_error
 from bayesid.regression.selection.regression import Regression, explain
@@ -35,7 +35,7 @@ def made_data(count=120, seed=0, gaps=True, amount=0.0):
     root = rng.normal(size=(3, 5))
     hessian = 4.0 * root @ root.T
     centre = np.array([1.0, -2.0, 0.5])
-    known = Information(hessian, hessian @ centre, float(centre @ hessian @ centre) + 3.0)
+    known = InformationMatrix(hessian, hessian @ centre, float(centre @ hessian @ centre) + 3.0)
     effort = waves @ np.array([1.2, -1.7, 0.4]) + noise(count, rng)
     for effect in made_effects(count):
         effort[:, 1] += amount * effect.rows[1].sum(axis=1) if effect.rows else 0.0
@@ -77,7 +77,7 @@ def kept(monkeypatch):
 
 def explained(data, *columns):
     """By effects of some columns, samples weighed by the errors of the truth."""
-    return Regression(data, [Made(one, ("made", ())) for one in columns], ERRORS).explanation
+    return Regression(data, [Made(one, ("made", ())) for one in columns], ERRORS).fitted_effects
 
 
 @pytest.mark.parametrize("chosen", [(), (1, 3), (2, 0), (3, 2, 1, 0)])
@@ -207,13 +207,13 @@ def test_visible_is_the_mean_gain_of_effects_of_their_usual_size(kept):
 def test_errors_of_joints_that_an_effect_leaves_alone_are_kept():
     data, effect = made_data(300, gaps=False, amount=0.5), made_effects(300)[1]
     before, one = explained(data), Made(effect, ("made", ()))
-    after = Regression(replace(data, reference=before), [one], before.errors).explanation
+    after = Regression(replace(data, reference=before), [one], before.errors).fitted_effects
     assert after.errors[0] is before.errors[0]
     assert after.errors[1] == fit_error(after.residual[:, 1], data.used[:, 1], RATE)[0]
     moved = [before.errors[0].log_likelihood(one.residual[:, 0], data.used[:, 0]) for one in (before, after)]
     assert after.noise_evidence[0] - before.noise_evidence[0] == pytest.approx(moved[1] - moved[0], abs=1e-9)
     assert after.free_evidence[0] - before.free_evidence[0] == pytest.approx(moved[1] - moved[0], abs=1e-9)
-    own = Regression(data, [one], before.errors).explanation
+    own = Regression(data, [one], before.errors).fitted_effects
     assert own.errors[0] != before.errors[0]
     assert abs(own.log_evidence - after.log_evidence) < 0.5
 

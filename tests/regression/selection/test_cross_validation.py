@@ -11,10 +11,10 @@ from scipy.integrate import quad
 from scipy.linalg import null_space
 from scipy.stats import multivariate_normal, norm
 
-from bayesid.regression.knowledge import Information
+from bayesid.regression.knowledge import InformationMatrix
 from bayesid.regression.selection.columns import Columns, blocks_of
+from bayesid.regression.selection.cross_validation import CrossValidation, confirms, harmed
 from bayesid.regression.selection.error_model import ErrorModel, fit_error
-from bayesid.regression.selection.held_back import HeldBackErrors, bears_out, harmed
 from bayesid.regression.selection.regression import Regression
 from bayesid.regression.tuning import TUNING
 
@@ -90,7 +90,7 @@ def test_gains_with_an_earlier_log_and_uncertain_columns_are_those_of_dense_dens
     root = np.array([[2.0, 0.3, -0.4], [0.0, 3.0, 0.9], [0.0, 0.0, 0.7]])
     hessian = root.T @ root
     centre = np.array([0.9, -1.9, 0.8])
-    known = Information(hessian, hessian @ centre, float(centre @ hessian @ centre))
+    known = InformationMatrix(hessian, hessian @ centre, float(centre @ hessian @ centre))
     rng = np.random.default_rng(8)
     alike = plain.effects[0].columns.rows[1][:, :1] + 0.3 * waves(rng, SMALL, 1)
     uncertain = Columns(
@@ -176,7 +176,7 @@ def test_held_back_blocks_are_predicted_by_fits_without_them(which):
     for k in range(4):
         best = np.linalg.lstsq(*stacked(products, chosen, fold != k), rcond=None)[0]
         left[fold == k] = unexplained(products, chosen, best)[fold == k]
-    found = products.held_back(chosen)
+    found = products.cross_validation(chosen)
     np.testing.assert_allclose(found.squares, (left**2).reshape(16, 10, 2).sum(axis=1), rtol=1e-6)
     np.testing.assert_array_equal(found.counts, products.data.used.reshape(16, 10, 2).sum(axis=1))
     within = np.sqrt((products.residual(chosen) ** 2).sum(axis=0) / products.data.used.sum(axis=0))
@@ -197,8 +197,8 @@ def test_sets_are_predicted_together_as_one_by_one(base):
     sets = [*([*chosen, candidate] for candidate in more), more]
     found = products.held_back_each(sets)
     for errors, one in zip(found, sets, strict=True):
-        np.testing.assert_allclose(errors.squares, products.held_back(one).squares, rtol=1e-9)
-        np.testing.assert_array_equal(errors.counts, products.held_back(one).counts)
+        np.testing.assert_allclose(errors.squares, products.cross_validation(one).squares, rtol=1e-9)
+        np.testing.assert_array_equal(errors.counts, products.cross_validation(one).counts)
 
 
 def test_uncertain_columns_predict_held_back_blocks_only_if_they_may():
@@ -212,10 +212,10 @@ def test_uncertain_columns_predict_held_back_blocks_only_if_they_may():
     first = plain.effects[0]
     for products in (with_them, without):
         assert products.gains((), products.effects[:1])[0] < 0.0 < plain.gains((), [first])[0]
-    np.testing.assert_allclose(without.held_back(()).squares, plain.held_back(()).squares)
+    np.testing.assert_allclose(without.cross_validation(()).squares, plain.cross_validation(()).squares)
     form = replace(first, columns=uncertain)
     free = plain.with_forms({id(first): form})
-    np.testing.assert_allclose(with_them.held_back(()).squares, free.held_back([form]).squares)
+    np.testing.assert_allclose(with_them.cross_validation(()).squares, free.cross_validation([form]).squares)
 
 
 def shifted(hypothesis, seed, joints):
@@ -254,7 +254,9 @@ def test_a_change_without_amplitude_is_whole_or_not_there(others):
     assert gain == pytest.approx(dense[0].log_density() - dense[1].log_density(), abs=1e-5)
     chosen, expected = ([p.effects[k] for k in with_it] for p in (products, after))
     np.testing.assert_allclose(products.residual(chosen), after.residual(expected), atol=1e-7)
-    np.testing.assert_allclose(products.held_back(chosen).squares, after.held_back(expected).squares, rtol=1e-6)
+    np.testing.assert_allclose(
+        products.cross_validation(chosen).squares, after.cross_validation(expected).squares, rtol=1e-6
+    )
 
 
 def test_joints_are_whitened_anew_by_what_is_left_there():
@@ -278,7 +280,7 @@ def errors(*mean_squares, counts=COUNT):
     """Of each joint, one number for all blocks or one a block, (N m)^2."""
     blocks = np.stack([np.broadcast_to(values, TUNING.blocks) for values in mean_squares], axis=1)
     counts = np.broadcast_to(counts, blocks.shape)
-    return HeldBackErrors(blocks * counts, counts)
+    return CrossValidation(blocks * counts, counts)
 
 
 def spread(mean, sd):
@@ -287,9 +289,9 @@ def spread(mean, sd):
 
 
 def test_rms_weighs_samples_not_blocks():
-    found = HeldBackErrors(np.array([[8.0, 0.0], [1.0, 18.0]]), np.array([[2, 0], [7, 2]]))
+    found = CrossValidation(np.array([[8.0, 0.0], [1.0, 18.0]]), np.array([[2, 0], [7, 2]]))
     np.testing.assert_allclose(found.rms, [1.0, 3.0])
-    nothing = HeldBackErrors(np.zeros((2, 1)), np.zeros((2, 1), dtype=int))
+    nothing = CrossValidation(np.zeros((2, 1)), np.zeros((2, 1), dtype=int))
     np.testing.assert_array_equal(nothing.rms, [0.0])
 
 
@@ -328,25 +330,25 @@ def test_harm_is_visible_from_four_per_cent_of_the_square_and_sure_from_one_stan
 
 def test_help_is_worth_a_term_from_a_tenth_of_the_square_on():
     before = errors(2.0, 9.0)
-    for share, borne_out in ((0.095, False), (0.105, True)):
+    for share, confirmed in ((0.095, False), (0.105, True)):
         after = errors(2.0, 9.0 * (1.0 - share))
-        assert [bears_out(after, before, [j]) for j in (1, 0)] == [borne_out, False]
+        assert [confirms(after, before, [j]) for j in (1, 0)] == [confirmed, False]
 
 
 @pytest.mark.parametrize(
     ("first", "second", "borne_out"), [(0.06, 0.06, True), (0.06, 0.03, False), (0.2, -0.01, True)]
 )
-def test_shares_of_joints_add_up(first, second, borne_out):
+def test_shares_of_joints_add_up(first, second, confirmed):
     """However different the joints' efforts are."""
     after = errors(1e-4 * (1.0 - first), 1e4 * (1.0 - second), 1.0)
-    assert bears_out(after, errors(1e-4, 1e4, 1.0), {0, 1}) is borne_out
+    assert confirms(after, errors(1e-4, 1e4, 1.0), {0, 1}) is confirmed
 
 
 def test_help_must_be_sure():
     """A fall of a third, by some standard errors."""
-    for deviations, borne_out in ((1.3, False), (1.7, True)):
+    for deviations, confirmed in ((1.3, False), (1.7, True)):
         scatter = 1.0 / deviations * np.sqrt(TUNING.blocks)
-        assert bears_out(errors(spread(2.0, scatter)), errors(3.0), [0]) is borne_out
+        assert confirms(errors(spread(2.0, scatter)), errors(3.0), [0]) is confirmed
 
 
 def test_help_is_weighed_against_harm_elsewhere():
@@ -355,15 +357,15 @@ def test_help_is_weighed_against_harm_elsewhere():
     before = errors(1.0 + 9.0 * acts)
     for elsewhere in (0.0, 1.0):
         after = errors(1.0 + 3.0 * acts + elsewhere * np.resize([1.0, 0.0], TUNING.blocks) * (1.0 - acts))
-        assert bears_out(after, before, [0]) is (elsewhere == 0.0)
-        assert bears_out(before, after, [0]) is False
-    for rise, borne_out in ((0.75, True), (0.85, False)):  # a fall by four fifths in the first joint
-        assert bears_out(errors(0.4, 5.0 * (1.0 + rise)), errors(2.0, 5.0), [0]) is borne_out
+        assert confirms(after, before, [0]) is (elsewhere == 0.0)
+        assert confirms(before, after, [0]) is False
+    for rise, confirmed in ((0.75, True), (0.85, False)):  # a fall by four fifths in the first joint
+        assert confirms(errors(0.4, 5.0 * (1.0 + rise)), errors(2.0, 5.0), [0]) is confirmed
 
 
 def test_joints_without_samples_say_nothing():
-    before = HeldBackErrors(np.zeros((TUNING.blocks, 1)), np.zeros((TUNING.blocks, 1), dtype=int))
-    assert not bears_out(before, before, [0])
+    before = CrossValidation(np.zeros((TUNING.blocks, 1)), np.zeros((TUNING.blocks, 1), dtype=int))
+    assert not confirms(before, before, [0])
     np.testing.assert_array_equal(harmed(before, before), [False])
 
 

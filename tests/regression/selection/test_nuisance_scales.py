@@ -30,8 +30,8 @@ from bayesid.identification.pipeline import identify
 from bayesid.regression.knowledge import KinematicTolerance, inverse_of
 from bayesid.regression.selection.error_model import ErrorModel
 from bayesid.regression.selection.modelled_log import kinematic_columns
+from bayesid.regression.selection.nuisance_scales import TooNarrow, geometry_far_off, learn_scales, too_narrow
 from bayesid.regression.selection.regression import Regression
-from bayesid.regression.selection.unseen import TooNarrow, geometry_far_off, learn_scales, too_narrow
 from bayesid.robot import robot_from_table
 from bayesid.signs.search.certified import Certified
 from bayesid.simulation.logs import simulate
@@ -120,8 +120,8 @@ def test_what_the_log_cannot_show_vanishes():
     assert found.scales[0] > 1.0
     assert found.scales[2] == 0.0
     size = sum(turn.shape[1] for turn in found.turns)
-    assert found.moments.shape == (size, size)
-    np.testing.assert_array_equal(found.moments[-1], 0.0)
+    assert found.normal_equations.shape == (size, size)
+    np.testing.assert_array_equal(found.normal_equations[-1], 0.0)
     absent = [Case([[1.0] * 4], [[0.0] * 4], seed=seed).learned().scales[0] for seed in range(20)]
     assert np.median(absent) < 0.1
     assert np.max(absent) < 0.3  # sqrt(4 / 120) is what four amplitudes of noise alone would be
@@ -139,8 +139,8 @@ def test_what_was_stated_never_shrinks_but_may_grow(amplitude):
     np.testing.assert_array_equal(found.turns[0], np.diag([1.0, 2.0]))
     mean, covariance = case.posterior(found.scales)
     turn = np.diag([1.0, 2.0, *found.turns[1].ravel()])
-    moments = turn @ found.moments @ turn.T
-    np.testing.assert_allclose(moments, covariance + np.outer(mean, mean), rtol=1e-6, atol=1e-9)
+    normal_equations = turn @ found.normal_equations @ turn.T
+    np.testing.assert_allclose(normal_equations, covariance + np.outer(mean, mean), rtol=1e-6, atol=1e-9)
 
 
 @pytest.mark.parametrize("amplitude", [0.3, 5.0])
@@ -262,8 +262,8 @@ def identified_arm(spring=(0.0, 0.0), alpha=np.pi / 2.0):
 def test_a_counterbalance_is_gravity_to_the_log_and_its_coefficients_are_named(spring):
     """With a spring the first link's first moments are wrong by many standard deviations, and nothing shows it."""
     result = identified_arm(spring)
-    assert "gravity_spring" not in {effect.effect for effect in result.completion.effects}
-    (found,) = [one for one in result.completion.too_narrow if one.joints == (1,)]
+    assert "gravity_spring" not in {effect.effect for effect in result.model_selection.effects}
+    (found,) = [one for one in result.model_selection.too_narrow if one.joints == (1,)]
     assert "gravity_spring" in found.effects
     assert found.times is None
     truth = result.coefficients.project(np.array([*LINKS, *FRICTION]))
@@ -276,7 +276,7 @@ def test_a_counterbalance_is_gravity_to_the_log_and_its_coefficients_are_named(s
 
 def test_a_log_that_tells_them_apart_names_none():
     """About vertical axes there is no gravity that a spring could look like; only a rotor like its link's inertia."""
-    (found,) = identified_arm(alpha=0.0).completion.too_narrow
+    (found,) = identified_arm(alpha=0.0).model_selection.too_narrow
     assert found == TooNarrow(("rotor_inertia",), (1,), ("J1zz",))
 
 

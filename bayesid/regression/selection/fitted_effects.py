@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from bayesid.arrays import TINY, Array, Mask
-from bayesid.regression.knowledge import Information
+from bayesid.regression.knowledge import InformationMatrix
 from bayesid.regression.selection.columns import Columns, Whitening
 from bayesid.regression.selection.error_model import ErrorModel, fit_error
 from bayesid.regression.selection.hypotheses import Hypothesis
@@ -93,14 +93,14 @@ class Observations:
     #: the model's columns (N, n, r), and which samples (N, n) count; shared by all observations of them
     whitening: Whitening = field(repr=False)
     effort: Array  #: (N, n) with their expected signs, zero where not used, N m
-    information: Information  #: of the r coefficients, from earlier logs
+    information: InformationMatrix  #: of the r coefficients, from earlier logs
     floor: Array  #: (n,) RMS of the noise, N m
     sharp: Mask  #: (n,) whether the floor holds all of the noise (see `bayesid.discrepancy.case.NoiseFloor`)
     limits: Array  #: (n, 2) largest white and coloured part of the error that is nothing but noise, N m
     rate: float  #: Hz
     thresholds: Thresholds = Thresholds()  #: that decide
     #: an explanation of nearly the same data: its error models are kept in joints where the same effects act
-    reference: Explanation | None = field(default=None, repr=False, compare=False)
+    reference: FittedEffects | None = field(default=None, repr=False, compare=False)
 
     @property
     def columns(self) -> Array:
@@ -196,7 +196,7 @@ class JudgedJoint:
 
 
 @dataclass(frozen=True, eq=False)
-class Explanation:
+class FittedEffects:
     """A log explained by the model and some effects."""
 
     data: Observations  #: the log

@@ -14,33 +14,33 @@ from bayesid.posterior.inference import widened
 from bayesid.posterior.sampler import Sampling
 from bayesid.regression.knowledge import KinematicTolerance, ParameterPrior
 from bayesid.signs.averaging import AveragedSigns
-from bayesid.signs.completion import Completing, complete
+from bayesid.signs.model_selection import Completing, complete
 from bayesid.signs.search.certified import Certified
-from bayesid.signs.settling import settle_signs
+from bayesid.signs.sign_solution import settle_signs
 
 HIDDEN = {"stribeck_friction": (2,), "load_dependent_friction": (2,), "delay": ()}
 
 
 def found(result):
-    return {(entered.effect, entered.joints) for entered in result.completion.effects}
+    return {(entered.effect, entered.joints) for entered in result.model_selection.effects}
 
 
 @pytest.mark.parametrize("name", HIDDEN)
 def test_one_hidden_effect_is_found_and_no_other(name):
     result = identified(name)
     assert found(result) == {(name, HIDDEN[name])}
-    (entered,) = result.completion.effects
+    (entered,) = result.model_selection.effects
     assert entered.log10_bayes_factor > 12.0 / np.log(10.0)
     names = [effect.name for effect in (*result.model.terms, *result.model.distortions)]
     assert names == [*(term.name for term in BASE.terms), entered.source.name]
     signs, strong = true_signs(name)
     assert np.mean((result.sample_signs == signs)[strong]) > 0.995
     # Held-back error falls to the noise and what a number from a list, or links that are but estimated, leave.
-    completion, noise = result.completion, 0.03 * np.sqrt(np.mean(log_with(name).effort ** 2, axis=0))
-    assert np.all(completion.after < 1.8 * noise)
-    worst = np.argmax(completion.before / completion.effort)
-    assert completion.before[worst] > 1.6 * completion.after[worst]
-    np.testing.assert_allclose(completion.effort, noise / 0.03, rtol=0.15)
+    model_selection, noise = result.model_selection, 0.03 * np.sqrt(np.mean(log_with(name).effort ** 2, axis=0))
+    assert np.all(model_selection.after < 1.8 * noise)
+    worst = np.argmax(model_selection.before / model_selection.effort)
+    assert model_selection.before[worst] > 1.6 * model_selection.after[worst]
+    np.testing.assert_allclose(model_selection.effort, noise / 0.03, rtol=0.15)
 
 
 def test_how_friction_turns_round_near_standstill_names_no_effect():
@@ -53,12 +53,12 @@ def test_numbers_are_those_of_the_truth():
     stribeck, load, delay = (identified(name) for name in HIDDEN)
     values = dict(zip([p.name for p in stribeck.model.parameters], stribeck.theta.tolist(), strict=True))
     assert values["Fs2"] == pytest.approx(STRIBECK["Fs2"], rel=0.25)
-    (entered,) = stribeck.completion.effects
+    (entered,) = stribeck.model_selection.effects
     assert 1.0 / 1.7 < entered.source.speed[0] / STRIBECK["speed2"] < 1.7
     assert entered.number_sd == ()
     values = dict(zip([p.name for p in load.model.parameters], load.theta.tolist(), strict=True))
     assert values["Fl2"] == pytest.approx(LOAD, rel=0.5)
-    (entered,) = delay.completion.effects
+    (entered,) = delay.model_selection.effects
     (sd,) = entered.number_sd
     assert 1e-5 < sd < 2e-3
     assert entered.source.lag[0] == pytest.approx(LAG, abs=4.5 * sd)
@@ -67,8 +67,8 @@ def test_numbers_are_those_of_the_truth():
 
 def test_nothing_is_found_where_nothing_is_missing():
     result = identified()
-    assert result.completion.effects == ()
-    np.testing.assert_array_equal(result.completion.before, result.completion.after)
+    assert result.model_selection.effects == ()
+    np.testing.assert_array_equal(result.model_selection.before, result.model_selection.after)
     assert [term.name for term in result.model.terms] == [term.name for term in BASE.terms]
     assert result.model.distortions == ()
     off = result.fit.beta - result.coefficients.project(THETA)
@@ -78,11 +78,11 @@ def test_nothing_is_found_where_nothing_is_missing():
 def test_only_uncertainty_moves_nothing_but_the_uncertainty():
     """The Stribeck friction itself is among what is summed out: in units of what is left otherwise."""
     off, only = (identified("stribeck_friction", complete=how) for how in ("off", "only-uncertainty"))
-    assert off.completion is None
-    assert only.completion.effects == ()
-    assert "kinematics" in only.completion.uncertain
-    assert any(name.startswith("stribeck_friction 2") for name in only.completion.uncertain)
-    auto = identified("stribeck_friction").completion
+    assert off.model_selection is None
+    assert only.model_selection.effects == ()
+    assert "kinematics" in only.model_selection.uncertain
+    assert any(name.startswith("stribeck_friction 2") for name in only.model_selection.uncertain)
+    auto = identified("stribeck_friction").model_selection
     assert not any(name.startswith("stribeck_friction 2") for name in auto.uncertain)
     assert only.model.terms == off.model.terms
     np.testing.assert_array_equal(only.fit.theta, off.fit.theta)
@@ -115,17 +115,19 @@ def test_an_effect_enters_only_if_every_assignment_that_nothing_excludes_bears_i
     signals = prepare(log_with("stribeck_friction"))
     segments = find_segments(signals, BASE.robot.actuators(signals.motion), Segmentation())
     search, how = Certified(budget=2.0), Completing(True, KinematicTolerance(), Segmentation())
-    settled = settle_signs(BASE, signals, segments, search)
-    plain = complete(AveragedSigns.alone(settled), segments, search, how)
+    sign_solution = settle_signs(BASE, signals, segments, search)
+    plain = complete(AveragedSigns.alone(sign_solution), segments, search, how)
     assert found(plain) == {("stribeck_friction", (2,))}
     left = plain.without(found(plain))
     assert found(left) == set()
     assert found(plain) == {("stribeck_friction", (2,))}
-    np.testing.assert_array_equal(left.averaged.fit.theta, settled.fit.theta)
-    (best,) = [branch for branch in settled.signs.near if np.array_equal(branch.signs, settled.signs.search.signs)]
-    of_second = settled.signs.segments[settled.signs.segments.fitted].joint == 1
+    np.testing.assert_array_equal(left.averaged.fit.theta, sign_solution.fit.theta)
+    (best,) = [
+        branch for branch in sign_solution.signs.near if np.array_equal(branch.signs, sign_solution.signs.search.signs)
+    ]
+    of_second = sign_solution.signs.segments[sign_solution.signs.segments.fitted].joint == 1
     other = replace(best, signs=np.where(of_second, -best.signs, best.signs), theta=-best.theta, cost=best.cost + 30.0)
-    doubtful = replace(settled, signs=replace(settled.signs, near=(best, other)))
+    doubtful = replace(sign_solution, signs=replace(sign_solution.signs, near=(best, other)))
     assert len(doubtful.alternatives) == 1
     assert found(complete(AveragedSigns.alone(doubtful), segments, search, how)) == set()
 

@@ -11,9 +11,9 @@ from bayesid.effects.catalogue import make_effect
 from bayesid.effects.coefficients import base_coefficients
 from bayesid.log.signals import prepare, signed_effort
 from bayesid.progress import SILENT
-from bayesid.regression.knowledge import Knowledge
+from bayesid.regression.knowledge import CoefficientPrior
 from bayesid.signs.search.certified import Certified
-from bayesid.signs.settling import Earlier, restored
+from bayesid.signs.sign_solution import Earlier, restored
 from bayesid.signs.tuning import TUNING
 from bayesid.simulation.logs import simulate
 
@@ -22,8 +22,8 @@ from bayesid.simulation.logs import simulate
 class Misled(Certified):
     """A search whose last word has all signs the wrong way round."""
 
-    def conclude(self, problem, progress=SILENT):
-        result = super().conclude(problem, progress)
+    def certify(self, problem, progress=SILENT):
+        result = super().certify(problem, progress)
         return replace(result, signs=-result.signs, theta=-result.theta)
 
 
@@ -35,20 +35,20 @@ def rough():
 def earlier_about(case, theta, spread):
     """Coefficients known to a share of their size, and parameters to settle signs under."""
     size = np.abs(base_coefficients(case.model).project(case.theta))
-    return Earlier(Knowledge(case.model, case.theta, np.diag(1.0 / (spread * size + 0.01) ** 2)), theta)
+    return Earlier(CoefficientPrior(case.model, case.theta, np.diag(1.0 / (spread * size + 0.01) ** 2)), theta)
 
 
 def test_what_an_earlier_log_has_shown_stands_in_the_fit(rough):
     """Coefficients are those of both models, their information that of both logs."""
     alone = settled_by_standard_terms(1.5)
     earlier = earlier_about(rough, rough.theta, 0.03)
-    settled = settle(rough.robot, rough.log(), STANDARD, earlier=earlier)
-    assert rough.right_share(settled) >= 0.99
-    assert settled.evidence.coefficients.names == earlier.knowledge.coefficients(rough.model).names
-    known = earlier.knowledge.information(settled.model, settled.evidence.coefficients)
-    np.testing.assert_allclose(settled.evidence.information.hessian, known.hessian)
-    assert alone.evidence.information is None
-    assert np.all(settled.fit.sd <= 1.001 * np.minimum(alone.fit.sd, 1.0 / np.sqrt(np.diag(known.hessian))))
+    sign_solution = settle(rough.robot, rough.log(), STANDARD, earlier=earlier)
+    assert rough.right_share(sign_solution) >= 0.99
+    assert sign_solution.log_data.coefficients.names == earlier.knowledge.coefficients(rough.model).names
+    known = earlier.knowledge.information(sign_solution.model, sign_solution.log_data.coefficients)
+    np.testing.assert_allclose(sign_solution.log_data.information.hessian, known.hessian)
+    assert alone.log_data.information is None
+    assert np.all(sign_solution.fit.sd <= 1.001 * np.minimum(alone.fit.sd, 1.0 / np.sqrt(np.diag(known.hessian))))
 
 
 @pytest.mark.parametrize("spread", [0.03, 1.0])
@@ -58,7 +58,7 @@ def test_parameters_that_are_known_save_signs_that_a_search_has_lost(rough, spre
     By itself a poor fit falls back on the direction of motion, which is right here.
     """
     assert rough.right_share(settle(rough.robot, rough.log(), STANDARD, Misled(budget=BUDGET))) > 0.95
-    monkeypatch.setattr("bayesid.signs.settling.TUNING", replace(TUNING, friction_odds=1e-300))
+    monkeypatch.setattr("bayesid.signs.sign_solution.TUNING", replace(TUNING, friction_odds=1e-300))
     assert rough.right_share(settle(rough.robot, rough.log(), STANDARD, Misled(budget=BUDGET))) < 0.2
     earlier = earlier_about(rough, rough.theta, spread)
     saved = settle(rough.robot, rough.log(), STANDARD, Misled(budget=BUDGET), earlier)
@@ -80,16 +80,18 @@ def test_a_restored_log_is_one_of_the_efforts_themselves(signed):
     signals = prepare(log)
     measured = signals.measured.copy()
     measured[100:130, 1] = False
-    unread = restored(model, replace(signals, measured=measured))
+    invert_sensor = restored(model, replace(signals, measured=measured))
     expected = np.where(signed, effort, np.abs(effort))
-    np.testing.assert_allclose(unread.raw_effort[unread.measured], expected[unread.measured], atol=1e-6)
-    np.testing.assert_array_equal(unread.measured[:, 1], measured[:, 1])
+    np.testing.assert_allclose(
+        invert_sensor.raw_effort[invert_sensor.measured], expected[invert_sensor.measured], atol=1e-6
+    )
+    np.testing.assert_array_equal(invert_sensor.measured[:, 1], measured[:, 1])
     size = np.abs(effort)
-    assert not unread.measured[size[:, 0] < 0.4, 0].any()
-    assert unread.measured[size[:, 0] > 0.6, 0].all()
-    assert not unread.measured[size[:, 2] >= limit, 2].any()
-    assert unread.measured[size[:, 2] < 0.9 * limit, 2].all()
-    np.testing.assert_allclose(unread.effort, signed_effort(unread, np.ones_like(effort)))
+    assert not invert_sensor.measured[size[:, 0] < 0.4, 0].any()
+    assert invert_sensor.measured[size[:, 0] > 0.6, 0].all()
+    assert not invert_sensor.measured[size[:, 2] >= limit, 2].any()
+    assert invert_sensor.measured[size[:, 2] < 0.9 * limit, 2].all()
+    np.testing.assert_allclose(invert_sensor.effort, signed_effort(invert_sensor, np.ones_like(effort)))
     plain = restored(smooth.model, signals)
     np.testing.assert_array_equal(plain.raw_effort, signals.raw_effort)
     np.testing.assert_array_equal(plain.measured, signals.measured)

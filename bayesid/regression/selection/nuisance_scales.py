@@ -28,18 +28,18 @@ from scipy.linalg import block_diag
 
 from bayesid.arrays import Array, Integers, Mask
 from bayesid.effects.effect import Effect, Scene
-from bayesid.regression.evidence import Evidence, Nuisance, make_nuisance
 from bayesid.regression.knowledge import KinematicTolerance, inverse_of
 from bayesid.regression.least_squares import Fit
+from bayesid.regression.log_data import LogData, Nuisance, make_nuisance
+from bayesid.regression.selection.detected import SignedLog
 from bayesid.regression.selection.hypotheses import EffectKey, Hypothesis
 from bayesid.regression.selection.modelled_log import KINEMATICS, Geometry
 from bayesid.regression.selection.regression import Regression, explain
-from bayesid.regression.selection.wanted import SignedLog
 from bayesid.regression.tuning import TUNING
 
 
 @dataclass(frozen=True)
-class Unseen:
+class NuisanceScales:
     """What may be there."""
 
     nuisance: Nuisance | None = None  #: what it does to coefficients; None where it does nothing
@@ -49,22 +49,22 @@ class Unseen:
     by_geometry: Array | None = None  #: (r,) sd of the coefficients by its error alone; None where it is exact
 
 
-def find_unseen(
-    evidence: Evidence, fit: Fit, probability: Array, rest: Sequence[Hypothesis], tolerance: KinematicTolerance
-) -> Unseen:
+def find_nuisance_scales(
+    log_data: LogData, fit: Fit, probability: Array, rest: Sequence[Hypothesis], tolerance: KinematicTolerance
+) -> NuisanceScales:
     """Effects that may be there, unseen, each of the size that the log makes likeliest; and the geometry's tolerance.
 
     Of a completed model's fit to a log with P(sign = +) (N, n), the effects that did not enter. The tolerance's scale
     may grow, and shrink if nobody has stated it.
     """
-    case = SignedLog.of(evidence, fit, probability)
+    case = SignedLog.of(log_data, fit, probability)
     geometry = Hypothesis(Geometry(), case.modelled.geometry(tolerance), _no_other_form)
     groups = [*rest, *([geometry] if len(geometry.columns.sd) else [])]
     if not groups:
-        return Unseen()
+        return NuisanceScales()
     regression = Regression(case.data, groups, explain(case.data, ()).errors)
     always = {id(geometry): float(tolerance.stated)}
-    relevance, free = learn_scales(regression, always), len(evidence.coefficients)
+    relevance, free = learn_scales(regression, always), len(log_data.coefficients)
     moves = inverse_of(regression.hessian[:free, :free]) @ regression.hessian[:free]
     stood_for = tuple(
         (group.key, np.linalg.norm(moves[:, regression.place(group)] @ directions, axis=1))
@@ -73,26 +73,26 @@ def find_unseen(
     )
     kept = relevance.scales > 0.0
     if not kept.any():
-        return Unseen(None, stood_for)
+        return NuisanceScales(None, stood_for)
     by_geometry = None
     if geometry is groups[-1]:
         own, moments = moves[:, regression.place(geometry)], relevance.moments
         variance = np.einsum("rp,pq,rq->r", own, moments[-own.shape[1] :, -own.shape[1] :], own)
         by_geometry = np.sqrt(np.maximum(variance, 0.0))  # rounding leaves less than nothing of what is not there
     there = [(group, turn) for group, turn, one in zip(groups, relevance.turns, kept, strict=True) if one]
-    signals, amplitudes = evidence.signals, np.repeat(kept, [turn.shape[1] for turn in relevance.turns])
-    scene = evidence.model.scene(signals.motion, fit.theta, fit.predicted, signals.magnitude)
+    signals, amplitudes = log_data.signals, np.repeat(kept, [turn.shape[1] for turn in relevance.turns])
+    scene = log_data.model.scene(signals.motion, fit.theta, fit.predicted, signals.magnitude)
     parts = [_on_all_rows(group, turn, case, scene) for group, turn in there]
     nuisance = make_nuisance(
         columns=lambda place: np.concatenate([part(place) for part in parts], axis=2),
-        model=evidence.chunks,
-        used=evidence.used,
+        model=log_data.chunks,
+        used=log_data.used,
         weight=fit.noise.sigma * np.sqrt(fit.noise.autocorrelation),
         names=tuple(" ".join([group.effect, *map(str, group.joints)]) for group, _ in there),
         scales=relevance.scales[kept],
         moments=relevance.moments[np.ix_(amplitudes, amplitudes)],
     )
-    return Unseen(nuisance, stood_for, by_geometry)
+    return NuisanceScales(nuisance, stood_for, by_geometry)
 
 
 def _no_other_form(source: Effect) -> Hypothesis:

@@ -1,7 +1,7 @@
 """Errors on blocks of data that had no say, and the rule by which an effect must lower them, wherever one enters.
 
 Each block of a log is predicted by a fit to the folds that it is not in, or all blocks by a fit to another log.
-`bears_out` decides for a model that is completed, for a discrepancy, and for a learned function.
+`confirms` decides for a model that is completed, for a discrepancy, and for a learned function.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ SHORTEST_LOG = TUNING.folds * TUNING.shortest_block
 
 
 @dataclass(frozen=True)
-class HeldBackErrors:
+class CrossValidation:
     """Sums of squared errors (blocks, n), (N m)^2, on held-back blocks, and their numbers of samples (blocks, n)."""
 
     squares: Array
@@ -30,26 +30,26 @@ class HeldBackErrors:
         """(n,) N m."""
         return np.sqrt(self.squares.sum(axis=0) / np.maximum(self.counts.sum(axis=0), 1))
 
-    def rise(self, before: HeldBackErrors) -> tuple[Array, Array]:
+    def rise(self, before: CrossValidation) -> tuple[Array, Array]:
         """(n,) rise of the mean squared error over that before, and (n,) its standard error over the blocks."""
         change, count = self.squares - before.squares, np.maximum(self.counts.sum(axis=0), 1)
         return change.sum(axis=0) / count, change.std(axis=0) * np.sqrt(len(change)) / count
 
     def surely_above(self, level: Array) -> Mask:
         """(n,) whether the RMS error is above a level (n,), N m, by more than its scatter over the blocks explains."""
-        rise, error = self.rise(HeldBackErrors(self.counts * level**2, self.counts))
+        rise, error = self.rise(CrossValidation(self.counts * level**2, self.counts))
         above: Mask = rise > TUNING.sure * error
         return above
 
-    def surely_grown(self, before: HeldBackErrors) -> Mask:
+    def surely_grown(self, before: CrossValidation) -> Mask:
         """(n,) whether the mean squared error has risen: by as much, and as surely, as an effect must lower it."""
         rise, error = self.rise(before)
         grown: Mask = rise > np.maximum(TUNING.help * before.rms**2, TUNING.sure * error)
         return grown
 
 
-def bears_out(
-    after: HeldBackErrors, before: HeldBackErrors, joints: Collection[int], least: float = TUNING.help
+def confirms(
+    after: CrossValidation, before: CrossValidation, joints: Collection[int], least: float = TUNING.help
 ) -> bool:
     """Whether an effect in some (0-based) joints surely helps there, and all joints together do not lose by it.
 
@@ -62,7 +62,7 @@ def bears_out(
     return bool(_surely_more(-of_blocks, least) and relative.sum() < 0.0)
 
 
-def harmed(after: HeldBackErrors, before: HeldBackErrors) -> Mask:
+def harmed(after: CrossValidation, before: CrossValidation) -> Mask:
     """(n,) whether a joint's mean squared error has risen by more than its standard error, and visibly."""
     rise, error = after.rise(before)
     risen: Mask = (rise > error) & (rise > TUNING.harm * before.rms**2)

@@ -1,7 +1,7 @@
 """Moments: all that the data say about a model, in a size that does not depend on the log's length.
 
 For every segment k of constant sign, with Y_k its rows of the regressor and e_k its efforts (absolute values where the
-sign is unknown), :eq:`moments`::
+sign is unknown), :eq:`normal_equations`::
 
     H_k = Y_k' Y_k,   g_k = Y_k' e_k,   c_k = e_k' e_k,
 
@@ -32,7 +32,7 @@ _RELATIVE_FLOOR = 1e-6
 
 
 @dataclass(frozen=True)
-class Moments:
+class NormalEquations:
     """Moments of S segments for r coefficients, in units of the noise when `scaled`.
 
     H is held in K parts. A search wants the H_k of each strong segment; weak segments of one joint may share a part,
@@ -73,15 +73,15 @@ class Moments:
         """(r, r) sum over the parts to which these segments belong."""
         return self.hessian.of(np.unique(self.part[segments]))
 
-    def join(self, *others: Moments) -> Moments:
+    def join(self, *others: NormalEquations) -> NormalEquations:
         """Moments of several logs of the same model: the segments of one after those of the other."""
         names, every = ("joint", "known", "gradient", "energy", "count"), (self, *others)
         joined = {name: np.concatenate([getattr(each, name) for each in every]) for name in names}
         firsts = np.cumsum([0, *(len(each.hessian) for each in every)])
         part = np.concatenate([first + each.part for first, each in zip(firsts, every, strict=False)])
-        return Moments(**joined, hessian=self.hessian.joined([other.hessian for other in others]), part=part)
+        return NormalEquations(**joined, hessian=self.hessian.joined([other.hessian for other in others]), part=part)
 
-    def chosen(self, segments: Integers) -> Moments:
+    def chosen(self, segments: Integers) -> NormalEquations:
         """Moments of some segments.
 
         Raises:
@@ -91,9 +91,9 @@ class Moments:
         if np.any(np.isin(np.delete(self.part, segments), parts)):
             raise ValueError("segments that share a part of the Hessian cannot be parted")
         values = {name: getattr(self, name)[segments] for name in ("joint", "known", "gradient", "energy", "count")}
-        return Moments(**values, hessian=self.hessian.chosen(parts), part=part.astype(np.int64))
+        return NormalEquations(**values, hessian=self.hessian.chosen(parts), part=part.astype(np.int64))
 
-    def compact(self, most_individual: int) -> Moments:
+    def compact(self, most_individual: int) -> NormalEquations:
         """The same moments with individual parts for at most so many segments of each joint, those with most energy."""
         part = _parts(self.joint, self.known, np.where(self.individual, self.energy, -np.inf), most_individual)
         if len(np.unique(part)) == len(self.hessian):
@@ -101,7 +101,7 @@ class Moments:
         first = np.unique(self.part, return_index=True)[1]
         return replace(self, part=part, hessian=self.hessian.summed(part[first]))
 
-    def merged(self, into: Integers) -> Moments:
+    def merged(self, into: Integers) -> NormalEquations:
         """Moments of segments that these are parts of, each of one joint and sign, by their indices (S,) without gaps.
 
         Segments whose parts share a part of the Hessian share one too.
@@ -115,9 +115,9 @@ class Moments:
         first = np.unique(into, return_index=True)[1]
         gradient, energy = (_summed(values, into, size) for values in (self.gradient, self.energy))
         count = np.bincount(into, self.count, size).astype(np.int64)
-        return Moments(self.joint[first], self.known[first], hessian, gradient, energy, count, label[:size])
+        return NormalEquations(self.joint[first], self.known[first], hessian, gradient, energy, count, label[:size])
 
-    def scaled(self, sigma: Array) -> Moments:
+    def scaled(self, sigma: Array) -> NormalEquations:
         """Rows weighted by 1 / sigma (n,), the noise of each joint's effort, N m."""
         weight = 1.0 / sigma[self.joint] ** 2
         of_part = np.zeros(len(self.hessian))
@@ -149,7 +149,7 @@ class Moments:
         return float(beta @ self.hessian.total() @ beta - 2 * beta @ (signs @ self.gradient) + self.energy.sum())
 
 
-def moments(
+def normal_equations(
     model: Model,
     coefficients: BaseCoefficients,
     motion: Motion,
@@ -158,7 +158,7 @@ def moments(
     most_individual: int | None = None,
     square: Array | None = None,
     correct: Callable[[slice, Array], Array] | None = None,
-) -> Moments:
+) -> NormalEquations:
     """Moments of a log, streamed over chunks of its samples.
 
     Args:
@@ -182,27 +182,27 @@ def moments(
     joint[part] = segments.joint
     hessian, gradient = HessianSums(r, joint), np.zeros((size, r))
     for rows, every in model.felt_chunks(motion):
-        columns = every.chosen(coefficients.kept)
+        columns = every.chosen(coefficients.selected)
         columns = columns if correct is None else FeltColumns.of(correct(rows, columns.dense))
         here = np.flatnonzero((segments.start < rows.stop) & (segments.end > rows.start))
-        felt = {j: hessian.feel(j, columns.felt[j]) for j in np.unique(segments.joint[here])}
-        of_joint = {j: columns.of_joint(j, those) for j, those in felt.items()}
+        sparsity = {j: hessian.feel(j, columns.sparsity[j]) for j in np.unique(segments.joint[here])}
+        of_joint = {j: columns.of_joint(j, those) for j, those in sparsity.items()}
         for k in here:
             j, a, b = ranges[k]
             inside = slice(max(a, rows.start), min(b, rows.stop))
             y, e = of_joint[j][inside.start - rows.start : inside.stop - rows.start], effort[inside, j]
             hessian.add_rows(part[k], y)
-            gradient[k, felt[j]] += y.T @ e
+            gradient[k, sparsity[j]] += y.T @ e
     count = segments.end - segments.start
-    return Moments(segments.joint, segments.known, hessian.done(), gradient, energy, count, part)
+    return NormalEquations(segments.joint, segments.known, hessian.done(), gradient, energy, count, part)
 
 
-def join_moments(pieces: Iterable[Moments], most_individual: int) -> Moments:
+def join_moments(pieces: Iterable[NormalEquations], most_individual: int) -> NormalEquations:
     """Moments of logs of one model, or of the pieces of a long one, joined one after the other in bounded memory.
 
     The segments of each joint with most energy, so many at most, keep an individual part.
     """
-    waiting: list[Moments] = []
+    waiting: list[NormalEquations] = []
     held, bound = 0, 0
     for piece in pieces:
         waiting.append(piece)
@@ -255,7 +255,7 @@ class Hessians:
         """Of matrices (K, r, r) that are held in full, and the joint (K,) of each."""
         joints = int(joint.max(initial=-1)) + 1
         columns = [np.flatnonzero(np.any(dense[joint == j] != 0.0, axis=(0, 1))) for j in range(joints)]
-        values = [dense[np.ix_(joint == j, felt, felt)] for j, felt in enumerate(columns)]
+        values = [dense[np.ix_(joint == j, sparsity, sparsity)] for j, sparsity in enumerate(columns)]
         return cls(dense.shape[1], joint, tuple(columns), tuple(values))
 
     @cached_property
@@ -271,8 +271,8 @@ class Hessians:
         chosen = np.arange(len(self))[parts]
         dense = np.zeros((np.size(chosen), self.size, self.size))
         for row, part in enumerate(np.atleast_1d(chosen)):
-            felt = self.columns[self.joint[part]]
-            dense[row][np.ix_(felt, felt)] = self.values[self.joint[part]][self.place[part]]
+            sparsity = self.columns[self.joint[part]]
+            dense[row][np.ix_(sparsity, sparsity)] = self.values[self.joint[part]][self.place[part]]
         return dense if np.ndim(chosen) else dense[0]
 
     def total(self) -> Array:
@@ -282,8 +282,8 @@ class Hessians:
     def by_joint(self, n: int) -> Array:
         """(n, r, r) the sums of each of n joints."""
         sums = np.zeros((n, self.size, self.size))
-        for j, (felt, values) in enumerate(zip(self.columns, self.values, strict=True)):
-            sums[j][np.ix_(felt, felt)] = values.sum(axis=0)
+        for j, (sparsity, values) in enumerate(zip(self.columns, self.values, strict=True)):
+            sums[j][np.ix_(sparsity, sparsity)] = values.sum(axis=0)
         return sums
 
     def of(self, parts: Integers) -> Array:
@@ -297,8 +297,8 @@ class Hessians:
     def forms(self, beta: Array) -> Array:
         """(W, K) beta' H beta for coefficients (W, r)."""
         forms = np.empty((len(beta), len(self)))
-        for j, (felt, values) in enumerate(zip(self.columns, self.values, strict=True)):
-            narrow, (count, m, _) = beta[:, felt], values.shape
+        for j, (sparsity, values) in enumerate(zip(self.columns, self.values, strict=True)):
+            narrow, (count, m, _) = beta[:, sparsity], values.shape
             product = (narrow @ values.transpose(1, 0, 2).reshape(m, count * m)).reshape(len(beta), count, m)
             forms[:, self.joint == j] = np.einsum("wkm,wm->wk", product, narrow)
         return forms
@@ -343,10 +343,10 @@ class HessianSums:
 
     def feel(self, joint: int, columns: Integers) -> Integers:
         """Takes note that a joint feels these columns as well; all that it feels."""
-        felt = self._columns[joint]
-        new = np.union1d(felt, columns)
-        if len(new) > len(felt):
-            kept = np.searchsorted(new, felt)
+        sparsity = self._columns[joint]
+        new = np.union1d(sparsity, columns)
+        if len(new) > len(sparsity):
+            kept = np.searchsorted(new, sparsity)
             values = np.zeros((len(self._values[joint]), len(new), len(new)))
             values[:, kept[:, None], kept] = self._values[joint]
             self._columns[joint], self._values[joint] = new, values
@@ -362,13 +362,13 @@ class HessianSums:
             here = other.joint == j
             if not np.any(here):
                 continue
-            felt = np.searchsorted(self.feel(j, columns), columns)
+            sparsity = np.searchsorted(self.feel(j, columns), columns)
             target, source = self._place[into[here]], values  # both in the order of the joint's parts
             if len(np.unique(target)) < len(target):
                 order = np.argsort(target, kind="stable")
                 target, begins = np.unique(target[order], return_index=True)
                 source = np.add.reduceat(source[order], begins, axis=0)
-            self._values[j][np.ix_(target, felt, felt)] += source
+            self._values[j][np.ix_(target, sparsity, sparsity)] += source
 
     def done(self) -> Hessians:
         """What has been added up."""

@@ -43,7 +43,7 @@ _BASIS = np.array([PSEUDO_INERTIA_BASIS[:, i, j] for i, j in _TRIANGLE])
 
 
 @dataclass(frozen=True)
-class Region:
+class FeasibleSet:
     """A convex region of P parameters."""
 
     rows: Array  #: (m, P) of the half spaces, the diagonals of the matrices among them
@@ -52,7 +52,7 @@ class Region:
     constant: Array  #: (10, b) their part that does not depend on theta
 
     @classmethod
-    def of(cls, cone: Cone, rows: Array | None = None, offset: Array | None = None) -> Region:
+    def of(cls, cone: Cone, rows: Array | None = None, offset: Array | None = None) -> FeasibleSet:
         """The cone, with what is stated, cut by further half spaces rows (m, P) theta + offset (m,) >= 0."""
         entries = np.zeros((10, len(cone.bodies), cone.size))
         for b, body in enumerate(cone.bodies):
@@ -77,7 +77,7 @@ class Region:
         """Number of parameters P."""
         return int(self.rows.shape[1])
 
-    def relaxed(self, share: float, inner: Array) -> Region:
+    def relaxed(self, share: float, inner: Array) -> FeasibleSet:
         """The wider region of all theta with (theta + share * inner) / (1 + share) in this one; inner (P,) is in it."""
         return replace(
             self,
@@ -192,7 +192,7 @@ class Centre:
     covariance: Array  #: (P, P) inverse of phi's Hessian there
 
 
-def barrier_minimum(region: Region, precision: Array, linear: Array, start: Array) -> Centre:
+def barrier_minimum(region: FeasibleSet, precision: Array, linear: Array, start: Array) -> Centre:
     """Minimum of phi for A (P, P), positive definite, and b (P,), from a start (P,) strictly inside.
 
     Raises:

@@ -39,7 +39,7 @@ from bayesid.excitation.tuning import TUNING
 from bayesid.motion import Motion
 from bayesid.regression.knowledge import inverse_of
 from bayesid.regression.selection.added_effect import AddedEffect
-from bayesid.regression.selection.explanation import LN10
+from bayesid.regression.selection.fitted_effects import LN10
 from bayesid.regression.selection.hypotheses import EffectKey, Hypothesis, hypotheses, maker
 
 _RANK = 1e-6
@@ -71,7 +71,7 @@ def hypotheses_after(found: Sequence[AddedEffect], classes: Classes, *, asked: b
     Where no classes are named and they are asked for, the effects that its log could not tell apart are meant.
     """
     changed: dict[EffectKey, dict[str, float]]
-    changed = {score.key: {} for added in found for score in added.rivals if score.hypothesis.changes}
+    changed = {score.key: {} for added in found for score in added.competing if score.hypothesis.changes}
     for added in found:
         if names := added.hypothesis.changes:
             changed[added.hypothesis.key] = {name: added.parameters[f"{CHANGE_OF}{name}"][0] for name in names}
@@ -81,7 +81,7 @@ def hypotheses_after(found: Sequence[AddedEffect], classes: Classes, *, asked: b
 
 
 def _equivalents(added: AddedEffect) -> dict[str, tuple[int, ...] | None]:
-    joints = {score.hypothesis.effect: score.key[1] for score in reversed(added.rivals)}  # the best of each name
+    joints = {score.hypothesis.effect: score.key[1] for score in reversed(added.competing)}  # the best of each name
     return {name: joints.get(name) for name in added.equivalent}
 
 
@@ -172,7 +172,7 @@ def _after(held: Belief, information: Array) -> tuple[Array, float]:
 
 
 @dataclass(frozen=True)
-class RivalForm:
+class CompetingForm:
     """One form of a hypothesis."""
 
     source: Effect  # term or distortion
@@ -181,7 +181,7 @@ class RivalForm:
     columns: Integers  # (p,) places of its columns among all
 
     @classmethod
-    def of(cls, hypothesis: Hypothesis) -> RivalForm:
+    def of(cls, hypothesis: Hypothesis) -> CompetingForm:
         """Its columns have no place yet."""
         columns = hypothesis.columns
         shift = int(any(np.any(values) for values in columns.shift.values()))
@@ -191,11 +191,11 @@ class RivalForm:
 
 
 @dataclass(frozen=True)
-class Rival:
+class CompetingModel:
     """A hypothesis."""
 
     key: EffectKey
-    forms: tuple[RivalForm, ...]  # with different numbers; that which the result has found comes first
+    forms: tuple[CompetingForm, ...]  # with different numbers; that which the result has found comes first
     own: Array | None  # (p,) amplitudes of its first form that the result has found; None where it has not got it
 
     @property
@@ -206,25 +206,25 @@ class Rival:
 
 
 @dataclass(frozen=True)
-class RivalEffects:
+class CompetingEffects:
     """A class of hypotheses, and what is known beside them."""
 
     known: Known  # the result without the effects in question
-    rivals: tuple[Rival, ...]  # at least two
+    competing: tuple[CompetingModel, ...]  # at least two
     recorded: Array  # (R, R) information of the earlier recording on all columns; zero where it is not at hand
     prior: Array  # (r, r) inverse covariance of the coefficients before it, or of now where it is not at hand
 
     @property
-    def pairs(self) -> list[tuple[Rival, Rival]]:
+    def pairs(self) -> list[tuple[CompetingModel, CompetingModel]]:
         """The true one first."""
-        return [(a, b) for a in self.rivals for b in self.rivals if a is not b]
+        return [(a, b) for a in self.competing for b in self.competing if a is not b]
 
     def columns(self, motion: Motion) -> Array:
         """(N, n, R) those of the coefficients, then those of all forms."""
         base = self.known.columns(motion)
         effort = base @ self.known.mean
         scene, parts = self.known.model.scene(motion, self.known.theta, effort, np.abs(effort)), [base]
-        for form in (form for rival in self.rivals for form in rival.forms):
+        for form in (form for rival in self.competing for form in rival.forms):
             shift, rows = form.source.change(scene)
             parts += [rows] if rows.shape[2] == len(form.columns) else [rows, shift[:, :, None]]
         return np.concatenate(parts, axis=2)
@@ -232,7 +232,7 @@ class RivalEffects:
     @property
     def memory(self) -> bool:
         """Whether a row depends on other instants too."""
-        return self.known.memory or any(form.source.memory for rival in self.rivals for form in rival.forms)
+        return self.known.memory or any(form.source.memory for rival in self.competing for form in rival.forms)
 
     def worth(self, information: Array) -> float:
         """Minus the expected log Bayes factors, nats, each up to twice what tells, for it scatters about that.
@@ -259,9 +259,9 @@ class RivalEffects:
 
         Where the result has found one of them, another one has looked to the earlier recording as that one did.
         """
-        found = next(((rival.forms[0], rival.own) for rival in self.rivals if rival.own is not None), None)
+        found = next(((rival.forms[0], rival.own) for rival in self.competing if rival.own is not None), None)
         truths = {}
-        for rival in self.rivals:
+        for rival in self.competing:
             if rival.own is None and found is not None:
                 seen = self._of(*found)
                 truths[rival.name] = max((self._after(form, seen) for form in rival.forms), key=lambda one: one.fit)
@@ -271,17 +271,17 @@ class RivalEffects:
                 truths[rival.name] = self._after(form, self._of(form, form.mean))
         return truths
 
-    def best_fit(self, form: RivalForm, rival: Rival) -> float:
+    def best_fit(self, form: CompetingForm, rival: CompetingModel) -> float:
         """How well a form of a hypothesis fits the earlier recording where one of the others is true."""
-        return max(self._after(form, self._truths[one.name]).fit for one in self.rivals if one is not rival)
+        return max(self._after(form, self._truths[one.name]).fit for one in self.competing if one is not rival)
 
-    def _of(self, form: RivalForm, amplitudes: Array) -> Belief:
+    def _of(self, form: CompetingForm, amplitudes: Array) -> Belief:
         """A form before the earlier recording, about some amplitudes (p,)."""
         columns = np.concatenate([np.arange(len(self.known)), form.columns])
         precision = scipy.linalg.block_diag(self.prior, np.diag(form.sd**-2.0))
         return Belief(columns, np.concatenate([self.known.mean, amplitudes]), precision)
 
-    def _after(self, form: RivalForm, true: Belief) -> Belief:
+    def _after(self, form: CompetingForm, true: Belief) -> Belief:
         """A form after the earlier recording, in which the means of another belief were true."""
         before = self._of(form, form.mean)
         pull = before.precision @ before.mean
@@ -292,9 +292,9 @@ class RivalEffects:
 
 
 # ---- How they come from a result ----
-def make_rivals(
+def make_competing(
     known: Known, keys: Sequence[EffectKey], earlier: Motion | None, reference: Motion, changed: Changes | None = None
-) -> RivalEffects:
+) -> CompetingEffects:
     """Hypotheses of a result.
 
     Args:
@@ -315,11 +315,11 @@ def make_rivals(
     bare, found = _without(known, [key for key in keys if key not in changed])
     prior = bare.precision if earlier is None else _before(known, bare, earlier)
     bare = _unstepped(bare.undelayed, [changed[key] for key in steps])
-    rivals = _rivals(bare, keys, found, steps, reference if earlier is None else earlier)
-    size = rivals[-1].forms[-1].columns[-1] + 1
-    made = RivalEffects(bare, rivals, np.zeros((size, size)), prior)
+    competing = _rivals(bare, keys, found, steps, reference if earlier is None else earlier)
+    size = competing[-1].forms[-1].columns[-1] + 1
+    made = CompetingEffects(bare, competing, np.zeros((size, size)), prior)
     if earlier is not None:
-        for rival in rivals:
+        for rival in competing:
             if rival.key in steps:
                 prior = _without_step(prior, bare, list(changed[rival.key]), rival.forms[0].sd)
         recorded = information_of(made.columns(earlier), bare.weights(earlier))
@@ -333,31 +333,31 @@ def _rivals(
     found: Mapping[EffectKey, tuple[Effect, Array]],
     steps: Mapping[EffectKey, Array],
     motion: Motion,
-) -> tuple[Rival, ...]:
+) -> tuple[CompetingModel, ...]:
     """Every form of each hypothesis on a motion."""
     effort = bare.columns(motion) @ bare.mean
     scene = bare.model.scene(motion, bare.theta, effort, np.abs(effort))
     actuators = bare.model.robot.actuators(motion)
     make = maker(bare.model, scene, np.abs(actuators.dq) > actuators.standstill_speed)
-    rivals = []
+    competing = []
     for key in keys:
         own, amplitudes = found.get(key), steps.get(key)
         made = [] if own is None else [make(own[0])]
         made += [one for group in hypotheses(make, scene, effect=key[0], joints=key[1]) for one in group]
-        forms = [RivalForm.of(one) for one in made]
+        forms = [CompetingForm.of(one) for one in made]
         if not forms:
             where = f"joint {', '.join(map(str, key[1]))}" if key[1] else "the whole robot"
             raise InputError(f"{key[0]!r} has no form in {where}", field="between", remedy=_REMEDY)
         if own is not None:  # a term's parameters, or nothing beside the change that a distortion is
             amplitudes = np.concatenate([own[1], forms[0].mean[len(own[1]) :]])
-        rivals.append(Rival(key, tuple(forms), amplitudes))
-    return _placed(len(bare), rivals)
+        competing.append(CompetingModel(key, tuple(forms), amplitudes))
+    return _placed(len(bare), competing)
 
 
-def _placed(place: int, rivals: Sequence[Rival]) -> tuple[Rival, ...]:
+def _placed(place: int, competing: Sequence[CompetingModel]) -> tuple[CompetingModel, ...]:
     """With the columns of one form behind those of the other."""
     placed = []
-    for rival in rivals:
+    for rival in competing:
         forms = []
         for form in rival.forms:
             forms.append(replace(form, columns=np.arange(place, place + len(form.sd))))
@@ -377,7 +377,7 @@ def _unstepped(known: Known, steps: Sequence[Mapping[str, float]]) -> Known:
 
 
 def _without_step(prior: Array, bare: Known, parameters: Sequence[str], sd: Array) -> Array:
-    """The inverse covariance before, without the step of sd (p,) that parameters may have made (`Knowledge.widened`).
+    """The inverse covariance before, without the step of sd (p,) that parameters may have made (`CoefficientPrior.widened`).
 
     Where that is all that was uncertain of a coefficient, a `TUNING.wider`th of its standard deviation is left.
     """
@@ -444,20 +444,20 @@ def _without(known: Known, keys: Sequence[EffectKey]) -> tuple[Known, dict[Effec
         units=base.units,
         mean=base.project(theta),
         precision=precision,
-        lacking=np.zeros_like(precision),
+        model_error_covariance=np.zeros_like(precision),
         gains=np.empty(0, dtype=np.int64),
     )
     return bare, found
 
 
-def _likeliest(made: RivalEffects) -> RivalEffects:
+def _likeliest(made: CompetingEffects) -> CompetingEffects:
     """The forms of each hypothesis that imitate the others best on the earlier recording; evenly many without one."""
-    r, chosen = len(made.known), [replace(one, forms=tuple(_chosen(made, one))) for one in made.rivals]
+    r, chosen = len(made.known), [replace(one, forms=tuple(_chosen(made, one))) for one in made.competing]
     kept = np.concatenate([np.arange(r), *(form.columns for rival in chosen for form in rival.forms)])
-    return replace(made, rivals=_placed(r, chosen), recorded=made.recorded[np.ix_(kept, kept)])
+    return replace(made, competing=_placed(r, chosen), recorded=made.recorded[np.ix_(kept, kept)])
 
 
-def _chosen(made: RivalEffects, rival: Rival) -> list[RivalForm]:
+def _chosen(made: CompetingEffects, rival: CompetingModel) -> list[CompetingForm]:
     """As many forms as are looked at; the one that the result has found is the first of them."""
     forms, first = list(rival.forms), int(rival.own is not None)
     if len(forms) <= TUNING.most_forms:
@@ -469,7 +469,7 @@ def _chosen(made: RivalEffects, rival: Rival) -> list[RivalForm]:
     return [*forms[:first], *(forms[k] for k in best)]
 
 
-def inseparable(made: RivalEffects, motion: Motion) -> list[tuple[str, str]]:
+def inseparable(made: CompetingEffects, motion: Motion) -> list[tuple[str, str]]:
     """Pairs that no motion tells apart: a rich one shows each in columns that the other has too."""
     columns = made.columns(motion)
     rows = columns.reshape(-1, columns.shape[2])
@@ -477,13 +477,13 @@ def inseparable(made: RivalEffects, motion: Motion) -> list[tuple[str, str]]:
     base = rows[:, : len(made.known)]
     beside = rows - base @ np.linalg.lstsq(base, rows, rcond=None)[0]  # what the coefficients leave of each column
 
-    def among(one: RivalForm, other: RivalForm) -> bool:
+    def among(one: CompetingForm, other: CompetingForm) -> bool:
         wanted, others = beside[:, one.columns], beside[:, other.columns]
         left = wanted - others @ np.linalg.lstsq(others, wanted, rcond=_RANK)[0]
         return bool(np.linalg.norm(left, axis=0).max(initial=0.0) <= _RANK)
 
-    def alike(a: Rival, b: Rival) -> bool:
+    def alike(a: CompetingModel, b: CompetingModel) -> bool:
         return any(among(one, other) and among(other, one) for one in a.forms for other in b.forms)
 
-    pairs = [(a, b) for k, a in enumerate(made.rivals) for b in made.rivals[k + 1 :]]
+    pairs = [(a, b) for k, a in enumerate(made.competing) for b in made.competing[k + 1 :]]
     return [(a.name, b.name) for a, b in pairs if alike(a, b)]

@@ -14,7 +14,7 @@ from bayesid.effects.model import Model
 from bayesid.effects.tuning import TUNING
 from bayesid.log.segments import Segments
 from bayesid.motion import Motion
-from bayesid.regression.moments import Hessians, HessianSums, join_moments, moments
+from bayesid.regression.normal_equations import Hessians, HessianSums, join_moments, normal_equations
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +30,7 @@ def case():
 
 def test_cost_equals_the_sum_over_rows(case):
     model, coefficients, motion, effort, segments = case
-    m = moments(model, coefficients, motion, effort, segments)
+    m = normal_equations(model, coefficients, motion, effort, segments)
     rng = np.random.default_rng(0)
     theta, signs = rng.normal(size=len(model.parameters)), np.array([1, -1, 1, -1, -1])
     sigma = np.array([0.5, 2.0, 3.0])
@@ -45,16 +45,16 @@ def test_cost_equals_the_sum_over_rows(case):
 
 def test_chunks_add_to_the_whole(case, monkeypatch):
     model, coefficients, motion, effort, segments = case
-    whole = moments(model, coefficients, motion, effort, segments)
+    whole = normal_equations(model, coefficients, motion, effort, segments)
     monkeypatch.setattr(model_module, "TUNING", replace(TUNING, chunk=37))
-    chunked = moments(replace(model), coefficients, motion, effort, segments)
+    chunked = normal_equations(replace(model), coefficients, motion, effort, segments)
     for name in ("hessian", "gradient", "energy"):
         np.testing.assert_allclose(getattr(chunked, name), getattr(whole, name), rtol=1e-11, atol=1e-9)
 
 
 def test_residuals_by_joint_equal_those_of_the_rows(case):
     model, coefficients, motion, effort, segments = case
-    m = moments(model, coefficients, motion, effort, segments)
+    m = normal_equations(model, coefficients, motion, effort, segments)
     theta = np.random.default_rng(5).normal(size=len(model.parameters))
     signs, torque = np.array([1, -1, 1, -1, 1]), model.effort(motion, theta)
     errors: list[list[float]] = [[], [], []]
@@ -85,19 +85,19 @@ def long_case():
 
 @pytest.fixture(scope="module")
 def whole(long_case):
-    return moments(*long_case)
+    return normal_equations(*long_case)
 
 
-def same_sums(moments, other):
+def same_sums(normal_equations, other):
     """All but the way the Hessian is shared out."""
     for name in ("joint", "known", "gradient", "energy", "count"):
-        np.testing.assert_array_equal(getattr(moments, name), getattr(other, name))
-    np.testing.assert_allclose(moments.hessian.total(), other.hessian.total(), rtol=1e-11, atol=1e-8)
+        np.testing.assert_array_equal(getattr(normal_equations, name), getattr(other, name))
+    np.testing.assert_allclose(normal_equations.hessian.total(), other.hessian.total(), rtol=1e-11, atol=1e-8)
 
 
 @pytest.mark.parametrize("most", [0, 2, 100])
 def test_parts_can_be_shared_from_the_start_or_afterwards(long_case, whole, most):
-    streamed, compacted = moments(*long_case, most_individual=most), whole.compact(most)
+    streamed, compacted = normal_equations(*long_case, most_individual=most), whole.compact(most)
     np.testing.assert_array_equal(streamed.part, compacted.part)
     np.testing.assert_allclose(streamed.hessian[:], compacted.hessian[:], rtol=1e-11, atol=1e-8)
     same_sums(streamed, whole)
@@ -167,7 +167,7 @@ def pieces(long_case, count):
             segments.moving[overlaps],
         )
         piece = Motion(*(getattr(motion, name)[first:last] for name in ("t", "q", "dq", "ddq")))
-        yield moments(model, coefficients, piece, effort[first:last], cut, most_individual=2)
+        yield normal_equations(model, coefficients, piece, effort[first:last], cut, most_individual=2)
 
 
 @pytest.mark.parametrize("count", [1, 6])
@@ -260,8 +260,8 @@ def test_a_joint_may_come_to_feel_more(full):
     sums, rng = HessianSums(5, np.array([0, 1, 0])), np.random.default_rng(3)
     expected = np.zeros((3, 5, 5))
     for part, columns in ((0, [1]), (2, [1, 4]), (1, [3]), (0, [0, 4]), (0, [1])):
-        felt, rows = sums.feel([0, 1, 0][part], np.array(columns)), np.zeros((6, 5))
+        sparsity, rows = sums.feel([0, 1, 0][part], np.array(columns)), np.zeros((6, 5))
         rows[:, columns] = rng.normal(size=(6, len(columns)))
-        sums.add_rows(part, rows[:, felt])
+        sums.add_rows(part, rows[:, sparsity])
         expected[part] += rows.T @ rows
     same(sums.done()[:], expected)

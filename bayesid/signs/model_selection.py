@@ -21,27 +21,27 @@ from bayesid.effects.model import Model
 from bayesid.log.segments import Segmentation, Segments, find_segments
 from bayesid.log.signals import Signals
 from bayesid.progress import SILENT, Progress
-from bayesid.regression.evidence import Evidence
 from bayesid.regression.knowledge import KinematicTolerance
 from bayesid.regression.least_squares import Fit, fit_signed, widened
-from bayesid.regression.selection.explanation import LN10
-from bayesid.regression.selection.hypotheses import EffectKey
-from bayesid.regression.selection.modelled_log import KINEMATICS
-from bayesid.regression.selection.unseen import TooNarrow, find_unseen, geometry_far_off, too_narrow
-from bayesid.regression.selection.wanted import (
+from bayesid.regression.log_data import LogData
+from bayesid.regression.selection.detected import (
+    DetectedEffects,
     EnteredEffect,
     SignedLog,
-    Wanted,
-    borne_out,
+    confirmed,
     consistent_with_nothing,
-    still_wanted,
-    what_is_wanted,
+    detect_effects,
+    still_detected,
 )
+from bayesid.regression.selection.fitted_effects import LN10
+from bayesid.regression.selection.hypotheses import EffectKey
+from bayesid.regression.selection.modelled_log import KINEMATICS
+from bayesid.regression.selection.nuisance_scales import TooNarrow, find_nuisance_scales, geometry_far_off, too_narrow
 from bayesid.regression.tuning import TUNING as REGRESSION
 from bayesid.signs.averaging import AveragedSigns, evidence_gain, weight_against
 from bayesid.signs.proposals import PoorJoint, PoorRobot, Proposal, propose
 from bayesid.signs.search.protocol import Search
-from bayesid.signs.settling import Reading, Settled, restored, settle_signs
+from bayesid.signs.sign_solution import Reading, SignSolution, restored, settle_signs
 from bayesid.signs.tuning import TUNING
 
 _PROPOSING = "proposals for what the model explains poorly"
@@ -49,7 +49,7 @@ _PROPOSING = "proposals for what the model explains poorly"
 
 
 @dataclass(frozen=True)
-class Completion:
+class ModelSelection:
     """What the catalogue had to say."""
 
     effects: tuple[EnteredEffect, ...]  #: that entered the model, in the order in which they did
@@ -69,21 +69,21 @@ class CompletedSigns:
 
     model: Model  # with sensors' distortions too
     averaged: AveragedSigns  # signs and fit
-    completion: Completion | None  # what entered; None where nobody asked
+    model_selection: ModelSelection | None  # what entered; None where nobody asked
     # the same with some of the effects left out, and what is not worth it without them
     without: Callable[[Set[EffectKey]], CompletedSigns] | None = None
 
     @property
     def signals(self) -> Signals:
         """The log without what the model says of its sensors."""
-        return self.averaged.asked.evidence.signals
+        return self.averaged.asked.log_data.signals
 
     def consistent_with_nothing(self, theta: Array, covariance: Array) -> set[EffectKey]:
         """Effects to leave out: those with less evidence of all whose numbers do not differ from zero.
 
         By the model's parameters (P,) and their covariance (P, P), NaN where one is not decided by itself.
         """
-        effects = () if self.completion is None else self.completion.effects
+        effects = () if self.model_selection is None else self.model_selection.effects
         return _least_half(
             [e for e in effects if consistent_with_nothing(e, self.averaged.asked.model, theta, covariance)]
         )
@@ -103,7 +103,7 @@ class _Opinion:
     """Signs under one model, which may hold sensors' distortions that the signals are without."""
 
     model: Model
-    settled: Settled
+    sign_solution: SignSolution
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ class _Searching:
     search: Search
     segmentation: Segmentation
 
-    def under(self, model: Model, begun: Settled, progress: Progress, also: Sequence[Array] = ()) -> _Opinion:
+    def under(self, model: Model, begun: SignSolution, progress: Progress, also: Sequence[Array] = ()) -> _Opinion:
         """Signs under a model, from those under another one, and from other ones (N, n)."""
         signals, segments = restored(model, self.as_read), self.segments
         if model.before_sensors is not model and model.before_sensors.distortions != model.distortions:
@@ -134,20 +134,20 @@ def complete(
     Raises:
         SolverError: an optimisation failed.
     """
-    searching = _Searching(averaged.asked.evidence.signals, segments, search, how.segmentation)
+    searching = _Searching(averaged.asked.log_data.signals, segments, search, how.segmentation)
     plain = _Opinion(averaged.asked.model, averaged.asked)
     may_enter, lifted = how.enter and search.any_model, tuple[EnteredEffect, ...]()
     while may_enter and (free := _with_bounds_lifted(plain, searching, progress)) is not plain:
         lifted = (*lifted, *_lifting(free, plain))
-        plain, averaged = free, AveragedSigns.alone(free.settled)
-    first = plain if averaged.by_asked else replace(plain, settled=averaged.settled)
+        plain, averaged = free, AveragedSigns.alone(free.sign_solution)
+    first = plain if averaged.by_asked else replace(plain, sign_solution=averaged.sign_solution)
     rounds = _Rounds(plain, first, averaged.fit, averaged.probability)
     rounds.go_through(searching, enter=may_enter, progress=progress)
     if may_enter and (free := _with_bounds_lifted(rounds.signs, searching, progress)) is not rounds.signs:
         more = _lifting(free, rounds.signs)
         model = reduce(Model.extend, (effect.source for effect in more), plain.model)
-        first = plain = searching.under(model, free.settled, progress.under("bounds lifted"))
-        lifted, averaged = (*lifted, *more), AveragedSigns.alone(plain.settled)
+        first = plain = searching.under(model, free.sign_solution, progress.under("bounds lifted"))
+        lifted, averaged = (*lifted, *more), AveragedSigns.alone(plain.sign_solution)
         rounds = _Rounds.under(plain, free)
         rounds.go_through(searching, enter=True, progress=progress)
     rounds.check(searching, progress)
@@ -159,16 +159,16 @@ def complete(
             left.leave_out(effects, searching, progress)
             return made(left)
 
-        effects, wanted = rounds.effects, rounds.wanted
-        settled, entered = rounds.averaged(averaged, first), {effect.key for effect in effects}
+        effects, detected = rounds.effects, rounds.detected
+        sign_solution, entered = rounds.averaged(averaged, first), {effect.key for effect in effects}
         with progress.stage("what the model may lack"):
-            summed_out, narrow = _summed_out(settled, entered, wanted, how.kinematics)
-        after, sizes = wanted.after if effects else wanted.before, _sizes(summed_out)
-        completion = Completion(
-            (*lifted, *effects), wanted.before.rms, after.rms, wanted.effort, may_enter, sizes, narrow
+            summed_out, narrow = _summed_out(sign_solution, entered, detected, how.kinematics)
+        after, sizes = detected.after if effects else detected.before, _sizes(summed_out)
+        model_selection = ModelSelection(
+            (*lifted, *effects), detected.before.rms, after.rms, detected.effort, may_enter, sizes, narrow
         )
-        completed = CompletedSigns(rounds.completed.model, summed_out, completion, without)
-        spread = summed_out.fit.parameter_covariance(summed_out.asked.evidence.coefficients.projection)
+        completed = CompletedSigns(rounds.completed.model, summed_out, model_selection, without)
+        spread = summed_out.fit.parameter_covariance(summed_out.asked.log_data.coefficients.projection)
         least = completed.consistent_with_nothing(summed_out.fit.theta, spread)
         return without(least) if least else completed
 
@@ -177,7 +177,7 @@ def complete(
 
 def _lifting(free: _Opinion, plain: _Opinion) -> list[EnteredEffect]:
     """The terms that lift bounds of a model, with their evidence together."""
-    gain = 0.5 * evidence_gain(free.settled, plain.settled) / LN10
+    gain = 0.5 * evidence_gain(free.sign_solution, plain.sign_solution) / LN10
     return [EnteredEffect(effect, gain, ()) for effect in free.model.effects if effect not in plain.model.effects]
 
 
@@ -194,8 +194,10 @@ class _Rounds:
     fit: Fit  # of the model asked for to these signs
     probability: Array  # (N, n) of these signs
     completed: _Opinion = field(init=False)  # under the likeliest model that is made of effects that were borne out
-    wanted: Wanted = field(init=False)  # by the log: the effects of the completed model, if that is not the plain one
-    _last: Wanted | None = None
+    detected: DetectedEffects = field(
+        init=False
+    )  # by the log: the effects of the completed model, if that is not the plain one
+    _last: DetectedEffects | None = None
     _turned: bool = False
     _tried: dict[int, float] = field(default_factory=dict)  # what joints left when nothing proposed for them was better
 
@@ -205,8 +207,8 @@ class _Rounds:
     @classmethod
     def under(cls, plain: _Opinion, signs: _Opinion) -> _Rounds:
         """Begun from signs under a richer model."""
-        probability = signs.settled.probability
-        return cls(plain, signs, fit_signed(plain.settled.evidence, 2.0 * probability - 1.0), probability)
+        probability = signs.sign_solution.probability
+        return cls(plain, signs, fit_signed(plain.sign_solution.log_data, 2.0 * probability - 1.0), probability)
 
     def go_through(self, searching: _Searching, *, enter: bool, progress: Progress) -> None:
         """Rounds until nothing changes."""
@@ -217,7 +219,7 @@ class _Rounds:
     @property
     def effects(self) -> tuple[EnteredEffect, ...]:
         """Of the completed model."""
-        return () if self.completed is self.plain else self.wanted.effects
+        return () if self.completed is self.plain else self.detected.effects
 
     def averaged(self, plain: AveragedSigns, first: _Opinion) -> AveragedSigns:
         """Signs under the completed model and the likeliest, from those before any effect and the likeliest then."""
@@ -225,82 +227,89 @@ class _Rounds:
         if self.completed is self.plain and signs is first:
             return plain
         if self.completed is signs:
-            return AveragedSigns.alone(signs.settled)
-        return AveragedSigns.of(self.completed.settled, signs.settled)
+            return AveragedSigns.alone(signs.sign_solution)
+        return AveragedSigns.of(self.completed.sign_solution, signs.sign_solution)
 
     def go_on(self, searching: _Searching, *, enter: bool, progress: Progress) -> bool:
         """One more round; whether another one may change anything."""
         if enter and (better := _with_proposals(self.signs, self._tried, searching, progress)) is not self.signs:
             self._follow(better)
         start = [effect for effect in self.signs.model.effects if effect not in self.plain.model.effects]
-        evidence = self.plain.settled.evidence
+        log_data = self.plain.sign_solution.log_data
         with progress.stage("completing the model"):
-            wanted = what_is_wanted(evidence, self.fit, self.probability, [] if self._turned else start, enter=enter)
-            wanted = self._by_all_signs(wanted)
-        before, self._last = self._last, wanted
+            detected = detect_effects(log_data, self.fit, self.probability, [] if self._turned else start, enter=enter)
+            detected = self._by_all_signs(detected)
+        before, self._last = self._last, detected
         if before is None:
-            self.wanted = wanted
-        if wanted.keys == (set() if before is None else before.keys):
+            self.detected = detected
+        if detected.keys == (set() if before is None else before.keys):
             return False
-        opinion = searching.under(wanted.extension.model, self.signs.settled, progress.under("completed model"))
-        if _worth_it(opinion, self.plain) and weight_against(opinion.settled, self.completed.settled) >= 0.5:
-            self.completed, self.wanted = opinion, wanted
-        if weight_against(opinion.settled, self.signs.settled) < 0.5:
+        opinion = searching.under(detected.extension.model, self.signs.sign_solution, progress.under("completed model"))
+        if (
+            _worth_it(opinion, self.plain)
+            and weight_against(opinion.sign_solution, self.completed.sign_solution) >= 0.5
+        ):
+            self.completed, self.detected = opinion, detected
+        if weight_against(opinion.sign_solution, self.signs.sign_solution) < 0.5:
             return False
-        changed = _changed(self.plain.settled.evidence, self.probability, opinion.settled.probability)
+        changed = _changed(self.plain.sign_solution.log_data, self.probability, opinion.sign_solution.probability)
         self._follow(opinion)
-        return changed or bool(_poor(opinion.settled).any())
+        return changed or bool(_poor(opinion.sign_solution).any())
 
     def check(self, searching: _Searching, progress: Progress) -> None:
         """Leaves out of the completed model what how friction turns round near standstill would explain as well."""
         if self.completed is self.plain:
             return
         with progress.stage("checking the completed model"):
-            wanted = still_wanted(self.plain.settled.evidence, self.fit, self.probability, self.wanted)
-        if wanted.keys != self.wanted.keys:
-            self._reduced(wanted, searching, progress)
+            detected = still_detected(self.plain.sign_solution.log_data, self.fit, self.probability, self.detected)
+        if detected.keys != self.detected.keys:
+            self._reduced(detected, searching, progress)
 
     def search_once_more(self, searching: _Searching, progress: Progress) -> None:
         """Searches under the likeliest model once more: its signs were found on the way, from fewer starts."""
         last = self.signs
-        if last is self.plain or last.settled.signs.search.certified:
+        if last is self.plain or last.sign_solution.signs.search.certified:
             return
-        self.signs = searching.under(last.model, last.settled, progress.under("likeliest model"))
+        self.signs = searching.under(last.model, last.sign_solution, progress.under("likeliest model"))
         if self.completed is last:
             self.completed = self.signs
 
     def leave_out(self, effects: Set[EffectKey], searching: _Searching, progress: Progress) -> None:
         """Leaves effects out of the completed model, and what is not worth it without them."""
-        evidence = self.plain.settled.evidence
-        self._reduced(still_wanted(evidence, self.fit, self.probability, self.wanted, effects), searching, progress)
+        log_data = self.plain.sign_solution.log_data
+        self._reduced(still_detected(log_data, self.fit, self.probability, self.detected, effects), searching, progress)
 
-    def _reduced(self, wanted: Wanted, searching: _Searching, progress: Progress) -> None:
+    def _reduced(self, detected: DetectedEffects, searching: _Searching, progress: Progress) -> None:
         """Completes the model with fewer effects; signs follow where that hardly changes them."""
         opinion = self.plain
-        if wanted.keys:
-            left = searching.under(wanted.extension.model, self.signs.settled, progress.under("completed model"))
+        if detected.keys:
+            left = searching.under(
+                detected.extension.model, self.signs.sign_solution, progress.under("completed model")
+            )
             opinion = left if _worth_it(left, self.plain) else self.plain
         if self.signs is self.completed and not _changed(
-            self.plain.settled.evidence, self.probability, opinion.settled.probability
+            self.plain.sign_solution.log_data, self.probability, opinion.sign_solution.probability
         ):
             self.signs = opinion
-        self.completed, self.wanted = opinion, wanted
+        self.completed, self.detected = opinion, detected
 
-    def _by_all_signs(self, wanted: Wanted) -> Wanted:
+    def _by_all_signs(self, detected: DetectedEffects) -> DetectedEffects:
         """Without the effects that another assignment of signs, which nothing excludes, does not bear out."""
-        evidence, sources = self.plain.settled.evidence, [effect.source for effect in wanted.effects]
-        left = wanted.keys
-        for other in self.signs.settled.alternatives if sources else ():
-            fit = fit_signed(evidence, 2.0 * other.probability - 1.0)
-            left = left & borne_out(evidence, fit, other.probability, sources).keys
-        if left == wanted.keys:
-            return wanted
-        return still_wanted(evidence, self.fit, self.probability, wanted, wanted.keys - left)
+        log_data, sources = self.plain.sign_solution.log_data, [effect.source for effect in detected.effects]
+        left = detected.keys
+        for other in self.signs.sign_solution.alternatives if sources else ():
+            fit = fit_signed(log_data, 2.0 * other.probability - 1.0)
+            left = left & confirmed(log_data, fit, other.probability, sources).keys
+        if left == detected.keys:
+            return detected
+        return still_detected(log_data, self.fit, self.probability, detected, detected.keys - left)
 
     def _follow(self, opinion: _Opinion) -> None:
-        self._turned = _joint_turned(self.plain.settled.evidence, self.probability, opinion.settled.probability)
-        self.signs, self.probability = opinion, opinion.settled.probability
-        self.fit = fit_signed(self.plain.settled.evidence, 2.0 * self.probability - 1.0)
+        self._turned = _joint_turned(
+            self.plain.sign_solution.log_data, self.probability, opinion.sign_solution.probability
+        )
+        self.signs, self.probability = opinion, opinion.sign_solution.probability
+        self.fit = fit_signed(self.plain.sign_solution.log_data, 2.0 * self.probability - 1.0)
 
 
 def _worth_it(completed: _Opinion, plain: _Opinion) -> bool:
@@ -309,11 +318,11 @@ def _worth_it(completed: _Opinion, plain: _Opinion) -> bool:
     Effects enter given signs that were settled without them; with their own the gain may be another one: in half of
     Panda's log (study `complete`) a joint turned for less.
     """
-    return 0.5 * evidence_gain(completed.settled, plain.settled) > 2.0 * LN10
+    return 0.5 * evidence_gain(completed.sign_solution, plain.sign_solution) > 2.0 * LN10
 
 
-def _poor(settled: Settled) -> Mask:
-    return (settled.fit.relative_residual > REGRESSION.poor_fit) & ~settled.evidence.signals.signed
+def _poor(sign_solution: SignSolution) -> Mask:
+    return (sign_solution.fit.relative_residual > REGRESSION.poor_fit) & ~sign_solution.log_data.signals.signed
 
 
 def _with_bounds_lifted(plain: _Opinion, searching: _Searching, progress: Progress) -> _Opinion:
@@ -325,18 +334,18 @@ def _with_bounds_lifted(plain: _Opinion, searching: _Searching, progress: Progre
         proposal = _poor_robot(plain).without_bounds()
     while proposal is not None:
         lifted = _best_of(plain, [proposal], searching, progress.under("bounds lifted"))
-        kept = tuple(effect for effect in proposal.effects if _clearly_negative(effect, lifted.settled))
+        kept = tuple(effect for effect in proposal.effects if _clearly_negative(effect, lifted.sign_solution))
         if lifted is plain or kept == proposal.effects:
             return lifted
         proposal = replace(proposal, effects=kept) if kept else None
     return plain
 
 
-def _clearly_negative(effect: Effect, settled: Settled) -> bool:
-    names = [parameter.name for parameter in settled.model.parameters]
-    sd = settled.fit.parameter_sd(settled.evidence.coefficients.projection)
-    own = [names.index(name) for name in effect.freed(settled.model.robot)]
-    return bool(np.all(settled.fit.theta[own] < -REGRESSION.significant * sd[own]))
+def _clearly_negative(effect: Effect, sign_solution: SignSolution) -> bool:
+    names = [parameter.name for parameter in sign_solution.model.parameters]
+    sd = sign_solution.fit.parameter_sd(sign_solution.log_data.coefficients.projection)
+    own = [names.index(name) for name in effect.freed(sign_solution.model.robot)]
+    return bool(np.all(sign_solution.fit.theta[own] < -REGRESSION.significant * sd[own]))
 
 
 def _with_proposals(opinion: _Opinion, tried: dict[int, float], searching: _Searching, progress: Progress) -> _Opinion:
@@ -344,13 +353,13 @@ def _with_proposals(opinion: _Opinion, tried: dict[int, float], searching: _Sear
 
     A joint for which nothing was better is not tried again while it is explained about as it was.
     """
-    if _poor(opinion.settled).any():
+    if _poor(opinion.sign_solution).any():
         with progress.stage(_PROPOSING):
             proposals = _poor_robot(opinion).propose()
         opinion = _best_of(opinion, proposals, searching, progress, needed=TUNING.needed_of_robot)
-    for joint in np.flatnonzero(_poor(opinion.settled))[::-1].tolist():  # from the tip, whose effects stay there
+    for joint in np.flatnonzero(_poor(opinion.sign_solution))[::-1].tolist():  # from the tip, whose effects stay there
         for _ in range(TUNING.most_proposed):
-            left = float(opinion.settled.fit.relative_residual[joint])
+            left = float(opinion.sign_solution.fit.relative_residual[joint])
             if abs(left / tried.get(joint, np.inf) - 1.0) < TUNING.explained_alike:
                 break
             better = _with_proposal(opinion, joint, searching, progress.under(f"joint {joint + 1}"))
@@ -362,11 +371,11 @@ def _with_proposals(opinion: _Opinion, tried: dict[int, float], searching: _Sear
 
 
 def _with_proposal(opinion: _Opinion, joint: int, searching: _Searching, progress: Progress) -> _Opinion:
-    if not _poor(opinion.settled)[joint]:
+    if not _poor(opinion.sign_solution)[joint]:
         return opinion
     with progress.stage(_PROPOSING):
         log, known = _signed_log(opinion), {_key(effect) for effect in opinion.model.effects}
-        poor = PoorJoint.of(log, opinion.settled.signs.segments, joint)
+        poor = PoorJoint.of(log, opinion.sign_solution.signs.segments, joint)
         proposed = (one for one in propose(poor, log.library(joint)) if _key(one.effects[0]) not in known)
         proposals = list(islice(proposed, TUNING.most_rivals))
     return _best_of(opinion, proposals, searching, progress)
@@ -381,21 +390,21 @@ def _best_of(
     needed: float = REGRESSION.needed,
 ) -> _Opinion:
     """Signs under the best of the extended models, if evidence is for it by so many nats; or as they were."""
-    settled, rivals = opinion.settled, []
+    sign_solution, rivals = opinion.sign_solution, []
     for proposal in proposals:
-        signs = np.where(np.isnan(proposal.signs), 2.0 * settled.probability - 1.0, proposal.signs)
+        signs = np.where(np.isnan(proposal.signs), 2.0 * sign_solution.probability - 1.0, proposal.signs)
         model = reduce(Model.extend, proposal.effects, opinion.model)
-        rivals.append(searching.under(model, settled, progress, [signs]))
-    gains = {0.5 * evidence_gain(rival.settled, settled): rival for rival in rivals}
+        rivals.append(searching.under(model, sign_solution, progress, [signs]))
+    gains = {0.5 * evidence_gain(rival.sign_solution, sign_solution): rival for rival in rivals}
     return gains[max(gains)] if max(gains, default=0.0) > needed else opinion
 
 
 def _poor_robot(opinion: _Opinion) -> PoorRobot:
-    return PoorRobot(_signed_log(opinion), opinion.settled.signs.segments, _poor(opinion.settled))
+    return PoorRobot(_signed_log(opinion), opinion.sign_solution.signs.segments, _poor(opinion.sign_solution))
 
 
 def _signed_log(opinion: _Opinion) -> SignedLog:
-    return SignedLog.of(opinion.settled.evidence, opinion.settled.fit, opinion.settled.probability)
+    return SignedLog.of(opinion.sign_solution.log_data, opinion.sign_solution.fit, opinion.sign_solution.probability)
 
 
 def _key(effect: Effect) -> EffectKey:
@@ -403,39 +412,39 @@ def _key(effect: Effect) -> EffectKey:
 
 
 def _summed_out(
-    averaged: AveragedSigns, entered: Set[EffectKey], wanted: Wanted, tolerance: KinematicTolerance
+    averaged: AveragedSigns, entered: Set[EffectKey], detected: DetectedEffects, tolerance: KinematicTolerance
 ) -> tuple[AveragedSigns, tuple[TooNarrow, ...]]:
     """The fit with all that did not enter, and the geometry, summed out; and what that cannot allow for."""
-    evidence, fit = averaged.asked.evidence, averaged.fit
-    rest = [hypothesis for hypothesis in wanted.screened if hypothesis.key not in entered]
-    unseen = find_unseen(evidence, fit, averaged.probability, rest, tolerance)
-    evidence = replace(evidence, nuisance=unseen.nuisance, fitted=averaged.settled.evidence.fitted)
-    if unseen.nuisance is not None:
-        fit = widened(fit, evidence, 2.0 * averaged.settled.probability - 1.0)
-    asked = replace(averaged.asked, evidence=evidence, fit=fit)
-    settled = asked if averaged.by_asked else averaged.settled
-    summed_out = replace(averaged, asked=asked, settled=settled, fit=fit)
-    names, geometry = evidence.coefficients.names, _sizes(summed_out).get(KINEMATICS[0], 0.0)
-    bodies = np.zeros(evidence.model.cone.size, dtype=bool)
-    for body in evidence.model.cone.bodies:
+    log_data, fit = averaged.asked.log_data, averaged.fit
+    rest = [hypothesis for hypothesis in detected.screened if hypothesis.key not in entered]
+    nuisance_scales = find_nuisance_scales(log_data, fit, averaged.probability, rest, tolerance)
+    log_data = replace(log_data, nuisance=nuisance_scales.nuisance, fitted=averaged.sign_solution.log_data.fitted)
+    if nuisance_scales.nuisance is not None:
+        fit = widened(fit, log_data, 2.0 * averaged.sign_solution.probability - 1.0)
+    asked = replace(averaged.asked, log_data=log_data, fit=fit)
+    sign_solution = asked if averaged.by_asked else averaged.sign_solution
+    summed_out = replace(averaged, asked=asked, sign_solution=sign_solution, fit=fit)
+    names, geometry = log_data.coefficients.names, _sizes(summed_out).get(KINEMATICS[0], 0.0)
+    bodies = np.zeros(log_data.model.cone.size, dtype=bool)
+    for body in log_data.model.cone.bodies:
         bodies[body] = True
-    of_links = np.any(evidence.coefficients.projection[:, bodies] != 0.0, axis=1)
-    off = unseen.by_geometry
+    of_links = np.any(log_data.coefficients.projection[:, bodies] != 0.0, axis=1)
+    off = nuisance_scales.by_geometry
     narrow = () if off is None else geometry_far_off(geometry, off, names, averaged.fit.sd)
-    return summed_out, (*narrow, *too_narrow(unseen.stood_for, names, fit.sd, of_links))
+    return summed_out, (*narrow, *too_narrow(nuisance_scales.stood_for, names, fit.sd, of_links))
 
 
 def _sizes(averaged: AveragedSigns) -> dict[str, float]:
-    nuisance = averaged.asked.evidence.nuisance
+    nuisance = averaged.asked.log_data.nuisance
     return {} if nuisance is None else dict(zip(nuisance.names, nuisance.scales.tolist(), strict=True))
 
 
-def _joint_turned(evidence: Evidence, before: Array, after: Array) -> bool:
-    energy = np.where(evidence.used, evidence.signals.effort**2, 0.0)
+def _joint_turned(log_data: LogData, before: Array, after: Array) -> bool:
+    energy = np.where(log_data.used, log_data.signals.effort**2, 0.0)
     turned = np.where((before >= 0.5) != (after >= 0.5), energy, 0.0).sum(axis=0)
     return bool(np.any(turned > 0.5 * energy.sum(axis=0)))
 
 
-def _changed(evidence: Evidence, before: Array, after: Array) -> bool:
-    different = ((before >= 0.5) != (after >= 0.5))[evidence.used]
+def _changed(log_data: LogData, before: Array, after: Array) -> bool:
+    different = ((before >= 0.5) != (after >= 0.5))[log_data.used]
     return bool(different.mean() > TUNING.signs_changed)

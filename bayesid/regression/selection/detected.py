@@ -19,12 +19,12 @@ from bayesid.effects.effect import Effect, Scene, effect_of
 from bayesid.effects.model import Model
 from bayesid.log.signals import Signals
 from bayesid.parallel import in_parallel
-from bayesid.regression.evidence import Evidence
-from bayesid.regression.knowledge import Knowledge
+from bayesid.regression.knowledge import CoefficientPrior
 from bayesid.regression.least_squares import Fit
-from bayesid.regression.selection.explanation import LN10, Explanation, Observations
+from bayesid.regression.log_data import LogData
+from bayesid.regression.selection.cross_validation import CrossValidation
+from bayesid.regression.selection.fitted_effects import LN10, FittedEffects, Observations
 from bayesid.regression.selection.forward import select_forward
-from bayesid.regression.selection.held_back import HeldBackErrors
 from bayesid.regression.selection.hypotheses import EffectKey, Hypothesis, hypotheses, near_standstill
 from bayesid.regression.selection.modelled_log import Extension, ModelledLog, about
 from bayesid.regression.selection.regression import Effects, Regression, explain
@@ -80,13 +80,13 @@ def consistent_with_nothing(effect: EnteredEffect, model: Model, theta: Array, c
 
 
 @dataclass(frozen=True)
-class Wanted:
+class DetectedEffects:
     """What a log wants beyond a model, its signs given."""
 
     extension: Extension  #: the model with the effects
     effects: tuple[EnteredEffect, ...]  #: in the order in which they were added
-    before: HeldBackErrors  #: on blocks of the log, without them
-    after: HeldBackErrors  #: and with them
+    before: CrossValidation  #: on blocks of the log, without them
+    after: CrossValidation  #: and with them
     screened: tuple[Hypothesis, ...]  #: the most promising effects of the catalogue, each in its best form
     effort: Array  #: (n,) RMS, N m
 
@@ -96,14 +96,14 @@ class Wanted:
         return {effect.key for effect in self.effects}
 
 
-def what_is_wanted(
-    evidence: Evidence, fit: Fit, probability: Array, start: Sequence[Effect] = (), *, enter: bool = True
-) -> Wanted:
+def detect_effects(
+    log_data: LogData, fit: Fit, probability: Array, start: Sequence[Effect] = (), *, enter: bool = True
+) -> DetectedEffects:
     """Effects that a log, with P(sign = +) (N, n), wants beyond a model that was fitted to it.
 
     The selection begins with some effects; each goes again if it is not worth it. Others may enter, or not.
     """
-    case = SignedLog.of(evidence, fit, probability)
+    case = SignedLog.of(log_data, fit, probability)
     alone = explain(case.data, ())
     screened = case.screened(Regression.of(alone), TUNING.short_list)
     begun = case.made(start)
@@ -112,61 +112,61 @@ def what_is_wanted(
     return _selected(case, Regression(case.data, tried, alone.errors), keys, TUNING.most_effects if enter else 0)
 
 
-def still_wanted(
-    evidence: Evidence, fit: Fit, probability: Array, wanted: Wanted, without: Set[EffectKey] = frozenset()
-) -> Wanted:
+def still_detected(
+    log_data: LogData, fit: Fit, probability: Array, detected: DetectedEffects, without: Set[EffectKey] = frozenset()
+) -> DetectedEffects:
     """Those of the effects that are worth it too if nobody knows how dry friction turns round near standstill.
 
     The probability (N, n) is P(sign = +), settled with the effects; some of them are left out.
     """
-    kept = [effect.source for effect in wanted.effects if effect.key not in without]
-    left = borne_out(evidence, fit, probability, kept)
-    equivalent = {effect.key: effect.equivalent for effect in wanted.effects}
+    kept = [effect.source for effect in detected.effects if effect.key not in without]
+    left = confirmed(log_data, fit, probability, kept)
+    equivalent = {effect.key: effect.equivalent for effect in detected.effects}
     effects = (replace(effect, equivalent=equivalent[effect.key]) for effect in left.effects)
-    return replace(left, effects=tuple(effects), screened=wanted.screened)
+    return replace(left, effects=tuple(effects), screened=detected.screened)
 
 
-def borne_out(evidence: Evidence, fit: Fit, probability: Array, effects: Sequence[Effect]) -> Wanted:
+def confirmed(log_data: LogData, fit: Fit, probability: Array, effects: Sequence[Effect]) -> DetectedEffects:
     """Those of some effects that a log's evidence and held-back blocks of it bear out, beside each other.
 
-    That is what an effect must pass to stay in a model (`bayesid.signs.completion`), near standstill too. The evidence
+    That is what an effect must pass to stay in a model (`bayesid.signs.model_selection`), near standstill too. The evidence
     is of the model without them; the probability (N, n) is P(sign = +), settled with them.
     """
-    case = SignedLog.of(evidence, fit, probability)
+    case = SignedLog.of(log_data, fit, probability)
     begun = case.made(effects)
-    uncertain = near_standstill(evidence.model, case.modelled.motion, case.rms_effort, case.data.used)
+    uncertain = near_standstill(log_data.model, case.modelled.motion, case.rms_effort, case.data.used)
     regression = Regression(case.data, begun, explain(case.data, ()).errors, uncertain)
     return _selected(case, regression, frozenset(hypothesis.key for hypothesis in begun), 0)
 
 
-def _selected(case: SignedLog, regression: Regression, start: frozenset[EffectKey], most: int) -> Wanted:
+def _selected(case: SignedLog, regression: Regression, start: frozenset[EffectKey], most: int) -> DetectedEffects:
     """The result of a forward selection from a start, with so many effects at most or, with none, of what stays."""
     regression, chosen = select_forward(
         regression, needed=TUNING.needed, most=most, sharpen=case.sharpened, start=start
     )
-    explanation = explain(case.data, chosen)
-    return Wanted(
-        extension=case.modelled.extended(explanation),
-        effects=tuple(_entered(regression, explanation)),
-        before=regression.held_back(()),
-        after=regression.held_back(chosen),
+    fitted_effects = explain(case.data, chosen)
+    return DetectedEffects(
+        extension=case.modelled.extended(fitted_effects),
+        effects=tuple(_entered(regression, fitted_effects)),
+        before=regression.cross_validation(()),
+        after=regression.cross_validation(chosen),
         screened=tuple(regression.effects),
         effort=case.rms_effort,
     )
 
 
-def _entered(regression: Regression, explanation: Explanation) -> list[EnteredEffect]:
+def _entered(regression: Regression, fitted_effects: FittedEffects) -> list[EnteredEffect]:
     """Each effect weighed given the others, with what could stand in its place."""
-    entered, taken = [], {effect.key for effect in explanation.effects}
-    for k, effect in enumerate(explanation.effects):
+    entered, taken = [], {effect.key for effect in fitted_effects.effects}
+    for k, effect in enumerate(fitted_effects.effects):
         near_by = (one for one in regression.effects if one.columns.joints & effect.columns.joints)
         rivals = [one for one in near_by if one.key not in taken]
-        gain, *gains = regression.gains(explanation.without(effect), [effect, *rivals]).tolist()
+        gain, *gains = regression.gains(fitted_effects.without(effect), [effect, *rivals]).tolist()
         near = {one.effect for one, g in zip(rivals, gains, strict=True) if g > gain - LN10}
         source = effect.source
         equivalent = tuple(sorted(near - {source.effect}))
-        number_sd = () if source.linear else tuple(explanation.sd[k].tolist())
-        entered.append(EnteredEffect(source.moved(explanation.amplitudes[k]), gain / LN10, equivalent, number_sd))
+        number_sd = () if source.linear else tuple(fitted_effects.sd[k].tolist())
+        entered.append(EnteredEffect(source.moved(fitted_effects.amplitudes[k]), gain / LN10, equivalent, number_sd))
     return entered
 
 
@@ -174,27 +174,27 @@ def _entered(regression: Regression, explanation: Explanation) -> list[EnteredEf
 class SignedLog:
     """A log with its signs settled, and a fit of a model to it: what a first log says, on thinned rows of it."""
 
-    evidence: Evidence
+    log_data: LogData
     fit: Fit
     rows: Integers
     modelled: ModelledLog
     data: Observations
 
     @classmethod
-    def of(cls, evidence: Evidence, fit: Fit, probability: Array) -> SignedLog:
+    def of(cls, log_data: LogData, fit: Fit, probability: Array) -> SignedLog:
         """With efforts in their expected signs, of (N, n) P(sign = +)."""
-        signals, (rows, rate) = evidence.signals, thinned(evidence.signals)
-        r, floor = len(evidence.coefficients), fit.residual
-        knowledge = Knowledge(evidence.model, fit.theta, np.zeros((r, r)))
-        motion, magnitude, used = signals.motion[rows], signals.magnitude[rows], evidence.used[rows]
-        modelled = ModelledLog(knowledge, evidence.coefficients, motion, magnitude, used, rate)
+        signals, (rows, rate) = log_data.signals, thinned(log_data.signals)
+        r, floor = len(log_data.coefficients), fit.residual
+        knowledge = CoefficientPrior(log_data.model, fit.theta, np.zeros((r, r)))
+        motion, magnitude, used = signals.motion[rows], signals.magnitude[rows], log_data.used[rows]
+        modelled = ModelledLog(knowledge, log_data.coefficients, motion, magnitude, used, rate)
         data = modelled.observed(
             np.where(signals.signed, signals.raw_effort, (2.0 * probability - 1.0) * signals.magnitude)[rows],
             floor=floor.sigma,
             sharp=np.ones(len(floor.sigma), dtype=bool),
             limits=np.stack([floor.white, floor.coloured], axis=1),
         )
-        return cls(evidence, fit, rows, modelled, data)
+        return cls(log_data, fit, rows, modelled, data)
 
     @property
     def rms_effort(self) -> Array:
@@ -209,12 +209,12 @@ class SignedLog:
         effects is another one by now, all others are linearised anew for it.
         """
         forms: dict[int, Hypothesis] = {}
-        best, r = regression.best(chosen), len(self.evidence.coefficients)
+        best, r = regression.best(chosen), len(self.log_data.coefficients)
         beta, parts = best[:r], [(effect, best[regression.place(effect)]) for effect in chosen]
         if not all(effect.source.linear for effect in chosen):
-            explanation = self.modelled.sharpened(self.data, chosen)
-            forms = {id(old): new for old, new in zip(chosen, explanation.effects, strict=True)}
-            beta, parts = explanation.beta, explanation.parts
+            fitted_effects = self.modelled.sharpened(self.data, chosen)
+            forms = {id(old): new for old, new in zip(chosen, fitted_effects.effects, strict=True)}
+            beta, parts = fitted_effects.beta, fitted_effects.parts
         effort = self.modelled.effort_of(beta, parts, distorted=False)
         change = np.where(self.data.used, effort - self.fit.predicted[self.rows], 0.0)
         rms = np.sqrt((change**2).sum(axis=0) / np.maximum(self.data.used.sum(axis=0), 1))

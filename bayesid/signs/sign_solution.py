@@ -15,13 +15,13 @@ from bayesid.log.segments import Segments
 from bayesid.log.signals import Signals, signed_effort
 from bayesid.parallel import in_parallel
 from bayesid.progress import SILENT, Progress
-from bayesid.regression.evidence import Evidence
-from bayesid.regression.knowledge import Knowledge
+from bayesid.regression.knowledge import CoefficientPrior
 from bayesid.regression.least_squares import Fit, fit_signed
+from bayesid.regression.log_data import LogData
 from bayesid.regression.noise import residual_noise
 from bayesid.regression.tuning import TUNING as REGRESSION
 from bayesid.signs.rounds import SegmentSigns, SignSearch
-from bayesid.signs.search.protocol import Branch, Search, SearchResult, SignProblem
+from bayesid.signs.search.protocol import Assignment, Search, SearchResult, SignProblem
 from bayesid.signs.smoothing import sign_probabilities
 from bayesid.signs.tuning import TUNING
 
@@ -38,10 +38,10 @@ class Reading:
 
 
 @dataclass(frozen=True)
-class Settled:
+class SignSolution:
     """Signs under one model."""
 
-    evidence: Evidence  # the model, the log and the samples that count
+    log_data: LogData  # the model, the log and the samples that count
     signs: SegmentSigns  # what the searches gave
     probability: Array  # (N, n) P(sign = +) of every sample, the parameters taken as known
     fit: Fit  # parameters and noise under these signs
@@ -51,14 +51,14 @@ class Settled:
     def error(self) -> Array:
         """(N, n) the log's efforts as read less what the model would have read, N m, unknown signs as predicted."""
         if self.reading is None:
-            return self.evidence.signals.nearest(self.predicted) - self.predicted
+            return self.log_data.signals.nearest(self.predicted) - self.predicted
         read = self.reading.model.read(self.predicted)
         return self.reading.signals.nearest(read) - read
 
     @property
     def model(self) -> Model:
         """Robot and terms."""
-        return self.evidence.model
+        return self.log_data.model
 
     @property
     def predicted(self) -> Array:
@@ -99,7 +99,7 @@ class Alternative:
 class Earlier:
     """Where an earlier log of the robot leads."""
 
-    knowledge: Knowledge  # of the parameters
+    knowledge: CoefficientPrior  # of the parameters
     theta: Array  # (P,) parameters under which signs are settled too, without a search
 
 
@@ -110,9 +110,9 @@ def settle_signs(
     search: Search,
     progress: Progress = SILENT,
     earlier: Earlier | None = None,
-    begun: Settled | None = None,
+    begun: SignSolution | None = None,
     also: Sequence[Array] = (),
-) -> Settled:
+) -> SignSolution:
     """Searches the signs of segments under a model, smooths them and fits the model to them.
 
     The search begins from signs under another model where they are given (`begun`), and then from other ones (N, n)
@@ -125,31 +125,34 @@ def settle_signs(
     sign_search = SignSearch(model, plain, signals, search, progress)
     if begun is not None:
         likely = (2.0 * begun.probability - 1.0, *also)
-        sign_search = replace(sign_search, likely=likely, unseen=begun.signs.search.unseen)
+        sign_search = replace(sign_search, likely=likely, unlisted_probability=begun.signs.search.unlisted_probability)
     searched = sign_search.run(segments)
     with progress.stage("fit"):
-        settled = fitted_to(plain, model, signals, searched)
-    searched = sign_search.reweighted(settled.signs, _weights(settled.fit))
-    if not np.array_equal(searched.search.signs, settled.signs.search.signs) or searched.proofs > settled.signs.proofs:
+        sign_solution = fitted_to(plain, model, signals, searched)
+    searched = sign_search.reweighted(sign_solution.signs, _weights(sign_solution.fit))
+    if (
+        not np.array_equal(searched.search.signs, sign_solution.signs.search.signs)
+        or searched.proofs > sign_solution.signs.proofs
+    ):
         with progress.stage("fit"):
-            settled = fitted_to(plain, model, signals, searched)
-        searched = sign_search.reweighted(searched, _weights(settled.fit), repeat=False)
-    settled = replace(settled, signs=searched)
+            sign_solution = fitted_to(plain, model, signals, searched)
+        searched = sign_search.reweighted(searched, _weights(sign_solution.fit), repeat=False)
+    sign_solution = replace(sign_solution, signs=searched)
     if earlier is None:
-        return _by_direction(settled, sign_search)
+        return _by_direction(sign_solution, sign_search)
     coefficients = earlier.knowledge.coefficients(model)
     information = earlier.knowledge.information(model, coefficients)
-    evidence = replace(settled.evidence, coefficients=coefficients, information=information)
+    log_data = replace(sign_solution.log_data, coefficients=coefficients, information=information)
 
     def by_search() -> tuple[Array, Fit]:
-        return _agreed(evidence, settled.probability)
+        return _agreed(log_data, sign_solution.probability)
 
     def by_earlier() -> tuple[Array, Fit]:
-        return _agreed(evidence, _smoothed(evidence, model.effort(signals.motion, earlier.theta)))
+        return _agreed(log_data, _smoothed(log_data, model.effort(signals.motion, earlier.theta)))
 
     candidates = in_parallel([by_search, by_earlier])
     time = np.max([fit.residual.autocorrelation for _, fit in candidates], axis=0)
-    count = evidence.fitted.sum(axis=0) / time  # the same for both: wrong signs last, and would count for little
+    count = log_data.fitted.sum(axis=0) / time  # the same for both: wrong signs last, and would count for little
     first = candidates[0][1]
 
     def disagreement(fit: Fit) -> float:
@@ -157,36 +160,40 @@ def settle_signs(
         return 0.5 * information.misfit(fit.beta) - nats_gained(fit, first, count)
 
     probability, fit = min(candidates, key=lambda candidate: disagreement(candidate[1]))
-    return Settled(evidence, searched, probability, fit)
+    return SignSolution(log_data, searched, probability, fit)
 
 
-def _by_direction(settled: Settled, sign_search: SignSearch) -> Settled:
+def _by_direction(sign_solution: SignSolution, sign_search: SignSearch) -> SignSolution:
     """The signs of velocity in joints that the model explains poorly, where these explain |effort| about as well.
 
     A poor model prefers signs that suit what it lacks. Friction opposes every motion; where it decides a joint's effort
     its sign is the velocity's. So against a poor model it has the odds `friction_odds`.
     """
-    evidence, begun = settled.evidence, settled
-    if settled.signs.search.certified:
-        return settled
-    speed = evidence.model.robot.actuators(evidence.signals.motion).dq
-    poor = (settled.fit.relative_residual > REGRESSION.poor_fit) & ~evidence.signals.signed
+    log_data, begun = sign_solution.log_data, sign_solution
+    if sign_solution.signs.search.certified:
+        return sign_solution
+    speed = log_data.model.robot.actuators(log_data.signals.motion).dq
+    poor = (sign_solution.fit.relative_residual > REGRESSION.poor_fit) & ~log_data.signals.signed
     for joint in np.flatnonzero(poor)[::-1].tolist():
-        probability = settled.probability.copy()
+        probability = sign_solution.probability.copy()
         probability[:, joint] = np.where(speed[:, joint] >= 0.0, 1.0, 0.0)
-        fit = fit_signed(evidence, 2.0 * probability - 1.0, most_corrected=0)
-        if nats_gained(fit, settled.fit, _count(evidence, fit, settled.fit)) > -np.log(TUNING.friction_odds):
-            probability[:, joint] = _smoothed(evidence, fit.predicted)[:, joint]
-            settled = replace(settled, probability=probability, fit=fit_signed(evidence, 2.0 * probability - 1.0))
-    if settled is begun:
-        return settled
-    return replace(settled, signs=sign_search.following(settled.signs, settled.probability))
+        fit = fit_signed(log_data, 2.0 * probability - 1.0, most_corrected=0)
+        if nats_gained(fit, sign_solution.fit, _count(log_data, fit, sign_solution.fit)) > -np.log(
+            TUNING.friction_odds
+        ):
+            probability[:, joint] = _smoothed(log_data, fit.predicted)[:, joint]
+            sign_solution = replace(
+                sign_solution, probability=probability, fit=fit_signed(log_data, 2.0 * probability - 1.0)
+            )
+    if sign_solution is begun:
+        return sign_solution
+    return replace(sign_solution, signs=sign_search.following(sign_solution.signs, sign_solution.probability))
 
 
-def _count(evidence: Evidence, fit: Fit, other: Fit) -> Array:
+def _count(log_data: LogData, fit: Fit, other: Fit) -> Array:
     """(n,) effective samples by the shorter autocorrelation time of two residuals."""
     time = np.minimum(fit.residual.autocorrelation, other.residual.autocorrelation)
-    count: Array = evidence.fitted.sum(axis=0) / time
+    count: Array = log_data.fitted.sum(axis=0) / time
     return count
 
 
@@ -199,7 +206,7 @@ def nats_gained(fit: Fit, other: Fit, count: Array) -> float:
     return float(count @ np.log(before / left))
 
 
-def fitted_to(coefficients: BaseCoefficients, model: Model, signals: Signals, searched: SegmentSigns) -> Settled:
+def fitted_to(coefficients: BaseCoefficients, model: Model, signals: Signals, searched: SegmentSigns) -> SignSolution:
     """Samples in the signs of their segments, smoothed by the model, and the fit to them.
 
     Raises:
@@ -209,32 +216,32 @@ def fitted_to(coefficients: BaseCoefficients, model: Model, signals: Signals, se
         searched.segments.per_sample(which, *signals.effort.shape) > 0
         for which in (searched.segments.moving, searched.segments.fitted)
     )
-    evidence = Evidence(model, coefficients, signals, moving, fitted)
-    probability = _smoothed_by(evidence, searched.fitted, searched.search)
-    return Settled(evidence, searched, probability, fit_signed(evidence, 2.0 * probability - 1.0))
+    log_data = LogData(model, coefficients, signals, moving, fitted)
+    probability = _smoothed_by(log_data, searched.fitted, searched.search)
+    return SignSolution(log_data, searched, probability, fit_signed(log_data, 2.0 * probability - 1.0))
 
 
-def _listed(settled: Settled) -> list[Alternative]:
+def _listed(sign_solution: SignSolution) -> list[Alternative]:
     """Of what comes near the best assignment that which differs from it, and among itself, in much of a joint's energy.
 
     Odds are those of unfiltered efforts, in the signs that their samples are expected to have: a low-pass rounds off
     where |effort| touches zero, which looks like a little negative friction and favours the wrong side of a near tie.
     The best assignment keeps half of the probability at least.
     """
-    segments = settled.signs.fitted
-    energy = segments.sums(settled.evidence.signals.effort**2) * (segments.known == 0)
-    joints = (np.arange(settled.probability.shape[1])[:, None] == segments.joint) * energy
+    segments = sign_solution.signs.fitted
+    energy = segments.sums(sign_solution.log_data.signals.effort**2) * (segments.known == 0)
+    joints = (np.arange(sign_solution.probability.shape[1])[:, None] == segments.joint) * energy
     share = joints / np.maximum(joints.sum(axis=1, keepdims=True), TINY)
-    distinct, chosen = [settled.signs.search.signs], list[Branch]()
-    for branch in sorted(settled.signs.near, key=lambda branch: branch.cost):
+    distinct, chosen = [sign_solution.signs.search.signs], list[Assignment]()
+    for branch in sorted(sign_solution.signs.near, key=lambda branch: branch.cost):
         if len(chosen) < TUNING.most_alternatives and all(
             np.any(share @ (branch.signs != other) > TUNING.different_signs) for other in distinct
         ):
             distinct.append(branch.signs)
             chosen.append(branch)
-    rises = _rises(settled, segments, distinct) if chosen else []
+    rises = _rises(sign_solution, segments, distinct) if chosen else []
     return [
-        Alternative(_odds(rise), _smoothed_by(settled.evidence, segments, branch))
+        Alternative(_odds(rise), _smoothed_by(sign_solution.log_data, segments, branch))
         for rise, branch in zip(rises, chosen, strict=True)
     ]
 
@@ -243,32 +250,32 @@ def _odds(rise: float) -> float:
     return float(np.exp(-0.5 * max(rise, 0.0)))
 
 
-def _turned_joints(settled: Settled, listed: Sequence[Array]) -> list[Alternative]:
+def _turned_joints(sign_solution: SignSolution, listed: Sequence[Array]) -> list[Alternative]:
     """Joints turned round whose assignment is as likely by the noise that it leaves itself.
 
     Costs are by the noise of the best assignment. If that is wrong, residuals are correlated and count for little, and
     the right one may cost much more. Here the residual of a joint counts for the same number of samples on both sides,
     by the shorter of its two autocorrelation times.
     """
-    evidence, unknown = settled.evidence, np.flatnonzero(~settled.evidence.signals.signed)
-    count = evidence.fitted.sum(axis=0)
+    log_data, unknown = sign_solution.log_data, np.flatnonzero(~sign_solution.log_data.signals.signed)
+    count = log_data.fitted.sum(axis=0)
 
     def rise_of(fit: Fit) -> float:
-        time = np.minimum(fit.residual.autocorrelation, settled.fit.residual.autocorrelation)
-        return -2.0 * nats_gained(fit, settled.fit, count / time)
+        time = np.minimum(fit.residual.autocorrelation, sign_solution.fit.residual.autocorrelation)
+        return -2.0 * nats_gained(fit, sign_solution.fit, count / time)
 
     def around(joint: int) -> tuple[float, Array]:
-        probability = settled.probability.copy()
+        probability = sign_solution.probability.copy()
         probability[:, joint] = 1.0 - probability[:, joint]
-        rise = rise_of(fit_signed(evidence, 2.0 * probability - 1.0, most_corrected=0))
+        rise = rise_of(fit_signed(log_data, 2.0 * probability - 1.0, most_corrected=0))
         if rise > 2.0 * TUNING.near:
             return rise, probability
-        probability, fit = _agreed(evidence, probability)
+        probability, fit = _agreed(log_data, probability)
         return rise_of(fit), probability
 
-    share = np.where(evidence.fitted, evidence.signals.effort**2, 0.0)
+    share = np.where(log_data.fitted, log_data.signals.effort**2, 0.0)
     share /= np.maximum(share.sum(axis=0), TINY)
-    known, found = [settled.probability, *listed], list[Alternative]()
+    known, found = [sign_solution.probability, *listed], list[Alternative]()
     for rise, probability in in_parallel([partial(around, joint) for joint in unknown.tolist()]):
         different = [np.sum(share * ((probability >= 0.5) != (one >= 0.5)), axis=0).max() for one in known]
         if rise <= TUNING.near and min(different) > TUNING.different_signs:
@@ -277,14 +284,14 @@ def _turned_joints(settled: Settled, listed: Sequence[Array]) -> list[Alternativ
     return found
 
 
-def _rises(settled: Settled, segments: Segments, assignments: Sequence[Integers]) -> list[float]:
+def _rises(sign_solution: SignSolution, segments: Segments, assignments: Sequence[Integers]) -> list[float]:
     """By how much other assignments cost more than the first one, by unfiltered efforts."""
-    evidence, expected = settled.evidence, 2.0 * settled.probability - 1.0
+    log_data, expected = sign_solution.log_data, 2.0 * sign_solution.probability - 1.0
     orientation = segments.per_sample(assignments[0], *expected.shape)
-    raw = evidence.moments(expected, segments, TUNING.most_individual, orientation, summed_out=False)
-    problem = SignProblem(raw.scaled(_weights(settled.fit)), evidence.model.cone, evidence.coefficients)
+    raw = log_data.normal_equations(expected, segments, TUNING.most_individual, orientation, summed_out=False)
+    problem = SignProblem(raw.scaled(_weights(sign_solution.fit)), log_data.model.cone, log_data.coefficients)
     prepared = problem.solver().prepared()
-    costs = [prepared.solve_precisely(signs @ problem.moments.gradient).cost for signs in assignments]
+    costs = [prepared.solve_precisely(signs @ problem.normal_equations.gradient).cost for signs in assignments]
     return [cost - costs[0] for cost in costs[1:]]
 
 
@@ -294,44 +301,44 @@ def _weights(fit: Fit) -> Array:
     return weights
 
 
-def settled_again(settled: Settled, signals: Signals, predicted: Array) -> Settled:
+def solution_again(sign_solution: SignSolution, signals: Signals, predicted: Array) -> SignSolution:
     """Signs smoothed by predicted efforts (N, n), N m, and fitted once more under the same model, without a search.
 
     `signals` holds the log with other efforts.
     """
-    evidence = replace(settled.evidence, signals=signals)
-    probability = _smoothed(evidence, predicted)
-    fit = fit_signed(evidence, 2.0 * probability - 1.0)
-    return replace(settled, evidence=evidence, probability=probability, fit=fit)
+    log_data = replace(sign_solution.log_data, signals=signals)
+    probability = _smoothed(log_data, predicted)
+    fit = fit_signed(log_data, 2.0 * probability - 1.0)
+    return replace(sign_solution, log_data=log_data, probability=probability, fit=fit)
 
 
 def restored(model: Model, signals: Signals) -> Signals:
     """The log as it would be without what the model says of its sensors."""
-    magnitude, readable = model.unread(signals.magnitude)
+    magnitude, readable = model.invert_sensor(signals.magnitude)
     raw = np.where(signals.signed, np.sign(signals.raw_effort), 1.0) * magnitude
     changed = replace(signals, raw_effort=raw, measured=signals.measured & readable)
     return replace(changed, effort=signed_effort(changed, np.ones_like(raw)))
 
 
-def _agreed(evidence: Evidence, probability: Array) -> tuple[Array, Fit]:
+def _agreed(log_data: LogData, probability: Array) -> tuple[Array, Fit]:
     """Signs and fit, settled once more under the fit to them and to what is known."""
-    predicted = fit_signed(evidence, 2.0 * probability - 1.0, most_corrected=0).predicted
-    probability = _smoothed(evidence, predicted)
-    return probability, fit_signed(evidence, 2.0 * probability - 1.0)
+    predicted = fit_signed(log_data, 2.0 * probability - 1.0, most_corrected=0).predicted
+    probability = _smoothed(log_data, predicted)
+    return probability, fit_signed(log_data, 2.0 * probability - 1.0)
 
 
-def _smoothed_by(evidence: Evidence, segments: Segments, found: Branch | SearchResult) -> Array:
-    signs = segments.per_sample(found.signs, *evidence.moving.shape)
-    predicted = evidence.model.effort(evidence.signals.motion, found.theta)
-    return _smoothed(evidence, predicted, signed_effort(evidence.signals, signs, filtered=False))
+def _smoothed_by(log_data: LogData, segments: Segments, found: Assignment | SearchResult) -> Array:
+    signs = segments.per_sample(found.signs, *log_data.moving.shape)
+    predicted = log_data.model.effort(log_data.signals.motion, found.theta)
+    return _smoothed(log_data, predicted, signed_effort(log_data.signals, signs, filtered=False))
 
 
-def _smoothed(evidence: Evidence, predicted: Array, signed: Array | None = None) -> Array:
+def _smoothed(log_data: LogData, predicted: Array, signed: Array | None = None) -> Array:
     """(N, n) P(sign = +) of every sample, from the model's efforts (N, n) and the signed ones, by default the nearest.
 
     The noise is that of the samples that are fitted, but the model holds for all in motion.
     """
-    signals, fitted = evidence.signals, evidence.fitted
+    signals, fitted = log_data.signals, log_data.fitted
     signed = signals.nearest(predicted) if signed is None else signed
     noise = residual_noise(np.where(fitted, signed - predicted, 0.0), fitted, signals.rate)
-    return sign_probabilities(signals, predicted, evidence.moving & signals.inner, noise)
+    return sign_probabilities(signals, predicted, log_data.moving & signals.inner, noise)

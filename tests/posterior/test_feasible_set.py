@@ -4,7 +4,7 @@ from posterior_problems import disc
 from scipy import stats
 
 from bayesid.effects.parameters import Cone
-from bayesid.posterior.region import Brackets, Region, draw_on_line
+from bayesid.posterior.feasible_set import Brackets, FeasibleSet, draw_on_line
 from bayesid.robot.inertia import PSEUDO_INERTIA_BASIS, from_pseudo_inertia
 
 
@@ -15,7 +15,7 @@ def bodies(rng, count, shift):
 
 def test_region_contains_what_the_cone_contains(rng):
     cone = Cone.rigid_bodies(2) + Cone.orthant(2) + Cone.free(1)
-    region = Region.of(cone)
+    region = FeasibleSet.of(cone)
     actuators = rng.standard_normal((400, 3)) + np.array([1.0, 1.0, 0.0])
     theta = np.concatenate([bodies(rng, 400, -0.1), bodies(rng, 400, 0.5), actuators], axis=1)
     expected = [cone.contains(row) for row in theta]
@@ -52,7 +52,7 @@ def test_a_normal_distribution_between_two_bounds(low, high, share):
 
 def test_walkers_that_stay_leave_the_distribution(rng):
     """Uniform in an asymmetric corner of a two-dimensional cone before a step along a slanted line, and after it."""
-    region = Region.of(Cone.rigid_bodies(1))
+    region = FeasibleSet.of(Cone.rigid_bodies(1))
     fixed, direction = bodies(rng, 1, 0.3).ravel(), rng.standard_normal(10)
     many, idle = 40_000, 0.5
 
@@ -72,7 +72,7 @@ def test_walkers_that_stay_leave_the_distribution(rng):
 
 @pytest.mark.parametrize("slope", [4.0, -60.0])
 def test_line_inside_the_cone_is_drawn_exactly(slope, rng):
-    region = Region.of(Cone.rigid_bodies(2))
+    region = FeasibleSet.of(Cone.rigid_bodies(2))
     theta, direction = bodies(rng, 2, 0.01).ravel(), rng.standard_normal(20)
     many = 20_000
     start = np.repeat(theta[:, None], many, axis=1)

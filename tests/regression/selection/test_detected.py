@@ -5,7 +5,7 @@ import pytest
 from completion_problems import BASE
 
 from bayesid.effects.catalogue import make_effect
-from bayesid.regression.selection.wanted import EnteredEffect, consistent_with_nothing
+from bayesid.regression.selection.detected import EnteredEffect, consistent_with_nothing
 
 RIPPLE = make_effect("torque_ripple", {"joints": [2], "harmonic": [7.0]})
 DELAY = make_effect("delay", {"lag": [0.02]})

@@ -27,14 +27,14 @@ from bayesid.effects.coefficients import BaseCoefficients, base_coefficients
 from bayesid.effects.model import Model
 from bayesid.log.segments import Segments
 from bayesid.log.signals import Signals, signed_effort
-from bayesid.regression.knowledge import Information, inverse_of
-from bayesid.regression.moments import Moments, moments
+from bayesid.regression.knowledge import InformationMatrix, inverse_of
 from bayesid.regression.noise import Noise, residual_noise
+from bayesid.regression.normal_equations import NormalEquations, normal_equations
 from bayesid.regression.tuning import TUNING
 
 
 @dataclass(frozen=True)
-class Evidence:
+class LogData:
     """A model, a log, and which of its N samples count.
 
     Attributes:
@@ -52,11 +52,11 @@ class Evidence:
     signals: Signals
     moving: Mask
     fitted: Mask
-    information: Information | None = None
+    information: InformationMatrix | None = None
     nuisance: Nuisance | None = None
 
     @classmethod
-    def of(cls, model: Model, signals: Signals, moving: Mask) -> Evidence:
+    def of(cls, model: Model, signals: Signals, moving: Mask) -> LogData:
         """A fit may rest on all samples in motion (N, n), and nothing is known beforehand."""
         return cls(model, base_coefficients(model), signals, moving, moving)
 
@@ -80,10 +80,10 @@ class Evidence:
 
     def chunks(self) -> Iterator[tuple[slice, Array]]:
         """Rows and their columns (N', n, r) of the coefficients, some samples at a time."""
-        kept = self.coefficients.kept
+        kept = self.coefficients.selected
         return ((place, rows.chosen(kept).dense) for place, rows in self.model.felt_chunks(self.signals.motion))
 
-    def moments(
+    def normal_equations(
         self,
         signs: Array,
         segments: Segments,
@@ -91,7 +91,7 @@ class Evidence:
         orientation: Array | None = None,
         *,
         summed_out: bool = True,
-    ) -> Moments:
+    ) -> NormalEquations:
         """Moments of the unfiltered efforts (a filter would blur friction's steps, not the columns') in expected signs.
 
         Where a nuisance is summed out, a segment's sign turns with it what the nuisance has explained there: exact at
@@ -100,7 +100,7 @@ class Evidence:
         Args:
             signs: (N, n) expected sign of every sample, -1 to +1.
             segments: where to sum.
-            most_individual: segments of each joint with a Hessian of their own (see `regression.moments.moments`).
+            most_individual: segments of each joint with a Hessian of their own (see `regression.normal_equations.normal_equations`).
             orientation: (N, n) +1 or -1, the signs of the segments, by which efforts are multiplied in the end.
             summed_out: whether a nuisance is; it changes no estimate of least squares, only its covariance.
         """
@@ -112,7 +112,7 @@ class Evidence:
             square, effort = square - effort**2 + whitened**2, whitened
         if orientation is not None:
             effort = effort * np.where(self.signals.signed, 1.0, orientation)
-        return moments(
+        return normal_equations(
             self.model,
             self.coefficients,
             self.signals.motion,
@@ -178,7 +178,7 @@ def make_nuisance(
     weight: Array,
     names: tuple[str, ...],
     scales: Array,
-    moments: Array,
+    normal_equations: Array,
 ) -> Nuisance | None:
     """What columns of unknown amplitudes do to coefficients; None where they do nothing.
 
@@ -189,14 +189,16 @@ def make_nuisance(
         weight: (n,) sd of the error, N m, its autocorrelation included.
         names: of the effects.
         scales: their learned sizes, relative to what was believed before.
-        moments: (p, p) A, second moments of the amplitudes.
+        normal_equations: (p, p) A, second moments of the amplitudes.
     """
     products: Array | float = 0.0
     shared: Array | float = 0.0
     for place, rows in model():
         of_model, of_effects = (_scaled(values, used[place], weight) for values in (rows, columns(place)))
         products, shared = products + of_model.T @ of_model, shared + of_model.T @ of_effects
-    projected = inverse_of(np.asarray(products)) @ shared @ _root(moments)  # coefficients that stand for the effects
+    projected = (
+        inverse_of(np.asarray(products)) @ shared @ _root(normal_equations)
+    )  # coefficients that stand for the effects
     gram = projected.T @ products @ projected
     values, vectors = np.linalg.eigh(gram)
     spread = np.sqrt(np.maximum(values, 0.0))
@@ -219,8 +221,8 @@ def _scaled(values: Array, used: Mask, weight: Array) -> Array:
     return scaled
 
 
-def _root(moments: Array) -> Array:
+def _root(normal_equations: Array) -> Array:
     """L with L L' = A."""
-    values, vectors = np.linalg.eigh(0.5 * (moments + moments.T))
+    values, vectors = np.linalg.eigh(0.5 * (normal_equations + normal_equations.T))
     root: Array = vectors * np.sqrt(np.maximum(values, 0.0))
     return root
