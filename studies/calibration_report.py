@@ -221,7 +221,7 @@ def _right(rows: Sequence[Row], kind: str) -> str:
 
 def _certificates(groups: dict[str, Sequence[Row]]) -> str:
     lines = [
-        "certified; of these, those of which the data prefer other signs once the Tikhonov term is removed (refuted), and by",
+        "certified; of these, those of which the data prefer other signs once the pull is removed (refuted), and by",
         "how much at most (cost, twice the nats); more than one mode, and the heaviest one's mean weight there; what",
         "entered",
         f"{'class':<15} certified    refuted    most  modes  weight  entered",

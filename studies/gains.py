@@ -164,7 +164,7 @@ def report(rows: Sequence[Row]) -> str:
             f"{_middle([row['factor_error'] for row in some]):>14}{_total(some, 'factor_inside') / len(some):9.1%}"
             f"{_middle(errors):>13}{_share(_total(some, 'inside'), _total(some, 'told')):>9}"
         )
-    unsettled = sum(not row["settled"] for row in rows)
+    unsettled = sum(not row["converged"] for row in rows)
     return "\n".join([*lines, "", f"signs and gains had not come to agree in {unsettled} of {len(rows)} logs"])
 
 

@@ -20,7 +20,7 @@ CLEARLY = 0.1
 """Units of the cost, twice the nats, by which other signs must be cheaper: far above what the solver and the rest of
 the Tikhonov term leave open (tests/studies/test_preference.py)."""
 _DATA_OVER_PULL = 1e4
-"""By which the data's say in the cost is raised above the Tikhonov term's. A round number: rounding allows a little more."""
+"""By which the data's say in the cost is raised above rho's. A round number: rounding allows a little more."""
 _ROUNDS = 20
 """In which signs and parameters are made to agree; none of them can raise the cost."""
 
@@ -48,7 +48,7 @@ class Witnessed(Search):
         """As the search's."""
         return self._search.find(problem, steps)
 
-    def conclude(self, problem: SignProblem, progress: Progress = SILENT) -> SearchResult:
+    def certify(self, problem: SignProblem, progress: Progress = SILENT) -> SearchResult:
         """As the search's."""
         result = self._search.certify(problem, progress)
         self._concluded.append((problem, result))

@@ -3,7 +3,7 @@
 A sample counts when its |effort| is at least 5 % of its joint's maximum; right means the sign of the sample as logged,
 sensor noise and all. `smooth` is the share against the sign of the logged effort after a 20 Hz low-pass: near zero the
 sensor's noise flips single samples. How much that costs is printed below the table: what the sign of that low-passed
-true effort scores by itself against the logged samples in motion. What is missing beyond it is ours. `sign_solution` is the
+true effort scores by itself against the logged samples in motion. What is missing beyond it is ours. `settled` is the
 share of the strong samples in motion on whose sign all assignments agree that still matter
 (docs/certified-search.md). The verdict, and why it is not good, are those that `bayesid identify` ends with.
 

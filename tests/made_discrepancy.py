@@ -81,7 +81,7 @@ def make(**changes):
         "where": (Excess(2, 1.87, "velocity", (-1.25, 0.75)),),
         "added": (found(friction(), FRICTION),),
         "sets": (),
-        "all_along": (),
+        "preexisting": (),
         "before": np.array([0.292, 2.41, 0.313]),
         "after": np.array([0.291, 0.312, 0.312]),
         "floor": replace(floor_of(np.array([0.29, 0.30, 0.31])), sharp=np.array([True, True, False])),

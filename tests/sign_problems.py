@@ -1,9 +1,9 @@
 """Small sign problems, and what all their assignments cost, worked out apart from the searches.
 
 The rows of a problem are kept, so that a bound can be checked against the least squares that it stands for. A cost in
-the cone is that of the quadratic program in the parameters theta themselves, the Tikhonov term included: in closed form without
-a cone, by active sets (`scipy.optimize.nnls`) where parameters are only nonnegative, and by the solver, as precisely as
-it can, where there are bodies.
+the cone is that of the quadratic program in the parameters theta themselves, the Tikhonov term included: in closed form
+without a cone, by active sets (`scipy.optimize.nnls`) where parameters are only nonnegative, and by the solver, as
+precisely as it can, where there are bodies.
 """
 
 from __future__ import annotations
@@ -137,7 +137,8 @@ def synthetic(
 
     The cone is "free", "orthant", "half" (of the parameters nonnegative) or "body" (one, and nonnegative ones); `noise`
     is relative to each segment's effort, energies differ by the square of `spread`, segments are shared out among the
-    joints at random, and a small `load` makes parameters far below a typical link's, to which the Tikhonov term then is strong.
+    joints at random, and a small `load` makes parameters far below a typical link's, to which the Tikhonov term then is
+    strong.
     """
     rng = np.random.default_rng(seed)
     cones = {

@@ -202,10 +202,8 @@ def _constraints(summary: Summary) -> list[str]:
         return []
     dear = max(summary.constraints, key=lambda one: one.nats)
     costs = f"the dearest, {dear.label}, costs {dear.nats:.1f} nats" if dear.nats > 0.0 else "none is active in the fit"
-    active_bounds = [one.label for one in summary.constraints if one.presses]
-    return [
-        f"constraints: {len(summary.constraints)} hold; {costs}{f'; {len(active_bounds)} hold draws back' * bool(pressed)}"
-    ]
+    active = [one.label for one in summary.constraints if one.presses]
+    return [f"constraints: {len(summary.constraints)} hold; {costs}{f'; {len(active)} are active' * bool(active)}"]
 
 
 def _beyond(summary: Summary) -> list[str]:

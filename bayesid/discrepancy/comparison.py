@@ -54,7 +54,7 @@ from bayesid.robot import Robot, check_joints, load_robot
 from bayesid.signs.search.certified import Certified
 from bayesid.signs.search.protocol import Search
 
-CHANGED, ALL_ALONG, GONE, UNDECIDED = "changed", "all_along", "gone", "undecided"
+CHANGED, ALL_ALONG, GONE, UNDECIDED = "changed", "preexisting", "gone", "undecided"
 """What became of an effect: it has come, or another size, since the first log; it was missing from the terms all along;
 the first log shows it and the last one that can tell does not; or the other logs cannot tell."""
 
@@ -137,7 +137,7 @@ class ChangeReport:
         return "\n  ".join(lines)
 
     def of(self, became: str) -> tuple[EffectHistory, ...]:
-        """The effects of which that became: "changed", "all_along", "gone" or "undecided"."""
+        """The effects of which that became: "changed", "preexisting", "gone" or "undecided"."""
         return tuple(history for history in self.effects if history.became == became)
 
 

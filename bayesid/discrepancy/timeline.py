@@ -84,7 +84,7 @@ def shown_by(run: Identification, effects: Sequence[Effect]) -> dict[EffectKey, 
     return {(effect.effect, effect.joints): effect.log10_bayes_factor for effect in wanted.effects}
 
 
-def missing_all_along(model: Model, again: Identification) -> tuple[EffectKey, ...]:
+def missing_preexisting(model: Model, again: Identification) -> tuple[EffectKey, ...]:
     """Effects beyond the standard terms that an earlier model has and a later log bears out by itself as well."""
     beyond = [one for one in model.effects if (one.joints or one.name not in STANDARD) and not one.needs_earlier]
     shown = shown_by(again, [one for one in again.model.effects if key_of(one) in {key_of(other) for other in beyond}])

@@ -15,7 +15,7 @@ from bayesid.discrepancy.log_checks import check_columns, check_holdout, check_l
 from bayesid.discrepancy.numbers import with_numbers
 from bayesid.discrepancy.selection import GROWN, HELD_BACK, ON_LOG, Selection, select_effects
 from bayesid.discrepancy.sets import WeighedSet
-from bayesid.discrepancy.timeline import missing_all_along
+from bayesid.discrepancy.timeline import missing_preexisting
 from bayesid.discrepancy.tuning import TUNING
 from bayesid.effects.bodies import Payload
 from bayesid.effects.coefficients import base_coefficients
@@ -67,7 +67,7 @@ class Discrepancy:
         thresholds: that decided.
         seconds: of wall time.
         sets: that may be what is missing, as far as held-back data leave them, and their probabilities, best first.
-        preexisting: effects and joints beyond the standard terms that the model had and this log bears out by itself too.
+        preexisting: effects and joints beyond the standard terms that the model had, confirmed by this log alone.
 
     Example:
         >>> found.status, [(effect.effect, effect.joints) for effect in found.added]
@@ -255,7 +255,7 @@ def _discrepancy(case: Case, selection: Selection, again: Identification, body: 
         warnings=(*_warnings(case, floor, selection.stopped), *again.warnings),
         thresholds=case.thresholds,
         seconds=np.nan,
-        preexisting=missing_all_along(case.model, again),
+        preexisting=missing_preexisting(case.model, again),
     )
 
 

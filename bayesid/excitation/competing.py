@@ -377,7 +377,7 @@ def _unstepped(known: Known, steps: Sequence[Mapping[str, float]]) -> Known:
 
 
 def _without_step(prior: Array, bare: Known, parameters: Sequence[str], sd: Array) -> Array:
-    """The inverse covariance before, without the step of sd (p,) that parameters may have made (`CoefficientPrior.widened`).
+    """The inverse covariance before, without the step of sd (p,) of parameters (`CoefficientPrior.widened`).
 
     Where that is all that was uncertain of a coefficient, a `TUNING.wider`th of its standard deviation is left.
     """

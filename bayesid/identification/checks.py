@@ -330,8 +330,8 @@ def _of_the_posterior(posterior: Posterior) -> Iterator[Check]:
     yield sampling(posterior.converged, posterior.timed_out, rhat, ess)
     if posterior.active_bounds:
         yield active_bounds(dict(posterior.active_bounds))
-    if posterior.pressed_constraints:
-        yield pressing(posterior.pressed_constraints)
+    if posterior.active_constraints:
+        yield pressing(posterior.active_constraints)
     weights, asked = [mode.weight for mode in posterior.modes], posterior.sampling.mode
     if asked > len(weights):
         yield _remark(f"there is no mode {asked} of the posterior, of {len(weights)}: the heaviest is written")

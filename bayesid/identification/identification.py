@@ -159,7 +159,7 @@ class Identification(IdentifiedModel):
     @property
     def _about_effects(self) -> str:
         names = " + ".join(" ".join([one.name, *map(str, one.joints)]) for one in self.model.effects)
-        return f"{names}{'' if self.completion is None else f'; {len(self.model_selection.effects)} entered by completion'}"
+        return f"{names}{'' if (more := self.model_selection) is None else f'; {len(more.effects)} of them detected'}"
 
     @property
     def identified(self) -> IdentifiedModel:

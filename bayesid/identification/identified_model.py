@@ -65,8 +65,8 @@ class IdentifiedModel:
         noise: of the efforts of the log that the model was identified from.
         precision: (r, r) inverse covariance of the base coefficients; zero where nothing is known.
         draws: of the posterior; None if it was not sampled.
-        model_error_covariance: (r, r) covariance by which the coefficients are less certain than `precision` says, for the model may
-            lack something; None where it lacks nothing, or draws show it.
+        model_error_covariance: (r, r) what the model may lack adds to the coefficients' covariance; None where that is
+            nothing, or draws show it.
         by_gains: (r, r) covariance by which they are less certain for the gains' sake, without draws; None where all
             were exact, or draws show it.
         logs: by which the logs that it was identified from are known again

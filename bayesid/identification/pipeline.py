@@ -54,7 +54,7 @@ from bayesid.regression.prices import constraint_prices
 from bayesid.regression.stated import Says, constraints_of
 from bayesid.robot import Robot, check_joints, load_robot
 from bayesid.signs.after_rectifier import settle_unfiltered
-from bayesid.signs.averaging import AveragedSigns, average_over_models, model_error_probability, tempered_by_outliers
+from bayesid.signs.averaging import AveragedSigns, average_over_models, model_error_probabilities, tempered_by_outliers
 from bayesid.signs.model_selection import CompletedSigns, Completing
 from bayesid.signs.model_selection import complete as complete_model
 from bayesid.signs.rounds import SegmentSigns
@@ -241,8 +241,8 @@ def identify_again(
         rows, signals, segments, run.budget(), preprocessing.segmentation, progress, Earlier(earlier, theta)
     )
     run.lap("search")
-    sign_solution, averaged, model_selection = asked.log_data.signals, AveragedSigns.alone(asked), None
-    shown, signals = as_read if sign_solution.after_rectifier is None else sign_solution, sign_solution
+    signals, averaged, model_selection = asked.log_data.signals, AveragedSigns.alone(asked), None
+    shown = as_read if signals.after_rectifier is None else signals
     if knowledge is None:
         averaged = AveragedSigns.alone(replace(asked, log_data=replace(asked.log_data, information=None)))
         completing = Completing(False, run.prior.kinematics, preprocessing.segmentation)
@@ -427,7 +427,7 @@ def _identification(
     run.lap("other readings")
     for one in (asked.model, sign_solution.model):
         one.forget()
-    model_error_probability = model_error_probability(sign_solution)
+    model_error_probability = model_error_probabilities(sign_solution)
     probability = tempered_by_outliers(
         sign_solution, (1.0 - model_error_probability) * probability + 0.5 * model_error_probability
     )

@@ -272,8 +272,8 @@ class Fitted:
         Coefficients are fitted to the joints believed (n,), by default to all of them.
         """
         believed = np.ones(self.effort.shape[1], dtype=bool) if believed is None else believed
-        sign_solution = [self._settled(start * self.weight, believed) for start in starts]
-        effort, predicted = min(sign_solution, key=lambda one: float(np.linalg.norm(one[0] - one[1])))
+        fitted = [self._settled(start * self.weight, believed) for start in starts]
+        effort, predicted = min(fitted, key=lambda one: float(np.linalg.norm(one[0] - one[1])))
         return self._left(effort, effort - predicted, self.basis.shape[1])
 
     def in_turn(self, start: Array, believed: Mask) -> Array:

@@ -1,7 +1,7 @@
 """Moments of a stream: recursive least squares with forgetting, and the stretches whose signs can be searched again.
 
 Whatever has come before an instant counts less by exp(-dt / forget), dt later (exponentially weighted least squares,
-Ljung 1999, section 11.2). The moments are those of `bayesid.regression.normal_equations`, kept with the signs that were taken:
+Ljung 1999, section 11.2). They are those of `bayesid.regression.normal_equations`, kept with the signs that were taken:
 they add up however the stream is cut into chunks. Of each joint some stretches are kept by themselves, so that their
 signs can be searched again; the others are merged into one. So memory does not grow with the stream.
 

@@ -77,12 +77,8 @@ class Posterior:
             f"{self.min_ess:.0f} at worst",
             f"modes        {len(self.modes)} (weights {weights}), mode {self.chosen + 1} is written",
             f"decided      {int(self.decided_by_data.sum())} of {size} parameters by the data",
-            f"windows      {', '.join(name for name, _ in self.active_bounds) or 'none'} of the prior's hold draws back",
-            *(
-                [f"constraints  {', '.join(self.pressed_constraints) or 'none'} hold draws back"]
-                if self.at_edges
-                else []
-            ),
+            f"bounds       {', '.join(name for name, _ in self.active_bounds) or 'none'} of the prior's are active",
+            *([f"constraints  {', '.join(self.active_constraints) or 'none'} are active"] if self.at_edges else []),
             "go on with   .theta, .parameter_sd, .interval(0.95), bayesid.inference_data(result)",
         ]
         return "\n  ".join(lines)
@@ -121,7 +117,7 @@ class Posterior:
         return at_edges(self.target.prior.stated, self.spread(TUNING.kept_draws)[0])
 
     @property
-    def pressed_constraints(self) -> dict[str, float]:
+    def active_constraints(self) -> dict[str, float]:
         """Those that hold the draws back, and so decide where data do not: their labels, and the share at the edge."""
         return {label: share for label, share in self.at_edges.items() if share > TUNING.presses}
 

@@ -1,10 +1,10 @@
 """Lower bounds of cone least squares, from multipliers that are better than the solver's (:eq:`dual-bound`).
 
 Multipliers that are off by the solver's tolerance cost the bound little where data determine the parameters. Where
-only the Tikhonov term does, P is tiny and P^-1 magnifies what is off. So the multipliers are improved: they are a sum of parts
-in the cone, a part for each half space and for each eigenvector of a matrix, and the best sum is found by nonnegative
-least squares. The x of that sum may violate the cone. The eigenvectors of its matrices with negative eigenvalues are
-further parts (column generation), until they raise the bound by less than the tolerance.
+only the Tikhonov term does, P is tiny and P^-1 magnifies what is off. So the multipliers are improved: they are a sum
+of parts in the cone, a part for each half space and for each eigenvector of a matrix, and the best sum is found by
+nonnegative least squares. The x of that sum may violate the cone. The eigenvectors of its matrices with negative
+eigenvalues are further parts (column generation), until they raise the bound by less than the tolerance.
 """
 
 from __future__ import annotations

@@ -100,7 +100,7 @@ class LogData:
         Args:
             signs: (N, n) expected sign of every sample, -1 to +1.
             segments: where to sum.
-            most_individual: segments of each joint with a Hessian of their own (see `regression.normal_equations.normal_equations`).
+            most_individual: segments of each joint with a Hessian of their own (`regression.normal_equations`).
             orientation: (N, n) +1 or -1, the signs of the segments, by which efforts are multiplied in the end.
             summed_out: whether a nuisance is; it changes no estimate of least squares, only its covariance.
         """
@@ -178,7 +178,7 @@ def make_nuisance(
     weight: Array,
     names: tuple[str, ...],
     scales: Array,
-    normal_equations: Array,
+    moments: Array,
 ) -> Nuisance | None:
     """What columns of unknown amplitudes do to coefficients; None where they do nothing.
 
@@ -189,16 +189,14 @@ def make_nuisance(
         weight: (n,) sd of the error, N m, its autocorrelation included.
         names: of the effects.
         scales: their learned sizes, relative to what was believed before.
-        normal_equations: (p, p) A, second moments of the amplitudes.
+        moments: (p, p) A, second moments of the amplitudes.
     """
     products: Array | float = 0.0
     shared: Array | float = 0.0
     for place, rows in model():
         of_model, of_effects = (_scaled(values, used[place], weight) for values in (rows, columns(place)))
         products, shared = products + of_model.T @ of_model, shared + of_model.T @ of_effects
-    projected = (
-        inverse_of(np.asarray(products)) @ shared @ _root(normal_equations)
-    )  # coefficients that stand for the effects
+    projected = inverse_of(np.asarray(products)) @ shared @ _root(moments)  # coefficients that stand for the effects
     gram = projected.T @ products @ projected
     values, vectors = np.linalg.eigh(gram)
     spread = np.sqrt(np.maximum(values, 0.0))
@@ -221,8 +219,8 @@ def _scaled(values: Array, used: Mask, weight: Array) -> Array:
     return scaled
 
 
-def _root(normal_equations: Array) -> Array:
+def _root(moments: Array) -> Array:
     """L with L L' = A."""
-    values, vectors = np.linalg.eigh(0.5 * (normal_equations + normal_equations.T))
+    values, vectors = np.linalg.eigh(0.5 * (moments + moments.T))
     root: Array = vectors * np.sqrt(np.maximum(values, 0.0))
     return root

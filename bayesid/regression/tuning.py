@@ -46,8 +46,8 @@ class Tuning:
     pull_reach: float = 100.0
     """Distance from typical links, in sizes, at which the Tikhonov term costs half a nat: far beyond any robot."""
     least_tikhonov: float = 1e-11
-    """Least weight of the Tikhonov term as a share of the efforts' energy, for rounding: rho stays below 1e-8 of the energy up
-    to 30 sizes away."""
+    """Least weight of the Tikhonov term as a share of the efforts' energy, for rounding: rho stays below 1e-8 of the
+    energy up to 30 sizes away."""
     completing_tikhonov: float = 1e-9
     """The same where parameters without trace are asked for too: Clarabel resolves 1e-10."""
     most_pull: float = 1e-7

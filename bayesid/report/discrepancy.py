@@ -70,7 +70,7 @@ def discrepancy_checks(discrepancy: Discrepancy) -> tuple[Check, ...]:
         *(_found(discrepancy, added) for added in discrepancy.added),
         *(_unexplained(discrepancy, joint, ratio) for joint, ratio in discrepancy.unexplained),
         *(_not_learned(discrepancy, refused) for refused in discrepancy.refused if refused.description is not None),
-        *_all_along(discrepancy),
+        *_preexisting(discrepancy),
         *_lasting_floor(discrepancy),
         *_not_testable(discrepancy),
     )
@@ -171,7 +171,7 @@ def _lasting_floor(discrepancy: Discrepancy) -> Iterator[Check]:
         yield Check("Noise floor", "look", message, "a log that repeats its motion shows what is noise")
 
 
-def _all_along(discrepancy: Discrepancy) -> Iterator[Check]:
+def _preexisting(discrepancy: Discrepancy) -> Iterator[Check]:
     """What the earlier model has beyond the standard terms, and this log shows by itself too, unchanged."""
     changed = {added.hypothesis.key for added in discrepancy.added}
     if same := [label(effect, joints) for effect, joints in discrepancy.preexisting if (effect, joints) not in changed]:
@@ -318,7 +318,7 @@ def discrepancy_summary(discrepancy: Discrepancy) -> dict[str, Any]:
                 for effect in discrepancy.refused
             ],
             "not_testable": _named(testable_groups(discrepancy)),
-            "all_along": _named(discrepancy.preexisting),
+            "preexisting": _named(discrepancy.preexisting),
             "log": discrepancy.identification.log.source,
             **taken(discrepancy, "seconds", "warnings"),
         }

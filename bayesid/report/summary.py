@@ -438,7 +438,7 @@ def _gains(identification: Identification) -> GainsSummary | None:
 
 def _constraints(identification: Identification) -> list[ConstraintSummary]:
     posterior = identification.posterior
-    at_edges, active_bounds = ({}, {}) if posterior is None else (posterior.at_edges, posterior.pressed_constraints)
+    at_edges, active_bounds = ({}, {}) if posterior is None else (posterior.at_edges, posterior.active_constraints)
     return [
         filled(ConstraintSummary, one, at_edge=at_edges.get(one.label), presses=one.label in active_bounds)
         for one in identification.constraints
@@ -455,7 +455,7 @@ def _search(identification: Identification) -> SearchSummary:
     return filled(
         SearchSummary,
         search,
-        **taken(identification, "noise_weights", "proofs", "settled_share", "rounds"),
+        **taken(identification, "noise_weights", "proofs", "persistent_share", "rounds"),
         beam_width=search.width,
         cost_parts=costs,
         beam_nodes=search.pruning,

@@ -125,13 +125,13 @@ def evidence_gain(rival: SignSolution, asked: SignSolution) -> float:
     return gain - more * float(np.log(count.sum()))
 
 
-def model_error_probability(sign_solution: SignSolution) -> Array:
+def model_error_probabilities(sign_solution: SignSolution) -> Array:
     """(n,) probability, per joint, that signs are guesses because the model is not the robot's.
 
     A model that leaves a large lasting error of its own finds wrong signs that suit it, joints at a time, and every
-    probability that is conditional on the model follows it. A rule of thumb (:eq:`model_error_probability`), in whether a proof was had,
-    in the lasting error of the joint itself, and in that of the worst joint, unless the other side of the joint would
-    need errors larger still. `bayesid study misfit` shows what it does.
+    probability that is conditional on the model follows it. A rule of thumb (:eq:`model_error_probability`), in whether
+    a proof was had, in the lasting error of the joint itself, and in that of the worst joint, unless the other side of
+    the joint would need errors larger still. `bayesid study misfit` shows what it does.
     """
     signals, fitted = sign_solution.log_data.signals, sign_solution.log_data.fitted
     square = np.where(fitted, signals.raw_effort**2, 0.0).sum(axis=0)
@@ -145,7 +145,7 @@ def model_error_probability(sign_solution: SignSolution) -> Array:
 
 
 def doubt_of(error: Array, other_side: Array, *, proven: bool) -> Array:
-    """(n,) probability that signs are guesses (:eq:`model_error_probability`), by the lasting error (n,) relative to the effort."""
+    """(n,) probability that signs are guesses (:eq:`model_error_probability`), by errors (n,) relative to efforts."""
     tolerated, shared = (
         TUNING.tolerated_error if proven else TUNING.tolerated_error_unproven,
         TUNING.shared_error * error.max(),

@@ -111,8 +111,8 @@ class Tuning:
     pairs_at_once: int = 50_000
     """Of patterns that are priced together when two lists are joined; bounds the memory."""
     undecided_tikhonov: float = 1e-4
-    """Share of the Tikhonov term in the bounds of undecided rows: keeps them well conditioned, and takes next to nothing from
-    those of decided ones. A round number; any share keeps the bounds valid."""
+    """Share of the Tikhonov term in the bounds of undecided rows: keeps them well conditioned, and takes next to
+    nothing from those of decided ones. A round number; any share keeps the bounds valid."""
     lighter_tikhonov: float = 1e-2
     """Share of the Tikhonov term with which costs by the data alone are had: less, and rounding spoils their bounds."""
 

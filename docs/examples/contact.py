@@ -124,8 +124,8 @@ def tell(run: Recording, seen: list[bayesid.TrackedSample]) -> str:
     """When the contact began and when that was said, and the observer's torques beside the true ones."""
     touching = run.external.any(axis=1)
     began, ended = run.t[touching][[0, -1]]
-    sparsity = sorted({joint for now, there in zip(seen, touching, strict=True) if there for joint in now.contact})
-    lines = [f"The flange touches the ball from {began:.3f} s to {ended:.3f} s; it is felt by joints {sparsity}"]
+    felt = sorted({joint for now, there in zip(seen, touching, strict=True) if there for joint in now.contact})
+    lines = [f"The flange touches the ball from {began:.3f} s to {ended:.3f} s; it is felt by joints {felt}"]
     for alarm in (alarm for now in seen for alarm in now.alarms):
         late = 1e3 * (alarm.raised - began)
         lines.append(f"{alarm.kind}: said at {alarm.raised:.3f} s, {late:.0f} ms after, of joint {alarm.joint}")

@@ -36,8 +36,8 @@ except ImportError:
 _ROUNDING = 1e-10
 """Singular values, over the largest of columns of length 1, below which a direction is rounding."""
 _PULL = 1e-6
-"""Weight of the Tikhonov term to the usual link, in units of one whitened row: it decides what the log leaves open alone. The
-`prior_weight` that figaroh has by default."""
+"""Weight of the Tikhonov term to the usual link, in units of one whitened row: it decides what the log leaves open
+alone. The `prior_weight` that figaroh has by default."""
 
 
 @dataclass(frozen=True)

@@ -332,7 +332,7 @@ class Coordinates(ABC):
 
 
 def _windows(problem: Problem) -> tuple[Array, Array]:
-    """(m, P) rows and (m,) offsets of the half spaces that are no part of the cone, in the order of `FeasibleSet.of`."""
+    """(m, P) rows and (m,) offsets of the half spaces outside the cone, in the order of `FeasibleSet.of`."""
     region, cone = problem.target.prior.region, problem.cone
     inner = slice(len(cone.nonnegative), len(region.rows) - 4 * len(cone.bodies))
     return region.rows[inner], region.offset[inner]

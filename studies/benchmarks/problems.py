@@ -203,7 +203,7 @@ class Recorder(Search):
         """See `bayesid.signs.search.protocol.Search`."""
         return self.search.find(problem, steps)
 
-    def conclude(self, problem: SignProblem, progress: Progress = SILENT) -> SearchResult:
+    def certify(self, problem: SignProblem, progress: Progress = SILENT) -> SearchResult:
         """See there."""
         self.concluded.append(problem)
         return self.search.certify(problem, progress)

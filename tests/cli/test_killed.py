@@ -76,12 +76,12 @@ def seconds(arguments):
     return time.monotonic() - began
 
 
-def kill_at_random(commands, normal_equations, check):
+def kill_at_random(commands, moments, check):
     """Starts one command after the other, and kills each somewhere between its start and a little after its end."""
-    rng = np.random.default_rng(normal_equations)
+    rng = np.random.default_rng(moments)
     usual = seconds(commands[0])
     killed = 0
-    for k in range(normal_equations):
+    for k in range(moments):
         child = started(commands[k % len(commands)])
         if not ended(child, time.monotonic() + rng.uniform(0.0, 1.05 * usual)):
             os.kill(child, signal.SIGKILL)
@@ -90,7 +90,7 @@ def kill_at_random(commands, normal_equations, check):
         check()
     seconds(commands[-1])
     check()
-    assert killed >= normal_equations // 3
+    assert killed >= moments // 3
 
 
 def is_one_of(folder, wholes):
@@ -105,7 +105,7 @@ def is_one_of(folder, wholes):
 
 
 @pytest.mark.parametrize("moments", [4, pytest.param(100, marks=pytest.mark.long)])
-def test_identify(place, normal_equations):
+def test_identify(place, moments):
     commands = [f"identify {name}.csv {IDENTIFY} --out result" for name in "ab"]
     seconds(commands[1])
-    kill_at_random(commands, normal_equations, lambda: is_one_of(place / "result", [place / "of-a", place / "of-b"]))
+    kill_at_random(commands, moments, lambda: is_one_of(place / "result", [place / "of-a", place / "of-b"]))

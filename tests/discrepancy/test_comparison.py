@@ -58,14 +58,14 @@ def loaded():
 
 
 def test_what_was_there_all_along_is_told_from_what_came(loaded):
-    assert keys(loaded, "all_along") == {("stribeck_friction", (2,))}
+    assert keys(loaded, "preexisting") == {("stribeck_friction", (2,))}
     assert keys(loaded, "changed") == {("payload", ())}
     assert keys(loaded, "gone") == set()
-    (stribeck,) = loaded.of("all_along")
+    (stribeck,) = loaded.of("preexisting")
     assert [what.says for what in stribeck.by_log] == [SHOWN, SHOWN]
     said = columns(loaded)
     assert any("payload" in line for line in said["changed"])
-    assert any("Stribeck friction, joint 2" in line for line in said["all_along"])
+    assert any("Stribeck friction, joint 2" in line for line in said["preexisting"])
     assert "payload" in repr(loaded)
     line = loaded.timeline
     (place,) = [c for c, one in enumerate(line.tracked) if one.name == PAYLOAD]
@@ -82,7 +82,7 @@ def test_what_only_the_first_log_shows_is_gone_and_what_only_a_later_one_shows_h
     both = compared(first, arm_log(2, sticky=(5.0, 0.0, 0.0), name="arm-2026-07-01.csv"))
     assert keys(both, "gone") == {("stribeck_friction", (2,))}
     assert keys(both, "changed") == {("stribeck_friction", (1,))}
-    assert keys(both, "all_along") == set()
+    assert keys(both, "preexisting") == set()
     assert [what.says for what in both.of("gone")[0].by_log] == [SHOWN, ABSENT]
     assert both.of("gone")[0].by_log[1].log10_ratio < -2.0
     assert [what.says for what in both.of("changed")[0].by_log] == [ABSENT, SHOWN]
@@ -94,13 +94,13 @@ def test_what_only_the_first_log_shows_is_gone_and_what_only_a_later_one_shows_h
     [(STICKY, (("stribeck_friction", (2,)),)), pytest.param((0.0, 0.0, 0.0), (), marks=pytest.mark.long)],
     ids=["there again", "gone"],
 )
-def test_a_stored_model_tells_what_was_missing_all_along(loaded, sticky, told):
+def test_a_stored_model_tells_what_was_missing_preexisting(loaded, sticky, told):
     """Its completion is in the model; a later log bears it out by itself, or does not."""
     result = bayesid.find_discrepancy(loaded.earlier, arm_log(3, sticky=sticky), posterior=False)
     assert result.preexisting == told
     assert [check.name for check in discrepancy_checks(result)].count("Not new") == len(told)
     listed = [{"effect": effect, "joints": list(joints)} for effect, joints in told]
-    assert discrepancy_summary(result)["all_along"] == listed
+    assert discrepancy_summary(result)["preexisting"] == listed
 
 
 def test_names_of_logs_are_short_and_each_another_one():
@@ -139,7 +139,7 @@ def test_the_command_finds_friction_that_grew_and_writes_json_time_line_and_repo
     assert written["dates_from"] == "dates in the names of the files"
     assert [log["date"] for log in written["logs"]] == ["2026-03-14", "2026-05-02", "2026-07-30"]
     assert {one["parameter"] for one in written["moved"]} == {"Fc2", "Fv2"}
-    assert written["all_along"] == written["gone"] == []
+    assert written["preexisting"] == written["gone"] == []
     rows = list(csv.DictReader((out / "timeline.csv").open()))
     assert {"log", "date", "parameter", "value", "sd", "unit", "moved"} <= set(rows[0])
     assert {row["parameter"] for row in rows if row["moved"] == "True"} == {"Fc2", "Fv2"}

@@ -53,7 +53,9 @@ def test_a_coefficient_by_its_name(known):
     assert goal.names == ("Fc3", "Fv1")
     assert goal.never == ()
     np.testing.assert_array_equal(np.flatnonzero(goal.forms[0]), [known.names.index("Fc3")])
-    np.testing.assert_allclose(goal.wanted, 0.1 * np.abs(known.mean[[known.names.index(one) for one in goal.names]]))
+    np.testing.assert_allclose(
+        goal.required_sd, 0.1 * np.abs(known.mean[[known.names.index(one) for one in goal.names]])
+    )
     assert goal_of(known, ["viscous_friction"]).names == ("Fv1", "Fv2", "Fv3")
     assert goal_of(known, ["rigid_body"]).names == known.names[:17]
 
@@ -81,7 +83,7 @@ def test_gains_are_ratios_and_their_common_factor_is_no_motion_s(known):
     goal = goal_of(unsure, ["gains"])
     assert goal.names == ("gain3/gain1",)
     assert "common factor" in goal.never[0]
-    np.testing.assert_allclose(goal.wanted, 0.1)
+    np.testing.assert_allclose(goal.required_sd, 0.1)
     before = goal.left(np.linalg.inv(unsure.precision))
     np.testing.assert_allclose(before, (0.1**2 + 0.2**2) / 0.1**2)
     assert goal_of(unsure).names[-1] == "gain3/gain1"
@@ -145,7 +147,7 @@ def test_information_is_what_a_normal_recording_tells_of_sums_as_well_as_they_ar
     goal = Goal(("a", "b"), rng.normal(size=(2, r)), np.array([0.3, 2.5]))
     prior = np.linalg.inv(known.precision)
     mixed = np.vstack([goal.forms, rows]) @ prior @ np.vstack([goal.forms, rows]).T
-    mixed += np.diag(np.concatenate([goal.wanted**2, np.ones(len(rows))]))
+    mixed += np.diag(np.concatenate([goal.required_sd**2, np.ones(len(rows))]))
     logs = [np.linalg.slogdet(block)[1] for block in (mixed[:2, :2], mixed[2:, 2:], mixed)]
     want = 0.5 * (logs[0] + logs[1] - logs[2])
     after = known.covariance(known.information(motion))

@@ -44,7 +44,7 @@ def model_of(*names, notes=()):
 
 def read_through(low_pass, used=(True, True)):
     """Evidence of a log whose |effort| has passed a low-pass, of which joints have one."""
-    coefficients = SimpleNamespace(names=("mc1x", "Fv2", "Fc2"), kept=np.arange(3), projection=np.zeros((0, 20)))
+    coefficients = SimpleNamespace(names=("mc1x", "Fv2", "Fc2"), selected=np.arange(3), projection=np.zeros((0, 20)))
     model = SimpleNamespace(parameters=[SimpleNamespace(joint=joint) for joint in (1, 2, 2)])
     known = {"coefficients": coefficients, "model": model, "used": np.array([used])}
     after = low_pass and AfterRectifier(low_pass, np.zeros((1, 2)), np.zeros(2))
@@ -82,10 +82,17 @@ def unproven(**changes):
 
 
 def posterior_with(
-    converged=True, weights=(1.0,), chosen=0, asked=1, excluded=None, active_bounds=(), timed_out=False, edges=()
+    converged=True,
+    weights=(1.0,),
+    chosen=0,
+    asked=1,
+    posterior_conflict=None,
+    active_bounds=(),
+    timed_out=False,
+    edges=(),
 ):
     return SimpleNamespace(
-        excluded=excluded,
+        posterior_conflict=posterior_conflict,
         converged=converged,
         max_rhat=1.0512,
         min_ess=73.4,
@@ -94,7 +101,7 @@ def posterior_with(
         chosen=chosen,
         sampling=SimpleNamespace(mode=asked, max_rhat=1.01, wanted_ess=1024.0),
         active_bounds=active_bounds,
-        pressed_constraints=dict(edges),
+        active_constraints=dict(edges),
         timed_out=timed_out,
     )
 
@@ -110,7 +117,7 @@ def test_nothing_wrong_is_nothing_said(log):
         {},
         {"posterior": posterior_with()},
         {"posterior": posterior_with(weights=(0.995, 0.005))},
-        {"posterior": posterior_with(excluded=0.008)},
+        {"posterior": posterior_with(posterior_conflict=0.008)},
         {"sign_solution": SimpleNamespace(signs=signs_with(unresolved=1))},  # of 200 segments
         {"sign_solution": unproven(lower_bound=None)},
         {"fit": fit_with(on_edge=(True, True, False))},  # of single parameters, which nobody asked for
@@ -132,7 +139,7 @@ FAULTS = (
     ({"sign_solution": unproven()}, ("not proven", "25.0% smaller", "--search-budget")),
     ({"sign_solution": unproven(lower_bound=120.0, uncertified_because="tikhonov")}, ("not proven",)),
     ({"sign_solution": unproven(lower_bound=120.0, uncertified_because="noise")}, ("noise",)),
-    ({"posterior": posterior_with(excluded=0.83)}, ("83%",)),
+    ({"posterior": posterior_with(posterior_conflict=0.83)}, ("83%",)),
     ({"sign_solution": SimpleNamespace(signs=signs_with(unresolved=3))}, ("3 segments", "4 searches")),
     ({"sign_solution": SimpleNamespace(signs=signs_with(False, timed_out=True))}, ("search", "--time-limit")),
     ({"sign_solution": SimpleNamespace(signs=signs_with(False, None, timed_out=True))}, ("search", "--time-limit")),

@@ -116,7 +116,7 @@ def test_what_holds_draws_back_is_named_on_the_page_in_the_summary_and_the_warni
     summary, labels = summarise(constrained), constrained.model.constraints.labels
     active_bounds = [one.label for one in summary.constraints if one.presses]
     assert 0 < len(active_bounds) <= len(labels)
-    assert active_bounds == list(constrained.posterior.pressed_constraints)
+    assert active_bounds == list(constrained.posterior.active_constraints)
     (said,) = [warning for warning in constrained.warnings if "press against" in warning]
     for one in summary.constraints:
         assert (f"{one.label} ({one.at_edge:.1%} at its edge)" in said) == one.presses

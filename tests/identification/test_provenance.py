@@ -53,7 +53,7 @@ class Mine(Search):
     def find(self, problem, steps=no_steps):
         return replace(Beam(width=self.width).find(problem, steps), method="mine", lower_bound=None)
 
-    def conclude(self, problem, progress=SILENT):
+    def certify(self, problem, progress=SILENT):
         return problem.earlier
 
 

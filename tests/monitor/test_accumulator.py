@@ -324,7 +324,7 @@ def test_signs_that_were_turned_are_found_and_named(pieces, forget):
         assert np.mean(covered) > 0.9
     for one in check.stretches:
         assert any(one.joint == j + 1 and start <= one.start and one.end < end for j, start, end in TURNED)
-        assert (one.settled, one.merged) == (True, False)
+        assert (one.persistent, one.merged) == (True, False)
         assert one.cost > 9.0
 
 

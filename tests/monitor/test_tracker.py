@@ -121,7 +121,7 @@ def test_an_effort_that_is_missing_is_the_model_s():
     reading = np.abs(effort[200])
     reading[1] = np.nan
     record = tracker.update(motion.t[200], motion.q[200], reading)
-    assert tracker.counts.invert_sensor == 1
+    assert tracker.counts.unread == 1
     assert np.isnan(record.effort[1])
     assert not np.isnan(record.effort[[0, 2]]).any()
     assert (record.probability[1] > 0.5) == (record.predicted[1] > 0.0)

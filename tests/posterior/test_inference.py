@@ -97,7 +97,7 @@ def test_leaves_of_a_beam_have_the_masses_of_a_certified_list():
         alike = [np.array_equal(leaf.signs[decided], branch.signs[decided]) for leaf in by_beam.branches]
         error = errors(theirs, mass_at_draws(log, theirs, branch.signs, decided & (log.known == 0)))
         assert abs(ours.branch_mass[alike].sum() - mass) < 4.5 * np.sqrt(2.0) * error + 2e-3  # leaves of less mass
-    assert ours.excluded is None, "a beam excludes nothing"
+    assert ours.posterior_conflict is None, "a beam excludes nothing"
     assert ours.elsewhere == pytest.approx(1.0 - ours.branch_mass.sum(), abs=1e-12)
 
 

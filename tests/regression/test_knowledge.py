@@ -80,7 +80,7 @@ def test_parameters_in_another_order_are_found_by_their_names(rng):
     motion, effort = log_of(part, 1, rng)
     knowledge = known_from(part, motion, effort)
     info = knowledge.information(whole, knowledge.coefficients(whole))
-    rows = weighted_rows(whole, motion)[:, knowledge.coefficients(whole).kept]
+    rows = weighted_rows(whole, motion)[:, knowledge.coefficients(whole).selected]
     assert_close(info.hessian, rows.T @ rows, 1e-9)
     assert_close(info.gradient, rows.T @ (effort / SIZES).ravel(), 1e-9)
 

@@ -105,7 +105,7 @@ class Case:
         self.used = rng.uniform(size=(count, JOINTS)) < 0.8
         self.weight = np.array([0.7, 2.3])
         root = size * rng.normal(size=(SUMMED, SUMMED))
-        self.normal_equations = root @ root.T
+        self.moments = root @ root.T
         self.effort = rng.normal(size=(count, JOINTS))
 
     def made(self, **changes):
@@ -116,7 +116,7 @@ class Case:
             "weight": self.weight,
             "names": ("a", "b"),
             "scales": np.array([0.5, 2.0]),
-            "moments": self.normal_equations,
+            "moments": self.moments,
         }
         return make_nuisance(**{**arguments, **changes})
 
@@ -126,11 +126,11 @@ class Case:
         return scaled[self.used]
 
 
-def dense_covariance(of_model, of_columns, normal_equations):
+def dense_covariance(of_model, of_columns, moments):
     """H^-1 + H^-1 Y'Z A Z'Y H^-1."""
     inverse = np.linalg.inv(of_model.T @ of_model)
     across = inverse @ of_model.T @ of_columns
-    return inverse + across @ normal_equations @ across.T
+    return inverse + across @ moments @ across.T
 
 
 def assert_covariance(found, expected, relative):
@@ -142,7 +142,7 @@ def assert_covariance(found, expected, relative):
 def test_covariance_is_that_of_effects_with_these_moments(size):
     case = Case(size=size)
     white = case.rows(case.made().whiten(case.model))
-    expected = dense_covariance(case.rows(case.model), case.rows(case.columns), case.normal_equations)
+    expected = dense_covariance(case.rows(case.model), case.rows(case.columns), case.moments)
     assert_covariance(np.linalg.inv(white.T @ white), expected, EXACT)
     plain = np.linalg.inv(case.rows(case.model).T @ case.rows(case.model))
     assert (np.diag(expected) / np.diag(plain)).max() > 1.001
@@ -165,8 +165,8 @@ def test_effects_that_the_model_does_not_see_do_nothing():
     apart[case.used] = z - y @ np.linalg.lstsq(y, z, rcond=None)[0]
     apart *= case.weight[:, None]
     assert case.made(columns=apart.__getitem__) is None
-    assert case.made(normal_equations=np.zeros((SUMMED, SUMMED))) is None
-    assert case.made(normal_equations=1e-12 * case.normal_equations) is None
+    assert case.made(moments=np.zeros((SUMMED, SUMMED))) is None
+    assert case.made(moments=1e-12 * case.moments) is None
 
 
 @pytest.mark.parametrize(("count", "precision"), [(20_000, np.float64), (20_001, np.float32)])
@@ -178,7 +178,7 @@ def test_long_logs_are_kept_in_single_precision(count, precision):
     tolerance = (1e-5 if precision == np.float32 else 1e-11) * np.abs(shared).max()
     np.testing.assert_allclose(nuisance.of_model, shared, rtol=0, atol=tolerance)
     white = case.rows(nuisance.whiten(case.model))
-    expected = dense_covariance(case.rows(case.model), case.rows(case.columns), case.normal_equations)
+    expected = dense_covariance(case.rows(case.model), case.rows(case.columns), case.moments)
     assert_covariance(np.linalg.inv(white.T @ white), expected, 1e-5)
 
 
@@ -196,7 +196,7 @@ class Arm:
         self.effort = self.exact + 0.1 * size * rng.normal(size=self.exact.shape)
         self.columns = np.stack([np.tanh(5.0 * self.motion.dq), self.motion.dq**3, np.sin(self.motion.q)], axis=3 - 1)
         self.columns = self.columns * size[:, None]
-        self.normal_equations = np.diag([0.1, 0.02, 0.3]) ** 2
+        self.moments = np.diag([0.1, 0.02, 0.3]) ** 2
 
     def log_data(self, signed=True):
         every = np.ones_like(self.effort, dtype=bool)
@@ -208,7 +208,7 @@ class Arm:
         weight = fit.noise.sigma * np.sqrt(fit.noise.autocorrelation)
         names = ("tanh", "cube", "sine")
         return make_nuisance(
-            self.columns.__getitem__, log_data.chunks, log_data.used, weight, names, np.ones(3), self.normal_equations
+            self.columns.__getitem__, log_data.chunks, log_data.used, weight, names, np.ones(3), self.moments
         ), weight
 
 
@@ -228,7 +228,7 @@ def test_a_fit_has_the_same_estimate_and_is_less_certain(arm, signed):
     np.testing.assert_array_equal(found.noise.sigma, plain.noise.sigma)
     used = log_data.used
     y, z = ((values / weight[:, None])[used] for values in (log_data.columns, arm.columns))
-    assert_covariance(found.covariance, dense_covariance(y, z, arm.normal_equations), 1e-5)
+    assert_covariance(found.covariance, dense_covariance(y, z, arm.moments), 1e-5)
     assert np.all(found.sd > plain.sd)
     assert (found.sd / plain.sd).max() > 1.5
 

@@ -47,7 +47,7 @@ def test_the_summary_has_the_promised_keys(result, folder):
     assert search["gap"] == search["cost"] - search["lower_bound"]
     assert search["assignments"] >= 1
     assert 0.0 < search["missed_mass"] <= 1e-3
-    assert 0.9 < search["settled_share"] <= 1.0
+    assert 0.9 < search["persistent_share"] <= 1.0
     assert content["noise"]["sd"] == result.fit.noise.sigma.tolist()
     assert content["noise"]["residual_sd"] == result.fit.residual.sigma.tolist()
     assert all(seconds >= 0.0 for seconds in content["timings"].values())

@@ -100,7 +100,7 @@ def test_the_summary_tells_the_posterior(sampled, folder):
     content = strict((folder / "summary.json").read_text())
     told, search, draws = content["posterior"], content["search"], sampled.posterior.draws
     assert set(told) == KEYS
-    assert search["cost_parts"]["data"] + search["cost_parts"]["pull"] == pytest.approx(search["cost"])
+    assert search["cost_parts"]["data"] + search["cost_parts"]["tikhonov"] == pytest.approx(search["cost"])
     assert told["converged"] is True
     assert 0.99 < told["max_rhat"] <= 1.01
     assert told["min_ess"] >= 400.0

@@ -90,7 +90,7 @@ def with_gains(**changes):
         "ratio_sd": (0.03, 0.04),
     }
     factor = {"factor": 1.04, "factor_sd": 0.05, "factor_decided_by": "data"}
-    made = GainsSummary(**each, **factor, decided_by=("data",) * 2, unit="N m/A", stated="12~20%,9~20%", settled=True)
+    made = GainsSummary(**each, **factor, decided_by=("data",) * 2, unit="N m/A", stated="12~20%,9~20%", converged=True)
     return summary(gains=replace(made, **changes))
 
 
@@ -127,8 +127,8 @@ CASES = {  # of each check: state, findings, and what the message contains, in t
         ("look", search(assignments=4, persistent_share=0.9), "3 others|10.0%"),
         ("look", search(**NO_PROOF), "beam"),
         ("look", search(certified=False, uncertified_because="tikhonov"), "not proven"),
-        ("bad", posterior(excluded=0.83), "83"),
-        ("look", posterior(excluded=0.14), "14"),
+        ("bad", posterior(posterior_conflict=0.83), "83"),
+        ("look", posterior(posterior_conflict=0.14), "14"),
         ("look", search(certified=False, lower_bound=800.25, gap=12.25), "not proven|1.5%"),
     ],
     "Sampling": [
@@ -158,7 +158,7 @@ CASES = {  # of each check: state, findings, and what the message contains, in t
         ("good", with_gains(), "joints 1 and 2|4.0 %|1.04"),
         ("look", with_gains(decided_by=("data", "prior"), factor_decided_by="prior"), "joint 1|3.0 %|joint 2|prior"),
         ("look", with_gains(like_friction=(2,), factor_decided_by="given"), "joint 2|friction|exact"),
-        ("bad", with_gains(settled=False), ""),
+        ("bad", with_gains(converged=False), ""),
     ],
     "Intervals": [
         ("good", GOOD, ""),

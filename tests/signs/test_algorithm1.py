@@ -55,7 +55,7 @@ def test_feasible_estimates_cost_what_least_squares_does_and_infeasible_ones_mor
     for node in nodes:
         price = (node.cone_cost - node.ols_cost) / asked.energy
         assert price > -1e-8
-        if abs(node.margin) > 1e-2:
+        if abs(node.min_eigenvalue) > 1e-2:
             assert (price < 1e-5) == node.feasible, node
 
 

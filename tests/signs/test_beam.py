@@ -80,7 +80,7 @@ def test_the_leaves_of_an_unlimited_beam_are_all_assignments_that_matter(seed):
     np.testing.assert_array_equal(found.branches[0].signs, found.signs)
     signs = np.array(sorted(listed))
     assert np.all(found.decided[:, np.ptp(signs, axis=0) > 0]), "what tells leaves apart is decided"
-    assert found.sign_solution is None
+    assert found.persistent is None
     assert not found.certified
     assert found.missed == np.inf
 

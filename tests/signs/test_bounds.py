@@ -111,7 +111,7 @@ def test_the_bounds_are_no_worse_than_the_quadratic_itself_for_few_segments(case
     """`best` is the least of 4 (sum a - sum K) over all sets, here written out set by set."""
     for case in cases:
         m, beta = case.problem.normal_equations, case.problem.coefficients.project(case.branch.theta)
-        pull = case.problem.solver().pull()[0]
+        pull = case.problem.solver().tikhonov()[0]
         turned = case.signs[case.free, None] * m.gradient[case.free]
         inner = turned @ np.linalg.solve(m.hessian.total() + pull, turned.T)
         model_error_probability = np.sqrt(max(case.branch.cost - case.branch.lower_bound, 0.0) * np.diag(inner))

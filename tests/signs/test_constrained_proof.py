@@ -83,7 +83,7 @@ def agree(count):
         if found.sign_solution is not None:
             near = problem.assignments[costs <= found.cost + found.within - close]
             assert np.all(near[:, found.sign_solution] == found.signs[found.sign_solution]), seed
-        assert found.certified or found.uncertified_because == "pull", seed
+        assert found.certified or found.uncertified_because == "tikhonov", seed
         free = replace(problem, cone=replace(problem.cone, stated=None))
         other = certified(free.normal_equations, free.solver(), 10.0)
         binding += found.cost > other.cost + 1e-3 * problem.energy

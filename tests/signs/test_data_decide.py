@@ -1,8 +1,8 @@
 """The certificate is about the data: the Tikhonov term that completes parameters decides nothing.
 
 A pendulum of a heavy point mass that swings slowly. Hanging and standing explain |effort| alike but for its inertia,
-J ddq, which hardly shows; and either way the mass must be far from a typical link's, so that the Tikhonov term has a say. Its
-mass leaves no trace, so the cone asks for J >= 0 alone: data costs are had in closed form.
+J ddq, which hardly shows; and either way the mass must be far from a typical link's, so that the Tikhonov term has a
+say. Its mass leaves no trace, so the cone asks for J >= 0 alone: data costs are had in closed form.
 """
 
 import itertools
@@ -80,7 +80,7 @@ class Pendulum:
 
 @pytest.mark.parametrize(("speed", "seed"), [(0.2, 1), (0.3, 3), (0.5, 4)])
 def test_what_the_data_allow_is_listed(speed, seed):
-    """Standing costs the data a few units more than hanging; the Tikhonov term of before made it 20 to 60 and excluded it."""
+    """Standing costs the data a few units more than hanging; rho of before made it 20 to 60 and excluded it."""
     problem = Pendulum(speed, seed)
     result = certified(problem.normal_equations, problem.solver())
     between = problem.data_cost(-result.signs) - problem.data_cost(result.signs)
@@ -90,7 +90,7 @@ def test_what_the_data_allow_is_listed(speed, seed):
     assert not result.persistent.any()
 
 
-@pytest.mark.parametrize(("noise", "least_pull", "seeds"), [(0.01, 1e-7, range(40)), (0.001, 1e-9, range(40))])
+@pytest.mark.parametrize(("noise", "least_tikhonov", "seeds"), [(0.01, 1e-7, range(40)), (0.001, 1e-9, range(40))])
 def test_no_certificate_where_the_data_prefer_what_the_pull_does_not(noise, least_tikhonov, seeds):
     """Hanging has the friction of the log, standing the inertia that its noise shows: the Tikhonov term takes it.
 
@@ -100,10 +100,10 @@ def test_no_certificate_where_the_data_prefer_what_the_pull_does_not(noise, leas
     for seed in seeds:
         problem = Pendulum(0.1, seed, noise=noise, friction=2.0 * noise, least_tikhonov=least_tikhonov)
         result = certified(problem.normal_equations, problem.solver())
-        assert result.pull == pytest.approx(problem.solver().regularisation(result.theta))
-        assert result.certified != (result.uncertified_because == "pull")
+        assert result.tikhonov == pytest.approx(problem.solver().regularisation(result.theta))
+        assert result.certified != (result.uncertified_because == "tikhonov")
         gain = problem.data_cost(result.signs) - min(problem.data_cost(branch.signs) for branch in result.branches)
-        left = 0.05 * result.pull  # of a pull that is a hundredth of what it was here
+        left = 0.05 * result.tikhonov  # of a pull that is a hundredth of what it was here
         assert not (result.certified and gain > 0.1 + left), "a tenth counts as alike"
         uncertified_because += bool(result.uncertified_because)
     assert uncertified_because, "or the case shows nothing"

@@ -118,12 +118,12 @@ def test_groups_share_segments_and_pull_and_cost_no_more_than_the_whole():
 
 
 def test_shares_of_the_pull_add_up_to_less_than_half_of_it():
-    """Half is what is left of the Tikhonov term once it is drawn to zero instead of to typical links; the rest is the slack."""
+    """Half is what is left of rho once it is drawn to zero instead of to typical links; the rest is the slack."""
     for seed in range(6):
         problem, view = prepared(seed, segments=8, joints=3, cone="body", known=1, load=(1.0, 1e-3)[seed % 2])
         m = problem.normal_equations
         shares = sum(block.hessian(0) for block in view.blocks) - m.hessian_of(np.flatnonzero(m.known))
-        pull, centre = problem.solver().pull()
+        pull, centre = problem.solver().tikhonov()
         left = np.linalg.eigvalsh(0.5 * pull - shares)
         assert left.min() >= -1e-12 * np.linalg.eigvalsh(pull).max()
         rng = np.random.default_rng(seed)
@@ -205,7 +205,7 @@ def test_a_join_keeps_the_pairs_up_to_a_limit_and_bounds_the_mass_of_the_others(
     data=st.data(),
 )
 def test_a_bound_never_exceeds_the_cost_of_any_completion(seed, cone, size, joints, longest, known, load, data):
-    """In the cone, with all rows and the Tikhonov term: for each joint's patterns, their sums, and all joints together."""
+    """In the cone, with all rows and rho: for each joint's patterns, their sums, and all joints together."""
     segments = 5 if cone == "body" else 6
     problem, view = prepared(
         seed, segments=segments, joints=joints, cone=cone, size=size, longest=longest, known=known, noise=0.5, load=load

@@ -99,9 +99,9 @@ def test_whole_segments_are_turned_where_samples_alone_stay_wrong():
         return -target @ np.linalg.solve(whole, target)
 
     every = [np.array(signs)[segment] for signs in itertools.product([-1.0, 1.0], repeat=10)]
-    found = in_turn.turned(np.ones(60), segment, segment >= 0)
+    found = in_turn.flipped(np.ones(60), segment, segment >= 0)
     assert cost(found) == pytest.approx(min(map(cost, every)), rel=1e-9)
-    held = in_turn.turned(np.ones(60), np.where(segment < 2, -1, segment), segment >= 2)
+    held = in_turn.flipped(np.ones(60), np.where(segment < 2, -1, segment), segment >= 2)
     least = min(cost(signs) for signs in every if np.all(signs[segment < 2] == 1.0))
     assert cost(held) == pytest.approx(least, rel=1e-9)
     assert np.all(held[segment < 2] == 1.0)

@@ -41,6 +41,6 @@ def test_what_stays_settled_is_turned_by_no_assignment_near(cases):
         found = noise_sensitivity(problem, result)
         near = other.assignments[other.costs <= other.least + result.optimality_gap - other.exact]
         one_sided = np.all(near == result.signs, axis=0)
-        assert not np.any(found.sign_solution & ~one_sided)
-        unsettled += int(np.sum(one_sided & ~found.sign_solution))
+        assert not np.any(found.persistent & ~one_sided)
+        unsettled += int(np.sum(one_sided & ~found.persistent))
     assert unsettled < 0.2 * sum(len(result.signs) for result, _, _ in cases), "a segment is not doubted for nothing"

@@ -10,7 +10,7 @@ from sign_problems import synthetic
 from bayesid.signs.search.combinations import Combinations
 from bayesid.signs.search.patterns import Patterns
 from bayesid.signs.search.problem import Problem
-from bayesid.signs.search.tree import consequences, prove, sign_solution
+from bayesid.signs.search.tree import consequences, persistent, prove
 
 
 class Proven:
@@ -38,7 +38,7 @@ class Proven:
         self.exact, self.rounding = problem.exact, problem.precision
         self.signs = np.array([branch.signs for branch in self.proof.branches]).reshape(-1, len(m))
         pairs = zip(self.proof.branches, self.proof.decided, strict=True)
-        certain = [sign_solution(self.view, branch, one, self.proof.limit) for branch, one in pairs]
+        certain = [persistent(self.view, branch, one, self.proof.limit) for branch, one in pairs]
         self.certain = np.array(certain, dtype=bool).reshape(self.signs.shape)
 
     def least_with(self, segments, signs):

@@ -56,11 +56,11 @@ class TestWithoutCone:
         problem = without_cone(searched.problem)
         signs = np.random.default_rng(2).choice([-1.0, 1.0], len(problem.normal_equations))
         hessian = problem.normal_equations.hessian.total()
-        solver = NoCone(problem.pull).prepared(hessian)
+        solver = NoCone(problem.tikhonov).prepared(hessian)
         gradient = signs @ problem.normal_equations.gradient
         solution = solver.solve(gradient)
-        beta = np.linalg.solve(hessian + problem.pull, gradient)
-        expected = problem.normal_equations.cost(beta, signs) + beta @ problem.pull @ beta
+        beta = np.linalg.solve(hessian + problem.tikhonov, gradient)
+        expected = problem.normal_equations.cost(beta, signs) + beta @ problem.tikhonov @ beta
         np.testing.assert_allclose(solution.theta, beta, rtol=1e-6, atol=1e-9 * np.abs(beta).max())
         assert problem.energy + solution.cost == pytest.approx(expected, abs=1e-9 * problem.energy)
         assert problem.cost(signs) == pytest.approx(expected, abs=1e-9 * problem.energy)

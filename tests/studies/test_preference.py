@@ -26,7 +26,7 @@ def posed(**options):
 
 @pytest.mark.parametrize(("seed", "scale"), [(0, 10.0), (1, 1000.0)])
 def test_what_the_best_signs_are_better_by_whatever_was_certified(seed, scale):
-    """The energy is up to 1e8 here: what is called clear stands above solver, rounding and what is left of the Tikhonov term."""
+    """The energy is up to 1e8 here: what is called clear stands above solver, rounding and what is left of rho."""
     problem, assignments, costs = posed(seed=seed, segments=6, joints=2, scale=scale, noise=0.6 / scale, known=1)
     best = int(np.argmin(costs))
     for k in np.random.default_rng(seed).permutation(len(costs))[:5]:

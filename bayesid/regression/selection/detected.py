@@ -129,8 +129,8 @@ def still_detected(
 def confirmed(log_data: LogData, fit: Fit, probability: Array, effects: Sequence[Effect]) -> DetectedEffects:
     """Those of some effects that a log's evidence and held-back blocks of it bear out, beside each other.
 
-    That is what an effect must pass to stay in a model (`bayesid.signs.model_selection`), near standstill too. The evidence
-    is of the model without them; the probability (N, n) is P(sign = +), settled with them.
+    That is what an effect must pass to stay in a model (`bayesid.signs.model_selection`), near standstill too.
+    `log_data` is of the model without them; the probability (N, n) is P(sign = +), found with them.
     """
     case = SignedLog.of(log_data, fit, probability)
     begun = case.made(effects)

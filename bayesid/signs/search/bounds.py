@@ -2,8 +2,8 @@
 
 Let theta be the best feasible parameters for the signs s, beta = B theta. The cost under s is strongly convex, so by
 the variational inequality (Boyd and Vandenberghe 2004, 4.2.3) every feasible point at a distance d costs at least
-d'(H + Q)d more, Q the Tikhonov term. Turning the set T of segments adds 4 sum over T of s_k g_k'(beta + d), and minimising over
-all d leaves :eq:`flip-bound`::
+d'(H + Q)d more, Q the Tikhonov term. Turning the set T of segments adds 4 sum over T of s_k g_k'(beta + d), and
+minimising over all d leaves :eq:`flip-bound`::
 
     F(s with T turned) - F(s)  >=  4 (sum over T of a_k  -  sum over T x T of K_kl),
     a_k = s_k g_k' beta,   K_kl = s_k g_k' (H + Q)^-1 g_l s_l.

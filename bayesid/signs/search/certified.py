@@ -237,8 +237,8 @@ def _result(problem: Problem, best: Assignment, lower_bound: float, proof: Proof
 def _data_agree(problem: Problem, best: Assignment, others: Sequence[Assignment]) -> bool:
     """Whether the best branch costs the data least too; only those need be looked at whose Tikhonov term may hide it.
 
-    Of a cost that grows as w^p with the weight of the Tikhonov term, the Tikhonov term is p times the growth; masses that run away near
-    the cone's edge grow as w^(1/3).
+    Of a cost that grows as w^p with the weight of the Tikhonov term, the Tikhonov term is p times the growth; masses
+    that run away near the cone's edge grow as w^(1/3).
     """
     near = [
         branch

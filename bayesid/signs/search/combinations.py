@@ -54,7 +54,7 @@ def _ends(problem: Problem, share: float) -> list[int]:
 
 
 def _tails(problem: Problem, ends: list[int]) -> list[float]:
-    """Lower bounds of what the segments beyond the ends cost by themselves, with half of the undecided rows' Tikhonov term."""
+    """Lower bounds of what the segments beyond the ends cost by themselves, with half of rho of the undecided rows."""
     if not problem.tails:
         tikhonov = 0.5 * problem.tuning.undecided_tikhonov / max(1, len(problem.blocks)) * problem.tikhonov
         tails = [block.after(end, tikhonov) for block, end in zip(problem.blocks, ends, strict=True)]
@@ -177,8 +177,8 @@ class _Level:
 
         A solved problem bounds the rest too: with other signs its cost changes by -2 step' beta, it is strongly convex
         around its optimum, and the least over all d of d'(H + Q / 2) d - 2 step'(beta + d) remains
-        (:eq:`convexity-bound`). So few need be solved. The other half of Q pays for the share u of the Tikhonov term in the
-        bounds of undecided rows, u (beta + d)' Q (beta + d) <= 2 u beta' Q beta + d' Q d / 2.
+        (:eq:`convexity-bound`). So few need be solved. The other half of Q pays for the share u of the Tikhonov term in
+        the bounds of undecided rows, u (beta + d)' Q (beta + d) <= 2 u beta' Q beta + d' Q d / 2.
         """
         problem, patterns, lower = self.problem, joined.patterns, joined.lower.copy()
         hessian, energy = problem.decided_moments(patterns)

@@ -99,7 +99,7 @@ class Block:
         return Block(self._normal_equations, self._known, self.segments[:depth], self._tikhonov)
 
     def after(self, depth: int, tikhonov: Array, end: int | None = None) -> Block:
-        """The segments from `depth` on, up to `end`, as another block, with another share of the Tikhonov term (r, r)."""
+        """The segments from `depth` on, up to `end`, as another block, with another share of rho (r, r)."""
         return Block(self._normal_equations, self.segments[:0], self.segments[depth:end], tikhonov)
 
     def groups(self, size: int) -> list[Block]:
@@ -215,8 +215,8 @@ def join(
 ) -> Patterns:
     """All pairs of patterns of two sets of segments that are kept, with the bound of their rows together.
 
-    H (r, r), with shares of the Tikhonov term, and c are those of both. Pairs whose separate bounds add up to more than a limit
-    are not looked at; `keep` is called for `pairs_at_once`, which bounds the memory.
+    H (r, r), with shares of the Tikhonov term, and c are those of both. Pairs whose separate bounds add up to more than
+    a limit are not looked at; `keep` is called for `pairs_at_once`, which bounds the memory.
     """
     unconstrained = UnconstrainedBound(hessian, 0.0)
     at_once = max(1, pairs_at_once // max(1, len(second)))

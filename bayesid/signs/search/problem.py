@@ -23,12 +23,12 @@ class OutOfTimeError(Exception):
 
 
 class Problem:
-    """The moments, one block for each joint, and what is prepared once; counts what was done.
+    """The normal equations, one block for each joint, and what is prepared once; counts what was done.
 
-    The Tikhonov term (beta - b)' Q (beta - b) is at least beta' Q beta / 2 - b' Q b (:eq:`tikhonov-share`). The first part is shared
-    among the joints' own bounds, which keeps them well conditioned and lets them add up: a small share of it
-    (`undecided_tikhonov`) among the rows that are not decided, the rest among those that are. The second part is `slack`,
-    by which the sum may be too high (with an allowance for rounding).
+    The Tikhonov term (beta - b)' Q (beta - b) is at least beta' Q beta / 2 - b' Q b (:eq:`tikhonov-share`). The first
+    part is shared among the joints' own bounds, which keeps them well conditioned and lets them add up: a small share
+    of it (`undecided_tikhonov`) among the rows that are not decided, the rest among those that are. The second part is
+    `slack`, by which the sum may be too high (with an allowance for rounding).
 
     `steps` is called as steps(percent of the budget that is spent, 100), while there is any left.
     """

@@ -119,16 +119,16 @@ class SearchResult:
     cost: float
     method: str  #: of the search
     width: int | None = None  #: of the beam; None if it was unlimited or there was none
-    #: whether no other assignment can cost less (by more than 1e-8 of the efforts' energy), with the Tikhonov term and without
-    #: it, by the noise weights of the search and by those of its result
+    #: whether no other assignment can cost less (by more than 1e-8 of the efforts' energy), with the Tikhonov term and
+    #: without it, by the noise weights of the search and by those of its result
     certified: bool = False
     lower_bound: float | None = None  #: proven bound on the cost of every assignment, or None
     nodes: int = 0  #: priced by the unconstrained bound
     solves: int = 0  #: cone problems solved
     tolerance: float = 0.0  #: coarsest relative gap among them
     seconds: float = 0.0  #: of wall time
-    #: the best assignment and all others that may cost at most `optimality_gap` more, cheapest first; of a beam, the leaves
-    #: that survived its last step; empty if neither was had
+    #: the best assignment and all others that may cost at most `optimality_gap` more, cheapest first; of a beam, the
+    #: leaves that survived its last step; empty if neither was had
     branches: tuple[Assignment, ...] = ()
     optimality_gap: float = 0.0  #: Delta, in units of the cost
     #: bound on the sum of exp(-(cost - best cost) / 2) over all assignments of the segments decided one by one that

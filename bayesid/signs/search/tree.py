@@ -1,8 +1,8 @@
 """The proof's tree: from combinations of the joints' patterns to branches whose every completion is accounted for.
 
 Consequences are what decided signs say about further segments, one at a time. Let D be the decided segments, l the
-least cost of their rows with half of the Tikhonov term, beta the coefficients where it is had and H its curvature. Three things
-follow for another segment k, with v_k = g_k' H^-1 g_k:
+least cost of their rows with half of the Tikhonov term, beta the coefficients where it is had and H its curvature.
+Three things follow for another segment k, with v_k = g_k' H^-1 g_k:
 
 1. Its efforts leave (c_k - s g_k' beta)^2 / c_k along their own direction at least, so that its sign s costs at least
    :eq:`consequence`::

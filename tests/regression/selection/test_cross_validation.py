@@ -336,7 +336,7 @@ def test_help_is_worth_a_term_from_a_tenth_of_the_square_on():
 
 
 @pytest.mark.parametrize(
-    ("first", "second", "borne_out"), [(0.06, 0.06, True), (0.06, 0.03, False), (0.2, -0.01, True)]
+    ("first", "second", "confirmed"), [(0.06, 0.06, True), (0.06, 0.03, False), (0.2, -0.01, True)]
 )
 def test_shares_of_joints_add_up(first, second, confirmed):
     """However different the joints' efforts are."""

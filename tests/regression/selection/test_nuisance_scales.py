@@ -120,8 +120,8 @@ def test_what_the_log_cannot_show_vanishes():
     assert found.scales[0] > 1.0
     assert found.scales[2] == 0.0
     size = sum(turn.shape[1] for turn in found.turns)
-    assert found.normal_equations.shape == (size, size)
-    np.testing.assert_array_equal(found.normal_equations[-1], 0.0)
+    assert found.moments.shape == (size, size)
+    np.testing.assert_array_equal(found.moments[-1], 0.0)
     absent = [Case([[1.0] * 4], [[0.0] * 4], seed=seed).learned().scales[0] for seed in range(20)]
     assert np.median(absent) < 0.1
     assert np.max(absent) < 0.3  # sqrt(4 / 120) is what four amplitudes of noise alone would be
@@ -139,8 +139,8 @@ def test_what_was_stated_never_shrinks_but_may_grow(amplitude):
     np.testing.assert_array_equal(found.turns[0], np.diag([1.0, 2.0]))
     mean, covariance = case.posterior(found.scales)
     turn = np.diag([1.0, 2.0, *found.turns[1].ravel()])
-    normal_equations = turn @ found.normal_equations @ turn.T
-    np.testing.assert_allclose(normal_equations, covariance + np.outer(mean, mean), rtol=1e-6, atol=1e-9)
+    moments = turn @ found.moments @ turn.T
+    np.testing.assert_allclose(moments, covariance + np.outer(mean, mean), rtol=1e-6, atol=1e-9)
 
 
 @pytest.mark.parametrize("amplitude", [0.3, 5.0])
