@@ -148,6 +148,9 @@ def _cone_of(result: Identification, name: str, says: Says) -> Cone:
     own, cone = constraints_of(says, result.model), result.model.cone
     if own is None:
         raise InputError("it states nothing", f"alternative {name!r}", "give it a constraint")
+    if len(own.equal):
+        said = f"it is an equality ({own.labels[own.of_equal[0]]}), whose prior probability is zero"
+        raise InputError(said, f"alternative {name!r}", "state intervals")
     return replace(cone, stated=own if cone.stated is None else Constraints.joined([cone.stated, own]))
 
 

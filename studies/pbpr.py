@@ -267,7 +267,8 @@ def stated(constraints: Constraints) -> Constraint:
 
     def violation(bodies: Bodies) -> float:
         eigenvalues = np.linalg.eigvalsh(constraints.matrices(bodies.theta)).ravel()
-        return _excess(-np.concatenate([constraints.slack(bodies.theta), eigenvalues]).astype(np.float64))
+        apart = np.abs(constraints.gap(bodies.theta))
+        return _excess(np.concatenate([-constraints.slack(bodies.theta), -eigenvalues, apart]).astype(np.float64))
 
     return Constraint("stated", violation)
 

@@ -34,6 +34,7 @@ from bayesid.effects.coefficients import base_coefficients
 from bayesid.effects.effect import Effect
 from bayesid.effects.model import Model
 from bayesid.identification.identification import Identification
+from bayesid.regression.knowledge import RIDGE
 from bayesid.regression.least_squares import fit_signed
 from bayesid.regression.log_data import LogData
 from bayesid.regression.selection.detected import confirmed
@@ -263,16 +264,18 @@ def without_payload(difference: Array, covariance: Array, columns: Array) -> Res
     them, or (m, 0). Coefficients that it does not touch have no say: they may have moved by themselves.
     """
     variance, none = np.diag(covariance), np.zeros_like(difference)
-    touched = np.any(columns != 0.0, axis=1)
+    touched = np.any(columns != 0.0, axis=1) & (variance > 0.0)  # what an equality fixes is not compared
     if not touched.any():
         return Rest(difference, np.sqrt(variance), none, (np.nan, np.nan))
     scale = 1.0 / np.sqrt(variance[touched])
-    root = np.linalg.cholesky(scale[:, None] * covariance[np.ix_(touched, touched)] * scale)
-    rows = np.linalg.solve(root, scale[:, None] * columns[touched])
+    sizes, turn = np.linalg.eigh(scale[:, None] * covariance[np.ix_(touched, touched)] * scale)
+    free = sizes > RIDGE * sizes[-1]
+    white = (turn[:, free] / np.sqrt(sizes[free])).T * scale
+    rows = white @ columns[touched]
     size = np.linalg.norm(rows, axis=0)
     size[size == 0.0] = 1.0
     inverse = np.linalg.pinv(rows / size) / size[:, None]
-    body, spread = inverse @ np.linalg.solve(root, scale * difference[touched]), inverse @ inverse.T
+    body, spread = inverse @ (white @ difference[touched]), inverse @ inverse.T
     left = variance - np.einsum("ip,pq,iq->i", columns, spread, columns)
     sd = np.where(left > 1e-6 * variance, np.sqrt(np.maximum(left, 0.0)), np.nan)
     mass = (float(body[-1]), float(np.sqrt(spread[-1, -1]))) if spread[-1, -1] > 0.0 else (np.nan, np.nan)

@@ -1,4 +1,4 @@
-"""Constraints on named parameters that somebody has stated: half spaces and positive semidefinite matrices."""
+"""Constraints on named parameters that somebody has stated: half spaces, positive semidefinite matrices, equalities."""
 
 from __future__ import annotations
 
@@ -9,14 +9,18 @@ from typing import Any
 import numpy as np
 
 from bayesid.arrays import Array, Integers
+from bayesid.effects.plane import Plane
+
+_ROUNDING = 1e-9
+"""Share of the terms of an equality up to which its two sides differ by rounding."""
 
 
 @dataclass(frozen=True)
 class Constraints:
-    """rows theta + offset >= 0, and constant + sum over q of theta_q basis_q positive semidefinite, each 4 x 4.
+    """rows theta + offset >= 0, constant + sum over q of theta_q basis_q positive semidefinite, equal theta = value.
 
-    A second-order cone |x| <= t of up to three numbers is the matrix [[t E, x], [x', t]]. Unlike the cone of a model
-    the set is no cone: to scale parameters may lead out of it.
+    Matrices are 4 x 4. A second-order cone |x| <= t of up to three numbers is the matrix [[t E, x], [x', t]]. Unlike
+    the cone of a model the set is no cone: to scale parameters may lead out of it.
 
     Attributes:
         names: (Q,) of the parameters theta.
@@ -27,6 +31,9 @@ class Constraints:
         basis: (b, Q, 4, 4) of the matrices.
         constant: (b, 4, 4) of them.
         of_matrix: (b,) label that each belongs to.
+        equal: (k, Q) rows of the equalities.
+        value: (k,) of them.
+        of_equal: (k,) label that each belongs to.
     """
 
     names: tuple[str, ...]
@@ -37,9 +44,13 @@ class Constraints:
     basis: Array
     constant: Array
     of_matrix: Integers
+    equal: Array
+    value: Array
+    of_equal: Integers
 
     def __repr__(self) -> str:
-        return f"Constraints: {len(self.labels)}, {len(self.rows)} half spaces and {len(self.basis)} matrices"
+        kinds = f"{len(self.rows)} half spaces, {len(self.basis)} matrices and {len(self.equal)} equalities"
+        return f"Constraints: {len(self.labels)}, {kinds}"
 
     @classmethod
     def joined(cls, parts: Sequence[Constraints]) -> Constraints:
@@ -55,6 +66,9 @@ class Constraints:
             basis=np.concatenate([part.basis for part in parts]),
             constant=np.concatenate([part.constant for part in parts]),
             of_matrix=np.concatenate([part.of_matrix + start for part, start in placed]),
+            equal=np.concatenate([part.equal for part in parts]),
+            value=np.concatenate([part.value for part in parts]),
+            of_equal=np.concatenate([part.of_equal + start for part, start in placed]),
         )
 
     @property
@@ -63,6 +77,7 @@ class Constraints:
         involved = np.zeros((len(self.labels), len(self.names)), dtype=bool)
         np.logical_or.at(involved, self.of_row, self.rows != 0.0)
         np.logical_or.at(involved, self.of_matrix, np.any(self.basis != 0.0, axis=(2, 3)))
+        np.logical_or.at(involved, self.of_equal, self.equal != 0.0)
         return involved
 
     def only(self, chosen: Iterable[int]) -> Constraints:
@@ -70,7 +85,7 @@ class Constraints:
         kept = sorted(chosen)
         place = np.full(len(self.labels), -1)
         place[kept] = np.arange(len(kept))
-        rows, matrices = place[self.of_row] >= 0, place[self.of_matrix] >= 0
+        rows, matrices, equal = (place[of] >= 0 for of in (self.of_row, self.of_matrix, self.of_equal))
         return replace(
             self,
             labels=tuple(self.labels[k] for k in kept),
@@ -80,6 +95,9 @@ class Constraints:
             basis=self.basis[matrices],
             constant=self.constant[matrices],
             of_matrix=place[self.of_matrix[matrices]],
+            equal=self.equal[equal],
+            value=self.value[equal],
+            of_equal=place[self.of_equal[equal]],
         )
 
     def without(self, label: str) -> Constraints:
@@ -93,8 +111,9 @@ class Constraints:
 
     @property
     def homogeneous(self) -> Constraints:
-        """Those that hold for theta as for any positive multiple of it."""
+        """The inequalities that hold for theta as for any positive multiple of it."""
         bound = np.zeros(len(self.labels), dtype=bool)
+        bound[self.of_equal] = True
         bound[self.of_row[self.offset != 0.0]] = True
         bound[self.of_matrix[np.any(self.constant != 0.0, axis=(1, 2))]] = True
         return self.only(np.flatnonzero(~bound).tolist())
@@ -105,10 +124,30 @@ class Constraints:
         lacking = np.array([name not in places for name in self.names], dtype=bool)
         kept = self.sparing(np.array(self.names)[lacking].tolist())
         own = [places[name] for name in np.array(self.names)[~lacking].tolist()]
-        rows = np.zeros((len(kept.rows), len(names)))
+        rows, equal = (np.zeros((len(one), len(names))) for one in (kept.rows, kept.equal))
         basis = np.zeros((len(kept.basis), len(names), 4, 4))
-        rows[:, own], basis[:, own] = kept.rows[:, ~lacking], kept.basis[:, ~lacking]
-        return replace(kept, names=tuple(names), rows=rows, basis=basis)
+        rows[:, own], equal[:, own] = kept.rows[:, ~lacking], kept.equal[:, ~lacking]
+        basis[:, own] = kept.basis[:, ~lacking]
+        return replace(kept, names=tuple(names), rows=rows, basis=basis, equal=equal)
+
+    def plane(self, sizes: Array | None = None) -> Plane:
+        """Of the equalities; of theta / sizes where sizes (Q,) are given."""
+        return Plane.of(self.equal if sizes is None else self.equal * sizes, self.value)
+
+    @property
+    def contradicting(self) -> tuple[str, ...]:
+        """Labels of equalities that cannot hold together: least squares leave a residual of them."""
+        if not len(self.equal):
+            return ()
+        length = np.linalg.norm(self.equal, axis=1)
+        gap = np.abs(self.gap(self.plane().origin)) / length
+        apart = gap > _ROUNDING * np.abs(self.value / length).max()
+        return tuple(self.labels[k] for k in np.unique(self.of_equal[apart]))
+
+    def gap(self, theta: Array) -> Array:
+        """(k, ...) equal theta - value of parameters theta (Q, ...)."""
+        gap: Array = self.equal @ theta - self.value.reshape(-1, *(1,) * (theta.ndim - 1))
+        return gap
 
     def slack(self, theta: Array) -> Array:
         """(m, ...) rows theta + offset of parameters theta (Q, ...)."""
@@ -126,7 +165,10 @@ class Constraints:
         return least
 
     def contains(self, theta: Array, tolerance: float = 0.0) -> bool:
-        """Whether theta (Q,) satisfies all of them, up to `tolerance`."""
+        """Whether theta (Q,) satisfies all of them, up to `tolerance`, and equalities up to rounding besides."""
+        rounding = _ROUNDING * (np.abs(self.equal) @ np.abs(theta) + np.abs(self.value))
+        if np.any(np.abs(self.gap(theta)) > np.maximum(tolerance, rounding)):
+            return False
         least = self.least_eigenvalues(theta[None])
         return bool(np.all(self.slack(theta) >= -tolerance) and np.all(least >= -tolerance))
 
@@ -145,7 +187,11 @@ class Constraints:
                     self.basis[self.of_matrix == k], self.constant[self.of_matrix == k], strict=True
                 )
             ]
-            tables.append({"label": label, "half_spaces": halves, "matrices": matrices})
+            equalities = [
+                {"value": float(value), "parameters": _named(self.names, row)}
+                for row, value in zip(self.equal[self.of_equal == k], self.value[self.of_equal == k], strict=True)
+            ]
+            tables.append({"label": label, "half_spaces": halves, "matrices": matrices, "equalities": equalities})
         return tables
 
     @classmethod
@@ -157,22 +203,31 @@ class Constraints:
         """
         halves = [(k, dict(half)) for k, table in enumerate(tables) for half in table["half_spaces"]]
         matrices = [(k, matrix) for k, table in enumerate(tables) for matrix in table["matrices"]]
+        equalities = [(k, one) for k, table in enumerate(tables) for one in table.get("equalities", ())]
         offset = np.array([float(half.pop("offset")) for _, half in halves])
-        names = [name for _, half in halves for name in half]
-        names = list(dict.fromkeys([*names, *(name for _, matrix in matrices for name in matrix["parameters"])]))
+        value = np.array([float(one["value"]) for _, one in equalities])
+        spoken = [*(half for _, half in halves), *(one["parameters"] for _, one in (*matrices, *equalities))]
+        names = list(dict.fromkeys(name for parameters in spoken for name in parameters))
         rows, basis = np.zeros((len(halves), len(names))), np.zeros((len(matrices), len(names), 16))
+        equal = np.zeros((len(equalities), len(names)))
         constant = np.array([matrix["constant"] for _, matrix in matrices], dtype=float).reshape(-1, 4, 4)
         for i, (_, half) in enumerate(halves):
-            for name, value in half.items():
-                rows[i, names.index(name)] = float(value)
+            for name, entry in half.items():
+                rows[i, names.index(name)] = float(entry)
         for i, (_, matrix) in enumerate(matrices):
             for name, values in matrix["parameters"].items():
                 basis[i, names.index(name)] = values
-        if not all(np.all(np.isfinite(one)) for one in (rows, offset, basis, constant)):
+        for i, (_, one) in enumerate(equalities):
+            for name, entry in one["parameters"].items():
+                equal[i, names.index(name)] = float(entry)
+        full = basis.reshape(-1, len(names), 4, 4)
+        if not all(np.all(np.isfinite(one)) for one in (rows, offset, basis, constant, equal, value)):
             raise ValueError("a constraint is not finite")
-        of_row, of_matrix = (np.array([k for k, _ in ones], dtype=np.int64) for ones in (halves, matrices))
+        of_row, of_matrix, of_equal = (
+            np.array([k for k, _ in ones], dtype=np.int64) for ones in (halves, matrices, equalities)
+        )
         labels = tuple(str(table["label"]) for table in tables)
-        return cls(tuple(names), labels, rows, offset, of_row, basis.reshape(-1, len(names), 4, 4), constant, of_matrix)
+        return cls(tuple(names), labels, rows, offset, of_row, full, constant, of_matrix, equal, value, of_equal)
 
 
 def _named(names: Sequence[str], values: Array) -> dict[str, Any]:

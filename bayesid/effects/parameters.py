@@ -8,6 +8,7 @@ import numpy as np
 
 from bayesid.arrays import Array, Integers
 from bayesid.effects.constraints import Constraints
+from bayesid.effects.plane import Plane
 from bayesid.robot import Robot
 from bayesid.robot.inertia import PSEUDO_INERTIA_BASIS
 
@@ -91,6 +92,10 @@ class Cone:
             np.concatenate([self.nonnegative, other.nonnegative + self.size]),
             np.concatenate([self.bodies, other.bodies + self.size]),
         )
+
+    def plane(self, sizes: Array | None = None) -> Plane:
+        """In which equalities keep the parameters; in units of sizes (size,) where these are given."""
+        return Plane.whole(self.size) if self.stated is None else self.stated.plane(sizes)
 
     def pseudo_inertias(self, theta: Array) -> Array:
         """(b, 4, 4) pseudo-inertias of the bodies in theta (size,)."""

@@ -35,6 +35,8 @@ SURE = 0.99
 much, at most 0.05 % are wrong)."""
 KNOWN = 0.1
 """Standard deviation over value up to which a coefficient is counted as known: the 10 % of the studies' tables."""
+_FIXED = 1e-12
+"""Share of a combination of parameters that equalities leave free up to which it is rounding."""
 
 
 def sure_shares_of(probability: Array, effort: Array, used: Mask) -> Array:
@@ -225,8 +227,9 @@ class Identification(IdentifiedModel):
 
     def _decided_by(self, by_data: Mask, rows: Array) -> list[str]:
         """(K,) what decides combinations (K, P) of the parameters."""
-        none = np.zeros(len(rows), dtype=bool)
-        by_constraints = none if self.posterior is None else self.posterior.decided_by_constraints(rows) & ~by_data
+        fixed = np.abs(rows @ self.fit.plane.basis).max(axis=1, initial=0.0) < _FIXED * np.abs(rows).max(axis=1)
+        by_data = by_data & ~fixed
+        by_constraints = fixed if self.posterior is None else self.posterior.decided_by_constraints(rows) | fixed
         return np.where(by_data, "data", np.where(by_constraints, "constraints", "prior")).tolist()
 
     @property

@@ -512,7 +512,7 @@ def _check_scale(log: Log, model: Model) -> None:
         return
     kept = model.constraints.homogeneous.labels
     if bound := [label for label in model.constraints.labels if label not in kept]:
-        said = f"{', '.join(bound)} cannot be used with uncertain gains: a fixed bound limits the factor common to them"
+        said = f"{', '.join(bound)} cannot be used with uncertain gains: a fixed bound or an equality limits these too"
         remedy = "give exact gains, or leave it out and state single masses with their sd by --nominal"
         raise InputError(said, field="constraints", remedy=remedy)
 

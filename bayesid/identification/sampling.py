@@ -52,14 +52,15 @@ def sample(averaged: AveragedSigns, sampling: Sampling, prior: ParameterPrior, p
         information=log_data.information,
     )
     posterior = infer(problem, search, sampling, progress)
-    return posterior if log_data.nuisance is None else widened(posterior, fit.information, _lacking(fit))
+    return posterior if log_data.nuisance is None else widened(posterior, fit.information, _lacking(fit, log_data))
 
 
-def _lacking(fit: Fit) -> Array:
+def _lacking(fit: Fit, log_data: LogData) -> Array:
     """(r, r) covariance by which coefficients are less certain than the information says: what the model may lack."""
-    known = np.isfinite(fit.sd)
+    known, basis = np.isfinite(fit.sd), fit.plane.seen_by(log_data.coefficients.projection).basis
     model_error_covariance: Array = np.where(np.outer(known, known), fit.covariance, 0.0)
-    model_error_covariance[np.ix_(known, known)] -= _inverse(fit.information)[np.ix_(known, known)]
+    own = basis @ _inverse(basis.T @ fit.information @ basis) @ basis.T
+    model_error_covariance[np.ix_(known, known)] -= own[np.ix_(known, known)]
     return model_error_covariance
 
 
@@ -114,12 +115,14 @@ def identified_model(
     """
     if posterior is None:
         precision = of_base(model, log_data.coefficients, fit.information)
-        model_error_covariance = None if log_data.nuisance is None else _lacking(fit)
+        model_error_covariance = None if log_data.nuisance is None else _lacking(fit, log_data)
         by_gains = None if gains is None else spread_by_gains(gains, log_data)
         return IdentifiedModel(
             model, fit.theta, fit.noise, precision, model_error_covariance=model_error_covariance, by_gains=by_gains
         )
-    precision = of_base(model, log_data.coefficients, _inverse(posterior.covariance_of_log))
+    basis = fit.plane.seen_by(log_data.coefficients.projection).basis
+    known = basis @ _inverse(basis.T @ posterior.covariance_of_log @ basis) @ basis.T
+    precision = of_base(model, log_data.coefficients, known)
     theta, log_scale = posterior.target.split(posterior.uncertain.spread(POSTERIOR.few_draws))
     log_gain = None if gains is None else posterior.gains_of(posterior.uncertain.places(POSTERIOR.few_draws))
     draws = ParameterDraws(theta, posterior.target.likelihood.sigma * np.exp(log_scale), log_gain)

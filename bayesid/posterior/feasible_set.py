@@ -1,7 +1,8 @@
 """Where the parameters may lie: a convex region, its centre, and draws along a line through it.
 
 The region is an intersection of half spaces, rows theta + offset >= 0, and of positive definite 4 x 4 matrices that are
-affine in theta (the pseudo-inertias). Everything is vectorised over W walkers, the last axis of every array.
+affine in theta (the pseudo-inertias). Equalities leave a plane, theta = origin + N y (`bayesid.effects.plane`), whose
+y are moved. Everything is vectorised over W walkers, the last axis of every array.
 
 The best parameters sit on the region's edge, where nothing can be read off. The minimum of the same quadratic function
 with a logarithmic barrier,
@@ -30,6 +31,7 @@ from scipy.special import log_ndtr, ndtri_exp
 
 from bayesid.arrays import Array, Integers, Mask
 from bayesid.effects.parameters import Cone
+from bayesid.effects.plane import Plane
 from bayesid.posterior.tuning import TUNING
 from bayesid.robot.inertia import PSEUDO_INERTIA_BASIS
 from bayesid.signs.search.bounds import cholesky
@@ -50,6 +52,7 @@ class FeasibleSet:
     offset: Array  #: (m,) rows theta + offset >= 0
     entries: Array  #: (10, b, P) the lower triangles of b matrices, by column
     constant: Array  #: (10, b) their part that does not depend on theta
+    within: Plane | None = None  #: where theta lies; None for all of space
 
     @classmethod
     def of(cls, cone: Cone, rows: Array | None = None, offset: Array | None = None) -> FeasibleSet:
@@ -70,6 +73,23 @@ class FeasibleSet:
             np.concatenate([np.zeros(len(signs)), bounds, constant[_DIAGONAL].ravel()]),
             entries,
             constant,
+            cone.plane(),
+        )
+
+    @cached_property
+    def plane(self) -> Plane:
+        """Where theta lies."""
+        return Plane.whole(self.size) if self.within is None else self.within
+
+    @cached_property
+    def flat(self) -> FeasibleSet:
+        """The region of y (d,), all of whose space is left."""
+        origin, basis = self.plane.origin, self.plane.basis
+        return FeasibleSet(
+            self.rows @ basis,
+            self.offset + self.rows @ origin,
+            self.entries @ basis,
+            self.constant + self.entries @ origin,
         )
 
     @property
@@ -189,7 +209,7 @@ class Centre:
     """The minimum of phi."""
 
     theta: Array  #: (P,) strictly inside the region
-    covariance: Array  #: (P, P) inverse of phi's Hessian there
+    covariance: Array  #: (d, d) inverse of phi's Hessian there, of the region's y
 
 
 def barrier_minimum(region: FeasibleSet, precision: Array, linear: Array, start: Array) -> Centre:
@@ -198,6 +218,9 @@ def barrier_minimum(region: FeasibleSet, precision: Array, linear: Array, start:
     Raises:
         LinAlgError: the Hessian is singular but for rounding.
     """
+    plane, region = region.plane, region.flat
+    linear = (linear - precision @ plane.origin) @ plane.basis
+    precision, start = plane.basis.T @ precision @ plane.basis, plane.coordinates(start)
 
     def phi(theta: Array) -> float:
         return float(0.5 * theta @ precision @ theta - linear @ theta + region.barrier(theta))
@@ -217,7 +240,7 @@ def barrier_minimum(region: FeasibleSet, precision: Array, linear: Array, start:
         if lower >= value:
             break  # rounding
         theta, value = theta + length * step, lower
-    return Centre(theta, _inverse(precision + region.barrier_derivatives(theta)[1]))
+    return Centre(plane.point(theta), _inverse(precision + region.barrier_derivatives(theta)[1]))
 
 
 def factor(matrix: Array) -> Array:

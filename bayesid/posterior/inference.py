@@ -138,7 +138,7 @@ class Posterior:
         A mean over several modes would lie between them, where the posterior has next to no mass.
         """
         mean: Array = self.modes[self.chosen].draws.theta.mean(axis=(0, 1, 2))
-        return mean
+        return self.target.prior.region.plane.nearest(mean)  # exactly
 
     @property
     def covariance(self) -> Array:
@@ -154,19 +154,17 @@ class Posterior:
         """(r, r) second moments of draws (D, E, W, r) about the coefficients of theta."""
         every = beta.reshape(-1, beta.shape[-1])
         covariance = np.atleast_2d(np.cov(every, rowvar=False))
-        if len(self.modes) == 1 and self.shift is None:
-            return covariance
-        off = every.mean(axis=0) - self.modes[self.chosen].draws.beta.mean(axis=(0, 1, 2))
-        return covariance + np.outer(off, off)
+        if len(self.modes) > 1 or self.shift is not None:
+            off = every.mean(axis=0) - self.modes[self.chosen].draws.beta.mean(axis=(0, 1, 2))
+            covariance = covariance + np.outer(off, off)
+        plane = self.target.prior.region.plane.seen_by(self.target.likelihood.projection)
+        onto = plane.basis @ plane.basis.T  # what an equality fixes has no rounding
+        return covariance if plane.is_whole else onto @ covariance @ onto
 
     @cached_property
     def parameter_sd(self) -> Array:
         """(P,) standard deviations of the parameters about theta, with all modes and what the model may lack."""
-        theta = self.uncertain.theta
-        spread: Array = theta.std(axis=(0, 1, 2))
-        if len(self.modes) == 1 and self.shift is None:
-            return spread
-        return np.hypot(spread, theta.mean(axis=(0, 1, 2)) - self.theta)
+        return np.sqrt(np.mean((self.uncertain.theta - self.theta) ** 2, axis=(0, 1, 2)))
 
     @property
     def parameter_covariance(self) -> Array:
@@ -334,7 +332,7 @@ def _drawn_wider(
 def _drawn_inside(region: FeasibleSet, normal: Normal, start: Array, inner: Array, random: RandomState) -> Array:
     """(N, P) draws of a normal distribution inside a region, by walkers that start in it; `inner` (P,) is in it too."""
     centre = barrier_minimum(region, normal.precision, normal.linear, inner)
-    lines, drawn = Conditional(centre.covariance, region.blocks), []
+    lines, drawn = Conditional.of(region, centre.covariance), []
     theta = normal.move(region, start, lines, TUNING.wider_warm_up, random)
     for _ in range(TUNING.wider_sweeps):
         theta = normal.move(region, theta, lines, 1, random)

@@ -36,6 +36,7 @@ from scipy.linalg import solve_triangular
 from scipy.special import expit, gammaln, logsumexp
 
 from bayesid.arrays import Array, Integers, Mask
+from bayesid.effects.plane import Plane
 from bayesid.errors import SolverError
 from bayesid.posterior.feasible_set import FeasibleSet, barrier_minimum
 from bayesid.posterior.moves import Conditional, noise_scales, sweep
@@ -82,6 +83,12 @@ class Normal:
         """(W,) at theta (W, P)."""
         value: Array = np.sum(theta * (self.linear - 0.5 * theta @ self.precision), axis=1)
         return value
+
+    def on(self, plane: Plane) -> tuple[Normal, float]:
+        """The density of y in a plane, and the log of a factor that is left out of it."""
+        origin, basis = plane.origin, plane.basis
+        pull = self.linear - self.precision @ origin
+        return Normal(basis.T @ self.precision @ basis, pull @ basis), float(0.5 * (self.linear + pull) @ origin)
 
     def toward(self, other: Normal, share: float) -> Normal:
         """The normal distribution on the way to another one: the geometric mean with this weight of the other."""
@@ -154,16 +161,25 @@ def truncate(
 ) -> tuple[Array, Array]:
     """(G, W, P) draws of a normal distribution inside the region, and (G,) estimates of the log of its integral there.
 
-    Nearly all of it may lie outside; `inner` (P,) lies strictly inside.
+    Nearly all of it may lie outside; `inner` (P,) lies strictly inside. The integral is over the region's plane.
 
     Raises:
         SolverError: the levels do not come to an end.
     """
+    plane, (flat, factor) = region.plane, normal.on(region.plane)
+    y, log_mass = _truncate(region.flat, flat, plane.coordinates(inner), random, groups, walkers)
+    return plane.point(y), log_mass + factor
+
+
+def _truncate(
+    region: FeasibleSet, normal: Normal, inner: Array, random: RandomState, groups: int, walkers: int
+) -> tuple[Array, Array]:
+    """The same where the region fills all of space."""
     centre = barrier_minimum(region, normal.precision, normal.linear, inner)
     precision = np.linalg.inv(centre.covariance)
     first = Normal(0.5 * (precision + precision.T), precision @ centre.theta)
     theta, log_mass = truncate_by_splitting(region, first, centre.theta, random, groups, walkers)
-    lines, current = Conditional(centre.covariance, region.blocks), first
+    lines, current = Conditional.of(region, centre.covariance), first
     for k in range(TUNING.mass_steps):
         following = first.toward(normal, (k + 1) / TUNING.mass_steps)
         moved = following.move(region, theta.reshape(-1, region.size), lines, TUNING.step_sweeps, random)
@@ -191,7 +207,7 @@ def truncate_by_splitting(
         log_share += np.log(stays.mean(axis=1))
         theta = theta[_resample(stays, random)]
         relaxed = region.relaxed(relaxation * (1.0 + 1e-9), inner)  # rounding must not shut out the last one that stays
-        lines = Conditional(barrier_minimum(relaxed, normal.precision, normal.linear, inner).covariance, region.blocks)
+        lines = Conditional.of(relaxed, barrier_minimum(relaxed, normal.precision, normal.linear, inner).covariance)
         theta = normal.move(relaxed, theta, lines, TUNING.level_sweeps, random)
         if relaxation == 0.0:
             return theta.reshape(groups, walkers, region.size), log_share + normal.log_integral

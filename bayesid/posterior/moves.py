@@ -32,20 +32,27 @@ class Conditional:
 
     Column k moves the k-th parameter of that order and, as far as they depend on it, those after it; in a normal
     distribution a sweep over all columns draws afresh. Blocks keep together, so that later columns move few bodies:
-    the others do not cut such a line short. This is what mixes in the corner of the cone.
+    the others do not cut such a line short. This is what mixes in the corner of the cone. Where equalities leave a
+    plane, the parameters are its y.
     """
 
-    covariance: Array  #: (P, P)
-    block: Integers  #: (P,) label of each parameter's block
+    covariance: Array  #: (d, d) of y
+    block: Integers  #: (d,) label of the block of each
+    basis: Array  #: (P, d) of the plane
+
+    @classmethod
+    def of(cls, region: FeasibleSet, covariance: Array) -> Conditional:
+        """Lines in a region, for the covariance (d, d) of its y."""
+        return cls(covariance, region.flat.blocks, region.plane.basis)
 
     def draw(self, random: RandomState) -> Array:
-        """(P, P)."""
+        """(P, d)."""
         size = len(self.covariance)
         place = random.random_sample(int(self.block.max()) + 1)[self.block]
         order = np.lexsort((random.random_sample(size), place))
         columns = np.zeros((size, size))
         columns[order] = factor(self.covariance[np.ix_(order, order)])
-        return columns
+        return self.basis @ columns
 
 
 class GibbsMove(ABC):
@@ -186,7 +193,7 @@ def spread_walkers(target: Target, centre: Centre, directions: Conditional, walk
     root = factor(centre.covariance)
     noise = random.standard_normal((walkers, len(root)))
     radius = random.random_sample((walkers, 1)) / np.linalg.norm(noise, axis=1, keepdims=True)
-    theta = centre.theta + TUNING.reach * radius * noise @ root.T
+    theta = centre.theta + TUNING.reach * radius * noise @ root.T @ target.prior.region.plane.basis.T
     coordinates = np.concatenate([theta, np.zeros((walkers, target.likelihood.n_joints))], axis=1)
     hot = InTurn([HitAndRun(target, directions, TUNING.hot), NoiseScales(target)])
     for _ in range(TUNING.hot_sweeps):

@@ -28,6 +28,9 @@ from bayesid.posterior.tuning import TUNING
 from bayesid.progress import Steps, no_steps
 from bayesid.signs.search.protocol import check_limits
 
+_ROUNDING = 1e-12
+"""Share of the largest value by which draws of a constant differ at most: a sum that an equality fixes is rounded."""
+
 
 @dataclass(frozen=True)
 class Sampling:
@@ -125,7 +128,7 @@ def diagnose(draws: Array) -> Diagnostics:
     sweeps, ensembles = draws.shape[:2]
     count = float(draws[..., 0].size)
     finite = np.isfinite(draws).all(axis=(0, 1, 2))
-    moving = finite & (np.ptp(draws, axis=(0, 1, 2)) > 0.0)
+    moving = finite & (np.ptp(draws, axis=(0, 1, 2)) > _ROUNDING * np.abs(draws).max(axis=(0, 1, 2), initial=0.0))
     rhat = np.where(finite, 1.0, np.nan)
     bulk, tail = np.where(finite, [[count], [count]], np.nan)
     halves = np.r_[: sweeps // 2, sweeps - sweeps // 2 : sweeps]
@@ -325,12 +328,12 @@ def _warmed_up(target: Target, theta: Array, sampling: Sampling, clock: _Clock) 
 
 
 def _moves(target: Target, centre: Centre) -> InTurn:
-    lines = Conditional(centre.covariance, target.prior.region.blocks)
+    lines = Conditional.of(target.prior.region, centre.covariance)
     return InTurn([HitAndRun(target, lines), NoiseScales(target)])
 
 
 def _spread(target: Target, centre: Centre, walkers: int, random: RandomState) -> _Walkers:
-    lines = Conditional(centre.covariance, target.prior.region.blocks)
+    lines = Conditional.of(target.prior.region, centre.covariance)
     return _Walkers(spread_walkers(target, centre, lines, walkers, random), random)
 
 

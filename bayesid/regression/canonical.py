@@ -1,4 +1,4 @@
-"""What a constraint of cvxpy says, as half spaces and 4 x 4 matrices over named parameters alone.
+"""What a constraint of cvxpy says, as half spaces, 4 x 4 matrices and equalities over named parameters alone.
 
 cvxpy makes cones of a constraint: equalities, half spaces, second-order cones |x| <= t, positive semidefinite matrices.
 It adds variables of its own for norms, absolute values, maxima, squares and eigenvalues, which are eliminated
@@ -22,6 +22,7 @@ from bayesid.regression.tuning import TUNING
 _CLEANED = (
     (re.compile(r"reshape\((\w+), \([\d, ]+\), [CF]\)"), r"\1"),
     (re.compile(r"Hstack\(([^()]*)\)"), r"[\1]"),
+    (re.compile(r"Promote\((.+?), \([\d, ]+\)\)"), r"\1"),
     (re.compile(r"PnormApprox\((.*?), 2\)"), r"norm(\1)"),
     (re.compile(r"PowerApprox\((.*?), 2\.0\)"), r"square(\1)"),
     (re.compile(r"PowerApprox\((.*?), 0\.5\)"), r"sqrt(\1)"),
@@ -97,10 +98,15 @@ def _check(one: Any, label: str, variables: dict[str, Any]) -> None:
 
 
 def _stated(form: Form, label: str, names: Sequence[str]) -> Constraints:
-    """Equalities, small cones and what always holds put right."""
-    if counts(form.zero[:, :-1], form.zero).any():
-        raise _refused(label, "is an equality", "state a narrow interval: two bounds, as in abs(x - y) <= 0.001")
-    halves, matrices = list(form.halves), []
+    """Small cones and what always holds put right."""
+    halves, matrices, equal = list(form.halves), [], []
+    for zero in form.zero:
+        size = float(np.abs(zero[:-1]).max())
+        if size > ROUNDING * np.abs(zero).max():
+            largest = zero[np.abs(zero[:-1]).argmax()]
+            equal.append(np.where(np.abs(zero) > ROUNDING * size, zero, 0.0) / largest)
+        elif np.abs(zero[-1]) > ROUNDING:
+            raise _refused(label, "never holds", "check its numbers")
     for kind, rows in form.blocks:
         if not counts(rows[:, :-1], rows).any():
             if least(kind, rows[:, -1]) < -ROUNDING:
@@ -127,8 +133,10 @@ def _stated(form: Form, label: str, names: Sequence[str]) -> Constraints:
     rows = np.array(list(kept.values())).reshape(-1, len(names) + 1)
     sized = np.array([matrix / np.abs(matrix[:-1]).max() for matrix in matrices]).reshape(-1, len(names) + 1, 4, 4)
     sized = np.where(np.abs(sized) > ROUNDING, sized, 0.0)
-    none = np.zeros(len(rows), dtype=np.int64), np.zeros(len(sized), dtype=np.int64)
-    return Constraints(tuple(names), (label,), rows[:, :-1], rows[:, -1], none[0], sized[:, :-1], sized[:, -1], none[1])
+    same = np.array(equal).reshape(-1, len(names) + 1)
+    none = [np.zeros(len(ones), dtype=np.int64) for ones in (rows, sized, same)]
+    cut = rows[:, :-1], rows[:, -1], none[0], sized[:, :-1], sized[:, -1], none[1], same[:, :-1], -same[:, -1], none[2]
+    return Constraints(tuple(names), (label,), *cut)
 
 
 def _padded(matrix: Array, label: str) -> Array:

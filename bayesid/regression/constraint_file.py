@@ -19,7 +19,7 @@ def read_constraints(path: str | Path) -> Says:
     """What a TOML file states, as a function of the parameters.
 
     Keys are `total_mass`, `[link.K]` with `mass`, `com_box`, `hull` and `ellipsoid`, and `[bounds]` with names of
-    parameters. Intervals are [low, high]; paths of meshes are relative to the file.
+    parameters. Intervals are [low, high], or [value, value] for an equality; paths of meshes are relative to the file.
 
     Raises:
         InputError: the file cannot be read, or holds something else. So does the function it gives where the model has
@@ -89,9 +89,9 @@ def _interval(
     of: Callable[[StatedParameters], Any], label: str, value: Any, where: str
 ) -> Callable[[StatedParameters], Stated]:
     low, high = _numbers(value, 2, label, where, f"{label.rpartition('.')[2]} = [3, 5]")
-    if not low < high:
-        raise InputError(f"{label} = [{low:g}, {high:g}] is empty", where, "give [low, high] with low < high")
-    return lambda p: Stated(label, [low <= of(p), of(p) <= high])
+    if low > high:
+        raise InputError(f"{label} = [{low:g}, {high:g}] is empty", where, "give [low, high] with low <= high")
+    return lambda p: Stated(label, [of(p) == low] if low == high else [low <= of(p), of(p) <= high])
 
 
 def _mass(k: int, label: str, value: Any, where: str, _: Path) -> Callable[[StatedParameters], Stated]:

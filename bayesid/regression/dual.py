@@ -71,6 +71,8 @@ class WhiteProblem:
         The shares only have to be good: any that are not negative prove what they prove.
         """
         slopes, costs = self.white @ parts, self.offsets @ parts
+        says = np.any(slopes != 0.0, axis=0)  # beside equalities a half space may say nothing
+        slopes, costs = slopes[:, says], costs[says]
         size = np.maximum(np.linalg.norm(slopes, axis=0), TINY)
         scaled = slopes / size
         root = np.linalg.cholesky(scaled.T @ scaled + RIDGE * np.eye(len(size))).T

@@ -43,7 +43,8 @@ def move_inside(cone: Cone, coefficients: BaseCoefficients, theta: Array) -> Arr
         SolverError: Clarabel did not reach its tolerances.
     """
     sizes = typical_sizes(cone)
-    free = sizes[:, None] * null_space(coefficients.projection * sizes)
+    along_plane = cone.plane(sizes).basis
+    free = sizes[:, None] * (along_plane @ null_space(coefficients.projection * sizes @ along_plane))
     if free.shape[1] == 0 or len(cone.bodies) == 0:
         return theta
     rows = np.column_stack([-rows_of(cone, free), _outwards(cone)])  # of (z, t)
@@ -114,23 +115,37 @@ def deepest_point(
     own = rows_of(cone, np.diag(sizes))
     units = units_of(cone, own)
     away = np.concatenate([_depths(cone, sizes), np.ones(len(more)), [1.0]])
-    scaled = np.vstack([own / units[:, None], more / size[:, None], np.zeros((1, cone.size))])
-    offsets = np.concatenate([offsets_of(cone) / units, constant / size, [1.0]])
+    equal, value = _equalities(cone, sizes)
+    away = np.append(away, np.zeros(len(equal)))
+    scaled = np.vstack([own / units[:, None], more / size[:, None], np.zeros((1, cone.size)), equal])
+    offsets = np.concatenate([offsets_of(cone) / units, constant / size, [1.0], -value])
     stated = scipy.sparse.csc_matrix(np.column_stack([-scaled, away]))
     weight = TUNING.depth_nearness
     quadratic = scipy.sparse.csc_matrix(np.diag(np.append(np.full(cone.size, 2.0 * weight), 0.0)))
     linear = np.append(-2.0 * weight * near / sizes, -1.0)
     cones = [*cones_of(cone), clarabel.NonnegativeConeT(len(more) + 1)]
+    cones += [clarabel.ZeroConeT(len(equal))] * (len(equal) > 0)
     outcome = solved(clarabel.DefaultSolver(quadratic, linear, stated, offsets, cones, settings_of(1e-9)))
     if outcome.failure:
         raise SolverError("a point inside the constraints", outcome.failure)
-    push = away * outcome.dual
-    labels = () if cone.stated is None else cone.stated.labels
+    push = np.abs(np.where(away > 0.0, away, 1.0) * outcome.dual)  # to an equality there is no depth
     of_row = label_of_row(cone)
-    shares = {label: float(np.abs(push[: len(of_row)][of_row == k]).sum()) for k, label in enumerate(labels)}
-    shares |= dict(zip(names, np.abs(push[len(of_row) : -1]).tolist(), strict=True))
+    shares: dict[str, float] = {}
+    if cone.stated is not None:
+        by_label = np.concatenate([of_row, np.full(len(more) + 1, -1), cone.stated.of_equal])
+        shares = {label: float(push[by_label == k].sum()) for k, label in enumerate(cone.stated.labels)}
+    shares |= dict(zip(names, push[len(of_row) : len(of_row) + len(more)].tolist(), strict=True))
     ending = tuple(label for label, share in shares.items() if share > TUNING.ends_room)
-    return Depth(sizes * outcome.point[:-1], float(outcome.point[-1]), ending)
+    return Depth(cone.plane().nearest(sizes * outcome.point[:-1]), float(outcome.point[-1]), ending)
+
+
+def _equalities(cone: Cone, sizes: Array) -> tuple[Array, Array]:
+    """(k, P) rows over theta / sizes, of length one, and (k,) their values."""
+    if cone.stated is None:
+        return np.empty((0, cone.size)), np.empty(0)
+    rows = cone.stated.equal * sizes
+    length = np.maximum(np.linalg.norm(rows, axis=1), TINY)
+    return rows / length[:, None], cone.stated.value / length
 
 
 def _outwards(cone: Cone) -> Array:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayesid.arrays import Array, Mask
+from bayesid.effects.plane import Plane
 from bayesid.errors import SolverError
 from bayesid.log.segments import Segments
 from bayesid.log.signals import signed_effort
@@ -50,6 +51,7 @@ class Fit:
         smallest_eigenvalues: (links,) of the pseudo-inertias.
         tolerance: relative gap the solver reached.
         moved_inside: whether what leaves no trace lies as far inside the cone as the data allow.
+        plane: in which equalities keep theta; covariances are those in it.
     """
 
     theta: Array
@@ -64,6 +66,7 @@ class Fit:
     smallest_eigenvalues: Array
     tolerance: float
     moved_inside: bool
+    plane: Plane
 
     def __repr__(self) -> str:
         left = ", ".join(f"{share:.1%}" for share in self.relative_residual)
@@ -81,8 +84,9 @@ class Fit:
 
     def parameter_covariance(self, projection: Array) -> Array:
         """(P, P) covariance of the parameters, by B (r, P); NaN where a parameter is not decided by itself."""
-        lift, finite = np.linalg.pinv(projection), np.isfinite(self.sd)
-        decided = np.abs(lift @ projection - np.eye(projection.shape[1])).max(axis=1) < _NONE
+        basis, finite = self.plane.basis, np.isfinite(self.sd)
+        lift = basis @ np.linalg.pinv(projection @ basis)
+        decided = np.abs(lift @ projection @ basis - basis).max(axis=1, initial=0.0) < _NONE
         decided &= ~(np.abs(lift[:, ~finite]) > _SILENT).any(axis=1)
         known = lift[:, finite]
         covariance = known @ self.covariance[np.ix_(finite, finite)] @ known.T
@@ -120,7 +124,8 @@ def fit_signed(log_data: LogData, signs: Array, *, most_corrected: int = TUNING.
     effort = signed_effort(signals, np.where(signs >= 0.0, 1.0, -1.0))
     weights = noise.sigma * np.sqrt(noise.autocorrelation)
     effective = _effective(normal_equations, weights, information)
-    covariance, condition = covariance_of(effective)
+    plane = model.cone.plane()
+    covariance, condition = covariance_of(effective, plane.seen_by(log_data.coefficients.projection))
     fit = Fit(
         theta=theta,
         beta=log_data.coefficients.project(theta),
@@ -134,6 +139,7 @@ def fit_signed(log_data: LogData, signs: Array, *, most_corrected: int = TUNING.
         smallest_eigenvalues=model.cone.smallest_eigenvalues(theta),
         tolerance=solution.tolerance,
         moved_inside=moved_inside,
+        plane=plane,
     )
     return fit if log_data.nuisance is None else widened(fit, log_data, signs)
 
@@ -142,7 +148,8 @@ def widened(fit: Fit, log_data: LogData, signs: Array) -> Fit:
     """A fit with the evidence's nuisance summed out: only the covariance is wider (:eq:`nuisance-spread`)."""
     weights = fit.noise.sigma * np.sqrt(fit.noise.autocorrelation)
     normal_equations = log_data.normal_equations(signs, constant_stretches(log_data.used))
-    return replace(fit, covariance=covariance_of(_effective(normal_equations, weights, log_data.information))[0])
+    effective, plane = _effective(normal_equations, weights, log_data.information), fit.plane
+    return replace(fit, covariance=covariance_of(effective, plane.seen_by(log_data.coefficients.projection))[0])
 
 
 def _effective(normal_equations: NormalEquations, weights: Array, earlier: InformationMatrix | None) -> Array:
@@ -180,6 +187,9 @@ def _before_fit(log_data: LogData, sigma: Array, predicted: Array, residual: Noi
     columns = log_data.columns  # ours: they are made anew whenever they are asked for
     columns[~used] = 0.0
     columns /= sigma[:, None]
+    plane = log_data.model.cone.plane().seen_by(log_data.coefficients.projection)
+    if not plane.is_whole:
+        columns, earlier = columns @ plane.basis, plane.basis.T @ (earlier * np.eye(len(plane.origin))) @ plane.basis
     residuals = _refit(columns, sigma, earlier)
     signs = np.where(predicted >= 0.0, 1.0, -1.0)[:, :, None]
 
@@ -192,7 +202,7 @@ def _before_fit(log_data: LogData, sigma: Array, predicted: Array, residual: Noi
 
 
 def _refit(columns: Array, sigma: Array, earlier: Array | float) -> Callable[[Array], Array]:
-    """What least squares without the cone leaves of (N, n, K) efforts; columns (N, n, r) are over sigma (n,)."""
+    """What least squares without inequalities leaves of (N, n, K) efforts; columns (N, n, r) are over sigma (n,)."""
     rows = columns.reshape(-1, columns.shape[2])
     information = rows.T @ rows + earlier
     lengths = np.sqrt(np.maximum(np.diag(information), _BLIND * np.diag(information).max()))
@@ -230,8 +240,19 @@ def constant_stretches(moving: Mask) -> Segments:
     return Segments(np.array(joint), np.array(start), np.array(end), ones, ones.astype(bool))
 
 
-def covariance_of(information: Array) -> tuple[Array, float]:
-    """(r, r) of coefficients by their information, inf on the diagonal where it shows nothing; the condition number."""
+def covariance_of(information: Array, plane: Plane | None = None) -> tuple[Array, float]:
+    """(r, r) of coefficients by their information, inf on the diagonal where it shows nothing; the condition number.
+
+    Where equalities keep the coefficients in a plane, those in it.
+    """
+    if plane is not None and not plane.is_whole:
+        inner, condition = covariance_of(plane.basis.T @ information @ plane.basis)
+        blind = np.isinf(np.diag(inner))
+        inner[blind, blind] = 0.0
+        covariance = plane.basis @ inner @ plane.basis.T
+        unexcited = (np.abs(plane.basis[:, blind]) > TUNING.involved).any(axis=1)
+        covariance[unexcited, unexcited] = np.inf
+        return covariance, condition
     lengths = np.sqrt(np.diag(information))
     silent = lengths <= _SILENT * lengths.max()
     scale = np.where(silent, 0.0, 1.0 / np.where(silent, 1.0, lengths))

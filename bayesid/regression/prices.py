@@ -61,6 +61,8 @@ def constraint_prices(log_data: LogData, fit: Fit, signs: Array) -> tuple[Constr
     best, of_row = solved(cone.stated), label_of_row(cone)
     pushes = [np.abs(best.multipliers[of_row == k]).max(initial=0.0) for k in range(len(cone.stated.labels))]
     least = TUNING.pushes * np.abs(best.multipliers).max(initial=0.0)
+    for k in cone.stated.of_equal.tolist():  # eliminated: no multiplier tells
+        pushes[k] = np.inf
     prices = []
     for k, label in enumerate(cone.stated.labels):
         others = [j for j in range(len(pushes)) if j != k]

@@ -9,6 +9,9 @@ moment is free once a mass without trace grows without limit. So a very weak pul
 rho(theta) = w sum ((theta_k - typical_k) / size_k)^2 with w = 1e-4 (:eq:`tikhonov`), completes the parameters. It costs
 parameters a hundred sizes away half a nat and decides nothing that the data show.
 
+Equalities are eliminated: theta / size = z0 + N y, with y in place of theta (`bayesid.effects.plane`). The cone, the
+solver and the bound of the cost are then those of y.
+
 `ConeLeastSquares` states the cone once; `prepared` makes a solver for one H, which Clarabel solves for one g after the
 other in a few milliseconds each. A status other than solved is never taken for a result.
 """
@@ -27,6 +30,7 @@ from scipy.linalg import solve_triangular
 from bayesid.arrays import TINY, Array
 from bayesid.effects.coefficients import BaseCoefficients
 from bayesid.effects.parameters import Cone
+from bayesid.effects.plane import Plane
 from bayesid.errors import SolverError
 from bayesid.regression.conic import (
     Outcome,
@@ -49,6 +53,8 @@ MARGIN = 1e-6
 """Smallest eigenvalue left to a pseudo-inertia (kg m^2 to kg): far below any link's, far above rounding."""
 _NO_TRACE = 1e-8
 """Parameters whose columns cancel to this share leave no trace: the tolerance of the base coefficients, squared."""
+_CANCELS = 1e-14
+"""Share of a row's length below which its entries along a plane are rounding."""
 _NEGLIGIBLE = 1e-12
 """Share of the largest curvature below which a parameter leaves no trace: what rounding makes of zero."""
 
@@ -137,7 +143,8 @@ class ConeLeastSquares:
         self.projection = coefficients.projection
         self.scale = _sizes(cone, self.projection, hessian, energy)
         self.typical = typical_parameters(cone) / self.scale
-        self.rows = _state_cone(cone, self.scale, min_eigenvalue)
+        self.plane, self._exact = cone.plane(self.scale), cone.plane()
+        self.rows = _state_cone(cone, self.scale, min_eigenvalue, self.plane)
         self.tikhonov_weight = tikhonov_weight(energy, least_tikhonov)
         self.tolerance = tolerance
         self._hessian = hessian
@@ -156,6 +163,10 @@ class ConeLeastSquares:
         """(r,) coefficients of parameters (P,)."""
         beta: Array = self.projection @ theta
         return beta
+
+    def parameters(self, y: Array) -> Array:
+        """(P,) of a point y (d,) of the plane, in sizes."""
+        return self._exact.nearest(self.scale * self.plane.point(y))
 
     def regularisation(self, theta: Array) -> float:
         """rho(theta), the Tikhonov term to typical links (:eq:`tikhonov`)."""
@@ -187,7 +198,8 @@ class PreparedLeastSquares:
         full = 0.5 * (full + full.T)
         self._unit = max(float(np.max(np.diag(full))), TINY)
         self._tikhonov = stated.tikhonov_weight / self._unit
-        quadratic = 2.0 * full / self._unit + 2.0 * self._tikhonov * np.eye(len(full))
+        self._whole = 2.0 * full / self._unit + 2.0 * self._tikhonov * np.eye(len(full))
+        quadratic = stated.plane.basis.T @ self._whole @ stated.plane.basis
         self._quadratic, self._factor = _upper_triangle(quadratic), np.linalg.cholesky(quadratic)
         self._solver: Any = None
 
@@ -218,7 +230,7 @@ class PreparedLeastSquares:
         if outcome.failure:
             self._solver = None
             raise SolverError("cone least squares", outcome.failure)
-        return self._solution(gradient, linear, tried, tolerance)
+        return self._solution(gradient, tried, tolerance)
 
     def solve_precisely(self, gradient: Array) -> Solution:
         """The best point for g (r,), to the finest tolerance that Clarabel reaches (named in the solution).
@@ -231,25 +243,31 @@ class PreparedLeastSquares:
             for equilibrate in (True, False):
                 tried.append(self._tried(linear, tolerance, _Attempt(equilibrate=equilibrate)))
                 if not tried[-1].failure:
-                    return self._solution(gradient, linear, tried, tolerance)
+                    return self._solution(gradient, tried, tolerance)
         return self.solve(gradient)
 
-    def _linear(self, gradient: Array) -> Array:
+    def _slope(self, gradient: Array) -> Array:
+        """(P,) of the cost at z = 0."""
         slope: Array = self._stated.scale * (gradient @ self._stated.projection) / self._unit
         return -2.0 * (slope + self._tikhonov * self._stated.typical)
 
-    def _solution(self, gradient: Array, linear: Array, tried: list[Outcome], tolerance: float) -> Solution:
+    def _linear(self, gradient: Array) -> Array:
+        """(d,) of the cost at y = 0."""
+        plane = self._stated.plane
+        return (self._slope(gradient) + self._whole @ plane.origin) @ plane.basis
+
+    def _solution(self, gradient: Array, tried: list[Outcome], tolerance: float) -> Solution:
         """The last point that was tried, and the largest bound: that of a failed attempt is as true as any."""
         stated = self._stated
-        theta = stated.scale * tried[-1].point
+        theta = stated.parameters(tried[-1].point)
         theta[stated.nonnegative] = np.maximum(theta[stated.nonnegative], 0.0)  # what is below is within the tolerance
         beta = stated.project(theta)
         cost = float(beta @ self._hessian @ beta - 2 * gradient @ beta) + stated.regularisation(theta)
         duals = [outcome.dual for outcome in tried if len(outcome.point)]
-        bounds = [self._lower_bound(linear, dual) for dual in duals if np.all(np.isfinite(dual))]
+        bounds = [self.bound_of(gradient, dual) for dual in duals if np.all(np.isfinite(dual))]
         return Solution(theta, cost, tolerance, min(cost, max(bounds, default=-np.inf)), tried[-1].dual)
 
-    def _lower_bound(self, linear: Array, dual: Array) -> float:
+    def bound_of(self, gradient: Array, dual: Array) -> float:
         """What weak duality proves about the cost of every feasible point, for any multipliers (:eq:`dual-bound`).
 
         For z in the dual cone, min over feasible x of x'Px/2 + q'x >= min over all x of x'Px/2 + q'x + z'(Ax - b)
@@ -257,7 +275,7 @@ class PreparedLeastSquares:
         pull. Of the multiples of z the best is taken; none of it gives the bound without a cone. Where constraints cut
         the cone, z is too far from the best for the solver's tolerance, and improved (`bayesid.regression.dual`).
         """
-        offsets, rows, _ = self._stated.rows
+        (offsets, rows, _), linear, origin = self._stated.rows, self._linear(gradient), self._stated.plane.origin
         z = into_cone(dual, self._stated.linear_count)
         slopes = solve_triangular(self._factor, np.column_stack([linear, rows.T @ z]), lower=True)
         plain, slope = slopes.T
@@ -267,6 +285,7 @@ class PreparedLeastSquares:
             white = solve_triangular(self._factor, rows.T.toarray(), lower=True)
             problem = WhiteProblem(plain, white, offsets, self._stated.linear_count)
             value = max(value, problem.lower_bound(z, self._stated.tolerance))
+        value += float(origin @ (0.5 * self._whole @ origin + self._slope(gradient)))
         return self._unit * (value + self._tikhonov * float(self._stated.typical @ self._stated.typical))
 
     def _tried(self, linear: Array, tolerance: float, attempt: _Attempt) -> Outcome:
@@ -325,14 +344,19 @@ def _sizes(cone: Cone, projection: Array, hessian: Array, energy: float) -> Arra
     return sizes
 
 
-def _state_cone(cone: Cone, scale: Array, min_eigenvalue: float) -> tuple[Array, scipy.sparse.csc_matrix, list[Any]]:
-    """The cone as Clarabel wants it, b - A z in K for z = theta / scale."""
+def _state_cone(
+    cone: Cone, scale: Array, min_eigenvalue: float, plane: Plane
+) -> tuple[Array, scipy.sparse.csc_matrix, list[Any]]:
+    """The cone as Clarabel wants it, b - A y in K for theta / scale = the plane's point of y."""
     offsets, linear = offsets_of(cone), linear_count(cone)
     offsets[linear : linear + 10 * len(cone.bodies)] = -np.tile(min_eigenvalue * stacked(np.eye(4)), len(cone.bodies))
     rows = rows_of(cone, np.diag(scale))
     rows[: len(cone.nonnegative)] = np.eye(cone.size)[cone.nonnegative]
     units = units_of(cone, rows)
-    return offsets / units, scipy.sparse.csc_matrix(-rows / units[:, None]), cones_of(cone)
+    rows = rows / units[:, None]
+    free = rows @ plane.basis
+    free[np.abs(free) < _CANCELS * np.linalg.norm(rows, axis=1)[:, None]] = 0.0
+    return offsets / units + rows @ plane.origin, scipy.sparse.csc_matrix(-free), cones_of(cone)
 
 
 def _upper_triangle(matrix: Array) -> scipy.sparse.csc_matrix:

@@ -214,7 +214,11 @@ def check_room(stated: Constraints, model: Model) -> None:
     Raises:
         InputError: they do not, with the labels of those that cannot hold together.
     """
+    if labels := stated.contradicting:
+        raise no_room(labels)
     cone = replace(model, constraints=stated).cone
+    if not cone.plane().basis.shape[1]:
+        raise InputError("every parameter has a value", field="constraints", remedy="leave out some equalities")
     found = deepest_point(cone, typical_parameters(cone), typical_sizes(cone))
     if not found.inside:
         raise no_room(found.labels)

@@ -100,7 +100,7 @@ class Problem:
     def starts(self, walkers: int) -> Array:
         """(W, P + n) where bayesid's walkers start as well."""
         centre = self.target.centre(self.theta, np.zeros(self.target.likelihood.n_joints))
-        lines = Conditional(centre.covariance, self.target.prior.region.blocks)
+        lines = Conditional.of(self.target.prior.region, centre.covariance)
         return spread_walkers(self.target, centre, lines, walkers, np.random.RandomState(0))
 
 

@@ -183,3 +183,69 @@ def test_uncertain_gains_bear_ratios_but_no_bounds():
     stated = found.model.cone.stated
     draws = found.posterior.uncertain.theta.reshape(-1, len(NAMES))
     assert all(stated.contains(theta, 1e-9) for theta in draws[::5])
+
+
+def equal(p):
+    """Of the arm, exactly: a weighed link, its centre by CAD, two frictions of known ratio and one that is known."""
+    yield p["m2"] == TRUE["m2"]
+    yield p.first_moment(2) == centre(2) * p["m2"]
+    yield p["Fc2"] == (TRUE["Fc2"] / TRUE["Fc3"]) * p["Fc3"]
+    yield p["Fv1"] == TRUE["Fv1"]
+
+
+@pytest.fixture(scope="module")
+def in_plane():
+    few = Sampling(budget=0.0)
+    return identify(ROBOT, log_of(0, signed=False), complete="only-uncertainty", constraints=equal, posterior=few)
+
+
+def test_equalities_hold_exactly_in_fit_draws_and_files(in_plane, tmp_path):
+    stated, free = in_plane.model.cone.stated, sampled()
+    for draws in (in_plane.posterior.draws, in_plane.posterior.uncertain):
+        theta = draws.theta.reshape(-1, len(NAMES))
+        assert np.abs(stated.gap(theta.T)).max() < 1e-12
+    for theta in (in_plane.theta, in_plane.fit.theta):
+        assert stated.contains(theta)
+        assert theta[NAMES.index("Fv1")] == TRUE["Fv1"]
+    rows, before = ({row.name: row for row in one.parameters_table()} for one in (in_plane, free))
+    for name in ("m2", "mc2y", "Fv1"):
+        assert (rows[name].sd, rows[name].decided_by) == (0.0, "constraints")
+        assert rows[name].mean == pytest.approx(TRUE[name], rel=1e-14)
+    assert rows["Fc2"].decided_by == "data"
+    assert in_plane.posterior.active_constraints == {}, "to hold exactly is not to press"
+    known = in_plane.coefficient("Fv1")
+    assert (known.mean, known.sd, known.lower, known.upper) == (TRUE["Fv1"], 0.0, TRUE["Fv1"], TRUE["Fv1"])
+    precision = [1.0 / before[name].sd ** 2 for name in ("Fc2", "Fc3")]
+    both = 1.0 / np.sqrt(precision[0] + precision[1] / (TRUE["Fc2"] / TRUE["Fc3"]) ** 2)
+    exact = identify(ROBOT, log_of(0, signed=False), complete="off", constraints=equal, posterior=False)
+    sd = dict(zip(exact.coefficients.names, exact.fit.sd.tolist(), strict=True))
+    assert sd["Fv1"] == 0.0
+    assert 0.75 * both < sd["Fc2"] < 1.05 * both, "two joints show one number"
+    assert sd["Fc3"] / sd["Fc2"] == pytest.approx(TRUE["Fc3"] / TRUE["Fc2"])
+    assert max(one.nats for one in in_plane.constraints) < 6.0
+    folder = save_identification(in_plane, tmp_path / "result", report=True)
+    with open(folder / "parameters.csv", newline="") as file:
+        written = {row["name"]: row for row in csv.DictReader(file)}
+    assert (float(written["m2"]["mean"]), float(written["m2"]["sd"])) == (float(f"{TRUE['m2']:.9g}"), 0.0)
+    stored = load(folder)
+    assert stored.model.cone.stated.contains(in_plane.theta)
+    np.testing.assert_array_equal(stored.model.cone.plane().basis, in_plane.model.cone.plane().basis)
+    reading = identify_payload(stored, log_of(2, signed=False), posterior=Sampling(budget=0.0))
+    cone, theta = reading.identification.model.cone, reading.posterior.draws.theta
+    assert np.abs(cone.stated.gap(theta.reshape(-1, cone.size).T)).max() < 1e-12
+
+
+def test_an_equality_that_is_wrong_costs_what_the_log_knows_better():
+    place, free = NAMES.index("Fc2"), by_least_squares()
+    sd = free.fit.sd[free.coefficients.names.index("Fc2")]
+    value = float(free.fit.theta[place] - 6.0 * sd)
+    found = identify(ROBOT, log_of(0), complete="off", posterior=False, constraints=lambda p: p["Fc2"] == value)
+    (price,) = found.constraints
+    assert price.nats == pytest.approx(18.0, rel=0.2), "half the square of the distance in sds"
+    assert [price.label in said for said in found.warnings].count(True) == 1
+
+
+def test_uncertain_gains_bear_no_equality():
+    uncertain = replace(log_of(0), gains=gains_of("1~20%,1~20%,1~20%", 3))
+    with pytest.raises(InputError, match="Fv1 == Fv2 cannot be used with uncertain gains"):
+        identify(ROBOT, uncertain, complete="off", posterior=False, constraints=lambda p: p["Fv1"] == p["Fv2"])

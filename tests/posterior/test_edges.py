@@ -16,11 +16,15 @@ ONE, NONE = np.zeros(1, dtype=np.int64), np.zeros(0, dtype=np.int64)
 
 
 def half(label, row, offset):
-    return Constraints(("m1", "m2"), (label,), np.array([row]), np.array([offset]), ONE, *nothing())
+    return Constraints(("m1", "m2"), (label,), np.array([row]), np.array([offset]), ONE, *nothing(), *no_rows())
 
 
 def nothing():
     return np.empty((0, 2, 4, 4)), np.empty((0, 4, 4)), NONE
+
+
+def no_rows():
+    return np.empty((0, 2)), np.empty(0), NONE
 
 
 def cut(at, rng):
@@ -47,9 +51,8 @@ def test_of_a_cone_the_distance_counts_in_which_it_ends():
     basis = np.zeros((1, 2, 4, 4))
     basis[0, 0, 0, 3] = basis[0, 0, 3, 0] = 1.0
     basis[0, 1] = -np.eye(4)
-    stated = Constraints(
-        ("m1", "m2"), ("cone",), np.empty((0, 2)), np.empty(0), NONE, basis, 2.0 * np.eye(4)[None], ONE
-    )
+    matrix = basis, 2.0 * np.eye(4)[None], ONE
+    stated = Constraints(("m1", "m2"), ("cone",), *no_rows(), *matrix, *no_rows())
     small = 1e-4 * rng.standard_normal(COUNT)
     law = truncnorm(0.0, np.inf)
     active_bounds = np.column_stack([small, 2.0 - np.abs(small) - 0.3 * cut(0.0, rng)])

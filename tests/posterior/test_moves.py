@@ -63,7 +63,7 @@ def test_a_rigid_body_matches_rejection(rng):
     make = target_in(region, body)
     nothing = simulate(make, body, np.zeros(1), rng, rows=10, segments=2, known=1.0, noise=1e6)
     target = replace(nothing, prior=replace(nothing.prior, mean=body, sd=sd))
-    move = HitAndRun(target, Conditional(np.diag(sd**2), np.zeros(10, dtype=np.int64)))
+    move = HitAndRun(target, Conditional(np.diag(sd**2), np.zeros(10, dtype=np.int64), np.eye(10)))
     draws = samples_of(move, np.tile(np.append(body, 0.0), (200, 1)), 150, np.random.RandomState(0))[..., :10]
     walkers = draws.mean(axis=0)
     error = np.hypot(walkers.std(axis=0, ddof=1) / np.sqrt(len(walkers)), kept.std(axis=0) / np.sqrt(len(kept)))

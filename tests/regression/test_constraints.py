@@ -74,11 +74,17 @@ FORMS = {
     ),
     "norm and size": lambda p: cp.norm(p.first_moment(2)) + 0.5 * cp.abs(p["mc3x"]) <= 0.3 * p["m2"],
 }
+EQUALITIES = {
+    "value": lambda p: p["m3"] == 2.5,
+    "coefficient": lambda p: [p["Fc1"] == 1.75, p["Fv2"] == 3 * p["Fv3"]],
+    "proportion": lambda p: [p["m2"] == 2 * p["m3"], 3 * p["m3"] + p["Fv1"] == 7, *p.com_in_box(2, [0] * 3, [0.1] * 3)],
+    "centre": lambda p: [p.first_moment(2) == 0.1 * p.mass(2), p["m2"] <= 4],
+}
 
 
 def said(form, model):
     p = StatedParameters([one.name for one in model.parameters], model.robot.n_joints)
-    stated = FORMS[form](p)
+    stated = (FORMS | EQUALITIES)[form](p)
     return p, stated if isinstance(stated, list) else [stated]
 
 
@@ -118,11 +124,12 @@ def quadratic(model, seed):
 
 
 @pytest.mark.parametrize(
-    "form", ["total", "box", "hull", "ellipsoid", "norm", "eigenvalue", "sum of abs", "three squares", "over"]
+    "form",
+    ["total", "box", "hull", "ellipsoid", "norm", "eigenvalue", "sum of abs", "three squares", "over", *EQUALITIES],
 )
 def test_optimum_is_that_of_cvxpy(form, model):
     coefficients, hessian, gradient, energy = quadratic(model, 3)
-    constrained = replace(model, constraints=constraints_of(FORMS[form], model))
+    constrained = replace(model, constraints=constraints_of((FORMS | EQUALITIES)[form], model))
     solver = ConeLeastSquares(constrained.cone, coefficients, hessian, energy, tolerance=1e-9)
     solution = solver.prepared().solve_precisely(gradient)
     p, stated = said(form, model)
@@ -142,6 +149,35 @@ def test_optimum_is_that_of_cvxpy(form, model):
     assert solution.cost > free.cost + 1e-4 * energy, "the constraint binds"
 
 
+def test_no_multiplier_proves_more_than_the_optimum_in_a_plane(model):
+    coefficients, hessian, gradient, energy = quadratic(model, 3)
+    cone = replace(model, constraints=constraints_of(EQUALITIES["proportion"], model)).cone
+    solver = ConeLeastSquares(cone, coefficients, hessian, energy)
+    best, rng = solver.prepared().solve_precisely(gradient), np.random.default_rng(0)
+    assert best.theta[cone.stated.names.index("m2")] == 2.0 * best.theta[cone.stated.names.index("m3")]
+    for size in (0.01, 1.0):
+        prepared = solver.prepared()
+        noise = size * np.abs(best.multipliers).max() * rng.normal(size=(50, len(best.multipliers)))
+        bounds = [prepared.bound_of(gradient, best.multipliers + one) for one in noise]
+        assert max(bounds) <= best.cost + 1e-9 * energy
+
+
+def test_equalities_are_known_exactly_and_contain_what_they_should(model):
+    stated = constraints_of(lambda p: [EQUALITIES["coefficient"](p), FORMS["box"](p), p["m3"] == 2.5], model)
+    names, plane = [one.name for one in model.parameters], stated.plane()
+    theta = plane.nearest(random_parameters(model, np.random.default_rng(3)))
+    assert (theta[names.index("m3")], theta[names.index("Fc1")]) == (2.5, 1.75)
+    assert stated.only([0, 1, 3]).contains(theta)
+    theta[names.index("Fv2")] += 1e-6
+    assert not stated.only([0, 1, 3]).contains(theta)
+    np.testing.assert_allclose(plane.basis.T @ plane.basis, np.eye(len(names) - 3), atol=1e-15)
+    again = Constraints.from_table(stated.table).of(names)
+    np.testing.assert_array_equal(again.plane().basis, plane.basis)
+    np.testing.assert_array_equal(again.plane().origin, plane.origin)
+    assert stated.homogeneous.labels == (stated.labels[2],), "nothing equal bears another scale of each joint"
+    assert "Fv2 == 3 * Fv3" not in stated.of([name for name in names if name != "Fv3"]).labels
+
+
 KNOWN = """
 total_mass = [7, 31.5]
 [link.2]
@@ -152,6 +188,7 @@ ellipsoid = {centre = [0.05, 0, 0.1], semi_axes = [0.2, 0.3, 0.4]}
 hull = "tetrahedron.stl"
 [bounds]
 m3 = [0.5, 5]
+Fc1 = [1.5, 1.5]
 """
 FACES = [(0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)]
 
@@ -183,13 +220,16 @@ def test_file_and_python_state_the_same(tmp_path, model, binary):
         yield p.density_in_ellipsoid(2, [0.05, 0, 0.1], [0.2, 0.3, 0.4])
         yield p.com_in_hull(3, TETRAHEDRON)
         yield [p["m3"] >= 0.5, p["m3"] <= 5]
+        yield p["Fc1"] == 1.5
 
     in_python = constraints_of(python, model)
     key = np.column_stack([of_file.rows, of_file.offset]), np.column_stack([in_python.rows, in_python.offset])
     first, second = (one[np.lexsort(one.round(5).T)] for one in key)
     np.testing.assert_allclose(first, second, atol=1e-6)
+    np.testing.assert_array_equal(of_file.equal, in_python.equal)
+    assert of_file.value.tolist() == in_python.value.tolist() == [1.5]
     assert of_file.labels == (
-        "total_mass", "link.2.mass", "link.2.com_box", "link.2.ellipsoid", "link.3.hull", "bounds.m3"
+        "total_mass", "link.2.mass", "link.2.com_box", "link.2.ellipsoid", "link.3.hull", "bounds.m3", "bounds.Fc1"
     )  # fmt: skip
     assert in_python.labels[:3] == ("7 <= total_mass", "total_mass <= 31.5", "1.5 <= m2")
 
@@ -220,7 +260,11 @@ REFUSED = {
     "root's remedy": (lambda p: cp.sqrt(p["m3"]) >= p["mc1x"], "cp.square(b) <= a"),
     "cube": (lambda p: cp.power(p["m1"], 3) <= 5, "variables beside"),
     "long norm": (lambda p: cp.norm(cp.hstack([p.first_moment(1), p["m3"], p["Fv1"]])) <= p["m2"], "5 numbers"),
-    "equality": (lambda p: p["m1"] == p["m2"], "interval"),
+    "equality outside": (lambda p: [p["m3"] == 4, p["m2"] <= 3, p["m3"] <= 3.5], "m3 == 4 and m3 <= 3.5 cannot hold"),
+    "equal to two": (lambda p: [p["m2"] == 2 * p["m3"], p["m1"] == 3, p["m2"] == 6, p["m3"] == 4],
+                     "m2 == 2 * m3, m2 == 6 and m3 == 4 cannot hold together"),
+    "no friction": (lambda p: p["Fv1"] == 0, "Fv1 == 0 cannot hold with positive"),
+    "never equal": (lambda p: p["m1"] == p["m1"] + 1, "never holds"),
     "chain": (lambda p: 1 <= p["m1"] <= 5, "by itself"),
     "nothing": (lambda p: [1 <= 5], "True"),
     "other variable": (lambda p: p["m1"] <= cp.Variable(name="x"), "beside those of p"),
@@ -315,6 +359,6 @@ def test_wrong_multipliers_never_raise_the_bound_above_the_optimum(few_rows, rou
         best = prepared.solve_precisely(gradient)
         size = np.abs(best.multipliers)
         wrong = best.multipliers + rough * size * np.random.default_rng(k).normal(size=len(size))
-        bound = prepared._lower_bound(prepared._linear(gradient), wrong)
+        bound = prepared.bound_of(gradient, wrong)
         assert bound <= best.cost + 1e-9 * energy
         assert bound > best.cost - 0.05 * energy

@@ -13,7 +13,7 @@ from bayesid.signs.search.certified import certified
 
 
 def stated_for(cone, seed, matrices):
-    """Random half spaces and matrices, none of them a cone, that leave some room about a random feasible point."""
+    """Random half spaces, matrices and equalities, no cones, that leave some room about a random feasible point."""
     rng = np.random.default_rng([seed, 7])
     point = np.abs(rng.normal(size=cone.size)) * 0.4
     for body in cone.bodies:
@@ -25,9 +25,12 @@ def stated_for(cone, seed, matrices):
     basis[:, 0] = rng.normal(size=(matrices, 4, 4))
     basis = basis + basis.swapaxes(2, 3)
     constant = 0.8 * np.eye(4) - np.einsum("bqij,q->bij", basis, point)
-    labels = tuple(f"half space {k}" for k in range(4)) + tuple(f"matrix {k}" for k in range(matrices))
-    names = tuple(f"p{k}" for k in range(cone.size))
-    return Constraints(names, labels, rows, offset, np.arange(4), basis, constant, 4 + np.arange(matrices))
+    equal = rng.normal(size=(seed % 3, cone.size)) * (rng.random((seed % 3, cone.size)) < 0.6)
+    kinds = ("half space", 4), ("matrix", matrices), ("equality", len(equal))
+    labels = tuple(f"{kind} {k}" for kind, count in kinds for k in range(count))
+    names, of_equal = tuple(f"p{k}" for k in range(cone.size)), 4 + matrices + np.arange(len(equal))
+    inequalities = rows, offset, np.arange(4), basis, constant, 4 + np.arange(matrices)
+    return Constraints(names, labels, *inequalities, equal, equal @ point, of_equal)
 
 
 def brute_force(problem):
@@ -40,6 +43,8 @@ def brute_force(problem):
     ).T
     target = cp.Parameter(len(root))
     feasible = [cone.stated.rows @ theta + cone.stated.offset >= 0]
+    if len(cone.stated.equal):
+        feasible.append(cone.stated.equal @ theta == cone.stated.value)
     if len(cone.nonnegative):
         feasible.append(z[cone.nonnegative] >= 0)
     for basis, constant in [
@@ -80,9 +85,9 @@ def agree(count):
         assert found.lower_bound <= costs.min() + close, seed
         if found.certified:
             assert found.cost <= costs.min() + close, seed
-        if found.sign_solution is not None:
+        if found.persistent is not None:
             near = problem.assignments[costs <= found.cost + found.within - close]
-            assert np.all(near[:, found.sign_solution] == found.signs[found.sign_solution]), seed
+            assert np.all(near[:, found.persistent] == found.signs[found.persistent]), seed
         assert found.certified or found.uncertified_because == "tikhonov", seed
         free = replace(problem, cone=replace(problem.cone, stated=None))
         other = certified(free.normal_equations, free.solver(), 10.0)

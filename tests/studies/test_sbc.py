@@ -52,7 +52,7 @@ def test_the_truth_comes_from_the_prior_that_is_stated(rng):
     data = sbc.target_of(effort, np.ones(len(setting().segments), dtype=np.int64), "").likelihood
     nothing = replace(data, **{name: 0.0 * getattr(data, name) for name in ("hessian", "gradient", "energy")})
     target = Target(prior, nothing)
-    move = HitAndRun(target, Conditional(np.diag(prior.sd**2), prior.region.blocks))
+    move = HitAndRun(target, Conditional.of(prior.region, np.diag(prior.sd**2)))
     start = np.tile(np.append(prior.inside, [0.0, 0.0]), (300, 1))
     drawn = samples_of(move, start, 1, np.random.RandomState(0), burn=250)[0, :, :-2]
     smallest = [stats.ks_2samp(truths[:, k], drawn[:, k]).pvalue for k in range(drawn.shape[1])]
