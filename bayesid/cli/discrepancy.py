@@ -11,6 +11,7 @@ from bayesid.cli.bars import stages
 from bayesid.cli.options import (
     check_new,
     command_line,
+    config_of,
     finish,
     read,
     read_for,
@@ -24,6 +25,7 @@ from bayesid.cli.terminal import line_of
 from bayesid.discrepancy.comparison import ChangeReport, compare_logs
 from bayesid.discrepancy.workflow import Discrepancy, find_discrepancy
 from bayesid.errors import InputError
+from bayesid.files.config import CONFIG, read_config
 from bayesid.identification.model_file import load
 from bayesid.identification.options import Preprocessing
 from bayesid.identification.pipeline import QUICK
@@ -85,7 +87,7 @@ def _compare_with_result(options: argparse.Namespace) -> None:
             preprocessing=Preprocessing(cutoff=options.cutoff),
             progress=progress,
         )
-        result = _with_command(result)
+        result = _with_command(options, result)
         incomplete = _save(lambda place: save_discrepancy(result, place, progress=progress), folder)
     _end(options, result, folder, incomplete)
 
@@ -119,7 +121,7 @@ def _compare_logs(options: argparse.Namespace) -> None:
             preprocessing=Preprocessing(cutoff=options.cutoff),
             progress=progress,
         )
-        result = replace(result, found=(*result.found[:-1], _with_command(result.found[-1])))
+        result = replace(result, found=(*result.found[:-1], _with_command(options, result.found[-1])))
         incomplete = _save(lambda place: save_comparison(result, place, progress=progress), folder)
     _end(options, result, folder, incomplete)
 
@@ -139,9 +141,11 @@ def _search(options: argparse.Namespace, usual: float) -> Certified:
     return Certified(budget=budget, time_limit=options.time_limit)
 
 
-def _with_command(result: Discrepancy) -> Discrepancy:
-    again = result.identification
-    run_by = replace(again.provenance, command=command_line())
+def _with_command(options: argparse.Namespace, result: Discrepancy) -> Discrepancy:
+    """The result with what was typed, and what its robot's logs have in common: as the earlier result has it."""
+    again, kept = result.identification, options.result / CONFIG
+    config = read_config(kept) if kept.is_file() else config_of(options)
+    run_by = replace(again.provenance, command=command_line(), config=config)
     return replace(result, identification=replace(again, provenance=run_by))
 
 

@@ -74,7 +74,7 @@ def test_later_commands_need_no_option_of_reading(odd, capfd):
     for command in (
         ("validate", "result", "other.csv", "--strict"),
         ("predict", "result", "other.csv"),
-        ("discrepancy", "result", "other.csv", "--no-posterior"),
+        ("discrepancy", "result", "other.csv", "--no-posterior", "--out", "found"),
         ("payload", "result", "other.csv", *quick),
         ("track", "result", "other.csv"),
         ("excite", "--for", "result", "--duration", 4, "--rate", 50, "--changes", 60),
@@ -83,6 +83,7 @@ def test_later_commands_need_no_option_of_reading(odd, capfd):
         err = capfd.readouterr().err
         assert ("read as the result's log was" in err) == (command[0] != "excite"), err
         assert "not by that of the result" not in err
+    assert (odd / "found" / CONFIG).read_text() == (odd / "result" / CONFIG).read_text()
     assert run("validate", "result", "other.csv", "--gains", "2,4,6") == 0
     assert "read by --gains, not by that of the result" in capfd.readouterr().err
 
