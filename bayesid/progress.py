@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 Steps = Callable[[int, int], None]  # called as steps(done, total) by one stage
+Show = Callable[[str, int, int], None]  # called as show(stage, done, total)
 
 
 def no_steps(done: int, total: int) -> None:
@@ -23,16 +24,14 @@ class Progress:
 
     A stage begins with done = 0 and ends with done = total, where a proof made further steps needless too. A stage
     without steps is one step.
-
-    Example:
-        >>> stages = []
-        >>> progress = bayesid.Progress(lambda stage, done, total: stages.append((stage, done, total)))
-        >>> result = bayesid.identify(robot, log, terms, posterior=False, progress=progress)
-        >>> stages[:3]
-        [('prepare', 0, 1), ('prepare', 1, 1), ('check before the search', 0, 1)]
     """
 
-    show: Callable[[str, int, int], None] = _silent
+    show: Show = _silent
+
+    @classmethod
+    def of(cls, show: Progress | Show) -> Progress:
+        """That of any callable."""
+        return show if isinstance(show, Progress) else cls(show)
 
     @contextmanager
     def stage(self, name: str) -> Iterator[Steps]:

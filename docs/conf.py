@@ -74,7 +74,7 @@ napoleon_use_ivar = True
 python_use_unqualified_type_names = True
 toc_object_entries_show_parents = "hide"
 
-_EXPORTED = {id(getattr(bayesid, name)) for name in bayesid.__all__}
+_EXPORTED = {id(getattr(place, name)) for place in (bayesid, bayesid.types) for name in place.__all__}
 _MARKUP = re.compile(r"(?P<markup>`[^`]*`|\*\w[^*]*\w\*)|(?P<sign>[|*])")
 
 

@@ -53,7 +53,7 @@ class PayloadCase:
         self.robot, self.rng = small_robot(3), np.random.default_rng(seed)
         t = np.arange(int(duration * rate) + 1) / rate
         self.before, self.after = (random_trajectory(3, duration, seed=100 * seed + k).motion(t) for k in (1, 2))
-        self.model = Model(self.robot, bayesid.make_terms(TERMS, self.robot, self.before))
+        self.model = Model.of(self.robot, TERMS, self.before)
         self.theta = random_parameters(self.model, self.rng)
         self.sigma = NOISE * np.sqrt(np.mean(self._effort(self.before, self.theta) ** 2, axis=0))
         self.first = self.log(self.before)

@@ -47,7 +47,7 @@ from bayesid.log.log import Log, check_exact_gains
 from bayesid.log.reading import LogSource, as_log
 from bayesid.parallel import one_blas_thread
 from bayesid.posterior.sampler import Sampling
-from bayesid.progress import SILENT, Progress
+from bayesid.progress import SILENT, Progress, Show
 from bayesid.regression.selection.added_effect import AddedEffect
 from bayesid.regression.stated import Says
 from bayesid.robot import Robot, check_joints, load_robot
@@ -152,7 +152,7 @@ def compare_logs(  # noqa: PLR0913  a robot, logs, terms, what is stated, and fo
     search: Search = Certified(),
     posterior: Sampling | bool = True,
     preprocessing: Preprocessing = Preprocessing(),
-    progress: Progress = SILENT,
+    progress: Progress | Show = SILENT,
 ) -> ChangeReport:
     """Compares logs of one robot, one after the other: what has changed since the first, what was missing all along.
 
@@ -165,7 +165,7 @@ def compare_logs(  # noqa: PLR0913  a robot, logs, terms, what is stated, and fo
         search: how signs are searched in the first log; in later ones, which that one helps to settle, briefly.
         posterior: how those of the first model and of the last log's extended model are sampled, or whether they are.
         preprocessing: how the logs are made ready.
-        progress: of long stages.
+        progress: called as progress(stage, done, total) at the start, during and at the end of each stage.
 
     Raises:
         InputError: there are fewer than two logs, one comes twice, or one is of another robot or cannot be used.
@@ -176,6 +176,7 @@ def compare_logs(  # noqa: PLR0913  a robot, logs, terms, what is stated, and fo
         >>> both.dates.texts, len(both.found)
         (('1', '2'), 1)
     """
+    progress = Progress.of(progress)
     began = time.perf_counter()
     robot = robot if isinstance(robot, Robot) else load_robot(robot)
     read = [as_log(log, robot) for log in logs]

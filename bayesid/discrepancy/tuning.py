@@ -9,7 +9,7 @@ from dataclasses import dataclass
 class Tuning:
     """Choices of this package, with what each is for; `TUNING` holds those in use.
 
-    What decides which effects are named is an option: `bayesid.Thresholds`.
+    What decides which effects are named is an option: `bayesid.types.Thresholds`.
 
     Many of them were halved and doubled (`python -m bayesid.studies.ablation discrepancy`). Where that was seen to
     change a decision on simulated pairs of logs, the number's sentence says so.

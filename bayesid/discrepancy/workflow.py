@@ -30,7 +30,7 @@ from bayesid.log.reading import LogSource, as_log
 from bayesid.log.signals import prepare
 from bayesid.parallel import one_blas_thread
 from bayesid.posterior.sampler import Sampling
-from bayesid.progress import SILENT, Progress
+from bayesid.progress import SILENT, Progress, Show
 from bayesid.regression.selection.added_effect import AddedEffect, not_testable
 from bayesid.regression.selection.cross_validation import CrossValidation
 from bayesid.regression.selection.fitted_effects import FittedEffects, Thresholds
@@ -129,7 +129,7 @@ def find_discrepancy(
     search: Search = QUICK,
     posterior: Sampling | bool = True,
     preprocessing: Preprocessing = Preprocessing(),
-    progress: Progress = SILENT,
+    progress: Progress | Show = SILENT,
     thresholds: Thresholds = Thresholds(),
 ) -> Discrepancy:
     """Finds what a model lacks to explain a log.
@@ -141,7 +141,7 @@ def find_discrepancy(
         search: how signs are searched under the extended model.
         posterior: how that of the extended model is sampled, or whether it is.
         preprocessing: how the logs are made ready.
-        progress: of long stages.
+        progress: called as progress(stage, done, total) at the start, during and at the end of each stage.
         thresholds: that decide which effects are added, and what is explained.
 
     Raises:
@@ -154,6 +154,7 @@ def find_discrepancy(
         >>> found.status, (found.after / found.floor.rms).round(1)
         ('no_discrepancy', array([1.1, 0.9, 0.8]))
     """
+    progress = Progress.of(progress)
     began = time.perf_counter()
     model, cutoff = earlier.knowledge.model, preprocessing.cutoff
     known = earlier.identified if isinstance(earlier, Identification) else earlier

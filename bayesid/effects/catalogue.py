@@ -109,12 +109,6 @@ def make_terms(chosen: Iterable[str | Term], robot: Robot, motion: Motion) -> tu
     Raises:
         InputError: a name is not in the catalogue, a term comes twice, needs numbers that no motion shows, or does not
             suit the robot.
-
-    Example:
-        >>> from bayesid.effects.springs import JointSpring
-        >>> spring = JointSpring(joints=(2,))
-        >>> [term.name for term in bayesid.make_terms(["rigid_body", spring], robot, motion)]
-        ['rigid_body', 'joint_spring']
     """
     actuators, made = robot.actuators(motion), []
     known = {key: kind for key, kind in forms().items() if issubclass(kind, Term)}

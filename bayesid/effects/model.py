@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property, partial, reduce
+from importlib import import_module  # of what is built on models
 from itertools import pairwise
 from weakref import ref
 
@@ -85,7 +86,7 @@ class Model:
         constraints: that somebody has stated of the parameters; None without any.
 
     Example:
-        >>> model = bayesid.Model(robot, bayesid.make_terms(["rigid_body", "coulomb_friction"], robot, motion))
+        >>> model = bayesid.Model.of(robot, ["rigid_body", "coulomb_friction"], motion)
         >>> theta = bayesid.random_parameters(model, np.random.default_rng(0))
         >>> model.effort(motion, theta).shape
         (201, 3)
@@ -95,6 +96,29 @@ class Model:
     terms: tuple[Term, ...]
     distortions: tuple[Distortion, ...] = ()
     constraints: Constraints | None = None
+
+    @classmethod
+    def of(cls, robot: Robot, terms: Iterable[str | Term], motion: Motion) -> Model:
+        """A model of a robot from names of the catalogue, or terms of one's own.
+
+        Args:
+            robot: the robot.
+            terms: names or terms; the shapes of those that are named are taken from the motion.
+            motion: N samples of the robot's joints, as the model will be fitted to.
+
+        Raises:
+            InputError: a name is not in the catalogue, a term comes twice, needs numbers that no motion shows, or does
+                not suit the robot.
+
+        Example:
+            >>> from bayesid.effects.springs import JointSpring
+            >>> spring = JointSpring(joints=(2,))
+            >>> [term.name for term in bayesid.Model.of(robot, ["rigid_body", spring], motion).terms]
+            ['rigid_body', 'joint_spring']
+        """
+        from bayesid.effects import catalogue  # which imports every module of effects
+
+        return cls(robot, catalogue.make_terms(terms, robot, motion))
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -231,6 +255,39 @@ class Model:
 
         effort = self._distorted(efforts)(self.robot, motion)[:, :, 0]
         return self.read(effort) if self.distortions else effort
+
+    def to_urdf(self, theta: Array) -> str:
+        """URDF text of the robot with the link and friction parameters of theta (P,); masses must be positive.
+
+        URDF's link frame is its joint's frame, so links given in another frame (standard Denavit-Hartenberg) are moved
+        there. Joints are called joint1..jointn, links link1..linkn, from base to tip. What URDF has no place for is
+        listed in a comment.
+
+        Raises:
+            ValueError: theta has another shape, the model no rigid bodies, or a link no positive mass.
+
+        Example:
+            >>> result.model.to_urdf(result.theta).splitlines()[1]
+            '<robot name="arm">'
+        """
+        text: str = import_module("bayesid.export").urdf(self, theta)
+        return text
+
+    def to_mjcf(self, theta: Array) -> str:
+        """MJCF text, for MuJoCo: bodies, friction, rotor inertia, springs, gravity and motors; as `to_urdf`.
+
+        Motors are called motor1..motorn; a motor's control is its effort as in `effort`, N m. MuJoCo counts joints
+        depth first, which on a robot with branches may be another order.
+
+        Raises:
+            ValueError: as of `to_urdf`.
+
+        Example:
+            >>> result.model.to_mjcf(result.theta).splitlines()[1]
+            '<mujoco model="arm">'
+        """
+        text: str = import_module("bayesid.export").mjcf(self, theta)
+        return text
 
     def _distorted(self, rows: Rows) -> Rows:
         for distortion in self.distortions:

@@ -44,7 +44,7 @@ from bayesid.excitation.splines import Feasibility, SplineBasis, SplineTrajector
 from bayesid.excitation.tuning import TUNING
 from bayesid.motion import Motion
 from bayesid.parallel import one_blas_thread
-from bayesid.progress import SILENT, Progress
+from bayesid.progress import SILENT, Progress, Show
 from bayesid.regression.knowledge import ParameterPrior
 from bayesid.robot import Robot, load_robot
 from bayesid.simulation.trajectories import HARMONICS, MotionLimits, log_condition_of
@@ -151,7 +151,7 @@ def design_excitation(
     objective: Objective = Objective(),
     prior: ParameterPrior = ParameterPrior(),
     seed: int = 0,
-    progress: Progress = SILENT,
+    progress: Progress | Show = SILENT,
 ) -> ExcitationDesign:
     """Designs a periodic motion from rest to rest that shows coefficients and signs.
 
@@ -163,7 +163,7 @@ def design_excitation(
         objective: what the design aims at.
         prior: parameters that are known beforehand (CAD); others are drawn.
         seed: of the random starts and of the expected robots.
-        progress: of the design.
+        progress: called as progress(stage, done, total) at the start, during and at the end of each stage.
 
     Raises:
         InputError: the robot, the limits or an option cannot be used.
@@ -174,6 +174,7 @@ def design_excitation(
         >>> design.motion.q.shape
         (501, 3)
     """
+    progress = Progress.of(progress)
     robot = robot if isinstance(robot, Robot) else load_robot(robot)
     limits = check_limits(limits, robot)
     model = Model(robot, catalogue.make_terms(terms, robot, _fastest(limits)))

@@ -39,7 +39,7 @@ from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.log.kept_reading import as_corrected
 from bayesid.motion import Motion
 from bayesid.parallel import one_blas_thread
-from bayesid.progress import SILENT, Progress
+from bayesid.progress import SILENT, Progress, Show
 from bayesid.regression.knowledge import inverse_of
 from bayesid.regression.selection.fitted_effects import LN10
 from bayesid.robot.collision import CollisionModel
@@ -174,7 +174,7 @@ def design_next(
     recorded: Motion | None = None,
     criterion: str = "D",
     changes: int | None = None,
-    progress: Progress = SILENT,
+    progress: Progress | Show = SILENT,
 ) -> NextExperiment:
     """Designs the motion whose recording settles most of what a result leaves open.
 
@@ -189,7 +189,7 @@ def design_next(
             be as open as before that log.
         criterion: "D" for the information about all together, "A" for their mean variance.
         changes: of the motion that are tried; by default as many as take some half a minute.
-        progress: of the search.
+        progress: called as progress(stage, done, total) at the start, during and at the end of each stage.
 
     Raises:
         InputError: the result, a name, a number or a limit cannot be used, or the robot cannot even stand still at the
@@ -201,6 +201,7 @@ def design_next(
         >>> bool(design.predicted.sd[friction] < design.predicted.sd_now[friction])
         True
     """
+    progress = Progress.of(progress)
     began = time.perf_counter()
     identified, recorded, hypotheses = _taken(result, recorded, between, about)
     delayed = known_of(identified, run.rate)  # a delay may be among the hypotheses

@@ -39,10 +39,6 @@ def urdf(model: Model, theta: Array) -> str:
 
     Raises:
         ValueError: theta has another shape, the model no rigid bodies, or a link no positive mass.
-
-    Example:
-        >>> bayesid.urdf(result.model, result.theta).splitlines()[1]
-        '<robot name="arm">'
     """
     theta = frozen(theta, (len(model.parameters),), "theta")
     parts, links, held = model.parts(theta), _bodies(model, theta), _moves_one_joint(model.robot)
@@ -132,10 +128,6 @@ def mjcf(model: Model, theta: Array) -> str:
 
     Raises:
         ValueError: theta has another shape, the model no rigid bodies, or a link no positive mass.
-
-    Example:
-        >>> bayesid.mjcf(result.model, result.theta).splitlines()[1]
-        '<mujoco model="arm">'
     """
     theta = frozen(theta, (len(model.parameters),), "theta")
     parts, links, on_joint = model.parts(theta), _bodies(model, theta), _moves_one_joint(model.robot)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, fields
+from importlib import import_module  # of what is built on results
 from os import PathLike
-from typing import ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -84,14 +84,11 @@ class Identification(IdentifiedModel):
         better_reading: of the log, than with this robot file, joint order and these units; None where there is none or
             the fit is no reason to look for one.
         constraints: that were stated, each with what it costs.
-        notebook_view: HTML of a result, for notebooks; figures and checks stand above this room, so `bayesid` sets it.
 
     Example:
         >>> round(result.coefficient("Fc2").mean, 1), result.sample_signs.shape
         (1.5, (301, 3))
     """
-
-    notebook_view: ClassVar[Callable[[Identification], str] | None] = None
 
     coefficients: BaseCoefficients = field()  # no default: the model's are those of any basis
     log: Log
@@ -132,15 +129,39 @@ class Identification(IdentifiedModel):
             f"warnings      {len(self.warnings) or 'none'}",
             *(f"  - {warning}" for warning in self.warnings[: TUNING.warnings_shown]),
             *(["  - .warnings has all"] if len(self.warnings) > TUNING.warnings_shown else []),
-            "checks        bayesid.check_findings(bayesid.report_data(result))",
+            "checks        result.checks()",
             "go on with    .coefficient(NAME), .segments_table(), .predict(motion), .validate(log)",
         ]
         return "\n  ".join(lines)
 
-    def _repr_html_(self) -> str | None:
-        """What a notebook shows: `notebook_view`, or the text where there is none."""
-        view = type(self).notebook_view
-        return None if view is None else view(self)
+    def _repr_html_(self) -> str:
+        """What a notebook shows: a summary, the checks and a figure."""
+        view: str = import_module("bayesid.report.pages.identification_page").identification_view(self)
+        return view
+
+    def report_data(self) -> Any:
+        """The arrays that figures and the report show (`bayesid.types.ReportData`).
+
+        Example:
+            >>> data = result.report_data().with_validation(check)
+            >>> data.prediction.predicted.shape
+            (301, 3)
+        """
+        return import_module("bayesid.report.findings").report_data(self)
+
+    def to_inference_data(self) -> Any:
+        """The posterior as ArviZ takes it: what posterior.nc holds.
+
+        An `arviz.InferenceData`, from ArviZ 1.0 on an `xarray.DataTree`.
+
+        Raises:
+            ValueError: no posterior was sampled.
+
+        Example:
+            >>> result.to_inference_data().posterior["beta"].dims
+            ('chain', 'draw', 'coefficient')
+        """
+        return import_module("bayesid.report.folders").inference_data(self)
 
     @property
     def _about_signs(self) -> str:

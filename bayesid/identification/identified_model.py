@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from importlib import import_module  # of what is built on results
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from bayesid.arrays import Array
 from bayesid.effects.coefficients import BaseCoefficients, base_coefficients
 from bayesid.effects.model import Model
 from bayesid.errors import InputError
+from bayesid.identification.checks import Check
 from bayesid.identification.gains import IdentifiedGains
 from bayesid.identification.options import hashes
 from bayesid.identification.prediction import (
@@ -75,6 +77,7 @@ class IdentifiedModel:
         encoding: how readings of the log held their sign, where they did in a code: a stream is decoded by the same.
         read_with: options of `bayesid.read_log` that the log was read with, where they were not the usual ones.
         listed: its coefficients as the identification gave them; none of a model that was written by hand.
+        folder: the result folder that it was loaded from; empty where it was in none.
 
     Example:
         >>> stored = bayesid.load("result")
@@ -94,6 +97,7 @@ class IdentifiedModel:
     encoding: str | None = None
     read_with: Mapping[str, Any] = field(default_factory=dict)
     listed: tuple[Coefficient, ...] = ()
+    folder: str = field(default="", compare=False)
 
     def __repr__(self) -> str:
         effects = ", ".join(effect.name for effect in self.model.effects)
@@ -107,6 +111,34 @@ class IdentifiedModel:
             "go on with   .coefficients_table(), .predict(motion), .validate(log), find_discrepancy(model, log)",
         ]
         return "\n  ".join(lines)
+
+    def report_data(self) -> Any:
+        """The arrays that figures and the report show (`bayesid.types.ReportData`).
+
+        Raises:
+            InputError: the model is in no result folder, or in one that lacks them.
+
+        Example:
+            >>> data = bayesid.load("result").report_data()
+            >>> data.samples.predicted.shape, len(data.coefficients.name)
+            ((301, 3), 21)
+        """
+        if not self.folder:
+            remedy = "load it with bayesid.load(folder)"
+            raise InputError("is in no result folder", self.model.robot.name, remedy)
+        return import_module("bayesid.report.findings").read_report_data(self.folder)
+
+    def checks(self, validation: Validation | None = None) -> tuple[Check, ...]:
+        """All checks of the identification, in the order of the pipeline, with those of a validation on another log.
+
+        Example:
+            >>> [check.name for check in result.checks() if check.state != "good"]
+            ['Sampling', 'Intervals', 'Validation']
+        """
+        data = self.report_data()
+        data = data if validation is None else data.with_validation(validation)
+        checks: tuple[Check, ...] = import_module("bayesid.report.verdicts").check_findings(data)
+        return checks
 
     @property
     def knowledge(self) -> CoefficientPrior:

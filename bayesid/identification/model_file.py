@@ -60,7 +60,7 @@ def load(folder: str | Path, effects: Iterable[type[Effect]] = ()) -> Identified
         draws = _stored_draws(stored.model, path.with_name("posterior.nc"))
         listed = _stored_coefficients(path.with_name("coefficients.csv"))
         read_with = stored_reading(path.parent, table.get("reading", {}))
-        return replace(stored, draws=draws, listed=listed, read_with=read_with)
+        return replace(stored, draws=draws, listed=listed, read_with=read_with, folder=str(folder))
     except InputError:
         raise
     except KeyError as error:

@@ -39,7 +39,7 @@ from bayesid.log.signals import still_joints
 from bayesid.parallel import one_blas_thread
 from bayesid.posterior.inference import Posterior
 from bayesid.posterior.sampler import Sampling
-from bayesid.progress import SILENT, Progress
+from bayesid.progress import SILENT, Progress, Show
 from bayesid.regression.selection.fitted_effects import Thresholds
 from bayesid.robot import check_joints
 from bayesid.robot.inertia import about_centre_of_mass
@@ -253,7 +253,7 @@ def identify_payload(
     search: Search = QUICK,
     posterior: Sampling = BRIEF,
     preprocessing: Preprocessing = Preprocessing(),
-    progress: Progress = SILENT,
+    progress: Progress | Show = SILENT,
 ) -> PayloadEstimate:
     """Reads mass, centre of mass and inertia of a payload from a log.
 
@@ -266,7 +266,7 @@ def identify_payload(
         search: how signs are searched.
         posterior: how it is sampled.
         preprocessing: how the log is made ready.
-        progress: of long stages.
+        progress: called as progress(stage, done, total) at the start, during and at the end of each stage.
 
     Raises:
         InputError: the log is of another robot, one that the model was identified from, or does not show a mass; the
@@ -278,6 +278,7 @@ def identify_payload(
         >>> empty.body.shown, empty.body.centre
         (False, None)
     """
+    progress = Progress.of(progress)
     began = time.perf_counter()
     known = identified_of(earlier, "earlier")
     stated = None if known_mass is None else _stated(known_mass)

@@ -46,7 +46,7 @@ from bayesid.log.signals import Signals, prepare, still_joints
 from bayesid.parallel import one_blas_thread
 from bayesid.posterior.inference import Posterior, with_gains
 from bayesid.posterior.sampler import Sampling
-from bayesid.progress import SILENT, Progress
+from bayesid.progress import SILENT, Progress, Show
 from bayesid.regression.constraint_file import read_constraints
 from bayesid.regression.knowledge import CoefficientPrior, ParameterPrior
 from bayesid.regression.log_data import LogData
@@ -79,7 +79,7 @@ def identify(  # noqa: PLR0913  robot, log, terms, and six groups of options by 
     prior: ParameterPrior = ParameterPrior(),
     constraints: Says | str | Path | None = None,
     anyway: bool = False,
-    progress: Progress = SILENT,
+    progress: Progress | Show = SILENT,
 ) -> Identification:
     """Identifies a robot from a log with known, unknown or mixed signs.
 
@@ -97,7 +97,7 @@ def identify(  # noqa: PLR0913  robot, log, terms, and six groups of options by 
             cvxpy, or a TOML file (`read_constraints`).
         anyway: whether signs are searched even if the log is surely misread: joints exchanged, turned or in other
             units, another mounting, efforts without weight.
-        progress: of long stages.
+        progress: called as progress(stage, done, total) at the start, during and at the end of each stage.
 
     The same seed gives the same result, to the last digit, on a busy machine too: budgets count work, not seconds. Only
     a time limit ends work early, and the result says so.
@@ -115,10 +115,21 @@ def identify(  # noqa: PLR0913  robot, log, terms, and six groups of options by 
         >>> result = bayesid.identify("robot.toml", "log.csv", terms, search=bayesid.Certified(budget=30.0))
         >>> f"{result.coefficient('Fc2').mean:.1f} N m", result.predict("motion.csv").upper.shape
         ('1.5 N m', (201, 3))
+        >>> stages = []
+        >>> known = {"posterior": False, "constraints": "known.toml"}
+        >>> result = bayesid.identify(robot, log, terms, **known, progress=lambda *step: stages.append(step))
+        >>> stages[:3]
+        [('prepare', 0, 1), ('prepare', 1, 1), ('check before the search', 0, 1)]
+        >>> result.model.constraints.labels
+        ('total_mass', 'link.2.com_box', 'bounds.m3')
     """
-    robot, terms = robot if isinstance(robot, Robot) else load_robot(robot), catalogue.check_terms(terms)
-    loaded = {"robot": robot.name} if robot.origin is None else robot.origin.options
-    subject = {**loaded, "terms": [str(one) for one in terms], "complete": check_completeness(complete)}
+    robot, progress = robot if isinstance(robot, Robot) else load_robot(robot), Progress.of(progress)
+    terms = catalogue.check_terms(terms)
+    subject = {
+        **({"robot": robot.name} if robot.origin is None else robot.origin.options),
+        "terms": [str(one) for one in terms],
+        "complete": check_completeness(complete),
+    }
     if constraints is not None:
         subject["constraints"] = "a function" if callable(constraints) else str(constraints)
     run = _Run(search, posterior, preprocessing, prior, progress, subject)
@@ -156,6 +167,17 @@ def identify(  # noqa: PLR0913  robot, log, terms, and six groups of options by 
         gains.settle(completed.averaged.asked.log_data, asked.fit.noise, completed.averaged.mixed)
         completed, result = _by_posterior(run, log, asked, completed, gains)
     return replace(result, signals=asked.log_data.signals, model_selection=completed.model_selection)
+
+
+def _subject(
+    robot: Robot, terms: Sequence[str | Term], complete: Completeness, constraints: Says | str | Path | None
+) -> dict[str, object]:
+    """What was asked for beside options that are objects, as plain values."""
+    loaded = {"robot": robot.name} if robot.origin is None else robot.origin.options
+    subject = {**loaded, "terms": [str(one) for one in terms], "complete": check_completeness(complete)}
+    if constraints is not None:
+        subject["constraints"] = "a function" if callable(constraints) else str(constraints)
+    return subject
 
 
 def _completed(

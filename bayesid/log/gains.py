@@ -38,7 +38,7 @@ class Gains:
         unit: of the readings, where the log says it: A, mA, %, whatever it is.
 
     Example:
-        >>> gains = bayesid.Gains(value=[12.0, 16.0, 10.0], sd=[0.2, 0.2, 0.0])
+        >>> gains = bayesid.types.Gains(value=[12.0, 16.0, 10.0], sd=[0.2, 0.2, 0.0])
         >>> gains.text
         '12~20%,16~20%,10'
     """

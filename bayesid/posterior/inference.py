@@ -79,7 +79,7 @@ class Posterior:
             f"decided      {int(self.decided_by_data.sum())} of {size} parameters by the data",
             f"bounds       {', '.join(name for name, _ in self.active_bounds) or 'none'} of the prior's are active",
             *([f"constraints  {', '.join(self.active_constraints) or 'none'} are active"] if self.at_edges else []),
-            "go on with   .theta, .parameter_sd, .interval(0.95), bayesid.inference_data(result)",
+            "go on with   .theta, .parameter_sd, .interval(0.95), result.to_inference_data()",
         ]
         return "\n  ".join(lines)
 

@@ -24,11 +24,6 @@ def read_constraints(path: str | Path) -> Says:
     Raises:
         InputError: the file cannot be read, or holds something else. So does the function it gives where the model has
             no such link or parameter.
-
-    Example:
-        >>> known = bayesid.read_constraints("known.toml")
-        >>> bayesid.identify(robot, log, terms, constraints=known, posterior=False).model.constraints.labels
-        ('total_mass', 'link.2.com_box', 'bounds.m3')
     """
     where = printable(str(path))
     table = toml_of(read_source(path, _REMEDY), where, _REMEDY)

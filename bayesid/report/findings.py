@@ -129,7 +129,7 @@ class ReportData:
     """All that is shown of an identification.
 
     Example:
-        >>> findings = bayesid.report_data(result)
+        >>> findings = result.report_data()
         >>> findings.samples.predicted.shape, len(findings.coefficients.name)
         ((301, 3), 21)
     """
@@ -152,9 +152,7 @@ class ReportData:
         drawn = "no draws" if self.draws is None else f"draws of {self.n_ensembles} ensembles"
         other = "no validation" if self.prediction is None else f"validated on {self.prediction.source}"
         size = f"{len(self.samples.t)} samples, {len(self.segments.joint)} segments, {len(self.coefficients.name)}"
-        return (
-            f"ReportData of {self.summary.robot}: {size} coefficients, {drawn}, {other}; bayesid.check_findings judges"
-        )
+        return f"ReportData of {self.summary.robot}: {size} coefficients, {drawn}, {other}"
 
     @property
     def n_joints(self) -> int:
@@ -215,13 +213,7 @@ class ReportData:
 
 
 def report_data(identification: Identification) -> ReportData:
-    """What there is to show of an identification.
-
-    Example:
-        >>> findings = bayesid.report_data(result)
-        >>> int(findings.segments.ambiguous.sum()), len(findings.segments.sign)
-        (0, 70)
-    """
+    """What there is to show of an identification."""
     sliding = [joint.prismatic for joint in identification.model.robot.joints]
     samples, posterior = _samples(identification), identification.posterior
     by_data = zip(identification.model.parameters, identification.parameter_sd[1], strict=True)
@@ -351,11 +343,6 @@ def read_report_data(folder: str | Path) -> ReportData:
 
     Raises:
         InputError: the folder is no result, or one of a version that kept less.
-
-    Example:
-        >>> findings = bayesid.read_report_data("result")
-        >>> findings.summary.robot, findings.n_joints
-        ('arm', 3)
     """
     place = Path(folder)
     for name in ("summary.json", FILE):

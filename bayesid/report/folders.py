@@ -43,7 +43,7 @@ from bayesid.log.log import Log, Piece
 from bayesid.log.signals import Signals
 from bayesid.log.velocities import derived
 from bayesid.parallel import one_blas_thread
-from bayesid.progress import SILENT, Progress
+from bayesid.progress import SILENT, Progress, Show
 from bayesid.report.findings import FILE as FINDINGS
 from bayesid.report.findings import ReportData, read_report_data, report_data, write_findings
 from bayesid.report.summary import as_json, as_object, log_parts, summarise, taken
@@ -119,7 +119,7 @@ def save_identification(
     with_log: bool = False,
     report: bool = True,
     validation: Validation | None = None,
-    progress: Progress = SILENT,
+    progress: Progress | Show = SILENT,
 ) -> Path:
     """Writes the result folder; an earlier result there is replaced as a whole.
 
@@ -129,7 +129,7 @@ def save_identification(
         with_log: whether the log itself goes in too, as log.csv.
         report: whether report.html is made too, which takes some seconds; `make_report` makes it later.
         validation: of another log, for the report.
-        progress: of the report.
+        progress: called as progress(stage, done, total) at the start, during and at the end of each stage.
 
     Raises:
         InputError: the folder cannot be written, or holds other files than an earlier result.
@@ -143,50 +143,52 @@ def save_identification(
         if with_log:
             identification.log.save(place / "log.csv")
 
-    return _save_result(identification, folder, report, progress, write, validation=validation)
+    return _save_result(identification, folder, report, Progress.of(progress), write, validation=validation)
 
 
 def save_discrepancy(
-    discrepancy: Discrepancy, folder: str | Path, report: bool = True, progress: Progress = SILENT
+    discrepancy: Discrepancy, folder: str | Path, report: bool = True, progress: Progress | Show = SILENT
 ) -> Path:
     """Writes discrepancy.json, a report of it, and the result folder of the extended model.
 
     Arguments, errors and warnings are those of `save_identification`; `report` is of the extended model's report.html.
     """
+    shown = Progress.of(progress)
     from bayesid.report.discrepancy import discrepancy_summary  # takes long to import, for these results alone
 
     def page() -> str:
         from bayesid.report.pages.discrepancy_page import discrepancy_page  # jinja2, for pages alone
 
-        with progress.stage("report of the discrepancy"):
+        with shown.stage("report of the discrepancy"):
             return discrepancy_page(discrepancy)
 
     def write(place: Path) -> None:
         write_json(place / "discrepancy.json", discrepancy_summary(discrepancy))
 
-    return _save_result(discrepancy.identification, folder, report, progress, write, page)
+    return _save_result(discrepancy.identification, folder, report, shown, write, page)
 
 
 def save_comparison(
-    comparison: ChangeReport, folder: str | Path, report: bool = True, progress: Progress = SILENT
+    comparison: ChangeReport, folder: str | Path, report: bool = True, progress: Progress | Show = SILENT
 ) -> Path:
     """Writes discrepancy.json, timeline.csv, a report of both, and the result folder of the last log's extended model.
 
     Arguments, errors and warnings are those of `save_discrepancy`.
     """
+    shown = Progress.of(progress)
     from bayesid.report.comparison import comparison_summary, timeline_rows
 
     def page() -> str:
         from bayesid.report.pages.discrepancy_page import comparison_page
 
-        with progress.stage("report of the discrepancy"):
+        with shown.stage("report of the discrepancy"):
             return comparison_page(comparison)
 
     def write(place: Path) -> None:
         write_json(place / "discrepancy.json", comparison_summary(comparison))
         write_table(place / "timeline.csv", list(timeline_rows(comparison)))
 
-    return _save_result(comparison.found[-1].identification, folder, report, progress, write, page)
+    return _save_result(comparison.found[-1].identification, folder, report, shown, write, page)
 
 
 @one_blas_thread
@@ -241,7 +243,10 @@ def _note_missing(folder: Path, missing: Mapping[str, str]) -> None:
 
 
 def make_report(
-    folder: str | Path, validation: Validation | None = None, out: str | Path | None = None, progress: Progress = SILENT
+    folder: str | Path,
+    validation: Validation | None = None,
+    out: str | Path | None = None,
+    progress: Progress | Show = SILENT,
 ) -> Path:
     """Makes the report of a result folder: one file that needs no other.
 
@@ -249,7 +254,7 @@ def make_report(
         folder: a result of `bayesid.save`.
         validation: of another log; the folder keeps what its report shows of it, in place of an earlier one.
         out: the file; report.html in the folder by default. A file that is there is replaced.
-        progress: of the report.
+        progress: called as progress(stage, done, total) at the start, during and at the end of each stage.
 
     Returns:
         The file.
@@ -262,6 +267,7 @@ def make_report(
         >>> bayesid.make_report("result", check).name
         'report.html'
     """
+    progress = Progress.of(progress)
     findings = read_report_data(folder)
     path = Path(folder) / REPORT if out is None else Path(out)
     if path.is_dir():
@@ -403,11 +409,6 @@ def inference_data(identification: Identification) -> Any:
 
     Raises:
         ValueError: no posterior was sampled.
-
-    Example:
-        >>> data = bayesid.inference_data(result)
-        >>> data.posterior["beta"].dims
-        ('chain', 'draw', 'coefficient')
     """
     from bayesid.posterior.inference_data import as_inference_data
 

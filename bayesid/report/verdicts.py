@@ -42,12 +42,7 @@ def graded(name: str, value: float, limits: tuple[float, float], message: str, l
 
 
 def check_findings(findings: ReportData) -> tuple[Check, ...]:
-    """All checks of an identification, in the order of the pipeline.
-
-    Example:
-        >>> [check.name for check in bayesid.check_findings(findings) if check.state != "good"]
-        ['Sampling', 'Intervals', 'Validation', 'Warnings']
-    """
+    """All checks of an identification, in the order of the pipeline."""
     summary = findings.summary
     reading = robot_file(summary)
     others = (

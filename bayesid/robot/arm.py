@@ -10,9 +10,10 @@ e = C^-T tau by the principle of virtual work; without a transmission C is the i
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from importlib import import_module  # of what is built on robots
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -197,6 +198,41 @@ class Robot:
             seen_from = pin.SE3(np.eye(3), -tool.translation) if in_base else tool.inverse()
             row[:] = seen_from.action @ pin.getJointJacobian(model, data, last, pin.WORLD).reshape(6, -1)
         return jacobian @ self._to_actuators
+
+    def collision_model(
+        self,
+        rest: Array,
+        capsules: Any = None,
+        *,
+        floor: float | None = 0.0,
+        margin: float = 0.01,
+        folders: Sequence[str | Path] = (),
+    ) -> Any:
+        """What tells collisions: capsules if they are given, else the shapes of the robot's URDF.
+
+        Args:
+            rest: (n,) or (M, n) poses where the robot has been, rad or m: what is too near there does not count.
+            capsules: radii of the links (`bayesid.types.Capsules`); without them a robot needs a URDF that has shapes.
+            floor: height of the floor over the base's origin, against gravity, m; None for no floor.
+            margin: m that a motion shall keep from all that counts; links that never keep it, or did not where the
+                robot has been, do not count.
+            folders: where packages of meshes are looked for first; then in ROS_PACKAGE_PATH and above the URDF.
+
+        Returns:
+            A `bayesid.types.CollisionModel`, or why there is none: no shapes are known, or nothing could meet.
+
+        Raises:
+            InputError: radii or meshes cannot be used; or a link was below the floor, or nearer to it than the margin,
+                where the robot has been; or all that could meet is nearer than the margin anyway, so that capsules tell
+                nothing.
+
+        Example:
+            >>> capsules = bayesid.types.Capsules(0.03)
+            >>> robot.collision_model(motion.q[::20], capsules, floor=None).source
+            'capsules of 0.03 m about the lines between the joints, no floor'
+        """
+        make = import_module("bayesid.robot.collision").collision_model
+        return make(self, rest, capsules, floor, margin, folders)
 
     def same_kinematics(self, other: Robot) -> bool:
         """Whether the two robots move and are geared alike (to 1e-6): a model of one then serves the other."""

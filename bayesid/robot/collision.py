@@ -40,11 +40,6 @@ class CollisionModel:
             the links: the parts that are do not count.
         inseparable: pairs of links which do not share a joint, but parts of whose capsules are nearer than the margin
             in every pose; these parts do not count.
-
-    Example:
-        >>> shapes = bayesid.collision_model(robot, motion.q[::20], bayesid.Capsules(0.03), floor=None)
-        >>> shapes.source
-        'capsules of 0.03 m about the lines between the joints, no floor'
     """
 
     source: str
@@ -163,10 +158,6 @@ def collision_model(
         InputError: radii or meshes cannot be used; or a link was below the floor, or nearer to it than the margin,
             where the robot has been; or all that could meet is nearer than the margin anyway, so that capsules tell
             nothing.
-
-    Example:
-        >>> shapes = bayesid.collision_model(robot, motion.q[::20], bayesid.Capsules(0.03), floor=None)
-        >>> run = bayesid.MotionSettings(clearance=shapes)
     """
     if capsules is not None:
         shapes, radii = capsule_shapes(robot, capsules.radii, capsules.tool), np.unique(capsules.radii)

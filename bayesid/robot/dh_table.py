@@ -15,19 +15,10 @@ from bayesid.robot.tuning import TUNING
 
 
 def robot_from_table(table: Mapping[str, Any], where: str) -> Robot:
-    """A robot from the keys of a DH file.
-
-    These are `name`, `convention` ("standard" or "modified"), `joints` (each with a, alpha, d, theta; m and rad;
-    optional `type` "revolute" or "prismatic" and `rated_effort`, N m or N), optional `gravity` (m/s^2) and
-    `transmission`. An error names `where`.
+    """A robot from the keys of a DH file, as `load_robot` lists them. An error names `where`.
 
     Raises:
         InputError: a key is missing or its value cannot be used.
-
-    Example:
-        >>> joints = [{"a": a, "alpha": 0.0, "d": 0.1, "theta": 0.0} for a in (0.35, 0.3)]
-        >>> bayesid.robot_from_table({"name": "scara", "convention": "standard", "joints": joints}, "scara").n_joints
-        2
     """
     convention = table.get("convention")
     if convention == "chain":

@@ -56,15 +56,18 @@ _LOADERS_NAMES = """
 
 
 def load_robot(
-    source: str | Path,
+    source: str | Path | Mapping[str, Any],
     tip: str | None = None,
     hold: Mapping[str, float] | None = None,
     gravity: Sequence[float] | None = None,
 ) -> Robot:
-    """A robot from a built-in name, a file (DH table .toml, URDF, MJCF), or the name of one of an installed package.
+    """A robot from a built-in name, a file (DH table .toml, URDF, MJCF), a table, or a name of an installed package.
 
     Args:
-        source: name or file. Names of example-robot-data and of robot_descriptions are known where these are installed.
+        source: name, file, or what a DH file holds: `name`, `convention` ("standard" or "modified"), `joints` (each
+            with a, alpha, d, theta; m and rad; optional `type` "revolute" or "prismatic" and `rated_effort`, N m or N),
+            optional `gravity` (m/s^2) and `transmission`. Names of example-robot-data and of robot_descriptions are
+            known where these are installed.
         tip: of a URDF: link or joint at the end of the chain that is identified; all others are held. By default all
             chains are identified, but not grippers.
         hold: of a URDF: positions at which more joints are held, rad or m, by name.
@@ -80,11 +83,16 @@ def load_robot(
     Example:
         >>> bayesid.load_robot("ur10e").n_joints, bayesid.load_robot("robot.toml").name
         (6, 'arm')
+        >>> joints = [{"a": a, "alpha": 0.0, "d": 0.1, "theta": 0.0} for a in (0.35, 0.3)]
+        >>> bayesid.load_robot({"name": "scara", "convention": "standard", "joints": joints}).n_joints
+        2
     """
     if gravity is not None and (len(gravity) != 3 or not np.all(np.isfinite(gravity))):
         remedy = "give three numbers, m/s^2, as in (0, 0, 9.81)"
         raise InputError(f"{gravity!r} is no acceleration", field="gravity", remedy=remedy)
     of_base = None if gravity is None else tuple(map(float, gravity))
+    if isinstance(source, Mapping):
+        return _of_table(source, Origin("", tip=tip, hold=dict(hold or {}), gravity=of_base))
     chosen = Origin(str(source), tip=tip, hold=dict(hold or {}), gravity=of_base)
     if is_built_in(str(source)):
         return _from_table(built_in_table(str(source)), f"built-in robot {source}", chosen)
@@ -97,6 +105,11 @@ def load_robot(
     if is_mjcf(text):
         return _loaded(robot_from_mjcf(text, str(path), tip, hold), chosen)
     return _loaded(robot_from_urdf(text, str(path), tip, hold), replace(chosen, urdf=path))
+
+
+def _of_table(table: Mapping[str, Any], chosen: Origin) -> Robot:
+    """A robot that was made in Python, which has no origin."""
+    return replace(_from_table(table, f"robot {table.get('name', '')!s:.60}".rstrip(), chosen))
 
 
 def _from_table(table: Mapping[str, Any], where: str, chosen: Origin) -> Robot:

@@ -51,9 +51,9 @@ def make_arm(seed: int = 2) -> Arm:
     """A KR5 with random bodies, friction and rotors, a ball at its flange and one that can be put in its way."""
     robot = bayesid.load_robot("kr5-paper")
     motion = bayesid.random_trajectory(robot.n_joints, 20.0, seed=1).motion(np.arange(0.0, 20.0, 0.01))
-    model = bayesid.Model(robot, bayesid.make_terms(TERMS, robot, motion))
+    model = bayesid.Model.of(robot, TERMS, motion)
     theta = bayesid.random_parameters(model, np.random.default_rng(seed))
-    spec = mujoco.MjSpec.from_string(bayesid.mjcf(model, theta))
+    spec = mujoco.MjSpec.from_string(model.to_mjcf(theta))
     sphere = mujoco.mjtGeom.mjGEOM_SPHERE
     spec.body(f"link{robot.n_joints}").add_geom(name="tip", type=sphere, size=[TIP, 0, 0], mass=0.0)
     obstacle = spec.worldbody.add_body(name="obstacle", mocap=True, pos=AWAY)
@@ -115,12 +115,12 @@ def identify(arm: Arm) -> bayesid.Identification:
     return bayesid.identify(arm.model.robot, log, TERMS, complete="off", posterior=False)
 
 
-def track(tracker: bayesid.SignTracker, run: Recording) -> list[bayesid.TrackedSample]:
+def track(tracker: bayesid.SignTracker, run: Recording) -> list[bayesid.types.TrackedSample]:
     """A run as a stream: one update a sample."""
     return [tracker.update(*sample) for sample in zip(run.t, run.q, np.abs(run.effort), strict=True)]
 
 
-def tell(run: Recording, seen: list[bayesid.TrackedSample]) -> str:
+def tell(run: Recording, seen: list[bayesid.types.TrackedSample]) -> str:
     """When the contact began and when that was said, and the observer's torques beside the true ones."""
     touching = run.external.any(axis=1)
     began, ended = run.t[touching][[0, -1]]

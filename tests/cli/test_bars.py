@@ -13,6 +13,7 @@ from rich.console import Console
 import bayesid
 from bayesid.cli import bars
 from bayesid.cli.tuning import TUNING
+from bayesid.progress import Progress
 
 
 class Clock:
@@ -46,7 +47,7 @@ def test_a_line_comes_every_ten_seconds_and_says_what_runs(monkeypatch):
     monkeypatch.setattr(bars, "TUNING", TUNING)
     clock, lines = Clock(), []
     shown = bars.Lines("identify", lines.append, clock)
-    progress = bayesid.Progress(shown.show)
+    progress = Progress(shown.show)
 
     def after(seconds):
         """The lines of so many seconds, in which nothing else happens."""
@@ -74,7 +75,7 @@ def test_a_line_comes_every_ten_seconds_and_says_what_runs(monkeypatch):
 
 def test_a_stage_is_begun_and_ended_once_whatever_its_steps():
     told = []
-    progress = bayesid.Progress(lambda *call: told.append(call))
+    progress = Progress(lambda *call: told.append(call))
     for steps_told in ([], [(1, 4), (2, 4)], [(0, 3), (3, 3), (1, 2)]):
         with progress.stage("one") as steps:
             for one in steps_told:

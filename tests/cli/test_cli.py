@@ -392,7 +392,7 @@ def test_demo_is_the_papers_experiment(arm_shop, arm_place, capfd):
     true, measured = (
         next(x for x in out.splitlines() if x.startswith(f"  against {what}")) for what in ("the", "meas")
     )
-    shown = bayesid.read_report_data("bayesid-demo").prediction.relative_residual
+    shown = bayesid.load("bayesid-demo").report_data().prediction.relative_residual
     assert measured.split(":")[1].split() == [f"{share:.2%}" for share in shown]
     assert all(float(error[:-1]) < 2.0 for error in true.split(":")[1].split())
     assert sum(line.lstrip()[:2].strip().isdigit() for line in out.splitlines()) >= 27

@@ -17,7 +17,7 @@ def made(tmp_path_factory):
     """A result, its model, and a motion without efforts."""
     place = tmp_path_factory.mktemp("made")
     robot, motion = small_robot(2), smooth_motion(2, 6.0, 100.0, seed=1)
-    model = bayesid.Model(robot, bayesid.make_terms(["rigid_body", "viscous_friction"], robot, motion))
+    model = bayesid.Model.of(robot, ["rigid_body", "viscous_friction"], motion)
     rng = np.random.default_rng(2)
     theta = bayesid.random_parameters(model, rng)
     log = bayesid.simulate(model, theta, motion, rng=rng, noise=0.03, signed=True)

@@ -39,7 +39,7 @@ def test_terminal_segments_and_report_count_what_was_recorded(with_gap, capfd, l
     assert [int(row[1]) for row in joints] == [sum(one["joint"] == row[0] for one in segments) for row in joints]
     assert content["n_segments"] == len(segments)
     assert [row[3] for row in joints] == [f"{share:.1%}" for share in content["signs"]["sure"]]
-    signs = next(one for one in bayesid.check_findings(bayesid.read_report_data("out")) if "Signs" in one.name)
+    signs = next(one for one in bayesid.load("out").checks() if "Signs" in one.name)
     assert signs.value == pytest.approx(np.mean(content["signs"]["sure"]), rel=1e-12)
     if log == "gap.csv":
         assert all(float(one["end"]) <= GAP[0] or float(one["start"]) >= GAP[1] - 1e-9 for one in segments)

@@ -81,6 +81,7 @@ def test_names_that_pages_use_exist_and_are_in_the_reference():
         for name in re.findall(r"^\.\. auto\w+:: ([\w.]+)$", text_of(page), re.M)
     }
     assert {f"bayesid.{name}" for name in bayesid.__all__} <= listed
+    assert {f"bayesid.types.{name}" for name in bayesid.types.__all__} <= listed
     named = {name for page in PAGES for name in re.findall(r"`(bayesid(?:\.(?!toml\b)\w+)+)", text_of(page))}
     missing = {name for name in named if not any(covers(one, name) for one in listed)}
     assert missing == set()

@@ -40,7 +40,7 @@ def make_namespace(folder: Path) -> dict[str, object]:
     motion = bayesid.random_trajectory(robot.n_joints, duration=4.0, seed=1).motion(np.arange(201) / 50.0)
     header = ",".join(["t", *(f"q{j}" for j in (1, 2, 3))])
     np.savetxt("motion.csv", np.column_stack([motion.t, motion.q]), delimiter=",", header=header, comments="")
-    model = bayesid.Model(robot, bayesid.make_terms(TERMS, robot, motion))
+    model = bayesid.Model.of(robot, TERMS, motion)
     result = bayesid.identify(robot, log, TERMS, posterior=FEW)
     bayesid.save(result, "result", report=False)
     shape, objective = bayesid.TrajectoryShape(duration=4.0, rate=50.0, harmonics=2), bayesid.Objective(evaluations=20)
@@ -57,7 +57,7 @@ def make_namespace(folder: Path) -> dict[str, object]:
         "result": result,
         "check": result.validate(other_log),
         "predicted": result.predict(motion),
-        "findings": bayesid.report_data(result),
+        "findings": result.report_data(),
         "reading": bayesid.identify_payload(
             result, bayesid.read_log("loaded.csv", gains=GAINS.tolist()), known_mass=2.0
         ),
@@ -81,8 +81,8 @@ def sign_problem(result: bayesid.Identification) -> SignProblem:
 
 
 def public() -> Iterator[tuple[str, str]]:
-    """Names and docstrings of all that `bayesid` and `bayesid.plot` promise, methods and properties among them."""
-    owners = (("bayesid", bayesid), ("bayesid.plot", bayesid.plot))
+    """Names and docstrings of all that is promised, methods and properties among them."""
+    owners = (("bayesid", bayesid), ("bayesid.types", bayesid.types), ("bayesid.plot", bayesid.plot))
     named = ((f"{place}.{name}", getattr(owner, name)) for place, owner in owners for name in owner.__all__)
     for name, value in named:
         yield name, inspect.getdoc(value) or ""

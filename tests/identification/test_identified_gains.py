@@ -119,7 +119,7 @@ def test_the_common_factor_is_no_matter_of_the_coefficients(arm, known, found):
         assert np.all(result.sd_apart >= 0.5 * known.sd)
     np.testing.assert_array_equal(known.sd_apart, known.sd)
     assert found.prior_sd[1].sum() >= len(found.sd) - 3
-    content = bayesid.report_data(found).summary.gains
+    content = found.report_data().summary.gains
     np.testing.assert_allclose(content.sd_of_coefficients, found.sd_apart)
 
 

@@ -18,7 +18,7 @@ OTHER_WAY = "q2=-q2,tau2=-tau2"
 def simulated(seed):
     """t, q and signed efforts of a run of one and the same robot."""
     motion = smooth_motion(2, 6.0, 100.0, seed=seed)
-    model = bayesid.Model(ROBOT, bayesid.make_terms(TERMS, ROBOT, motion))
+    model = bayesid.Model.of(ROBOT, TERMS, motion)
     theta = bayesid.random_parameters(model, np.random.default_rng(2))
     log = bayesid.simulate(model, theta, motion, rng=np.random.default_rng(seed), noise=0.03, signed=True)
     return log.t, log.q, log.effort
@@ -92,11 +92,10 @@ def test_commands_read_by_what_is_kept_unless_an_option_is_given(turned, tmp_pat
 def test_remedies_name_the_options_that_the_result_does_not_keep(turned, monkeypatch):
     place, stored, _ = turned
     monkeypatch.chdir(place)
-    found = bayesid.read_report_data("result")
     for options, told in (({}, ""), ({"correct": "q2=-q2", "unsigned": "1"}, " --correct q2=-q2 --unsigned 1")):
         options = {"correct": OTHER_WAY, **options}
         tried = stored.validate(bayesid.read_log("other.csv", **options))
-        remedies = " ".join(check.remedy for check in bayesid.check_findings(found.with_validation(tried)))
+        remedies = " ".join(check.remedy for check in bayesid.load("result").checks(tried))
         assert (
             ("other.csv`" in remedies or "other.csv" not in remedies) if not told else f"other.csv{told}`" in remedies
         )

@@ -190,9 +190,9 @@ def test_what_cannot_be_used_is_refused():
 def test_a_mass_that_no_motion_shows_is_refused():
     """One joint about the vertical: gravity never shows a mass."""
     joint = {"a": 0.3, "alpha": 0.0, "d": 0.1, "theta": 0.0}
-    robot = bayesid.robot_from_table({"name": "turntable", "convention": "standard", "joints": [joint]}, "test")
+    robot = bayesid.load_robot({"name": "turntable", "convention": "standard", "joints": [joint]})
     motions, rng = [smooth_motion(1, 8.0, 50.0, seed=k) for k in (1, 2)], np.random.default_rng(0)
-    model = bayesid.Model(robot, bayesid.make_terms(TERMS, robot, motions[0]))
+    model = bayesid.Model.of(robot, TERMS, motions[0])
     theta = bayesid.random_parameters(model, rng)
     first, second = (bayesid.simulate(model, theta, motion, rng=rng, noise=0.03) for motion in motions)
     result = bayesid.identify(robot, first, TERMS, complete="off", posterior=False)

@@ -97,7 +97,7 @@ def test_a_result_is_told_in_some_ten_lines(result, fit):
         (result.log, "601 rows in 6 s, 3 joints (none signed), no velocities"),
         (result.signals, "100 Hz"),
         (result.signals.motion, "601 instants of 3 joints, 0 to 6 s"),
-        (bayesid.report_data(result), "validation"),
+        (result.report_data(), "validation"),
         (bayesid.assess_excitation(ROBOT, log_of(0)), "condition number"),
         (result.segments_table(), "confidence"),
     ):
@@ -113,7 +113,7 @@ def test_a_notebook_shows_text_checks_and_a_figure(result):
     assert "<svg" in text
     assert not re.search("<script|(src|href)=[\"'][^#]", text), "nothing is run, and nothing fetched from elsewhere"
     assert "Identification of arm3 from a.csv" in text
-    checks = bayesid.check_findings(bayesid.report_data(result))
+    checks = result.checks()
     assert all(f"<strong>{check.name}:</strong>" in text for check in checks)
     assert "<b>" not in replace(result, log=replace(result.log, source="<b>.csv"))._repr_html_()
 

@@ -74,11 +74,11 @@ def test_torques_take_uncertain_factors_but_no_exact_gains():
 
 
 def test_gains_of_an_earlier_result_read_what_they_belong_to():
-    of_torques = bayesid.Gains([1.1, 0.9], [0.0, 0.0], of_torques=True)
+    of_torques = bayesid.types.Gains([1.1, 0.9], [0.0, 0.0], of_torques=True)
     np.testing.assert_allclose(read_log(TORQUES, gains=of_torques).effort, np.abs(Q) * [1.1, 0.9])
     with pytest.raises(InputError, match="the log holds currents, the gains are factors on torques"):
         read_log(CURRENTS, gains=of_torques)
-    of_currents = bayesid.Gains([12.0, 16.0], [0.0, 0.0])
+    of_currents = bayesid.types.Gains([12.0, 16.0], [0.0, 0.0])
     with pytest.warns(UserWarning, match="holds torques: gains of currents are left out"):
         assert read_log(TORQUES, gains=of_currents).effort == pytest.approx(np.abs(Q))
 

@@ -126,7 +126,7 @@ def test_few_blocks_are_too_much_to_leave_out():
     """Whole segments are: of this log's one in fourteen had a Pareto k above 0.7."""
     log, _ = simulate_log(bayesid.load_robot("kr5"), duration=6.0, rate=60.0, noise=0.05, effects=[], seed=2)
     result = bayesid.identify("kr5", log, ["rigid_body", "coulomb_friction"], complete="off")
-    data = bayesid.inference_data(result)
+    data = result.to_inference_data()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         k = az.loo(data, var_name="effort", pointwise=True).pareto_k

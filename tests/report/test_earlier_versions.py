@@ -44,8 +44,8 @@ def test_models_of_earlier_versions_load(folder):
 def test_findings_load_or_say_how_to_write_them_anew():
     first, later = FOLDERS
     with pytest.raises(InputError, match=r"holds no findings\.npz; give .* or identify again to write it anew"):
-        bayesid.read_report_data(first)
-    findings = bayesid.read_report_data(later)
+        bayesid.load(first).report_data()
+    findings = bayesid.load(later).report_data()
     assert findings.summary.robot == "arm"
     assert findings.draws.shape[2] == findings.summary.n_coefficients
     assert np.isfinite(bayesid.load(later).draws.theta).all()

@@ -55,7 +55,7 @@ class Thresholds:
         explained_share: of the excess in a joint that stays unexplained, that its effects must explain to be kept.
 
     Example:
-        >>> strict = bayesid.Thresholds(log10_bayes_factor=4.0)  # bayesid.find_discrepancy(..., thresholds=strict)
+        >>> strict = bayesid.types.Thresholds(log10_bayes_factor=4.0)  # for bayesid.find_discrepancy
         >>> strict.log10_bayes_factor, strict.max_effects
         (4.0, 40)
     """
