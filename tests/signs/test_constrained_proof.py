@@ -86,7 +86,7 @@ def agree(count):
         if found.certified:
             assert found.cost <= costs.min() + close, seed
         if found.persistent is not None:
-            near = problem.assignments[costs <= found.cost + found.within - close]
+            near = problem.assignments[costs <= found.cost + found.optimality_gap - close]
             assert np.all(near[:, found.persistent] == found.signs[found.persistent]), seed
         assert found.certified or found.uncertified_because == "tikhonov", seed
         free = replace(problem, cone=replace(problem.cone, stated=None))
