@@ -88,5 +88,8 @@ def _same(words: Sequence[str], typed: object, action: argparse.Action, given: C
     if action.nargs == 0:
         return words[0] in given
     texts = [word.partition("=")[2] for word in words]
-    values = [action.type(text) if callable(action.type) else text for text in texts]
+    try:
+        values = [action.type(text) if callable(action.type) else text for text in texts]
+    except (ValueError, argparse.ArgumentTypeError):  # which is not used
+        return False
     return (values if isinstance(typed, list) else values[0]) == typed

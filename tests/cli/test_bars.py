@@ -40,7 +40,7 @@ def made(tmp_path_factory):
 def place(made, tmp_path, monkeypatch):
     shutil.copytree(made, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(bars, "TUNING", replace(bars.TUNING, between_lines=0.02))
+    monkeypatch.setattr(bars, "TUNING", replace(bars.TUNING, between_lines=0.001))
 
 
 def test_a_line_comes_every_ten_seconds_and_says_what_runs(monkeypatch):

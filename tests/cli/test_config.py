@@ -115,6 +115,14 @@ def test_files_that_cannot_be_used(odd, capfd, text, says):
     assert_refused(capfd, ("identify", "odd.csv", "--config", "nowhere.toml"), ["nowhere.toml"])
 
 
+def test_what_is_replaced_need_not_be_usable(odd, capfd):
+    (odd / CONFIG).write_text('cutoff = "low"\n')
+    assert run("identify", "nowhere.csv", "--cutoff", 7, "--robot", "cell/arm.toml", "--quiet") == 2
+    warned, refused = capfd.readouterr().err.splitlines()
+    assert warned == f"warning: the command line replaces --cutoff of {CONFIG}"
+    assert "nowhere.csv" in refused
+
+
 def test_a_robot_is_needed_from_somewhere(odd, capfd):
     for command in (("identify", "odd.csv"), ("excite", "--log", "odd.csv"), ("simulate", "--out", "new.csv")):
         assert_refused(capfd, command, ["--robot"])

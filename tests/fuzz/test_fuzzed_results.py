@@ -16,6 +16,7 @@ from bayesid.effects.catalogue import make_effect, make_terms
 from bayesid.effects.coefficients import base_coefficients
 from bayesid.effects.model import Model
 from bayesid.errors import InputError
+from bayesid.files.config import CONFIG
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.model_file import load, model_table
 from bayesid.regression.noise import Noise
@@ -37,6 +38,11 @@ def stored_model():
     return IdentifiedModel(model, rng.standard_normal(len(model.parameters)), noise, root @ root.T)
 
 
+READING = (
+    'gains = [1.0, 2.0]\ndegrees = true\nunsigned = [1]\ncolumns = {t = "Zeit [ms]", q = "A{}"}\njoints = "a, b"\n'
+)
+
+
 @pytest.fixture(scope="module")
 def sample(tmp_path_factory):
     """File to its bytes, of a folder that everything reads."""
@@ -46,6 +52,7 @@ def sample(tmp_path_factory):
     (folder / "summary.json").write_text(json.dumps(as_json(findings.summary)), encoding="utf-8")
     stored = stored_model()
     (folder / "model.toml").write_text(tomli_w.dumps(model_table(stored)), encoding="utf-8")
+    (folder / CONFIG).write_text(READING, encoding="utf-8")
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 

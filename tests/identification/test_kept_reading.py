@@ -58,6 +58,15 @@ def test_a_corrected_result_reads_other_logs_and_motions_corrected(turned):
     assert bayesid.find_discrepancy(stored, other, posterior=False).identification.read_with["correct"] == OTHER_WAY
 
 
+def test_a_result_from_before_bayesid_toml_keeps_its_reading(turned, tmp_path):
+    place, stored, _ = turned
+    text = (place / "result" / "model.toml").read_text()
+    (tmp_path / "model.toml").write_text(f'{text}\n[reading]\ncorrect = "{OTHER_WAY}"\n')
+    assert bayesid.load(tmp_path).reading == stored.reading == {"correct": OTHER_WAY}
+    (tmp_path / "bayesid.toml").write_text("")
+    assert bayesid.load(tmp_path).reading == {}, "which counts alone"
+
+
 def test_the_signed_log_of_a_corrected_result_counts_as_the_log(turned):
     place, stored, _ = turned
     log, signed = (
