@@ -15,7 +15,7 @@ from bayesid.log.gains import Gains
 from bayesid.log.log import Log
 from bayesid.posterior.target import usual_links
 from bayesid.regression.gains import GainFit, GainPrior, fit_gains, likely_gains, prior_of, signed_moments
-from bayesid.regression.knowledge import LinkPrior, ParameterPrior, inverse_of
+from bayesid.regression.knowledge import LinkPrior, ParameterPrior
 from bayesid.regression.log_data import LogData
 from bayesid.regression.noise import Noise
 from bayesid.regression.normal_equations import NormalEquations
@@ -238,12 +238,32 @@ def _like_friction(log_data: LogData, noise: Noise, fit: GainFit) -> tuple[int, 
             pair *= log_data.used[place][:, j, None] / weight[j]
             across[k] += rows[:, j].T @ pair
             squares[k] += pair.T @ pair
-    left = squares - np.swapaxes(across, 1, 2) @ inverse_of(hessian) @ across  # beside the model's columns
+    left = _beside(hessian, across, squares)
     gain, friction, both = left[:, 0, 0], left[:, 1, 1], left[:, 0, 1]
     new = friction > _ROUNDING * squares[:, 1, 1]  # the model may hold that friction already
     beside = gain - np.where(new, both**2 / np.where(new, friction, 1.0), 0.0)
     told = gain > 1.0 / np.diag(fit.prior.covariance)[loose]
     return tuple((np.array(loose, dtype=int)[told & (beside < TUNING.left_beside_friction * gain)] + 1).tolist())
+
+
+def _beside(hessian: Array, across: Array, squares: Array) -> Array:
+    """(K, 2, 2) inner products of pairs of columns, less their projection on the model's columns.
+
+    Directions of the model's columns that rounding cannot tell from zero take no part: their share would be noise,
+    larger than what is left.
+
+    Args:
+        hessian: (r, r) inner products of the model's columns.
+        across: (K, r, 2) of these with the pairs.
+        squares: (K, 2, 2) of the pairs.
+    """
+    diagonal = np.diag(hessian)
+    scale = np.where(diagonal > 0.0, 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0)), 0.0)
+    values, vectors = np.linalg.eigh(hessian * np.outer(scale, scale))
+    determined = values > _ROUNDING
+    projected = (vectors[:, determined] / np.sqrt(values[determined])).T * scale @ across
+    left: Array = squares - np.swapaxes(projected, 1, 2) @ projected
+    return left
 
 
 def spread_by_gains(gains: GainFit, log_data: LogData) -> Array:
