@@ -1,20 +1,15 @@
 """The promised names; `bayesid/__init__.py` loads each from here where it is first used."""
 
 from . import types as types
-from .discrepancy.comparison import compare_logs as compare_logs
+from .discrepancy.finding import find_discrepancy as find_discrepancy
 from .discrepancy.workflow import Discrepancy as Discrepancy
-from .discrepancy.workflow import find_discrepancy as find_discrepancy
 from .effects.model import Model as Model
 from .errors import BayesidError as BayesidError
 from .errors import InputError as InputError
 from .errors import SolverError as SolverError
-from .excitation.design import Objective as Objective
-from .excitation.design import TrajectoryShape as TrajectoryShape
-from .excitation.design import design_excitation as design_excitation
+from .excitation.designing import design_excitation as design_excitation
 from .excitation.judgement import assess_excitation as assess_excitation
-from .excitation.limits import read_limits as read_limits
-from .excitation.next_motion import MotionSettings as MotionSettings
-from .excitation.next_motion import design_next as design_next
+from .excitation.settings import MotionSettings as MotionSettings
 from .identification.identification import Identification as Identification
 from .identification.identified_model import IdentifiedModel as IdentifiedModel
 from .identification.model_file import load as load
@@ -37,9 +32,7 @@ from .signs.search.beam import Beam as Beam
 from .signs.search.certified import Certified as Certified
 from .signs.search.protocol import Search as Search
 from .simulation.logs import simulate as simulate
-from .simulation.logs import simulate_log as simulate_log
 from .simulation.parameters import random_parameters as random_parameters
-from .simulation.trajectories import exciting_trajectory as exciting_trajectory
 from .simulation.trajectories import random_trajectory as random_trajectory
 from .study.separate_logs import identify_each as identify_each
 

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bayesid.discrepancy.workflow import Discrepancy, find_discrepancy
+from bayesid.discrepancy.workflow import Discrepancy, explain_log
 from bayesid.errors import InputError
 from bayesid.identification.pipeline import QUICK, identify
 from bayesid.regression.selection.fitted_effects import LN10
@@ -129,7 +129,7 @@ def compared(folder: Path) -> tuple[Discrepancy, dict[str, float]]:
     )
     began, cpu = time.perf_counter(), sum(os.times()[:4])
     log, holdout = folder / "log.csv", folder / "holdout.csv"
-    result = find_discrepancy(healthy, log, holdout, search=QUICK, posterior=False)
+    result = explain_log(healthy, log, holdout, search=QUICK, posterior=False)
     return result, {"discrepancy": time.perf_counter() - began, "cpu": sum(os.times()[:4]) - cpu}
 
 

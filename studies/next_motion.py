@@ -23,11 +23,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayesid.arrays import Array
-from bayesid.discrepancy.workflow import Discrepancy, find_discrepancy
+from bayesid.discrepancy.workflow import Discrepancy, explain_log
 from bayesid.effects import STANDARD
 from bayesid.effects.catalogue import make_terms
 from bayesid.effects.model import Model
-from bayesid.excitation.next_motion import MotionSettings, NextExperiment, design_next
+from bayesid.excitation.next_motion import NextExperiment, design_next
+from bayesid.excitation.settings import MotionSettings
 from bayesid.excitation.splines import largest_efforts
 from bayesid.excitation.tuning import TUNING
 from bayesid.identification.identification import KNOWN, Identification
@@ -196,8 +197,8 @@ def _of_coefficients(scenario: Scenario, seed: int) -> Row:
     truth = _truth(robot, seed, _SENSOR, limited=scenario.limited)
     log = truth.log(first, seed)
     now = _identified(truth, log, seed)
-    run = MotionSettings(duration=_DURATION, rate=_RATE, limits=truth.limits)
-    design = design_next(now, run=run, changes=scenario.changes)
+    run = MotionSettings(duration=_DURATION, rate=_RATE, limits=truth.limits, changes=scenario.changes)
+    design = design_next(now, run=run)
     motions = {"designed": design.motion, "random": _random(n, _DURATION, seed + _ANOTHER), "repeat": first}
     logs = {name: join_logs([log, truth.log(motion, seed + _ANOTHER)]) for name, motion in motions.items()}
     results = {name: _identified(truth, both, seed) for name, both in logs.items()}
@@ -285,7 +286,7 @@ def kept_limits(truth: _Truth, design: NextExperiment) -> Row:
     """
     count = round(design.trajectory.duration / _FINE) + 1
     motion = design.trajectory.motion(np.linspace(0.0, design.trajectory.duration, count))
-    limits = design.run.limits
+    limits = design.limits
     assert limits is not None
     assert limits.jerk is not None
     lower, upper = np.asarray(limits.lower), np.asarray(limits.upper)
@@ -320,8 +321,8 @@ def _of_hypotheses(scenario: Scenario, seed: int) -> Row:
             break
     else:
         return {"ambiguous": False}
-    run = MotionSettings(duration=_SHORT, rate=_RATE, limits=truth.limits)
-    design = design_next(found, run=run, changes=scenario.changes)
+    run = MotionSettings(duration=_SHORT, rate=_RATE, limits=truth.limits, changes=scenario.changes)
+    design = design_next(found, run=run)
     random = _random(healthy.model.robot.n_joints, _SHORT, seed - 1 + _ANOTHER)
     after: Row = {}
     for name, motion in {"designed": design.motion, "random": random}.items():
@@ -351,7 +352,7 @@ def _with_effect(healthy: _Truth, motion: Motion, effect: str, seed: int, attemp
 
 
 def _found(known: Identification, log: Log) -> Discrepancy:
-    return find_discrepancy(known, log, search=QUICK, posterior=False)
+    return explain_log(known, log, search=QUICK, posterior=False)
 
 
 def _rivals(found: Discrepancy, key: EffectKey) -> tuple[str, ...]:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bayesid.discrepancy.workflow import find_discrepancy
+from bayesid.discrepancy.workflow import explain_log
 from bayesid.effects import STANDARD
 from bayesid.errors import InputError
 from bayesid.identification.pipeline import QUICK, identify
@@ -66,7 +66,7 @@ def trial(scenario: Scenario, seed: int) -> Row:
     search = Certified()
     model = identify("ur10e", source.rectified(), scenario.terms, complete="off", search=search, posterior=False)
     known = replace(model.identified, logs=frozenset())  # of the friction the log itself is asked: does it name all?
-    result = find_discrepancy(known, log.rectified(), search=QUICK, posterior=False)
+    result = explain_log(known, log.rectified(), search=QUICK, posterior=False)
     refit = identify("ur10e", log, complete="off", search=search, posterior=False)
     of_refit = result.cross_validation.gap(refit.model.effort(result.cross_validation.signals.motion, refit.theta))
     return {

@@ -23,7 +23,7 @@ from bayesid.cli.options import (
 from bayesid.cli.shared import TERMS
 from bayesid.cli.terminal import line_of
 from bayesid.discrepancy.comparison import ChangeReport, compare_logs
-from bayesid.discrepancy.workflow import Discrepancy, find_discrepancy
+from bayesid.discrepancy.workflow import Discrepancy, explain_log
 from bayesid.errors import InputError
 from bayesid.files.config import CONFIG, read_config
 from bayesid.identification.model_file import load
@@ -78,7 +78,7 @@ def _compare_with_result(options: argparse.Namespace) -> None:
     with stages(options) as progress:
         with progress.stage("read"):
             log, *holdout = [read_for(identified, path, reading) for path in logs]
-        result = find_discrepancy(
+        result = explain_log(
             identified,
             log,
             holdout[0] if holdout else None,

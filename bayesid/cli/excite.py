@@ -31,10 +31,11 @@ from bayesid.cli.tuning import TUNING
 from bayesid.discrepancy.numbers import CHANGE_OF
 from bayesid.errors import InputError
 from bayesid.excitation.competing import Hypotheses, equivalent_classes, hypotheses_of
-from bayesid.excitation.design import Objective, TrajectoryShape, design_excitation
+from bayesid.excitation.design import design_for_robot
 from bayesid.excitation.judgement import ExcitationAssessment, assess_excitation
 from bayesid.excitation.limits import read_limits
-from bayesid.excitation.next_motion import MotionSettings, design_next
+from bayesid.excitation.next_motion import design_next
+from bayesid.excitation.settings import MotionSettings
 from bayesid.files.writing import read_json
 from bayesid.identification.identified_model import IdentifiedModel
 from bayesid.identification.model_file import load
@@ -124,14 +125,17 @@ def _judge(robot: Robot, options: argparse.Namespace, progress: Progress) -> Exc
 def _design(robot: Robot, options: argparse.Namespace, progress: Progress) -> tuple[str, str]:
     """The design's folder; what there is to say of it, and what was written."""
     folder = check_new(options, options.out, DESIGN_FILES, DESIGN_MARKER)
-    design = design_excitation(
+    design = design_for_robot(
         robot,
         term_names(options),
-        shape=TrajectoryShape(
-            duration=options.duration, rate=options.rate, harmonics=options.harmonics, periods=options.periods
+        settings=MotionSettings(
+            duration=options.duration,
+            rate=options.rate,
+            harmonics=options.harmonics,
+            periods=options.periods,
+            limits=_limits(options, robot),
+            noise=options.noise,
         ),
-        limits=_limits(options, robot),
-        objective=Objective(noise=options.noise),
         prior=prior(options),
         seed=options.seed,
         progress=progress,
@@ -157,9 +161,9 @@ def _design_for_result(options: argparse.Namespace) -> tuple[str, str]:
             start=numbers(options.start, "--start"),
             limits=_limits(options, robot),
             effort_limits=numbers(options.effort_limits, "--effort-limits"),
-            clearance=clearance if isinstance(clearance, CollisionModel) else None,
-            no_clearance="" if isinstance(clearance, CollisionModel) else clearance.reason,
+            clearance=clearance,
             payload=options.payload,
+            changes=options.changes,
         )
         about, found = _words(options.about, "--about"), _hypotheses(options.result)
         if between := _words(options.between, "--between"):
@@ -167,14 +171,7 @@ def _design_for_result(options: argparse.Namespace) -> tuple[str, str]:
         elif about:
             found = Hypotheses()
         design = design_next(
-            identified,
-            about,
-            found,
-            run=run,
-            recorded=recorded,
-            criterion=options.criterion,
-            changes=options.changes,
-            progress=progress,
+            identified, about, found, run=run, recorded=recorded, criterion=options.criterion, progress=progress
         )
         with progress.stage("write"):
             save_next_motion(design, folder)

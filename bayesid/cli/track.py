@@ -136,13 +136,13 @@ def _tracker(
 
 
 def _name(identified: IdentifiedModel, log: Log, alarm: Alarm) -> Named:
-    from bayesid.discrepancy.workflow import find_discrepancy  # takes long to import, for this option alone
+    from bayesid.discrepancy.workflow import explain_log  # takes long to import, for this option alone
 
     rows = log.t >= alarm.time
     dq = None if log.dq is None else log.dq[rows]
     part = replace(log, t=log.t[rows], q=log.q[rows], effort=log.effort[rows], dq=dq, pieces=())
     try:
-        found = find_discrepancy(identified, part, posterior=False)
+        found = explain_log(identified, part, posterior=False)
     except BayesidError as error:
         return Named(f"could not be told from {part.t[-1] - part.t[0]:.2f} s of the log: {in_options(str(error))}")
     return Named(found.status, tuple((one.effect, one.joints) for one in found.added))

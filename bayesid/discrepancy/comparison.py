@@ -30,7 +30,7 @@ from bayesid.discrepancy.timeline import (
     standing,
 )
 from bayesid.discrepancy.tuning import TUNING
-from bayesid.discrepancy.workflow import Discrepancy, find_discrepancy
+from bayesid.discrepancy.workflow import Discrepancy, explain_log
 from bayesid.effects import STANDARD, Distortion, Term
 from bayesid.effects.bodies import RigidBody
 from bayesid.effects.catalogue import of_shape
@@ -102,7 +102,7 @@ class ChangeReport:
         seconds: of wall time.
 
     Example:
-        >>> both = bayesid.compare_logs(robot, [log, other_log], terms, posterior=False)
+        >>> both = bayesid.find_discrepancy(robot, [log, other_log], terms=terms, posterior=False)
         >>> [history.name for history in both.of("changed")], both.timeline.value.shape
         ([], (2, 21))
     """
@@ -170,11 +170,6 @@ def compare_logs(  # noqa: PLR0913  a robot, logs, terms, what is stated, and fo
     Raises:
         InputError: there are fewer than two logs, one comes twice, or one is of another robot or cannot be used.
         SolverError: an optimisation failed.
-
-    Example:
-        >>> both = bayesid.compare_logs(robot, [log, other_log], terms, posterior=False)
-        >>> both.dates.texts, len(both.found)
-        (('1', '2'), 1)
     """
     progress = Progress.of(progress)
     began = time.perf_counter()
@@ -198,7 +193,7 @@ def compare_logs(  # noqa: PLR0913  a robot, logs, terms, what is stated, and fo
         progress=headings[0],
     )
     found = [
-        find_discrepancy(
+        explain_log(
             earlier,
             log,
             later if log is read[-1] else None,

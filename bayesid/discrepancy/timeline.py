@@ -179,7 +179,7 @@ class Timeline:
             where none was.
 
     Example:
-        >>> line = bayesid.compare_logs(robot, [log, other_log], terms, posterior=False).timeline
+        >>> line = bayesid.find_discrepancy(robot, [log, other_log], terms=terms, posterior=False).timeline
         >>> line.value.shape == (2, len(line.tracked))
         True
     """

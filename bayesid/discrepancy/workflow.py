@@ -121,7 +121,7 @@ class Discrepancy:
 
 
 @one_blas_thread
-def find_discrepancy(
+def explain_log(
     earlier: IdentifiedModel | Identification,
     log: LogSource,
     holdout: LogSource | None = None,
@@ -148,11 +148,6 @@ def find_discrepancy(
         InputError: a log is of another robot, too short, too still, one that the model was identified from, or the
             holdout is the log.
         SolverError: an optimisation failed.
-
-    Example:
-        >>> found = bayesid.find_discrepancy(result, "another_log.csv", posterior=False)
-        >>> found.status, (found.after / found.floor.rms).round(1)
-        ('no_discrepancy', array([1.1, 0.9, 0.8]))
     """
     progress = Progress.of(progress)
     began = time.perf_counter()

@@ -20,17 +20,16 @@ from pathlib import Path
 import numpy as np
 
 from bayesid.arrays import Array, Mask
-from bayesid.effects import STANDARD, Term, catalogue
+from bayesid.effects import STANDARD, Term
 from bayesid.effects.coefficients import BaseCoefficients
 from bayesid.effects.model import Model
 from bayesid.excitation.known import period_of, usual_motion
-from bayesid.excitation.limits import check_between, check_limits
+from bayesid.excitation.limits import check_limits
 from bayesid.excitation.resolvability import (
     WRONG,
     Excitation,
     Expectation,
     JointFlips,
-    check_noise,
     condition_of,
     expect,
     groups_of,
@@ -40,6 +39,7 @@ from bayesid.excitation.resolvability import (
     turn_segments,
 )
 from bayesid.excitation.search import MotionSearch, best_motion
+from bayesid.excitation.settings import MotionSettings, instants_of
 from bayesid.excitation.splines import Feasibility, SplineBasis, SplineTrajectory
 from bayesid.excitation.tuning import TUNING
 from bayesid.motion import Motion
@@ -47,41 +47,10 @@ from bayesid.parallel import one_blas_thread
 from bayesid.progress import SILENT, Progress, Show
 from bayesid.regression.knowledge import ParameterPrior
 from bayesid.robot import Robot, load_robot
-from bayesid.simulation.trajectories import HARMONICS, MotionLimits, log_condition_of
+from bayesid.simulation.trajectories import MotionLimits, log_condition_of
 
-
-@dataclass(frozen=True, kw_only=True)
-class TrajectoryShape:
-    """What is given of a motion before its shape is designed."""
-
-    duration: float = 20.0  #: of the whole motion, s
-    rate: float = 100.0  #: of the samples, Hz; rounded so that a whole number of them fits the duration
-    harmonics: int = HARMONICS  #: how many times a joint may swing to and fro in a period, about, 2 to 20
-    periods: int = 1  #: how many times the motion is played in the duration
-
-    def __post_init__(self) -> None:
-        fewest = 4.0 * self.harmonics * self.periods  # twice as many as Nyquist asks for
-        check_between(self.duration, 0.5, 3600.0, "TrajectoryShape.duration", "s")
-        check_between(self.harmonics, 2, 20, "TrajectoryShape.harmonics", "harmonics")
-        check_between(self.periods, 1, 1000, "TrajectoryShape.periods", "periods")
-        check_between(self.rate * self.duration, fewest, 1e6, "TrajectoryShape.rate", "samples")
-
-    @property
-    def instants(self) -> Array:
-        """(N,) of the samples, s."""
-        return np.linspace(0.0, self.duration, round(self.duration * self.rate) + 1)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Objective:
-    """What a design aims at."""
-
-    noise: float = 0.05  #: of the efforts, relative to each joint's RMS effort, at which the result is judged
-    #: changes of the motion that each of two searches tries; 6000 take about ten seconds for six joints
-    evaluations: int = 6000
-
-    def __post_init__(self) -> None:
-        check_noise(self.noise)
+CHANGES = 6000
+"""Changes of the motion that each of two searches tries."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,66 +111,43 @@ class ExcitationDesign:
 
 
 @one_blas_thread
-def design_excitation(
-    robot: Robot | str | Path,
+def design_for_robot(
+    robot: Robot | Model | str | Path,
     terms: Iterable[str | Term] = STANDARD,
     *,
-    shape: TrajectoryShape = TrajectoryShape(),
-    limits: MotionLimits | None = None,
-    objective: Objective = Objective(),
+    settings: MotionSettings = MotionSettings(),
     prior: ParameterPrior = ParameterPrior(),
     seed: int = 0,
     progress: Progress | Show = SILENT,
 ) -> ExcitationDesign:
-    """Designs a periodic motion from rest to rest that shows coefficients and signs.
-
-    Args:
-        robot: a robot, a built-in name or a file.
-        terms: names of the catalogue, or terms of your own: what is to be identified.
-        shape: duration, rate, harmonics and periods.
-        limits: of the joints; they hold at every instant. By default those that suit most small arms.
-        objective: what the design aims at.
-        prior: parameters that are known beforehand (CAD); others are drawn.
-        seed: of the random starts and of the expected robots.
-        progress: called as progress(stage, done, total) at the start, during and at the end of each stage.
-
-    Raises:
-        InputError: the robot, the limits or an option cannot be used.
-
-    Example:
-        >>> shape = bayesid.TrajectoryShape(duration=5.0, harmonics=2)
-        >>> design = bayesid.design_excitation(robot, terms, shape=shape, objective=bayesid.Objective(evaluations=50))
-        >>> design.motion.q.shape
-        (501, 3)
-    """
+    """`bayesid.design_excitation` for a robot that nobody knows, or for a model, which has its own terms."""
     progress = Progress.of(progress)
-    robot = robot if isinstance(robot, Robot) else load_robot(robot)
-    limits = check_limits(limits, robot)
-    model = Model(robot, catalogue.make_terms(terms, robot, _fastest(limits)))
+    known = robot.robot if isinstance(robot, Model) else robot if isinstance(robot, Robot) else load_robot(robot)
+    limits = check_limits(settings.limits, known)
+    model = robot if isinstance(robot, Model) else Model.of(known, terms, _fastest(limits))
     expectation = expect(model, seed, prior)
-    search = _search(expectation, shape, limits, objective)
-    start, best = best_motion(search, objective.evaluations, progress, seed)
-    motion = _played(best, shape)
+    search = _search(expectation, settings, limits)
+    changes = CHANGES if settings.changes is None else settings.changes
+    start, best = best_motion(search, changes, progress, seed)
+    motion = _played(best, settings)
     return ExcitationDesign(
         model=model,
         coefficients=expectation.coefficients,
         trajectory=best,
         motion=motion,
-        rate=(len(motion) - 1) / shape.duration,
-        periods=shape.periods,
+        rate=(len(motion) - 1) / settings.duration,
+        periods=settings.periods,
         limits=limits,
-        start=quality(expectation, _played(start, shape), objective.noise),
-        reached=quality(expectation, motion, objective.noise),
+        start=quality(expectation, _played(start, settings), settings.noise),
+        reached=quality(expectation, motion, settings.noise),
     )
 
 
-def _search(
-    expectation: Expectation, shape: TrajectoryShape, limits: MotionLimits, objective: Objective
-) -> MotionSearch:
+def _search(expectation: Expectation, settings: MotionSettings, limits: MotionLimits) -> MotionSearch:
     """For a period of the motion, from rest to rest in the middle of the limits."""
     robot, size = expectation.model.robot, expectation.size
     usual = usual_motion(robot, limits)
-    noise = expectation.sigma(joint_grams(expectation.columns(usual)), len(usual), objective.noise)
+    noise = expectation.sigma(joint_grams(expectation.columns(usual)), len(usual), settings.noise)
     density = TUNING.independent / float(np.mean(noise**2))
 
     def weights(motion: Motion) -> Array:
@@ -212,15 +158,16 @@ def _search(
         return 2.0 * log_condition_of(information) - float(np.linalg.slogdet(precision)[1]) / len(size)
 
     memory = any(effect.memory for effect in expectation.model.effects)
-    period = shape.duration / shape.periods
-    basis = SplineBasis(period, period / (TUNING.per_swing * shape.harmonics))
+    period = settings.duration / settings.periods
+    basis = SplineBasis(period, period / (TUNING.per_swing * settings.harmonics))
     middle = 0.5 * (np.array(limits.lower) + np.array(limits.upper))
     return MotionSearch(expectation.columns, weights, worth, memory, Feasibility.of(None, limits, None), basis, middle)
 
 
-def _played(trajectory: SplineTrajectory, shape: TrajectoryShape) -> Motion:
+def _played(trajectory: SplineTrajectory, settings: MotionSettings) -> Motion:
     """All periods."""
-    return replace(trajectory.motion(shape.instants % trajectory.duration), t=shape.instants)
+    t = instants_of(settings)
+    return replace(trajectory.motion(t % trajectory.duration), t=t)
 
 
 def quality(expectation: Expectation, motion: Motion, noise: float) -> Quality:

@@ -13,6 +13,7 @@ jerks: they have the defaults too.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -39,24 +40,22 @@ def read_limits(path: str | Path, robot: Robot | None = None) -> MotionLimits:
 
     Raises:
         InputError: the file cannot be read, or its limits cannot be used.
-
-    Example:
-        >>> limits = bayesid.read_limits("limits.toml")
-        >>> limits.velocity
-        2.0
     """
     path = Path(path)
     text = read_source(path, _REMEDY)
     if path.suffix in (".urdf", ".xml"):
         return _urdf_limits(text, robot, str(path))
-    table = toml_of(text, str(path), _REMEDY)
+    return _of_table(toml_of(text, str(path), _REMEDY), str(path))
+
+
+def _of_table(table: Mapping[str, Any], where: str) -> MotionLimits:
     unknown = sorted(set(table) - set(_KEYS))
     if unknown:
-        raise InputError(f"unknown key {unknown[0]!r}", str(path), _REMEDY)
-    return _made({key: _numbers(value, f"{path}, {key}") for key, value in table.items()}, str(path))
+        raise InputError(f"unknown key {unknown[0]!r}", where, _REMEDY)
+    return _made({key: _numbers(value, f"{where}, {key}") for key, value in table.items()}, where)
 
 
-def check_limits(limits: MotionLimits | None, robot: Robot) -> MotionLimits:
+def check_limits(limits: MotionLimits | Mapping[str, Any] | str | Path | None, robot: Robot) -> MotionLimits:
     """The limits, or the usual ones where none are given, as one number for each of the robot's joints.
 
     Raises:
@@ -67,6 +66,10 @@ def check_limits(limits: MotionLimits | None, robot: Robot) -> MotionLimits:
     if limits is None and sliding:
         problem = f"joint {sliding[0]} slides, and there are no limits for it"
         raise InputError(problem, field="limits", remedy="give a file with the limits of the joints")
+    if isinstance(limits, str | Path):
+        limits = read_limits(limits, robot)
+    elif isinstance(limits, Mapping):
+        limits = _of_table(limits, "limits")
     limits = INDUSTRIAL_ARM if limits is None else limits
     each = {}
     for key in _KEYS:
@@ -97,12 +100,12 @@ def _made(table: dict[str, Any], where: str) -> MotionLimits:
 
 
 def _numbers(value: object, where: str) -> float | tuple[float, ...]:
-    listed: list[Any] = value if isinstance(value, list) else [value]
+    listed: list[Any] = list(value) if isinstance(value, list | tuple) else [value]
     usable = listed and all(type(number) in (int, float) and abs(number) <= LARGEST for number in listed)
     if not usable:
         raise InputError(f"{value!r:.60} cannot be used", where, _REMEDY)
     numbers = tuple(float(number) for number in listed)
-    return numbers if isinstance(value, list) else numbers[0]
+    return numbers if isinstance(value, list | tuple) else numbers[0]
 
 
 # ---- URDF ----

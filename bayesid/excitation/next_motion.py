@@ -32,6 +32,7 @@ from bayesid.excitation.known import CRITERIA, Goal, Known, certain_share, goal_
 from bayesid.excitation.limits import check_between, check_limits
 from bayesid.excitation.resolvability import information_of
 from bayesid.excitation.search import MotionSearch, best_motion
+from bayesid.excitation.settings import MotionSettings, instants_of
 from bayesid.excitation.splines import Feasibility, SplineBasis, SplineTrajectory, at_rest, fine_steps, largest_efforts
 from bayesid.excitation.tuning import TUNING
 from bayesid.identification.identification import Identification, identified_of
@@ -42,7 +43,7 @@ from bayesid.parallel import one_blas_thread
 from bayesid.progress import SILENT, Progress, Show
 from bayesid.regression.knowledge import inverse_of
 from bayesid.regression.selection.fitted_effects import LN10
-from bayesid.robot.collision import CollisionModel
+from bayesid.robot.collision import CollisionModel, NoShapes
 from bayesid.simulation.trajectories import MotionLimits
 
 _SUPPOSED = (
@@ -51,35 +52,6 @@ _SUPPOSED = (
 )
 SPEEDS = (0.1, 0.3, 1.0)
 """Shares of the speed at which a new motion is played, one after the other."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class MotionSettings:
-    """How a motion is to be run.
-
-    Raises:
-        InputError: a number cannot be used.
-    """
-
-    duration: float = 20.0  #: of the recording, s
-    rate: float = 100.0  #: of the controller's file and of the recording, Hz
-    #: (n,) pose at both ends, rad (m): where the robot is; by default where the result's log began
-    start: tuple[float, ...] | None = None
-    #: of the joints; by default those that suit most small arms, widened to where the robot has been
-    limits: MotionLimits | None = None
-    #: (n,) largest |effort| of the actuators, N m, in place of those of `limits`
-    effort_limits: tuple[float, ...] | None = None
-    #: tells collisions, and what distance is to be kept; None where nothing does, which the result says
-    clearance: CollisionModel | None = None
-    no_clearance: str = "no shapes are known"  #: why nothing does
-    payload: str = ""  #: label of what the flange carries, one that the result knows; empty where it carries nothing
-
-    def __post_init__(self) -> None:
-        check_between(self.duration, 2.0, 600.0, "duration", "s")
-        check_between(self.rate, 10.0, 4000.0, "rate", "Hz")
-        if self.clearance is not None and not self.clearance.margin >= 0.0:
-            said = f"{self.clearance.margin:g} m would let the robot touch itself"
-            raise InputError(said, field="margin", remedy="give a distance of 0 m or more")
 
 
 @dataclass(frozen=True)
@@ -137,7 +109,7 @@ class NextExperiment:
     @property
     def motion(self) -> Motion:
         """The motion at the controller's rate."""
-        return self.trajectory.motion(_instants(self.run))
+        return self.trajectory.motion(instants_of(self.run))
 
     @property
     def effort_band(self) -> tuple[Array, Array]:
@@ -150,11 +122,22 @@ class NextExperiment:
         return self.feasibility.largest_efforts(self.trajectory)
 
     @property
+    def limits(self) -> MotionLimits:
+        """Of the joints, one number each."""
+        assert isinstance(self.run.limits, MotionLimits)
+        return self.run.limits
+
+    @property
+    def clearance(self) -> CollisionModel | None:
+        """What tells collisions."""
+        return shapes_of(self.run)
+
+    @property
     def checked(self) -> tuple[str, ...]:
         """What was checked, a few words each."""
-        limits, clearance = self.run.limits, self.run.clearance
+        limits, clearance = self.limits, self.clearance
         said = ["positions, velocities and accelerations at every instant"]
-        if limits is not None and limits.jerk is not None:
+        if limits.jerk is not None:
             said.append("jerks at every instant")
         if self.feasibility.limits_effort:
             carried = f", with {self.run.payload} on the flange" if self.run.payload else ""
@@ -173,7 +156,6 @@ def design_next(
     run: MotionSettings = MotionSettings(),
     recorded: Motion | None = None,
     criterion: str = "D",
-    changes: int | None = None,
     progress: Progress | Show = SILENT,
 ) -> NextExperiment:
     """Designs the motion whose recording settles most of what a result leaves open.
@@ -188,27 +170,20 @@ def design_next(
         recorded: the motion of the result's log, where the result is a model alone: without it hypotheses are taken to
             be as open as before that log.
         criterion: "D" for the information about all together, "A" for their mean variance.
-        changes: of the motion that are tried; by default as many as take some half a minute.
         progress: called as progress(stage, done, total) at the start, during and at the end of each stage.
 
     Raises:
         InputError: the result, a name, a number or a limit cannot be used, or the robot cannot even stand still at the
             start.
-
-    Example:
-        >>> design = bayesid.design_next(result, ["Fc2"], run=bayesid.MotionSettings(duration=4.0), changes=40)
-        >>> friction = design.predicted.names.index("Fc2")
-        >>> bool(design.predicted.sd[friction] < design.predicted.sd_now[friction])
-        True
     """
     progress = Progress.of(progress)
     began = time.perf_counter()
     identified, recorded, hypotheses = _taken(result, recorded, between, about)
     delayed = known_of(identified, run.rate)  # a delay may be among the hypotheses
     known = delayed.undelayed
-    _check(known, run.payload, criterion, changes)
+    _check(known, run, criterion)
     unlimited, (limits, run) = run.limits is None, _settled(run, known, recorded)
-    feasibility = Feasibility.of(known, limits, run.clearance)
+    feasibility = Feasibility.of(known, limits, shapes_of(run))
     still = at_rest(SplineBasis(run.duration), np.array(run.start), run.payload)
     _check_start(feasibility, still)
     labelled = partial(replace, payload=np.array(run.payload))
@@ -219,7 +194,7 @@ def design_next(
     goal = None if competing else goal_of(known, about, run.payload)
     search = _search_of(known, criterion, goal, competing, feasibility, still)
     usual = TUNING.telling_changes if goal is None else TUNING.changes
-    _, trajectory = best_motion(search, changes or (usual // TUNING.whole if search.whole else usual), progress)
+    _, trajectory = best_motion(search, run.changes or (usual // TUNING.whole if search.whole else usual), progress)
     alike = [pair for made in competing for pair in inseparable(made, reference)]
     return NextExperiment(
         known=known,
@@ -227,7 +202,7 @@ def design_next(
         run=run,
         goal=goal,
         competing=competing,
-        predicted=_prediction(known, goal, competing, trajectory.motion(_instants(run))),
+        predicted=_prediction(known, goal, competing, trajectory.motion(instants_of(run))),
         of_random=_prediction(known, goal, competing, random),
         feasibility=feasibility,
         never=(
@@ -242,12 +217,12 @@ def design_next(
     )
 
 
-def _check(known: Known, payload: str, criterion: str, changes: int | None) -> None:
+def _check(known: Known, run: MotionSettings, criterion: str) -> None:
+    check_between(run.duration, 2.0, 600.0, "duration", "s")
+    check_between(run.rate, 10.0, 4000.0, "rate", "Hz")
+    payload = run.payload
     if criterion not in CRITERIA:
         raise InputError(f"{criterion!r} cannot be used", field="criterion", remedy=f"give {' or '.join(CRITERIA)}")
-    if changes is not None and changes < 1:
-        remedy = f"give 1 or more, as {TUNING.changes}"
-        raise InputError(f"{changes} changes cannot be tried", field="changes", remedy=remedy)
     if payload and payload not in known.model.payloads:
         remedy = f"give one that it knows: {', '.join(known.model.payloads) or 'none'}"
         raise InputError(f"the result knows no {payload!r:.60}", field="payload", remedy=remedy)
@@ -332,8 +307,9 @@ def _check_start(feasibility: Feasibility, still: SplineTrajectory) -> None:
         raise InputError(said, field="start", remedy="give another pose, or a smaller `margin`")
 
 
-def _instants(run: MotionSettings) -> Array:
-    return np.linspace(0.0, run.duration, round(run.duration * run.rate) + 1)
+def shapes_of(run: MotionSettings) -> CollisionModel | None:
+    """What tells collisions; None where nothing does."""
+    return None if isinstance(run.clearance, NoShapes) else run.clearance
 
 
 def _search_of(
@@ -399,11 +375,13 @@ def _unchecked(run: MotionSettings, limits: MotionLimits, *, assumed: bool) -> t
         said.append(f"efforts of joints {joints}: no limits are known (--effort-limits)")
     if limits.jerk is None:
         said.append("jerks: no limits are known (a key of the file that --limits takes)")
-    if run.clearance is None:
-        why = f"no collision model: {run.no_clearance}"
+    clearance = shapes_of(run)
+    if clearance is None:
+        reason = run.clearance.reason if isinstance(run.clearance, NoShapes) else "no shapes are known"
+        why = f"no collision model: {reason}"
         said.append(f"collisions: {why} (--capsules R, or --robot with a URDF that has collision shapes)")
     else:
-        said += [f"distances of {sentence}" for sentence in run.clearance.not_watched]
+        said += [f"distances of {sentence}" for sentence in clearance.not_watched]
         if run.payload:
             said.append(f"distances of {run.payload}: no shape of it is known (--tool may reach around it)")
     return tuple(said)

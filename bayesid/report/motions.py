@@ -233,8 +233,7 @@ def picture(design: NextExperiment) -> Any:
     """What `bayesid.report.plot.motions` draws."""
     from bayesid.report.plot.motions import MotionPicture, extreme_poses
 
-    robot, motion, limits, clearance = design.known.model.robot, design.motion, design.run.limits, design.run.clearance
-    assert limits is not None
+    robot, motion, limits, clearance = design.known.model.robot, design.motion, design.limits, design.clearance
     effort, sd = design.effort_band
     distance = None if clearance is None else clearance.distance(motion.q)
     return MotionPicture(
@@ -270,8 +269,7 @@ def predicted_rows(predicted: PredictedKnowledge) -> list[dict[str, object]]:
 
 def next_summary(design: NextExperiment, programs: Programs) -> dict[str, Any]:
     """next_motion.json: what will be known, what no motion tells, limits given and reached, what was not checked."""
-    run, after, limits, clearance = design.run, design.predicted, design.run.limits, design.run.clearance
-    assert limits is not None
+    run, after, limits, clearance = design.run, design.predicted, design.limits, design.clearance
     given = taken(limits, "lower", "upper", "velocity", "acceleration", "jerk", "effort")
     distance = None if clearance is None else clearance.distance(design.motion.q).min()
     return as_object(
@@ -353,8 +351,7 @@ def _of_rivals(predicted: PredictedKnowledge, random: PredictedKnowledge) -> Ite
 
 
 def _joints(design: NextExperiment) -> list[list[str]]:
-    motion, limits, n = design.motion, design.run.limits, design.known.model.robot.n_joints
-    assert limits is not None
+    motion, limits, n = design.motion, design.limits, design.known.model.robot.n_joints
     speed, acceleration = (np.broadcast_to(limit, n) for limit in (limits.velocity, limits.acceleration))
     known = np.isfinite(design.feasibility.effort)
     shares = design.largest_effort / design.feasibility.effort
@@ -363,7 +360,7 @@ def _joints(design: NextExperiment) -> list[list[str]]:
 
 
 def _clearance(design: NextExperiment) -> Iterator[str]:
-    if (clearance := design.run.clearance) is not None:
+    if (clearance := design.clearance) is not None:
         distances = clearance.distance(design.motion.q)
         least, (one, other) = clearance.nearest(design.motion.q[int(distances.argmin())])
         yield f"least distance: {least:.3f} m, {one} to {other} (to be kept: {clearance.margin:g} m)"

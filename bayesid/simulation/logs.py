@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from pathlib import Path
+from typing import NamedTuple, overload
 
 import numpy as np
 import scipy
@@ -25,39 +26,88 @@ from bayesid.simulation.trajectories import exciting_trajectory
 from bayesid.simulation.tuning import TUNING
 
 
+@overload
 def simulate(
     model: Model,
     theta: Array,
     motion: Motion,
     *,
-    rng: np.random.Generator,
+    rng: np.random.Generator | int | None = 0,
     noise: float = 0.05,
     colour: float = 0.0,
     signed: bool | Sequence[bool] = False,
     sensor: Array | None = None,
+) -> Log: ...
+
+
+@overload
+def simulate(
+    model: Robot | str | Path,
+    *,
+    rng: np.random.Generator | int | None = 0,
+    noise: float = 0.05,
+    signed: bool = False,
+    duration: float = 20.0,
+    rate: float = 100.0,
+    effects: Sequence[SimulatedEffect | str] = (),
+) -> Log: ...
+
+
+def simulate(  # noqa: PLR0913  options of either form
+    model: Model | Robot | str | Path,
+    theta: Array | None = None,
+    motion: Motion | None = None,
+    *,
+    rng: np.random.Generator | int | None = 0,
+    noise: float = 0.05,
+    colour: float = 0.0,
+    signed: bool | Sequence[bool] = False,
+    sensor: Array | None = None,
+    duration: float = 20.0,
+    rate: float = 100.0,
+    effects: Sequence[SimulatedEffect | str] = (),
 ) -> Log:
     """A log of a motion, positions exact, efforts with Gaussian noise and rectified where they are not signed.
 
     A controller rectifies what it measures, so the noise is added first; a sensor's distortions act on it as well.
 
     Args:
-        model: the model.
-        theta: (P,) its parameters.
-        motion: N samples of motion.
-        rng: draws the noise.
+        model: the model; or a robot, its name or file, which gets random feasible parameters (the KR5 those of the
+            paper) and an exciting trajectory.
+        theta: (P,) parameters of the model; not beside a robot.
+        motion: N samples of motion; not beside a robot.
+        rng: draws the noise and, of a robot, parameters, trajectory and the form of each effect: a generator, a seed,
+            or None for another one each time.
         noise: standard deviation of the noise relative to the RMS of each joint's effort.
-        colour: correlation of the noise from one sample to the next, AR(1); 0 is white.
-        signed: whether the efforts keep their sign, for all joints or each (n,).
-        sensor: (n,) standard deviation of the noise, N m, instead of `noise`: a sensor's is the same in any motion.
+        colour: correlation of the noise from one sample to the next, AR(1); 0 is white. Of a model.
+        signed: whether the efforts keep their sign, for all joints or, of a model, each (n,).
+        sensor: (n,) standard deviation of the noise, N m, instead of `noise`: a sensor's is the same in any motion. Of
+            a model.
+        duration: s, of a robot's log.
+        rate: Hz, of a robot's log.
+        effects: of a robot, on top of the rigid bodies, as in "coulomb_friction:2:0.1": name, joint and RMS relative to
+            that of the joint's effort.
 
     Raises:
         ValueError: a noise cannot be used.
+        InputError: duration or rate cannot be used, or an effect cannot have its level.
 
     Example:
-        >>> log = bayesid.simulate(model, theta, motion, rng=np.random.default_rng(0), noise=0.05)
+        >>> log = bayesid.simulate(model, theta, motion, rng=0, noise=0.05)
         >>> log.effort.shape, bool((log.effort >= 0.0).all())
         ((201, 3), True)
+        >>> truth = bayesid.simulate(robot, duration=4.0, rate=50.0, effects=["coulomb_friction:2:0.2"], signed=True)
+        >>> len(truth), bool(truth.signed.all()), bool(truth.rectified().signed.any())
+        (201, True, False)
     """
+    if not isinstance(model, Model):
+        robot = model if isinstance(model, Robot) else load_robot(model)
+        chosen = [parse_effect(one, robot) if isinstance(one, str) else one for one in effects]
+        seed = rng if isinstance(rng, int) else int(np.random.default_rng(rng).integers(2**31))
+        recorded, truth = simulate_log(robot, duration, rate, noise, chosen, seed)
+        return truth if np.all(signed) else recorded
+    if theta is None or motion is None:
+        raise InputError("a model alone cannot be simulated", field="theta", remedy="give parameters and a motion too")
     if not 0.0 <= noise < np.inf:
         raise ValueError(f"the noise must be a finite share of the effort, not {noise}")
     if not 0.0 <= colour < 1.0:
@@ -67,7 +117,7 @@ def simulate(
         raise ValueError(f"the sensor's noise must be {motion.n_joints} finite numbers, one a joint, none negative")
     effort = model.before_sensors.effort(motion, theta)
     sd = noise * rms(effort) if own is None else own
-    white, scale = rng.standard_normal(effort.shape), np.sqrt(1.0 - colour**2)
+    white, scale = np.random.default_rng(rng).standard_normal(effort.shape), np.sqrt(1.0 - colour**2)
     first = (1.0 - scale) * white[:1]  # stationary noise of unit variance: x_i = c x_(i-1) + sqrt(1 - c^2) e_i
     effort = model.read(effort + sd * scipy.signal.lfilter([scale], [1.0, -colour], white, axis=0, zi=first)[0])
     keeps = np.broadcast_to(np.asarray(signed, dtype=bool), motion.n_joints)
@@ -119,11 +169,6 @@ def simulate_log(
 
     Raises:
         InputError: duration, rate or noise cannot be used, or an effect cannot have its level.
-
-    Example:
-        >>> log, truth = bayesid.simulate_log(robot, duration=4.0, rate=50.0, noise=0.05, effects=[], seed=1)
-        >>> len(log), bool(log.signed.any()), bool(truth.signed.all())
-        (201, False, True)
     """
     ranges = (duration, "duration", 1.0, 1e5), (rate, "rate", 10.0, 1e4), (noise, "noise", 0.0, 1e2)
     for value, name, least, most in ranges:  # wide, to catch slips of the pen

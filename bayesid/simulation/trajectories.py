@@ -36,7 +36,7 @@ class MotionLimits:
         lower: lowest position, rad (m for a prismatic joint); the others' units follow from it.
         jerk: None without a limit. Only searched motions keep it.
         effort: largest |effort| of the actuators, N m; None without a limit. Only motions for a result keep it
-            (`bayesid.design_next`).
+            (`bayesid.design_excitation`).
     """
 
     lower: float | tuple[float, ...] = -2.0
@@ -170,11 +170,6 @@ def exciting_trajectory(
         periods: whole number of periods in the duration.
         evaluations: of the condition number, about, for the improvement; the default takes about a second for six
             joints, ten times as many gain another tenth.
-
-    Example:
-        >>> trajectory = bayesid.exciting_trajectory(model, result.coefficients, 4.0, harmonics=2, evaluations=20)
-        >>> trajectory.motion(np.arange(401) / 100.0).q.shape
-        (401, 3)
     """
     rng, n = np.random.default_rng(seed), model.robot.n_joints
     frequency = fundamental(duration, harmonics, periods)

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bayesid.discrepancy.workflow import find_discrepancy
+from bayesid.discrepancy.workflow import explain_log
 from bayesid.identification.pipeline import QUICK, identify
 from bayesid.log.reading import read_log
 from bayesid.parallel import Result
@@ -47,7 +47,7 @@ def real_payload() -> None:
     """A line for the identification, and one for the comparison."""
     healthy, loaded = (read_log(DATA / "ur10e" / f"{name}.csv").rectified() for name in ("c_unloaded", "c_loaded"))
     earlier = _timed("identify", lambda: identify("ur10e", healthy, posterior=False))
-    _timed("discrepancy", lambda: find_discrepancy(earlier, loaded, search=QUICK, posterior=False))
+    _timed("discrepancy", lambda: explain_log(earlier, loaded, search=QUICK, posterior=False))
 
 
 def _timed(name: str, work: Callable[[], Result]) -> Result:

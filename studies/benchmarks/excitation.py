@@ -16,7 +16,8 @@ import numpy as np
 from bayesid.effects import STANDARD
 from bayesid.effects.catalogue import make_terms
 from bayesid.effects.model import Model
-from bayesid.excitation.design import ExcitationDesign, Objective, TrajectoryShape, design_excitation
+from bayesid.excitation.design import ExcitationDesign, design_for_robot
+from bayesid.excitation.settings import MotionSettings
 from bayesid.identification.options import Preprocessing
 from bayesid.identification.pipeline import identify
 from bayesid.log.segments import Segmentation
@@ -55,8 +56,8 @@ _COARSE = Segmentation(prominence=0.1)
 
 def designs(robot: str, case: Case) -> list[ExcitationDesign]:
     """One a seed."""
-    shape, objective = TrajectoryShape(duration=case.duration, rate=case.rate), Objective(evaluations=_EVALUATIONS)
-    return [design_excitation(robot, case.terms, shape=shape, objective=objective, seed=seed) for seed in _SEEDS]
+    settings = MotionSettings(duration=case.duration, rate=case.rate, changes=_EVALUATIONS)
+    return [design_for_robot(robot, case.terms, settings=settings, seed=seed) for seed in _SEEDS]
 
 
 def random_motions(design: ExcitationDesign) -> list[Motion]:

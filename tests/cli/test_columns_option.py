@@ -17,7 +17,7 @@ GAINS = "4,3,2,2,1,1"
 @pytest.fixture(scope="module")
 def recorded():
     """A log of a KR5 with its signs."""
-    return bayesid.simulate_log(bayesid.load_robot("kr5"), 3.0, 100.0, 0.05, (), seed=3)[1]
+    return bayesid.simulate("kr5", duration=3.0, rng=3, signed=True)
 
 
 @pytest.fixture

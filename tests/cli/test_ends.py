@@ -29,7 +29,7 @@ def test_sentences_are_folded_and_commands_stay_whole(capfd):
 def test_a_motion_is_judged_with_a_verdict_and_the_next_command(tmp_path, monkeypatch, capfd):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "arm.toml").write_text(ARM)
-    log = bayesid.simulate_log(bayesid.load_robot("arm.toml"), 20.0, 50.0, 0.02, (), seed=1)[0]
+    log = bayesid.simulate("arm.toml", rate=50.0, noise=0.02, rng=1)
     log.save(tmp_path / "log.csv")
     assert run("excite", "--robot", "arm.toml", "--log", "log.csv", "--strict") == 0
     out = capfd.readouterr().out

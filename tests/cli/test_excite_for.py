@@ -83,7 +83,9 @@ def test_programs_for_a_corrected_result_count_as_the_controller_does(made, tmp_
         stored = bayesid.load(made / "result")
         if correct is not None:
             stored = replace(stored, read_with={"correct": correct})
-        design = bayesid.design_next(stored, ["Fc2"], run=bayesid.MotionSettings(duration=4.0, rate=50.0), changes=10)
+        design = bayesid.design_excitation(
+            stored, about=["Fc2"], settings=bayesid.MotionSettings(duration=4.0, rate=50.0, changes=10)
+        )
         place = bayesid.save(design, tmp_path / name)
         table = np.genfromtxt(place / "speed_100" / "motion.csv", delimiter=",", names=True)
         written[name] = table, (place / "speed_100" / "motion.src").read_text()

@@ -45,7 +45,7 @@ def arm_log(seed, *, worn=(1.0, 1.0, 1.0), sticky=(0.0, 0.0, 0.0), mass=0.0, nam
 
 
 def compared(*logs):
-    return bayesid.compare_logs(small_robot(3, seed=2), logs, TERMS, posterior=False)
+    return bayesid.find_discrepancy(small_robot(3, seed=2), logs, terms=TERMS, posterior=False)
 
 
 def keys(comparison, became):

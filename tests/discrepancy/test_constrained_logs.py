@@ -90,7 +90,7 @@ def test_a_payload_is_read_inside_them_and_is_no_part_of_them(earlier):
 
 
 def test_logs_are_compared_inside_them_but_links_with_a_payload_are_not(known):
-    loaded = bayesid.compare_logs(ROBOT, [log_of(0), log_of(6, payload=True)], constraints=known, posterior=False)
+    loaded = bayesid.find_discrepancy(ROBOT, [log_of(0), log_of(6, payload=True)], constraints=known, posterior=False)
     assert [one.name for one in loaded.of("changed")] == ["payload"]
     assert all(binds(one) for one in (loaded.earlier, loaded.found[0].identification, loaded.runs[0]))
     assert loaded.runs[1].model.constraints.labels == ("bounds.Fc2",), "mass of the last link holds the payload"

@@ -43,7 +43,7 @@ def make_namespace(folder: Path) -> dict[str, object]:
     model = bayesid.Model.of(robot, TERMS, motion)
     result = bayesid.identify(robot, log, TERMS, posterior=FEW)
     bayesid.save(result, "result", report=False)
-    shape, objective = bayesid.TrajectoryShape(duration=4.0, rate=50.0, harmonics=2), bayesid.Objective(evaluations=20)
+    settings = bayesid.MotionSettings(duration=4.0, rate=50.0, harmonics=2, changes=20)
     return {
         "bayesid": bayesid,
         "np": np,
@@ -65,7 +65,7 @@ def make_namespace(folder: Path) -> dict[str, object]:
             robot, bayesid.read_log("currents.csv", gains="12~20%,16~20%,10~20%"), complete="off", posterior=False
         ).gains,
         "found": bayesid.find_discrepancy(result, other_log, posterior=False),
-        "design": bayesid.design_excitation(robot, TERMS, shape=shape, objective=objective),
+        "design": bayesid.design_excitation(robot, TERMS, settings=settings),
         "problem": sign_problem(result),
     }
 

@@ -7,10 +7,11 @@ import pytest
 from conftest import smooth_motion
 from open_results import TERMS, earlier_motion, open_result
 
-from bayesid.discrepancy.workflow import find_discrepancy
+from bayesid.discrepancy.workflow import explain_log
 from bayesid.effects.friction import StribeckFriction
 from bayesid.excitation.competing import equivalent_classes
-from bayesid.excitation.next_motion import MotionSettings, design_next
+from bayesid.excitation.next_motion import design_next
+from bayesid.excitation.settings import MotionSettings
 from bayesid.identification.pipeline import identify
 from bayesid.simulation.logs import simulate
 
@@ -26,7 +27,7 @@ def found():
     model = truth.model.extend(StribeckFriction(joints=(3,), smoothing=(0.02,), speed=(0.3,)))
     motion, theta = smooth_motion(3, 8.0, 50.0, seed=9), np.append(truth.theta, [0.0, 0.6])
     log = simulate(model, theta, motion, rng=np.random.default_rng(8), signed=True, noise=0.03)
-    return find_discrepancy(earlier, log, posterior=False)
+    return explain_log(earlier, log, posterior=False)
 
 
 def with_equivalents(found, *names):
@@ -36,7 +37,7 @@ def with_equivalents(found, *names):
 
 def test_without_an_equivalent_all_that_is_open_is_asked_for(found):
     assert [(one.effect, one.joints, one.equivalent) for one in found.added] == [("stribeck_friction", (3,), ())]
-    design = design_next(found, run=RUN, changes=5)
+    design = design_next(found, run=replace(RUN, changes=5))
     assert design.competing == ()
     assert len(design.goal.names) == design.predicted.open_now
     np.testing.assert_allclose(design.motion.q[0], found.identification.signals.motion.q[0], atol=1e-12)
@@ -44,7 +45,7 @@ def test_without_an_equivalent_all_that_is_open_is_asked_for(found):
 
 def test_equivalent_effects_are_told_apart_each_in_its_own_place(found):
     """An effect that acts on the whole robot is not that of a joint: by its score, or by what the catalogue says."""
-    design = design_next(with_equivalents(found, "thermal_drift", "payload"), run=RUN, changes=5)
+    design = design_next(with_equivalents(found, "thermal_drift", "payload"), run=replace(RUN, changes=5))
     (competing,) = design.competing
     assert [rival.key for rival in competing.competing] == [
         ("stribeck_friction", (3,)),
@@ -56,6 +57,6 @@ def test_equivalent_effects_are_told_apart_each_in_its_own_place(found):
     assert design.goal is None
     assert len(design.predicted.log10_bayes_factors) == 6
     assert "stribeck_friction" not in {term.name for term in competing.known.model.terms}
-    assert design_next(with_equivalents(found, "thermal_drift"), ["Fs3"], run=RUN, changes=5).competing == ()
+    assert design_next(with_equivalents(found, "thermal_drift"), ["Fs3"], run=replace(RUN, changes=5)).competing == ()
     of_no_score = [("stribeck_friction", (3,), {"thermal_drift": None, "payload": None})]
     assert equivalent_classes(of_no_score) == (tuple(rival.key for rival in competing.competing),)

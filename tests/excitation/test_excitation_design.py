@@ -11,7 +11,7 @@ from bayesid.effects import RigidBody, ViscousFriction
 from bayesid.effects.coefficients import base_coefficients
 from bayesid.effects.model import Model
 from bayesid.errors import InputError
-from bayesid.excitation.design import Objective, TrajectoryShape, design_excitation
+from bayesid.excitation.design import design_for_robot
 from bayesid.excitation.judgement import assess_excitation
 from bayesid.excitation.resolvability import (
     JointFlips,
@@ -25,6 +25,7 @@ from bayesid.excitation.resolvability import (
     turn_measured,
     turn_segments,
 )
+from bayesid.excitation.settings import MotionSettings
 from bayesid.log.segments import Segments
 from bayesid.regression.normal_equations import normal_equations
 from bayesid.report.motions import save_design
@@ -38,8 +39,8 @@ LIMITS = MotionLimits(
     lower=(-1.4, -0.3, -2.0), upper=(0.9, 1.8, 2.2), velocity=(1.5, 2.5, 3.1), acceleration=(4.0, 9.0, 6.0)
 )
 TERMS = ("rigid_body", "viscous_friction")
-QUICK = {"shape": TrajectoryShape(duration=6.0, rate=50.0, periods=2), "limits": LIMITS, "seed": 4}
-OBJECTIVE = Objective(evaluations=600)
+SETTINGS = MotionSettings(duration=6.0, rate=50.0, periods=2, limits=LIMITS, changes=600)
+QUICK = {"settings": SETTINGS, "seed": 4}
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +50,7 @@ def model():
 
 @pytest.fixture(scope="module")
 def design(model):
-    return design_excitation(model.robot, TERMS, objective=OBJECTIVE, **QUICK)
+    return design_for_robot(model.robot, TERMS, **QUICK)
 
 
 @pytest.fixture(scope="module")
@@ -189,11 +190,9 @@ def test_options_that_cannot_be_used_are_named(model):
         ({"terms": ("gravity",)}, "--terms"),
     ):
         options = {"duration": 6.0, "terms": TERMS, **wrong}
-        keys = {"duration", "rate", "harmonics", "periods"}
-        shape = {key: options.pop(key) for key in keys & options.keys()}
-        noise = {key: options.pop(key) for key in {"noise"} & options.keys()}
+        terms = options.pop("terms")
         with pytest.raises(InputError) as caught:
-            design_excitation(model.robot, shape=TrajectoryShape(**shape), objective=Objective(**noise), **options)
+            design_for_robot(model.robot, terms, settings=MotionSettings(**options))
         assert where in in_options(str(caught.value))
 
 
@@ -219,7 +218,7 @@ def test_a_joint_that_slides_needs_limits():
     rows = [{"a": 0.1, "alpha": 0.3, "d": 0.2, "theta": 0.0, "type": kind} for kind in ("revolute", "prismatic")]
     robot = robot_from_table({"name": "slider", "convention": "standard", "joints": rows}, "test")
     with pytest.raises(InputError, match="joint 2 slides"):
-        design_excitation(robot, shape=TrajectoryShape(duration=5.0))
+        design_for_robot(robot, settings=MotionSettings(duration=5.0))
 
 
 def log_of(model, trajectory, duration=20.0, rate=50.0, signed=False):

@@ -62,7 +62,7 @@ def test_a_long_log_is_averaged_over_as_many_draws(duration, monkeypatch):
         return smooth(signals, predicted, *others)
 
     monkeypatch.setattr(sampling, "sign_probabilities", seen)
-    log = bayesid.simulate_log(bayesid.load_robot("kr5"), duration, 100.0, 0.05, (), seed=3)[1].rectified()
+    log = bayesid.simulate("kr5", duration=duration, rng=3)
     terms, brief = ["rigid_body", "viscous_friction"], Sampling(budget=0.0, walkers=8)
     bayesid.identify("kr5", log, terms, posterior=brief, complete="off")
     (predicted,) = averaged

@@ -1,0 +1,133 @@
+"""The public `find_discrepancy`: of a log from a result, or of logs of one robot among each other."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import overload
+
+from bayesid.discrepancy.comparison import ChangeReport, compare_logs
+from bayesid.discrepancy.workflow import Discrepancy, explain_log
+from bayesid.effects import STANDARD, Term
+from bayesid.errors import InputError
+from bayesid.identification.identification import Identification
+from bayesid.identification.identified_model import IdentifiedModel
+from bayesid.identification.options import Preprocessing
+from bayesid.identification.pipeline import QUICK
+from bayesid.log.reading import LogSource
+from bayesid.posterior.sampler import Sampling
+from bayesid.progress import SILENT, Progress, Show
+from bayesid.regression.selection.fitted_effects import Thresholds
+from bayesid.regression.stated import Says
+from bayesid.robot import Robot
+from bayesid.signs.search.certified import Certified
+from bayesid.signs.search.protocol import Search
+
+
+@overload
+def find_discrepancy(
+    earlier: Identification | IdentifiedModel,
+    log: LogSource,
+    holdout: LogSource | None = None,
+    *,
+    search: Search | None = None,
+    posterior: Sampling | bool = True,
+    preprocessing: Preprocessing = Preprocessing(),
+    thresholds: Thresholds = Thresholds(),
+    progress: Progress | Show = SILENT,
+) -> Discrepancy: ...
+
+
+@overload
+def find_discrepancy(
+    earlier: Robot | str | Path,
+    log: Sequence[LogSource],
+    holdout: LogSource | None = None,
+    *,
+    terms: Iterable[str | Term] | None = None,
+    constraints: Says | str | Path | None = None,
+    search: Search | None = None,
+    posterior: Sampling | bool = True,
+    preprocessing: Preprocessing = Preprocessing(),
+    progress: Progress | Show = SILENT,
+) -> ChangeReport: ...
+
+
+def find_discrepancy(  # noqa: PLR0913  options of either form
+    earlier: Identification | IdentifiedModel | Robot | str | Path,
+    log: LogSource | Sequence[LogSource],
+    holdout: LogSource | None = None,
+    *,
+    terms: Iterable[str | Term] | None = None,
+    constraints: Says | str | Path | None = None,
+    search: Search | None = None,
+    posterior: Sampling | bool = True,
+    preprocessing: Preprocessing = Preprocessing(),
+    thresholds: Thresholds = Thresholds(),
+    progress: Progress | Show = SILENT,
+) -> Discrepancy | ChangeReport:
+    """Finds what a model lacks to explain a log, or what changed over several logs of one robot.
+
+    Args:
+        earlier: an identification of the robot, or a stored one: the model, what is known of it, and its noise. Or the
+            robot alone, its name or file: then the first of the logs makes the model.
+        log: a log of the same robot, or anything that `bayesid.read_log` reads. Beside a robot a list of two or more,
+            the earliest first.
+        holdout: one more log, to score by; without it stretches of the log are held back.
+        terms: of the model, beside a robot: names of the catalogue, or terms of your own. A result has its own.
+        constraints: of the model, beside a robot, as of `identify`.
+        search: how signs are searched; by default briefly, but of the first of several logs as `identify` does.
+        posterior: how that of the extended model is sampled, or whether it is.
+        preprocessing: how the logs are made ready.
+        thresholds: that decide which effects are added to a result's model, and what is explained.
+        progress: called as progress(stage, done, total) at the start, during and at the end of each stage.
+
+    Returns:
+        A `Discrepancy` of one log, a `bayesid.types.ChangeReport` of several.
+
+    Raises:
+        InputError: a log is of another robot, too short, too still, one that the model was identified from, or given
+            twice; or an option is not of this form.
+        SolverError: an optimisation failed.
+
+    Example:
+        >>> found = bayesid.find_discrepancy(result, "another_log.csv", posterior=False)
+        >>> found.status, (found.after / found.floor.rms).round(1)
+        ('no_discrepancy', array([1.1, 0.9, 0.8]))
+        >>> both = bayesid.find_discrepancy(robot, [log, other_log], terms=terms, posterior=False)
+        >>> both.dates.texts, len(both.found)
+        (('1', '2'), 1)
+    """
+    if isinstance(earlier, Identification | IdentifiedModel):
+        for name, value in (("terms", terms), ("constraints", constraints)):
+            if value is not None:
+                raise InputError("are those of the result", field=name, remedy="leave them out")
+        return explain_log(
+            earlier,
+            log,  # type: ignore[arg-type]  # a list is joined
+            holdout,
+            search=QUICK if search is None else search,
+            posterior=posterior,
+            preprocessing=preprocessing,
+            progress=progress,
+            thresholds=thresholds,
+        )
+    if not isinstance(earlier, Robot) and os.path.isdir(earlier):
+        raise InputError("is a folder", str(earlier), f"give the result in it: bayesid.load({str(earlier)!r})")
+    if thresholds != Thresholds():
+        raise InputError("are of one log beside a result", field="thresholds", remedy="leave them out")
+    if not isinstance(log, list | tuple):
+        remedy = "give a list of two or more, or one log beside a result: bayesid.find_discrepancy(result, log)"
+        raise InputError("one log beside a robot cannot be compared", field="log", remedy=remedy)
+    return compare_logs(
+        earlier,
+        log,
+        STANDARD if terms is None else terms,
+        holdout,
+        constraints=constraints,
+        search=Certified() if search is None else search,
+        posterior=posterior,
+        preprocessing=preprocessing,
+        progress=progress,
+    )
