@@ -49,3 +49,8 @@ def _is_frozen(values: object) -> TypeGuard[Array]:
     if not isinstance(values, np.ndarray):
         return False
     return values.dtype == np.float64 and values.flags.owndata and not values.flags.writeable
+
+
+def seed_of(rng: np.random.Generator | int | None) -> int:
+    """A seed of what a user gives for random numbers: a generator, a seed, or None for another one each time."""
+    return int(rng) if isinstance(rng, int | np.integer) else int(np.random.default_rng(rng).integers(2**31))

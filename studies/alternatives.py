@@ -227,10 +227,10 @@ def simulated() -> tuple[Model, Array, Log]:
     lower = {"a": 0.0, "alpha": np.pi / 2, "d": 0.4, "theta": 0.0}
     upper = {"a": 0.35, "alpha": 0.0, "d": 0.0, "theta": 0.0}
     robot = robot_from_table({"name": "arm", "convention": "standard", "joints": [lower, upper]}, "arm")
-    motion = random_trajectory(2, duration=6.0, seed=4, harmonics=3).motion(np.arange(301) / 50.0)
+    motion = random_trajectory(2, duration=6.0, rng=4, harmonics=3).motion(np.arange(301) / 50.0)
     model = Model(robot, make_terms(TERMS, robot, motion))
     rng = np.random.default_rng(1)
-    theta = random_parameters(model, rng)
+    theta = random_parameters(model, rng=rng)
     return model, theta, simulate(model, theta, motion, rng=rng, noise=0.05)
 
 

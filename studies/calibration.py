@@ -168,7 +168,7 @@ def plan(trials: int, seed: int) -> Sequence[tuple[Scenario | Simulated, int]]:
 # ---------------------------------------------------------------------------------------------------------------
 def trial(scenario: Scenario | Simulated, seed: int) -> Row:
     """Simulates a log, identifies the robot without its signs and scores what is claimed."""
-    search, sampling = Witnessed(Certified()), Sampling(seed=seed)
+    search, sampling = Witnessed(Certified()), Sampling(rng=seed)
     if isinstance(scenario, Scenario):
         _, theta, log = make_log(scenario, seed)
         result = identify(scenario.robot, log.rectified(), complete="off", search=search, posterior=sampling)
@@ -189,7 +189,7 @@ def make_log(scenario: Scenario, seed: int) -> tuple[Model, Array, Log]:
     trajectory = exciting_trajectory(bodies, base_coefficients(bodies), scenario.duration, seed=seed)
     motion = trajectory.motion(np.arange(int(scenario.duration * _RATE) + 1) / _RATE)
     model = Model(robot, make_terms(STANDARD, robot, motion))
-    theta = random_parameters(model, rng)
+    theta = random_parameters(model, rng=rng)
     log = simulate(model, theta, motion, rng=rng, noise=scenario.noise, colour=scenario.colour, signed=True)
     if scenario.misfit:
         effect = MISFITS[scenario.misfit](motion.q)

@@ -205,7 +205,7 @@ def _identified(
     robot: Robot, log: Log, mode: Completeness, prior: ParameterPrior, posterior: bool, seed: int
 ) -> Identification:
     """From the log without its signs."""
-    sampling = Sampling(seed=seed) if posterior else False
+    sampling = Sampling(rng=seed) if posterior else False
     return identify(robot, log.rectified(), complete=mode, search=Certified(), posterior=sampling, prior=prior)
 
 

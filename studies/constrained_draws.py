@@ -109,7 +109,7 @@ def _identified(log: str, seed: int) -> Identification:
 
 def _identify(log: str, seed: int, says: Says | None) -> Identification:
     budget = _BUDGETS["free" if says is None else "constrained"]
-    sampling = Sampling(budget=budget, min_ess=1e9, time_limit=3600.0, seed=seed)  # all of the budget
+    sampling = Sampling(budget=budget, min_ess=1e9, time_limit=3600.0, rng=seed)  # all of the budget
     if log == REAL:
         robot, data = load_robot(real.DATA / "ur10e" / "robot.toml"), read_log(real.DATA / f"{REAL}.csv").rectified()
     else:

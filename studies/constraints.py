@@ -106,9 +106,7 @@ def trial(scenario: Scenario, seed: int) -> Row:
     log, seconds, results = read_log(folder / f"{scenario.log}.csv"), [], []
     for says in (None, published, None, published):  # the first of each loads modules
         began = sum(os.times()[:4])
-        results.append(
-            identify(folder / "robot.toml", log.rectified(), constraints=says, posterior=Sampling(seed=seed))
-        )
+        results.append(identify(folder / "robot.toml", log.rectified(), constraints=says, posterior=Sampling(rng=seed)))
         seconds.append(sum(os.times()[:4]) - began)
     without, with_them = (figures(result, log) for result in results[2:])
     open_sd = sd_of_open_parameters(results[2:])

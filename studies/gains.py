@@ -96,7 +96,7 @@ def _loaded(truth: Truth, seed: int) -> Log:
     """Another log of the robot, whose last link is heavier by a body."""
     rng = np.random.default_rng([seed, 2])
     n, last = truth.log.n_joints, truth.model.cone.bodies[-1]
-    motion = random_trajectory(n, PERIOD, seed=seed + _ANOTHER).motion(np.arange(round(PERIOD * RATE) + 1) / RATE)
+    motion = random_trajectory(n, PERIOD, rng=seed + _ANOTHER).motion(np.arange(round(PERIOD * RATE) + 1) / RATE)
     centre, spread = rng.uniform(-0.15, 0.15, 3), np.diag(rng.uniform(0.02, 0.06, 3) ** 2)
     pseudo = np.zeros((4, 4))
     pseudo[:3, :3], pseudo[3, :3], pseudo[:3, 3] = spread + np.outer(centre, centre), centre, centre

@@ -152,9 +152,9 @@ def make_case(scenario: Scenario, seed: int) -> Case:
     """Deterministic; the right log of a seed has the same links and motion as the misread ones."""
     given, rng = load_robot(scenario.robot), np.random.default_rng(seed)
     t = np.arange(int(_RATE * scenario.duration) + 1) / _RATE
-    motion: Motion = random_trajectory(given.n_joints, scenario.duration, seed=seed).motion(t)
+    motion: Motion = random_trajectory(given.n_joints, scenario.duration, rng=seed).motion(t)
     terms = make_terms(STANDARD, given, motion)
-    theta = random_parameters(Model(given, terms), rng)
+    theta = random_parameters(Model(given, terms), rng=rng)
     kind, of = _ROBOTS.get(scenario.how, ("", lambda robot: robot))
     log = simulate(Model(of(given), terms), theta, motion, rng=rng, noise=_NOISE, signed=True)
     if scenario.how in _LOGS:

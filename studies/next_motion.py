@@ -155,7 +155,7 @@ def _robot(name: str, seed: int) -> Robot:
 def _truth(robot: Robot, seed: int, noise: float, *, limited: bool = True) -> _Truth:
     usual = _random(robot.n_joints, _DURATION, seed)
     model = Model(robot, make_terms(STANDARD, robot, usual))
-    theta = random_parameters(model, np.random.default_rng(seed))
+    theta = random_parameters(model, rng=np.random.default_rng(seed))
     effort = model.effort(usual, theta)
     largest = tuple((_STRONGER * np.abs(effort).max(axis=0)).tolist())
     return _Truth(model, theta, noise * rms(effort), replace(_USUAL, effort=largest) if limited else _USUAL)
@@ -183,7 +183,7 @@ def _random(n: int, duration: float, seed: int, still: int | None = None, most: 
         _USUAL, lower=tuple(lower.tolist()), upper=tuple(upper.tolist()), velocity=tuple(velocity.tolist())
     )
     t = np.arange(round(duration * _RATE) + 1) / _RATE
-    return random_trajectory(n, duration, seed=seed, limits=limits).motion(t)
+    return random_trajectory(n, duration, rng=seed, limits=limits).motion(t)
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -237,7 +237,7 @@ def _identified(truth: _Truth, log: Log, seed: int) -> Identification:
         truth.model.terms,
         complete="only-uncertainty",
         search=Certified(budget=_BUDGET),
-        posterior=Sampling(seed=seed),
+        posterior=Sampling(rng=seed),
     )
 
 

@@ -102,7 +102,7 @@ def weight(p: StatedParameters) -> list[object]:
 def identified() -> Identification:
     """The KR5's log without signs, identified."""
     model = paper_model()
-    motion = random_trajectory(6, 13.33, seed=0).motion(np.arange(667) / 50.0)
+    motion = random_trajectory(6, 13.33, rng=0).motion(np.arange(667) / 50.0)
     log = simulate(model, nominal_parameters(), motion, rng=np.random.default_rng(0), noise=0.05)
     return identify(model.robot, log, ["rigid_body"], complete="off", constraints=weight, posterior=False)
 

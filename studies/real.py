@@ -96,7 +96,7 @@ def trial(scenario: Scenario, seed: int) -> Row:
     """Identifies one log without its signs, and scores them or what the model predicts."""
     log = read_log(scenario.path(scenario.log))
     robot = load_robot(scenario.path(scenario.log).with_name("robot.toml"))
-    search, sampling = Certified(), Sampling(seed=seed)
+    search, sampling = Certified(), Sampling(rng=seed)
     complete: Completeness = "auto" if scenario.terms == STANDARD else "off"  # there, what a second opinion is worth
     result = identify(robot, log.rectified(), scenario.terms, complete=complete, search=search, posterior=sampling)
     other = read_log(scenario.path(scenario.predicts)) if scenario.predicts else None

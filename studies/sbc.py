@@ -119,14 +119,14 @@ def setting() -> Setting:
     joints = [{"a": 0.0, "alpha": np.pi / 2, "d": 0.4, "theta": 0.0}, {"a": 0.35, "alpha": 0.0, "d": 0.0, "theta": 0.0}]
     robot = robot_from_table({"name": "arm", "convention": "standard", "joints": joints}, "arm")
     instants = np.repeat(np.arange(0, _SAMPLES, 2), 2) / _RATE
-    motion = random_trajectory(2, _SAMPLES / _RATE, seed=4, harmonics=3).motion(instants)
+    motion = random_trajectory(2, _SAMPLES / _RATE, rng=4, harmonics=3).motion(instants)
     model = Model(robot, make_terms(STANDARD, robot, motion))
     coefficients = base_coefficients(model)
     start = np.tile(np.arange(0, _SAMPLES, _SEGMENT), 2)
     size = len(start)
     joint, known = np.repeat([0, 1], size // 2), np.zeros(size, dtype=np.int64)
     segments = Segments(joint, start, start + _SEGMENT, known, np.ones(size, dtype=bool))
-    usual = model.effort(motion, random_parameters(model, np.random.default_rng(0)))
+    usual = model.effort(motion, random_parameters(model, rng=np.random.default_rng(0)))
     reference = make_likelihood(
         normal_equations(model, coefficients, motion, usual, segments), coefficients, SIGMA, AUTOCORRELATION, known
     )
@@ -180,7 +180,7 @@ def trial(scenario: Scenario, seed: int) -> Row:
     effort, signs = simulated(truth, log_scale, rng)
     target = target_of(effort, signs, scenario.flaw)
     unknown = target.likelihood.unknown
-    draws = sample(target, target.prior.inside, replace(_SAMPLING, seed=int(rng.integers(2**31))))
+    draws = sample(target, target.prior.inside, replace(_SAMPLING, rng=int(rng.integers(2**31))))
     theta, scale = _independent(draws, rng)
     plus = target.likelihood.plus_probability(theta, scale)[:, unknown]
     among = _quantities(target, theta, scale, np.where(rng.random(plus.shape) < plus, 1.0, -1.0))

@@ -128,7 +128,7 @@ def trial(scenario: Scenario, seed: int) -> Row:
         STANDARD,
         complete="off",
         search=_search(scenario),
-        posterior=Sampling(seed=seed) if scenario.posterior else False,
+        posterior=Sampling(rng=seed) if scenario.posterior else False,
         preprocessing=Preprocessing(
             cutoff=scenario.cutoff or None, prominence=scenario.prominence, threshold=scenario.threshold
         ),
@@ -142,7 +142,7 @@ def make_truth(scenario: Scenario, seed: int) -> Truth:
     rng, robot = np.random.default_rng(seed), make_robot(scenario.robot)
     motion = _trajectory(scenario, robot, seed).motion(np.arange(round(scenario.duration * RATE) + 1) / RATE)
     model = Model(robot, make_terms(STANDARD, robot, motion))
-    theta = random_parameters(model, rng)
+    theta = random_parameters(model, rng=rng)
     log = simulate(model, theta, motion, rng=rng, noise=scenario.noise)
     log = replace(log, q=log.q + scenario.encoder * rng.standard_normal(log.q.shape))
     return Truth(model, theta, model.effort(motion, theta), log)
@@ -164,7 +164,7 @@ def _trajectory(scenario: Scenario, robot: Robot, seed: int) -> FourierTrajector
     limits = MotionLimits(-reach, reach, speed * _VELOCITY, speed**2 * _ACCELERATION)
     periods = max(1, round(scenario.duration / PERIOD))
     if scenario.trajectory == "random":
-        return random_trajectory(robot.n_joints, scenario.duration, seed=seed, limits=limits, periods=periods)
+        return random_trajectory(robot.n_joints, scenario.duration, rng=seed, limits=limits, periods=periods)
     bodies = Model(robot, (RigidBody(),))
     return exciting_trajectory(
         bodies,
@@ -247,7 +247,7 @@ def _of_model(truth: Truth, result: Identification, seed: int) -> Row:
 def torque_error(truth: Truth, result: Identification, seed: int) -> Array:
     """(n,) relative RMS error of the efforts that the model predicts for a motion that no log has seen."""
     n = truth.model.robot.n_joints
-    trajectory = random_trajectory(n, _NEW_DURATION, seed=seed + _NEW)
+    trajectory = random_trajectory(n, _NEW_DURATION, rng=seed + _NEW)
     motion: Motion = trajectory.motion(np.arange(0.0, _NEW_DURATION, 1.0 / RATE))
     expected = truth.model.effort(motion, truth.theta)
     error = result.model.effort(motion, result.theta) - expected

@@ -90,14 +90,14 @@ def trial(scenario: Scenario, seed: int) -> Row:
     """Identifies a robot, and tracks it."""
     robot = make_robot(scenario.robot)
     n, rng = robot.n_joints, np.random.default_rng([seed, 7])
-    learned = random_trajectory(n, _PERIOD, seed=seed).motion(np.arange(round(_LEARNED * _RATE)) / _RATE)
+    learned = random_trajectory(n, _PERIOD, rng=seed).motion(np.arange(round(_LEARNED * _RATE)) / _RATE)
     model = Model(robot, make_terms(STANDARD, robot, learned))
-    theta = random_parameters(model, np.random.default_rng(seed))
+    theta = random_parameters(model, rng=np.random.default_rng(seed))
     log = simulate(model, theta, learned, rng=rng, noise=_NOISE)
     search = Certified(budget=_BUDGET)
     known = identify(robot, log, STANDARD, complete="off", search=search, posterior=False).identified
     time = np.arange(round(_SECONDS * _RATE)) / _RATE
-    motion = random_trajectory(n, _PERIOD, seed=seed + _ANOTHER).motion(time)
+    motion = random_trajectory(n, _PERIOD, rng=seed + _ANOTHER).motion(time)
     stream = _with(scenario.happens, model, theta, motion, rng)
     tracker, records, costs = _tracked(known, stream)
     late = _tracked(known, stream, _LAG)[1] if scenario.happens == QUIET else []

@@ -18,9 +18,9 @@ from bayesid.simulation.parameters import random_parameters
 from bayesid.simulation.trajectories import random_trajectory
 
 ROBOT = small_robot(2, 3)
-MOTION = random_trajectory(2, 8.0, seed=4).motion(np.arange(401) / 50.0)
+MOTION = random_trajectory(2, 8.0, rng=4).motion(np.arange(401) / 50.0)
 BASE = Model(ROBOT, make_terms(STANDARD, ROBOT, MOTION))
-THETA = random_parameters(BASE, np.random.default_rng(4))
+THETA = random_parameters(BASE, rng=np.random.default_rng(4))
 SIZE = np.sqrt(np.mean(BASE.effort(MOTION, THETA) ** 2, axis=0))
 """N m, RMS."""
 TOP = np.abs(MOTION.dq).max(axis=0)

@@ -84,7 +84,7 @@ def any_motion():
         patch.setattr(
             logs,
             "exciting_trajectory",
-            lambda model, _, duration, seed: random_trajectory(model.robot.n_joints, duration, seed=seed),
+            lambda model, _, duration, seed: random_trajectory(model.robot.n_joints, duration, rng=seed),
         )
         yield
 

@@ -21,11 +21,11 @@ ROBOT = small_robot(3)
 
 @cache
 def motion_of(seed):
-    return random_trajectory(3, 6.0, seed=seed).motion(np.arange(601) / 100.0)
+    return random_trajectory(3, 6.0, rng=seed).motion(np.arange(601) / 100.0)
 
 
 MODEL = Model(ROBOT, make_terms(STANDARD, ROBOT, motion_of(0)))
-THETA = random_parameters(MODEL, np.random.default_rng(4))
+THETA = random_parameters(MODEL, rng=np.random.default_rng(4))
 
 
 @cache

@@ -52,9 +52,9 @@ class PayloadCase:
     def __init__(self, seed: int, duration: float = 8.0, rate: float = 50.0) -> None:
         self.robot, self.rng = small_robot(3), np.random.default_rng(seed)
         t = np.arange(int(duration * rate) + 1) / rate
-        self.before, self.after = (random_trajectory(3, duration, seed=100 * seed + k).motion(t) for k in (1, 2))
+        self.before, self.after = (random_trajectory(3, duration, rng=100 * seed + k).motion(t) for k in (1, 2))
         self.model = Model.of(self.robot, TERMS, self.before)
-        self.theta = random_parameters(self.model, self.rng)
+        self.theta = random_parameters(self.model, rng=self.rng)
         self.sigma = NOISE * np.sqrt(np.mean(self._effort(self.before, self.theta) ** 2, axis=0))
         self.first = self.log(self.before)
         self.result = bayesid.identify(self.robot, self.first, TERMS, complete="off", posterior=False)

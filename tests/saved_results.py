@@ -31,10 +31,10 @@ PROMISED = {
 def simulated(robot, signed=False, terms=STANDARD, seed=4, duration=6.0, parameters=None):
     """At 100 Hz; parameters are random, of the same seed or of another."""
     t = np.arange(int(100 * duration) + 1) / 100.0
-    motion = random_trajectory(robot.n_joints, duration, seed=seed).motion(t)
+    motion = random_trajectory(robot.n_joints, duration, rng=seed).motion(t)
     model = Model(robot, make_terms(terms, robot, motion))
     rng = np.random.default_rng(seed)
-    theta = random_parameters(model, rng if parameters is None else np.random.default_rng(parameters))
+    theta = random_parameters(model, rng=rng if parameters is None else np.random.default_rng(parameters))
     return simulate(model, theta, motion, rng=rng, noise=0.03, signed=signed)
 
 
@@ -49,7 +49,7 @@ def identified():
 @cache
 def sampled():
     """The same log, its posterior sampled until it has converged."""
-    return identify(identified().model.robot, identified().log, posterior=Sampling(seed=3), complete="off")
+    return identify(identified().model.robot, identified().log, posterior=Sampling(rng=3), complete="off")
 
 
 @cache

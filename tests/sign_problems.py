@@ -186,7 +186,7 @@ def arm(seed, segments=6, joints=2, terms=("rigid_body", "viscous_friction"), no
     motion = random_motion(joints, samples, seed)
     model = Model(robot, make_terms(terms, robot, motion))
     coefficients = base_coefficients(model)
-    effort = model.effort(motion, random_parameters(model, rng))
+    effort = model.effort(motion, random_parameters(model, rng=rng))
     effort = np.abs(effort + noise * np.sqrt(np.mean(effort**2, axis=0)) * rng.normal(size=effort.shape))
     cuts = np.sort(rng.choice(np.arange(2, samples - 2), segments - 1, replace=False))
     start, end = np.concatenate([[0], cuts]), np.concatenate([cuts, [samples]])

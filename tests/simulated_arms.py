@@ -28,10 +28,10 @@ class Simulated:
 
     def __init__(self, coulomb, seed=4):
         self.robot = small_robot(3)
-        self.motion = random_trajectory(3, 8.0, seed=seed).motion(T)
+        self.motion = random_trajectory(3, 8.0, rng=seed).motion(T)
         self.model = Model(self.robot, make_terms(STANDARD, self.robot, self.motion))
         names = [parameter.name for parameter in self.model.parameters]
-        self.theta = random_parameters(self.model, np.random.default_rng(seed))
+        self.theta = random_parameters(self.model, rng=np.random.default_rng(seed))
         friction = [names.index(f"Fc{j}") for j in (1, 2, 3)]
         if not coulomb:
             self.theta[30:] = 0.0

@@ -25,9 +25,9 @@ from bayesid.simulation.trajectories import random_trajectory
 
 TERMS = ["rigid_body", "viscous_friction"]
 ROBOT = small_robot(2, 3)
-MOTION = random_trajectory(2, 6.0, seed=4).motion(np.arange(301) / 50.0)
+MOTION = random_trajectory(2, 6.0, rng=4).motion(np.arange(301) / 50.0)
 MODEL = Model(ROBOT, make_terms(TERMS, ROBOT, MOTION))
-THETA = random_parameters(MODEL, np.random.default_rng(4))
+THETA = random_parameters(MODEL, rng=np.random.default_rng(4))
 
 
 def blas_threads():
@@ -64,7 +64,7 @@ def test_overlapping_changes_are_taken_back(change):
 def compute(seed):
     """Numbers and figures of an identification."""
     log = simulate(MODEL, THETA, MOTION, rng=np.random.default_rng(seed), noise=0.03)
-    sampling = Sampling(walkers=16, most_sweeps=32, seed=seed)  # what is compared need not converge
+    sampling = Sampling(walkers=16, max_sweeps=32, rng=seed)  # what is compared need not converge
     search = bayesid.Certified()
     result = bayesid.identify(ROBOT, log, TERMS, search=search, posterior=sampling)
     figures = re.findall(r"<svg.*?</svg>", identification_page(report_data(result)), re.DOTALL)

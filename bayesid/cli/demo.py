@@ -83,7 +83,7 @@ def run_experiment(
     result = identify(model.robot, log, terms, complete="off", search=search, posterior=posterior, progress=progress)
     true_signs, strong = _truth(result, model.effort(motion, theta))
     estimates, sd_of_estimates = table_rows(result)
-    new = random_trajectory(model.robot.n_joints, DURATION, seed=seed + 1).motion(t)
+    new = random_trajectory(model.robot.n_joints, DURATION, rng=seed + 1).motion(t)
     expected = model.robot.inverse_dynamics(new, theta)
     error = model.robot.inverse_dynamics(new, result.theta) - expected
     sd = noise * np.sqrt(np.mean(model.effort(motion, theta) ** 2, axis=0))  # of the sensors, whatever the motion
@@ -119,7 +119,7 @@ def demo_command(options: argparse.Namespace) -> None:
     search = Beam() if options.search == "beam" else Certified()
     truth = nominal_parameters()  # for the report to show beside the estimates; identification knew nothing of it
     with stages(options) as progress, collect_incomplete() as incomplete:
-        sampling = Sampling(budget=options.posterior_budget, seed=options.seed)
+        sampling = Sampling(budget=options.posterior_budget, rng=options.seed)
         experiment = run_experiment(options.seed, search=search, posterior=sampling, progress=progress)
         parameters = zip(experiment.result.model.parameters, truth.tolist(), strict=True)
         stated = ParameterPrior(nominal={parameter.name: (value, np.nan) for parameter, value in parameters})

@@ -118,7 +118,7 @@ def _judge(robot: Robot, options: argparse.Namespace, progress: Progress) -> Exc
     with progress.stage("read"):
         log = read(options.log, reading_options(options), robot)
     with progress.stage("judge"):
-        settings = {"noise": options.noise, "cutoff": options.cutoff, "seed": options.seed}
+        settings = {"noise": options.noise, "cutoff": options.cutoff, "rng": options.seed}
         return assess_excitation(robot, log, term_names(options), **settings)
 
 

@@ -293,5 +293,5 @@ def _tolerance(text: str) -> tuple[float, float]:
 def sampling(options: argparse.Namespace) -> Sampling | bool:
     """How the posterior is sampled, or that it is not; bad options are refused either way."""
     mode = getattr(options, "mode", 1)  # of `identify` alone
-    chosen = Sampling(budget=options.posterior_budget, time_limit=options.time_limit, seed=options.seed, mode=mode)
+    chosen = Sampling(budget=options.posterior_budget, time_limit=options.time_limit, rng=options.seed, mode=mode)
     return False if options.no_posterior else chosen

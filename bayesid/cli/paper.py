@@ -160,7 +160,7 @@ def _recorded(
     found, tried = list[tuple[float, _Recorded]](), 0
     while not found or tried < _MOTIONS:
         number = int(np.random.default_rng([seed, tried]).integers(2**32))
-        motion = random_trajectory(n, DURATION, seed=number, limits=_SLOW, harmonics=_SINES).motion(t)
+        motion = random_trajectory(n, DURATION, rng=number, limits=_SLOW, harmonics=_SINES).motion(t)
         log = simulate(model, theta, motion, rng=np.random.default_rng(number), noise=NOISE)
         signals = prepare(log)
         segments = _segments(signals)

@@ -139,7 +139,7 @@ def payload_command(options: argparse.Namespace) -> None:
     known_mass = None if options.known_mass is None else _mass(options.known_mass)
     budget = QUICK.budget if options.search_budget is None else options.search_budget
     search = Certified(budget=budget, time_limit=options.time_limit)
-    posterior = Sampling(budget=options.posterior_budget, time_limit=options.time_limit, seed=options.seed)
+    posterior = Sampling(budget=options.posterior_budget, time_limit=options.time_limit, rng=options.seed)
     with stages(options) as progress:
         with progress.stage("read"):
             identified = load(options.result)

@@ -195,7 +195,7 @@ def _body(
 ) -> PayloadEstimate | None:
     """The payload as `identify_payload` reads it, so that it has one number; None where that cannot read it."""
     brief = (
-        replace(BRIEF, seed=posterior.seed, time_limit=posterior.time_limit)
+        replace(BRIEF, rng=posterior.seed, time_limit=posterior.time_limit)
         if isinstance(posterior, Sampling)
         else BRIEF
     )

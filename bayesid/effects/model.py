@@ -87,7 +87,7 @@ class Model:
 
     Example:
         >>> model = bayesid.Model.of(robot, ["rigid_body", "coulomb_friction"], motion)
-        >>> theta = bayesid.random_parameters(model, np.random.default_rng(0))
+        >>> theta = bayesid.random_parameters(model, rng=0)
         >>> model.effort(motion, theta).shape
         (201, 3)
     """

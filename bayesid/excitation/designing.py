@@ -8,6 +8,7 @@ from typing import overload
 
 import numpy as np
 
+from bayesid.arrays import seed_of
 from bayesid.discrepancy.workflow import Discrepancy
 from bayesid.effects import STANDARD, Term
 from bayesid.effects.model import Model
@@ -102,9 +103,8 @@ def design_excitation(  # noqa: PLR0913  options of either form
         for name, given in (("about", about), ("between", between), ("recorded", recorded)):
             if given not in ((), None):
                 raise InputError("is of a result", field=name, remedy="give a result first: bayesid.load(folder)")
-        seed = rng if isinstance(rng, int) else int(np.random.default_rng(rng).integers(2**31))
         chosen = STANDARD if terms is None else terms
-        return design_for_robot(subject, chosen, settings=settings, prior=prior, seed=seed, progress=progress)
+        return design_for_robot(subject, chosen, settings=settings, prior=prior, seed=seed_of(rng), progress=progress)
     if terms is not None:
         raise InputError("are those of the result", field="terms", remedy="leave them out, or say `about`")
     return design_next(subject, about, between, run=settings, recorded=recorded, criterion=criterion, progress=progress)

@@ -14,7 +14,7 @@ from typing import Literal
 
 import numpy as np
 
-from bayesid.arrays import TINY, Array
+from bayesid.arrays import TINY, Array, seed_of
 from bayesid.effects import STANDARD, Term, catalogue
 from bayesid.effects.coefficients import BaseCoefficients
 from bayesid.effects.model import Model
@@ -83,7 +83,7 @@ def assess_excitation(
     *,
     noise: float = 0.05,
     cutoff: float | None = None,
-    seed: int = 0,
+    rng: np.random.Generator | int | None = 0,
 ) -> ExcitationAssessment:
     """Says what a log's excitation leaves undecided, without identifying anything.
 
@@ -93,7 +93,7 @@ def assess_excitation(
         terms: names of the catalogue, or terms of your own: what is to be identified.
         noise: of the efforts, relative to each joint's RMS effort.
         cutoff: of the motion's low-pass, Hz; from the data by default.
-        seed: of the expected robots.
+        rng: of the expected robots: a seed, a generator, or None for others each time.
 
     Raises:
         InputError: the robot, the log or an option cannot be used.
@@ -114,7 +114,7 @@ def assess_excitation(
     if not len(segments):
         raise InputError("no joint moves", log.source, "record a motion in which every joint moves")
     model = Model(robot, catalogue.make_terms(terms, robot, signals.motion))
-    expectation = expect(model, seed)
+    expectation = expect(model, seed_of(rng))
     speed, n = np.abs(actuators.dq), robot.n_joints
     unsigned = np.flatnonzero(~signals.signed).tolist()
     sums = normal_equations(

@@ -264,7 +264,7 @@ def expect(model: Model, seed: int = 0, prior: ParameterPrior = ParameterPrior()
         InputError: the model has no parameter of which something is believed.
     """
     rng, coefficients = np.random.default_rng(seed), base_coefficients(model)
-    drawn = np.array([random_parameters(model, rng) for _ in range(TUNING.sized)])
+    drawn = np.array([random_parameters(model, rng=rng) for _ in range(TUNING.sized)])
     size = np.sqrt(np.mean(coefficients.project(drawn) ** 2, axis=0))
     stated = prior.of(model.parameters).mean
     return Expectation(model, coefficients, np.where(np.isnan(stated), drawn, stated)[: TUNING.robots], size)

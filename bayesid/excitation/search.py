@@ -101,7 +101,7 @@ class MotionSearch:
         """(K, n) control points of a random motion that begins and ends in the pose, by its values at their places."""
         can, places, n = self.feasibility, self.basis.places, len(self.pose)
         limits = MotionLimits(*(tuple(each.tolist()) for each in (can.lower, can.upper, can.rates[0], can.rates[1])))
-        wave = random_trajectory(n, self.basis.duration, seed=int(rng.integers(2**31)), limits=limits)
+        wave = random_trajectory(n, self.basis.duration, rng=int(rng.integers(2**31)), limits=limits)
         away = np.minimum(places, self.basis.duration - places) / min(TUNING.rise, 0.5 * self.basis.duration)
         share = np.sin(0.5 * np.pi * np.clip(away, 0.0, 1.0)) ** 2
         return np.asarray(self.pose + share[:, None] * (wave.motion(places).q - self.pose))

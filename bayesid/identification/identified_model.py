@@ -231,7 +231,13 @@ class IdentifiedModel:
         return bool(self.logs & hashes(log))
 
     def predict(
-        self, motion: MotionLike, *, noise: bool = True, draws: int = 0, cutoff: float | None = None, seed: int = 0
+        self,
+        motion: MotionLike,
+        *,
+        noise: bool = True,
+        draws: int = 0,
+        cutoff: float | None = None,
+        rng: np.random.Generator | int | None = 0,
     ) -> PredictedEfforts:
         """Efforts of a motion with their uncertainty.
 
@@ -247,7 +253,7 @@ class IdentifiedModel:
                 time, or of the model's effort alone, whose parameters are uncertain.
             draws: K efforts (K, N, n) to draw as well.
             cutoff: of the low-pass, Hz; from the motion by default.
-            seed: of the draws.
+            rng: of the draws: a seed, a generator, or None for others each time.
 
         Raises:
             InputError: the motion cannot be used, or nothing is known of the parameters' uncertainty and no noise is
@@ -273,7 +279,7 @@ class IdentifiedModel:
             noise=noise,
             basis=NOISE_ALONE if not known else BY_INFORMATION if self.draws is None else BY_POSTERIOR,
             units=tuple("N" if joint.prismatic else "N m" for joint in self.model.robot.joints),
-            draws=self._drawn_efforts(motion, draws, noise, np.random.default_rng(seed)) if draws else None,
+            draws=self._drawn_efforts(motion, draws, noise, np.random.default_rng(rng)) if draws else None,
         )
 
     @property

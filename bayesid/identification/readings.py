@@ -364,7 +364,7 @@ def drawn_bodies(reading: Reading, motion: Motion, count: int) -> Array:
     model, rng = reading.model(reading.motion(motion)), np.random.default_rng(0)
     drawn = np.zeros((len(model.parameters), count))
     for k in range(count):
-        drawn[model.cone.bodies, k] = random_parameters(model, rng)[model.cone.bodies]
+        drawn[model.cone.bodies, k] = random_parameters(model, rng=rng)[model.cone.bodies]
     return drawn
 
 

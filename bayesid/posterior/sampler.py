@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.random import RandomState
 
-from bayesid.arrays import Array, Integers
+from bayesid.arrays import Array, Integers, seed_of
 from bayesid.errors import InputError
 from bayesid.parallel import in_parallel, one_at_a_time
 from bayesid.posterior.feasible_set import Centre
@@ -40,22 +40,23 @@ class Sampling:
         ensembles: that R-hat compares.
         walkers: in each.
         warm_up: sweeps left out at the start, a quarter of all at the least; `bayesid study sbc` would show too few.
-        first_look: sweeps after which the diagnostics are looked at first.
-        most_sweeps: after which the run ends, converged or not.
+        first_check: sweeps after which the diagnostics are looked at first.
+        max_sweeps: after which the run ends, converged or not.
         max_rhat: wanted of every quantity; 1.01 is that of Vehtari et al. (2021).
         min_ess: wanted of every quantity, bulk and tail; 400 is theirs too.
         per_walker: the same for every walker, on average.
         budget: nominal seconds of work, about those of an idle machine: warm-up, diagnostics and what weighs several
             modes included. However few, a mode takes a few sweeps and its weighing.
         time_limit: seconds on the clock; what they end early says so.
-        seed: of all random numbers. Unless the time limit ends the run, the draws depend on nothing else.
+        rng: of all random numbers: a seed, a generator that draws one, or None for another one each time. Unless the
+            time limit ends the run, the draws depend on nothing else.
         mode: whose mean the model holds where there are several, from 1, the heaviest.
 
     Raises:
         InputError: the budget is no number of seconds, or the mode none from 1 on.
 
     Example:
-        >>> sampling = bayesid.Sampling(budget=300.0, seed=3)  # bayesid.identify(..., posterior=sampling)
+        >>> sampling = bayesid.Sampling(budget=300.0, rng=3)  # bayesid.identify(..., posterior=sampling)
         >>> sampling.ensembles * sampling.walkers
         256
     """
@@ -63,14 +64,14 @@ class Sampling:
     ensembles: int = 4
     walkers: int = 64
     warm_up: int = 12
-    first_look: int = 24
-    most_sweeps: int = 2000
+    first_check: int = 24
+    max_sweeps: int = 2000
     max_rhat: float = 1.01
     min_ess: float = 400.0
     per_walker: float = 4.0
     budget: float = 60.0
     time_limit: float = 600.0
-    seed: int = 0
+    rng: np.random.Generator | int | None = 0
     mode: int = 1
 
     def __post_init__(self) -> None:
@@ -79,6 +80,12 @@ class Sampling:
                 f"there is no mode {self.mode}", field="Sampling.mode", remedy="give 1, the heaviest, or 2, 3, .."
             )
         check_limits(self, self.budget, self.time_limit)
+        object.__setattr__(self, "rng", seed_of(self.rng))
+
+    @property
+    def seed(self) -> int:
+        """Of all random numbers, by which the run can be repeated."""
+        return seed_of(self.rng)
 
     @property
     def wanted_ess(self) -> float:
@@ -227,7 +234,7 @@ class _Stretch(NamedTuple):
 def sample(
     target: Target, theta: Array, sampling: Sampling = Sampling(), steps: Steps = no_steps, leave: float = 0.0
 ) -> Draws:
-    """Samples until the diagnostics are as wanted, the budget or the time limit ends, or `most_sweeps` are done.
+    """Samples until the diagnostics are as wanted, the budget or the time limit ends, or `max_sweeps` are done.
 
     Args:
         target: the posterior of a branch.
@@ -239,7 +246,7 @@ def sample(
     clock = _Clock(sampling, nominal_sweep(target, sampling.ensembles * sampling.walkers), leave)
     moves, halves = _warmed_up(target, theta, sampling, clock)
     drawn: list[list[_Stretch]] = []
-    next_check, sweeps = min(sampling.first_look, clock.allowed), 0
+    next_check, sweeps = min(sampling.first_check, clock.allowed), 0
     while True:
         while sweeps < next_check and not (sweeps >= TUNING.fewest_sweeps and clock.timed_out):
             count = min(next_check - sweeps, TUNING.sweeps_at_once)
@@ -255,7 +262,7 @@ def sample(
         theta, log_scale = target.split(chain.reshape(*shape, chain.shape[-1]))
         beta, log_density = theta @ target.likelihood.projection.T, density[early:].reshape(shape)
         diagnostics = diagnose(np.concatenate([beta, log_scale, log_density[..., None]], axis=-1))
-        enough = sweeps >= sampling.first_look  # fewer sweeps can look like anything
+        enough = sweeps >= sampling.first_check  # fewer sweeps can look like anything
         converged = enough and diagnostics.passes(sampling.max_rhat, sampling.wanted_ess)
         if converged or clock.timed_out or sweeps >= clock.allowed:
             return Draws(
@@ -287,12 +294,12 @@ def nominal_sweep(target: Target, walkers: int) -> float:
 
 
 class _Clock:
-    """The sweeps after the warm-up that the budget and `most_sweeps` allow, and the time limit on the clock."""
+    """The sweeps after the warm-up that the budget and `max_sweeps` allow, and the time limit on the clock."""
 
     def __init__(self, sampling: Sampling, sweep: float, leave: float) -> None:
         began_with = TUNING.hot_sweeps + sampling.warm_up
         within = int((sampling.budget - leave) / ((1.0 + TUNING.diagnostics_work) * sweep)) - began_with
-        self.allowed = max(TUNING.fewest_sweeps, min(within, sampling.most_sweeps))
+        self.allowed = max(TUNING.fewest_sweeps, min(within, sampling.max_sweeps))
         self._began, self._sweep, self._done = time.perf_counter(), sweep, began_with
         self._limit, self.timed_out = sampling.time_limit, False
 

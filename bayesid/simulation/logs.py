@@ -9,7 +9,7 @@ from typing import NamedTuple, overload
 import numpy as np
 import scipy
 
-from bayesid.arrays import Array
+from bayesid.arrays import Array, seed_of
 from bayesid.effects import RigidBody, Term
 from bayesid.effects.catalogue import main_forms, owner
 from bayesid.effects.coefficients import base_coefficients
@@ -103,8 +103,7 @@ def simulate(  # noqa: PLR0913  options of either form
     if not isinstance(model, Model):
         robot = model if isinstance(model, Robot) else load_robot(model)
         chosen = [parse_effect(one, robot) if isinstance(one, str) else one for one in effects]
-        seed = rng if isinstance(rng, int) else int(np.random.default_rng(rng).integers(2**31))
-        recorded, truth = simulate_log(robot, duration, rate, noise, chosen, seed)
+        recorded, truth = simulate_log(robot, duration, rate, noise, chosen, seed_of(rng))
         return truth if np.all(signed) else recorded
     if theta is None or motion is None:
         raise InputError("a model alone cannot be simulated", field="theta", remedy="give parameters and a motion too")
@@ -179,7 +178,7 @@ def simulate_log(
     rng = np.random.default_rng(seed)
     model = Model(robot, (RigidBody(),))
     known = robot.same_kinematics(load_robot("kr5-paper"))
-    theta = nominal_parameters() if known else random_parameters(model, rng)
+    theta = nominal_parameters() if known else random_parameters(model, rng=rng)
     trajectory = exciting_trajectory(model, base_coefficients(model), duration, seed=seed)
     motion = trajectory.motion(np.arange(int(duration * rate) + 1) / rate)
     model, theta = with_effects(model, theta, motion, effects, seed)

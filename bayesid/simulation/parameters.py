@@ -11,18 +11,23 @@ from bayesid.robot.inertia import from_pseudo_inertia
 from bayesid.simulation.tuning import TUNING
 
 
-def random_parameters(model: Model, rng: np.random.Generator) -> Array:
+def random_parameters(model: Model, *, rng: np.random.Generator | int | None = 0) -> Array:
     """(P,) plausible parameters of any model, strictly inside its cone and without symmetries.
 
     Bodies are made to measure for the link they belong to. Every other parameter is so large that its effort is some
     share of the bodies' effort: 5 to 25 % if it cannot be negative (friction, rotor inertia), 1 to 5 % of either sign
     if it can (offsets). Without bodies in the model that share is of 1 N m.
 
+    Args:
+        model: P parameters.
+        rng: a seed, a generator, or None for others each time.
+
     Example:
-        >>> theta = bayesid.random_parameters(model, np.random.default_rng(0))
+        >>> theta = bayesid.random_parameters(model, rng=0)
         >>> model.cone.contains(theta)
         True
     """
+    rng = np.random.default_rng(rng)
     theta, cone = np.zeros(len(model.parameters)), model.cone
     reach = max(TUNING.shortest_reach, model.robot.stretched)
     ends, masses = model.robot.link_ends, _random_masses(model.robot.n_joints, reach, rng)

@@ -88,22 +88,30 @@ def random_trajectory(
     n_joints: int,
     duration: float,
     *,
-    seed: int = 0,
+    rng: np.random.Generator | int | None = 0,
     limits: MotionLimits = INDUSTRIAL_ARM,
     harmonics: int = HARMONICS,
     periods: int = 1,
 ) -> FourierTrajectory:
-    """A random trajectory of n joints that uses the limits but is not optimised; arguments as `exciting_trajectory`'s.
+    """A random trajectory of n joints that uses the limits but is not optimised.
+
+    Args:
+        n_joints: n.
+        duration: of the motion, s.
+        rng: of the shape: a seed, a generator, or None for another one each time.
+        limits: of the joints; they hold at every instant, not only at samples.
+        harmonics: sines and cosines a joint.
+        periods: whole number of periods in the duration.
 
     Raises:
         ValueError: a duration or number that is not positive, or limits for another number of joints.
 
     Example:
-        >>> trajectory = bayesid.random_trajectory(robot.n_joints, duration=4.0, seed=1)
+        >>> trajectory = bayesid.random_trajectory(robot.n_joints, duration=4.0, rng=1)
         >>> trajectory.motion(np.arange(401) / 100.0).q.shape
         (401, 3)
     """
-    shape = random_shape(n_joints, harmonics, np.random.default_rng(seed))
+    shape = random_shape(n_joints, harmonics, np.random.default_rng(rng))
     return within_limits(shape, fundamental(duration, harmonics, periods), limits)
 
 

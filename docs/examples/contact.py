@@ -50,9 +50,9 @@ class Recording:
 def make_arm(seed: int = 2) -> Arm:
     """A KR5 with random bodies, friction and rotors, a ball at its flange and one that can be put in its way."""
     robot = bayesid.load_robot("kr5-paper")
-    motion = bayesid.random_trajectory(robot.n_joints, 20.0, seed=1).motion(np.arange(0.0, 20.0, 0.01))
+    motion = bayesid.random_trajectory(robot.n_joints, 20.0, rng=1).motion(np.arange(0.0, 20.0, 0.01))
     model = bayesid.Model.of(robot, TERMS, motion)
-    theta = bayesid.random_parameters(model, np.random.default_rng(seed))
+    theta = bayesid.random_parameters(model, rng=np.random.default_rng(seed))
     spec = mujoco.MjSpec.from_string(model.to_mjcf(theta))
     sphere = mujoco.mjtGeom.mjGEOM_SPHERE
     spec.body(f"link{robot.n_joints}").add_geom(name="tip", type=sphere, size=[TIP, 0, 0], mass=0.0)
@@ -110,7 +110,7 @@ def hold_in_the_way(arm: Arm, trajectory: bayesid.FourierTrajectory, begin: floa
 def identify(arm: Arm) -> bayesid.Identification:
     """The arm's model, from a run without contact and without any sign."""
     n = arm.model.robot.n_joints
-    free = record(arm, bayesid.random_trajectory(n, 20.0, seed=3), 20.0, seed=1)
+    free = record(arm, bayesid.random_trajectory(n, 20.0, rng=3), 20.0, seed=1)
     log = bayesid.Log(free.t, free.q, np.abs(free.effort), np.zeros(n, dtype=bool))
     return bayesid.identify(arm.model.robot, log, TERMS, complete="off", posterior=False)
 
@@ -139,7 +139,7 @@ def tell(run: Recording, seen: list[bayesid.types.TrackedSample]) -> str:
 
 def meet(arm: Arm) -> Recording:
     """Another motion, in which the ball is in the way for 0.3 s."""
-    other = bayesid.random_trajectory(arm.model.robot.n_joints, 20.0, seed=5)
+    other = bayesid.random_trajectory(arm.model.robot.n_joints, 20.0, rng=5)
     return record(arm, other, 8.0, seed=2, disturb=hold_in_the_way(arm, other, BEGIN, 0.3))
 
 

@@ -63,7 +63,7 @@ def designs(robot: str, case: Case) -> list[ExcitationDesign]:
 def random_motions(design: ExcitationDesign) -> list[Motion]:
     """One a seed, within the limits of a design."""
     n, duration = design.model.robot.n_joints, float(design.motion.t[-1])
-    made = [random_trajectory(n, duration, seed=seed, limits=design.limits) for seed in _SEEDS]
+    made = [random_trajectory(n, duration, rng=seed, limits=design.limits) for seed in _SEEDS]
     return [trajectory.motion(design.motion.t) for trajectory in made]
 
 
@@ -71,7 +71,7 @@ def share_right(robot: Robot, motion: Motion, case: Case, seed: int) -> float:
     """Share of the strong samples of a log of the motion whose sign comes out right."""
     rng = np.random.default_rng(_UNSEEN + seed)
     model = Model(robot, make_terms(case.terms, robot, motion))
-    theta = random_parameters(model, rng)
+    theta = random_parameters(model, rng=rng)
     log = simulate(model, theta, motion, rng=rng, noise=case.noise)
     search, preprocessing = Certified(budget=_BUDGET), Preprocessing(cutoff=case.cutoff, prominence=_COARSE.prominence)
     result = identify(

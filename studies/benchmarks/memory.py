@@ -99,7 +99,7 @@ class _Source:
         robot = load_robot("ur10e")
         first = _motion(0)
         model = Model(robot, make_terms(STANDARD, robot, first))
-        theta = random_parameters(model, np.random.default_rng(0))
+        theta = random_parameters(model, rng=np.random.default_rng(0))
         return cls(model, theta, np.sqrt(np.mean(model.effort(first, theta) ** 2, axis=0)), [])
 
     def pieces(self, minutes: int, spent: list[float]) -> Iterator[NormalEquations]:

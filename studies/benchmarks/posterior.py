@@ -219,7 +219,7 @@ def _outcome(name: str, target: Target, coordinates: Array, clock: tuple[float, 
 def bayesid_sampler(problem: Problem, seconds: float, seed: int) -> Outcome:
     """The sampler of `bayesid.posterior`, until it has converged."""
     told: list[tuple[int, float]] = []
-    clock, sampling = Clock(), Sampling(budget=seconds, seed=seed)
+    clock, sampling = Clock(), Sampling(budget=seconds, rng=seed)
     draws = sample(problem.target, problem.theta, sampling, lambda done, _: told.append((done, clock.wall)))
     spent, before, (done, wall) = (clock.wall, clock.cpu), TUNING.hot_sweeps + sampling.warm_up, told[0]
     warm = wall * before / (before + done)  # sweeps of the warm-up take as long as those that count

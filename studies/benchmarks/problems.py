@@ -240,8 +240,8 @@ def arm_problem() -> LogProblem:
     joints = [{"a": 0.0, "alpha": np.pi / 2, "d": 0.4, "theta": 0.0}, {"a": 0.35, "alpha": 0.0, "d": 0.0, "theta": 0.0}]
     robot = robot_from_table({"name": "arm", "convention": "standard", "joints": joints}, "arm")
     model, rng = Model(robot, (RigidBody(),)), np.random.default_rng(1)
-    motion = random_trajectory(2, 4.0, seed=4, harmonics=3).motion(np.arange(201) / 50.0)
-    log = simulate(model, random_parameters(model, rng), motion, rng=rng, noise=NOISE)
+    motion = random_trajectory(2, 4.0, rng=4, harmonics=3).motion(np.arange(201) / 50.0)
+    log = simulate(model, random_parameters(model, rng=rng), motion, rng=rng, noise=NOISE)
     recorder = Recorder()
     return recorder.searched("arm", identify(robot, log, terms=["rigid_body"], complete="off", search=recorder)).problem
 
@@ -270,7 +270,7 @@ def long_log(duration: float, rate: float = 100.0, seed: int = 0) -> Log:
     motion = long_motion(robot.n_joints, duration, rate, seed)
     model = Model(robot, make_terms(STANDARD, robot, motion))
     rng = np.random.default_rng(seed)
-    return simulate(model, random_parameters(model, rng), motion, rng=rng, noise=NOISE)
+    return simulate(model, random_parameters(model, rng=rng), motion, rng=rng, noise=NOISE)
 
 
 def cut(log: Log, rows: int) -> Log:

@@ -39,7 +39,7 @@ _ANOTHER = 3_000_000
 
 def _motion(robot_joints: int, seed: int, seconds: float) -> Motion:
     time = np.arange(round(seconds * _RATE)) / _RATE
-    return random_trajectory(robot_joints, _PERIOD, seed=seed).motion(time)
+    return random_trajectory(robot_joints, _PERIOD, rng=seed).motion(time)
 
 
 @one_blas_thread
@@ -83,7 +83,7 @@ def main(minutes: float = 60.0) -> None:
     robot = make_robot("panda")
     learned = _motion(robot.n_joints, 0, _LEARNED)
     truth = Model(robot, make_terms(STANDARD, robot, learned))
-    theta = random_parameters(truth, np.random.default_rng(0))
+    theta = random_parameters(truth, rng=np.random.default_rng(0))
     log = simulate(truth, theta, learned, rng=np.random.default_rng([0, 7]), noise=_NOISE)
     search = Certified(budget=3.0)
     known = identify(robot, log, STANDARD, complete="off", search=search, posterior=False).identified

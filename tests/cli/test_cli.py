@@ -157,7 +157,7 @@ def test_options_reach_the_identification(arm_place, monkeypatch):
     assert (seen["robot"].origin.source, seen["terms"]) == ("arm.toml", ["rigid_body", "torque_offset"])
     assert seen["search"] == bayesid.Beam(width=7, initial_segments=4, budget=2.5)
     assert seen["preprocessing"] == bayesid.Preprocessing(cutoff=11.5)
-    assert seen["posterior"] == bayesid.Sampling(budget=3.5, seed=8)
+    assert seen["posterior"] == bayesid.Sampling(budget=3.5, rng=8)
     assert seen["prior"].nominal == {"m2": (1.5, 0.25)}  # the other line has no sd
     assert seen["prior"].kinematics.length == pytest.approx(3e-3)
     assert seen["prior"].kinematics.angle == pytest.approx(np.radians(0.5))

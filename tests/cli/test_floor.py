@@ -26,7 +26,7 @@ def recording(seed, rate=100.0, ahead=0.0, wave=0.0, signed=True):
     """A noise-free log whose clock begins `ahead` s within the motion, with a wave on its efforts."""
     motion = smooth_motion(2, 12.0, rate, seed=seed)
     model = Model(ROBOT, make_terms(TERMS, ROBOT, motion))
-    theta = random_parameters(model, np.random.default_rng(2))
+    theta = random_parameters(model, rng=np.random.default_rng(2))
     log = simulate(model, theta, motion, rng=np.random.default_rng(0), noise=0.0, signed=True)
     rows = log.t >= ahead
     effort = log.effort + wave * AMPLITUDE * np.sin(2.0 * np.pi * 0.5 * log.t)[:, None]

@@ -19,7 +19,7 @@ def made(tmp_path_factory):
     robot, motion = small_robot(2), smooth_motion(2, 6.0, 100.0, seed=1)
     model = bayesid.Model.of(robot, ["rigid_body", "viscous_friction"], motion)
     rng = np.random.default_rng(2)
-    theta = bayesid.random_parameters(model, rng)
+    theta = bayesid.random_parameters(model, rng=rng)
     log = bayesid.simulate(model, theta, motion, rng=rng, noise=0.03, signed=True)
     result = bayesid.identify(robot, log, ["rigid_body", "viscous_friction"], complete="off", posterior=False)
     bayesid.save(result, place / "result", report=False)

@@ -26,9 +26,9 @@ def shop(tmp_path_factory):
     (place / "arm.toml").write_text(ARM)
     robot = load_robot(place / "arm.toml")
     for seed, (name, extra) in enumerate([("plain.csv", 0.0), ("loaded.csv", 1.0), ("again.csv", 1.0)], start=1):
-        motion = random_trajectory(3, 6.0, seed=seed).motion(np.arange(301) / 50.0)
+        motion = random_trajectory(3, 6.0, rng=seed).motion(np.arange(301) / 50.0)
         model = Model(robot, make_terms(["rigid_body", "viscous_friction"], robot, motion))
-        theta = random_parameters(model, np.random.default_rng(5))
+        theta = random_parameters(model, rng=np.random.default_rng(5))
         theta[20:30] += extra * TOOL
         simulate(model, theta, motion, rng=np.random.default_rng(seed), noise=0.02).save(place / name)
     return place

@@ -27,7 +27,7 @@ def arm_log(seed, extra=None, duration=14.0, robot=2):
     """The same arm, whatever the seed; `extra` changes its effort (N, n)."""
     robot, motion = small_robot(3, seed=robot), smooth_motion(3, duration, RATE, seed=seed)
     model = Model(robot, make_terms(TERMS, robot, motion))
-    theta = random_parameters(model, np.random.default_rng(5))
+    theta = random_parameters(model, rng=np.random.default_rng(5))
     log = simulate(model, theta, motion, rng=np.random.default_rng(seed), noise=0.02, signed=True)
     effort = log.effort if extra is None else log.effort + extra(motion)
     return Log(log.t, log.q, np.abs(effort), np.zeros(3, dtype=bool), source=f"log{seed}")

@@ -19,7 +19,7 @@ N = 3
 def made_case(names, **tolerance):
     robot, motion = small_robot(N, seed=2), smooth_motion(N, 2.0, 50.0, seed=4)
     model = Model(robot, make_terms(names, robot, motion))
-    theta = random_parameters(model, np.random.default_rng(1))
+    theta = random_parameters(model, rng=np.random.default_rng(1))
     signals = SimpleNamespace(motion=motion, rate=50.0)
     trial = SimpleNamespace(signals=signals, actuators=motion, magnitude=None, used=None)
     return Case(CoefficientPrior(model, theta, np.zeros((1, 1))), None, None, trial, None, None, **tolerance), motion

@@ -32,7 +32,7 @@ def arm_log(seed, *, worn=(1.0, 1.0, 1.0), sticky=(0.0, 0.0, 0.0), mass=0.0, nam
     robot = small_robot(3, seed=2)
     motion = smooth_motion(3, 16.0, 100.0, seed=seed)
     model = Model(robot, make_terms(["rigid_body"], robot, motion))
-    theta = random_parameters(model, np.random.default_rng(5))
+    theta = random_parameters(model, rng=np.random.default_rng(5))
     body = 0.01 * np.array([1.0, 0.0, 0.0, 1.0, 0.0, 1.0]) * mass
     first, square = mass * CENTRE, mass * (CENTRE @ CENTRE * np.eye(3) - np.outer(CENTRE, CENTRE))
     theta[-10:] += np.concatenate([body + square[np.triu_indices(3)], first, [mass]])

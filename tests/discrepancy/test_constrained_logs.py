@@ -25,12 +25,12 @@ ROBOT = load_robot("kr5-paper")
 
 
 def motion_of(seed):
-    return random_trajectory(6, 8.0, seed=seed).motion(np.arange(801) / 100.0)
+    return random_trajectory(6, 8.0, rng=seed).motion(np.arange(801) / 100.0)
 
 
 MODEL = Model(ROBOT, make_terms(STANDARD, ROBOT, motion_of(0)))
 NAMES = [parameter.name for parameter in MODEL.parameters]
-THETA = random_parameters(MODEL, np.random.default_rng(1))
+THETA = random_parameters(MODEL, rng=np.random.default_rng(1))
 THETA[:60] = nominal_parameters()
 TRUE = dict(zip(NAMES, THETA.tolist(), strict=True))
 TOTAL = sum(TRUE[f"m{k}"] for k in range(1, 7))

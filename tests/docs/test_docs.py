@@ -91,9 +91,9 @@ def write_files(folder: Path, page: Path | None = None) -> None:
 def simulated(robot: str | Path, duration: float, rate: float, seed: int, load: np.ndarray | float = 0.0) -> Log:
     """A signed log of a robot; the same robot, whatever the seed. The load (10,) is added to its last link."""
     arm = bayesid.load_robot(robot)
-    motion = random_trajectory(arm.n_joints, duration, seed=seed).motion(np.arange(int(duration * rate) + 1) / rate)
+    motion = random_trajectory(arm.n_joints, duration, rng=seed).motion(np.arange(int(duration * rate) + 1) / rate)
     model = Model(arm, make_terms(["rigid_body", "viscous_friction", "coulomb_friction"], arm, motion))
-    theta = random_parameters(model, np.random.default_rng(0))
+    theta = random_parameters(model, rng=np.random.default_rng(0))
     theta[model.cone.bodies[-1]] += load
     return simulate(model, theta, motion, rng=np.random.default_rng(seed), noise=0.03, signed=True)
 

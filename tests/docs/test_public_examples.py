@@ -37,7 +37,7 @@ def make_namespace(folder: Path) -> dict[str, object]:
     box = "[[-0.8, -0.6, -0.6], [0.8, 0.6, 0.6]]"
     (folder / "known.toml").write_text(f"total_mass = [3, 60]\n[link.2]\ncom_box = {box}\n[bounds]\nm3 = [0, 9]\n")
     robot, log, other_log = bayesid.load_robot("robot.toml"), *map(bayesid.read_log, ("log.csv", "another_log.csv"))
-    motion = bayesid.random_trajectory(robot.n_joints, duration=4.0, seed=1).motion(np.arange(201) / 50.0)
+    motion = bayesid.random_trajectory(robot.n_joints, duration=4.0, rng=1).motion(np.arange(201) / 50.0)
     header = ",".join(["t", *(f"q{j}" for j in (1, 2, 3))])
     np.savetxt("motion.csv", np.column_stack([motion.t, motion.q]), delimiter=",", header=header, comments="")
     model = bayesid.Model.of(robot, TERMS, motion)
@@ -53,7 +53,7 @@ def make_namespace(folder: Path) -> dict[str, object]:
         "motion": motion,
         "terms": TERMS,
         "model": model,
-        "theta": bayesid.random_parameters(model, np.random.default_rng(0)),
+        "theta": bayesid.random_parameters(model, rng=np.random.default_rng(0)),
         "result": result,
         "check": result.validate(other_log),
         "predicted": result.predict(motion),

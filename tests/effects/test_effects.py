@@ -20,7 +20,7 @@ JOINTS = 3
 def scene_of(motion, robot=None):
     robot = robot or small_robot(JOINTS)
     model = Model(robot, make_terms(STANDARD, robot, motion))
-    theta = random_parameters(model, np.random.default_rng(1))
+    theta = random_parameters(model, rng=np.random.default_rng(1))
     effort = model.effort(motion, theta)
     return model.scene(motion, theta, effort, np.abs(effort))
 

@@ -41,7 +41,7 @@ def model_with(*effects, robot=ROBOT):
     model = Model(robot, catalogue.make_terms(STANDARD, robot, MOTION))
     for effect in effects:
         model = model.extend(effect)
-    return model, random_parameters(model, np.random.default_rng(0))
+    return model, random_parameters(model, rng=np.random.default_rng(0))
 
 
 @pytest.mark.parametrize("effect", EFFECTS, ids=lambda effect: effect.name)
@@ -88,7 +88,7 @@ def test_coupled_motors():
     robot = load_robot("tx40")
     motion = smooth_motion(6, 1.0, 100.0)
     model = Model(robot, catalogue.make_terms(STANDARD, robot, motion))
-    theta = random_parameters(model, np.random.default_rng(0))
+    theta = random_parameters(model, rng=np.random.default_rng(0))
     found = np.array([model.effort_at(instant, theta)[0] for instant in instants(motion)])
     whole = model.effort(motion, theta)
     np.testing.assert_allclose(found, whole, atol=1e-9 * np.abs(whole).max())

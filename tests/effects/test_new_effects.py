@@ -77,9 +77,9 @@ def registered(tmp_path, monkeypatch, forgotten, sources):
 @pytest.mark.usefixtures("any_motion", "registered")
 def test_registered_effects_are_simulated_and_sought():
     robot = load_robot("tx40")
-    motion = random_trajectory(6, 4.0, seed=1).motion(np.arange(200) / 50.0)
+    motion = random_trajectory(6, 4.0, rng=1).motion(np.arange(200) / 50.0)
     rigid = Model(robot, make_terms(["rigid_body", "viscous_friction"], robot, motion))
-    theta = random_parameters(rigid, np.random.default_rng(1))
+    theta = random_parameters(rigid, rng=np.random.default_rng(1))
     effort = rigid.effort(motion, theta)
     chosen = [parse_effect(text, robot) for text in ("fan_drag:2:0.3", "crossover:3:0.1", "position_waves:4:0.2")]
     both, with_both = with_effects(rigid, theta, motion, chosen, 1)
@@ -159,10 +159,10 @@ def arm():
 @pytest.fixture(scope="module")
 def log(arm, kinds):
     """A fan of 4 N m s^2/rad^2 in joint 2."""
-    motion = random_trajectory(2, 8.0, seed=4).motion(np.arange(801) / 100.0)
+    motion = random_trajectory(2, 8.0, rng=4).motion(np.arange(801) / 100.0)
     model = Model(arm, make_terms(["rigid_body", "viscous_friction", kinds[0](joints=(2,))], arm, motion))
     rng = np.random.default_rng(4)
-    theta = np.append(random_parameters(model, rng)[:-1], 4.0)
+    theta = np.append(random_parameters(model, rng=rng)[:-1], 4.0)
     return bayesid.simulate(model, theta, motion, rng=rng, noise=0.02)
 
 

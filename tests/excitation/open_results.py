@@ -43,7 +43,7 @@ def open_result(n=3, terms=TERMS, seed=2, share=0.02, effects=NONE):
     """
     robot, motion = small_robot(n, seed=seed), earlier_motion(n)
     model = Model(robot, make_terms(terms, robot, motion))
-    theta = random_parameters(model, np.random.default_rng(seed))
+    theta = random_parameters(model, rng=np.random.default_rng(seed))
     added = [SimulatedEffect(name, 2, level) for name, level in effects.items()]
     model, theta = with_effects(model, theta, motion, added, seed)
     base = base_coefficients(model.before_sensors)

@@ -58,7 +58,7 @@ def problem(model):
     """Columns, efforts, speeds and noise of a motion; every joint's noise is another."""
     motion, coefficients = smooth_motion(3, 4.0, 60.0, seed=1), base_coefficients(model)
     columns = model.columns(motion)[:, :, coefficients.selected]
-    beta = coefficients.project(random_parameters(model, np.random.default_rng(3)))
+    beta = coefficients.project(random_parameters(model, rng=np.random.default_rng(3)))
     return columns, beta, motion, np.array([0.7, 0.2, 1.9])
 
 
@@ -224,11 +224,11 @@ def test_a_joint_that_slides_needs_limits():
 def log_of(model, trajectory, duration=20.0, rate=50.0, signed=False):
     motion = trajectory.motion(np.arange(round(duration * rate) + 1) / rate)
     rng = np.random.default_rng(7)
-    return simulate(model, random_parameters(model, rng), motion, rng=rng, noise=0.02, signed=signed)
+    return simulate(model, random_parameters(model, rng=rng), motion, rng=rng, noise=0.02, signed=signed)
 
 
 def test_a_good_log_is_green_and_a_joint_that_hardly_moves_is_found(model):
-    series = random_trajectory(3, 20.0, seed=2, periods=4, limits=LIMITS)
+    series = random_trajectory(3, 20.0, rng=2, periods=4, limits=LIMITS)
     good = assess_excitation(model.robot, log_of(model, series), TERMS)
     assert good.light == "green"
     exact = condition_number(model, good.coefficients, series.motion(np.arange(1001) / 50.0))
@@ -252,7 +252,7 @@ def test_a_good_log_is_green_and_a_joint_that_hardly_moves_is_found(model):
 
 def test_a_joint_that_nothing_but_the_cone_can_sign_is_found():
     model = Model(small_robot(1, seed=5), (RigidBody(), ViscousFriction()))
-    trajectory = random_trajectory(1, 20.0, seed=3, periods=3)
+    trajectory = random_trajectory(1, 20.0, rng=3, periods=3)
     judgement = assess_excitation(model.robot, log_of(model, trajectory), TERMS)
     assert judgement.light == "red"
     assert any("signs of joint 1 could all be turned" in remark for remark in judgement.remarks)

@@ -31,7 +31,7 @@ def model_of(robot, names=EFFECTS):
 
 
 def parameters(model):
-    return random_parameters(model, np.random.default_rng(6))
+    return random_parameters(model, rng=np.random.default_rng(6))
 
 
 def random_states(robot, samples=20, seed=0):

@@ -67,9 +67,9 @@ class Truth:
 
 def arm(seed: int, robot: Robot | None = None, terms=STANDARD, duration: float = 8.0) -> Truth:
     robot = robot or small_robot(3)
-    at = random_trajectory(robot.n_joints, duration, seed=seed).motion
+    at = random_trajectory(robot.n_joints, duration, rng=seed).motion
     model = Model(robot, make_terms(terms, robot, at(grid(duration))))
-    return Truth(at, model, random_parameters(model, np.random.default_rng(seed)))
+    return Truth(at, model, random_parameters(model, rng=np.random.default_rng(seed)))
 
 
 def grid(duration: float = 8.0, rate: float = 100.0) -> Array:
@@ -109,7 +109,7 @@ def test_standard_deviations_mean_what_they_say():
     surprises, worst = [], 0.0
     for seed in range(12):
         truth = arm(4, terms=SMOOTH)
-        truth = replace(truth, at=random_trajectory(3, 8.0, seed=seed).motion)
+        truth = replace(truth, at=random_trajectory(3, 8.0, rng=seed).motion)
         result = identify(truth.model.robot, truth.log(grid(), signed=True, seed=seed), SMOOTH)
         z = (result.fit.beta - result.coefficients.project(truth.theta)) / result.fit.sd
         surprises.append(truth.surprise(result))
@@ -259,7 +259,7 @@ def test_a_planar_arm_of_the_textbook(upright):
     rows = [{"a": 0.5, "alpha": 0.0, "d": 0.0, "theta": 0.0}, {"a": 0.4, "alpha": 0.0, "d": 0.0, "theta": 0.0}]
     down = -9.81 if upright else 9.81
     robot = robot_from_table({"convention": "standard", "gravity": [0.0, down, 0.0], "joints": rows}, "test")
-    at, turn = random_trajectory(2, 8.0, seed=1).motion, 0.0 if upright else np.pi
+    at, turn = random_trajectory(2, 8.0, rng=1).motion, 0.0 if upright else np.pi
     rng = np.random.default_rng(3)
 
     def effort(motion: Motion) -> Array:  # gravity upwards is the same as a base turned by half a turn
@@ -271,7 +271,7 @@ def test_a_planar_arm_of_the_textbook(upright):
     result = identify(robot, log, ["rigid_body", "viscous_friction"])
     strong = np.abs(expected) >= STRONG * np.abs(expected).max(axis=0)
     assert np.all((np.sign(expected) == result.sample_signs)[strong])
-    new = random_trajectory(2, 8.0, seed=2).motion(grid())
+    new = random_trajectory(2, 8.0, rng=2).motion(grid())
     error = result.model.effort(new, result.fit.theta) - effort(new)
     assert np.all(error.std(axis=0) < 0.01 * effort(new).std(axis=0))
 
@@ -280,7 +280,7 @@ def test_motors_that_are_coupled():
     truth = arm(2, robot=load_robot("tx40"), duration=12.0)
     result = identify(truth.model.robot, truth.log(grid(12.0), noise=0.03))
     assert truth.right_signs(result) >= 0.999
-    new = random_trajectory(6, 8.0, seed=9).motion(grid())
+    new = random_trajectory(6, 8.0, rng=9).motion(grid())
     expected = truth.model.effort(new, truth.theta)
     error = result.model.effort(new, result.fit.theta) - expected
     assert np.all(error.std(axis=0) < 0.05 * expected.std(axis=0))
@@ -305,7 +305,7 @@ def test_rests_of_a_point_to_point_motion_get_their_signs():
     robot, moves = small_robot(3), 14
     at, t = point_to_point(3, moves, seed=5), grid(1.2 * moves)
     model = Model(robot, make_terms(STANDARD, robot, at(t)))
-    theta = random_parameters(model, np.random.default_rng(4))
+    theta = random_parameters(model, rng=np.random.default_rng(4))
     truth = Truth(at, model, theta)
     coulomb = theta[[p.name.startswith("Fc") for p in model.parameters]]
     resting = np.abs(at(t).dq) < STANDSTILL * np.abs(at(t).dq).max(axis=0)

@@ -137,7 +137,7 @@ def test_a_validation_is_in_the_scale_of_the_gains_and_a_prediction_is_not(arm, 
 
 
 def another_motion(seed):
-    return random_trajectory(3, 8.0, seed=seed).motion(T)
+    return random_trajectory(3, 8.0, rng=seed).motion(T)
 
 
 def test_one_trusted_gain_fixes_the_factor(arm):

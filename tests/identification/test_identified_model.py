@@ -65,7 +65,7 @@ def test_draws_have_the_mean_and_covariance_that_the_band_says(normal, noise):
     identified, covariance = normal
     motion = motion_of(7)[:20]
     count, rows = 4000, rows_of(MODEL, motion)
-    for predicted in (identified.predict(motion, draws=count, noise=noisy, seed=5) for noisy in (True, False)):
+    for predicted in (identified.predict(motion, draws=count, noise=noisy, rng=5) for noisy in (True, False)):
         assert predicted.draws.shape == (count, 20, 3)
         np.testing.assert_allclose(predicted.draws.std(axis=0) / predicted.sd, 1.0, atol=5 * 0.011)
         off = (predicted.draws.mean(axis=0) - predicted.mean) / predicted.sd
@@ -79,9 +79,9 @@ def test_draws_have_the_mean_and_covariance_that_the_band_says(normal, noise):
     after = (off[:, 1:] * off[:, :-1]).mean(axis=(0, 1)) / (off**2).mean(axis=(0, 1))
     colour = np.exp(-0.1) * noise.coloured**2 / (noise.coloured**2 + noise.white**2)
     np.testing.assert_allclose(after, colour, atol=0.04)  # 0.01 s of a memory of 0.1 s
-    same = identified.predict(motion, draws=3, seed=5).draws
-    np.testing.assert_array_equal(same, identified.predict(motion, draws=3, seed=5).draws)
-    assert not np.array_equal(same, identified.predict(motion, draws=3, seed=6).draws)
+    same = identified.predict(motion, draws=3, rng=5).draws
+    np.testing.assert_array_equal(same, identified.predict(motion, draws=3, rng=5).draws)
+    assert not np.array_equal(same, identified.predict(motion, draws=3, rng=6).draws)
 
 
 def test_the_posteriors_draws_make_mean_and_band(noise):

@@ -19,7 +19,7 @@ def simulated(seed):
     """t, q and signed efforts of a run of one and the same robot."""
     motion = smooth_motion(2, 6.0, 100.0, seed=seed)
     model = bayesid.Model.of(ROBOT, TERMS, motion)
-    theta = bayesid.random_parameters(model, np.random.default_rng(2))
+    theta = bayesid.random_parameters(model, rng=np.random.default_rng(2))
     log = bayesid.simulate(model, theta, motion, rng=np.random.default_rng(seed), noise=0.03, signed=True)
     return log.t, log.q, log.effort
 

@@ -38,9 +38,9 @@ def signed_log(name="kr5", noise=0.02, duration=8.0, colour=0.0, seed=3):
 
 
 def log_of(robot, noise, duration=8.0, colour=0.0, seed=3):
-    motion = random_trajectory(robot.n_joints, duration, seed=seed).motion(np.arange(int(50 * duration) + 1) / 50.0)
+    motion = random_trajectory(robot.n_joints, duration, rng=seed).motion(np.arange(int(50 * duration) + 1) / 50.0)
     model, rng = Model(robot, make_terms(STANDARD, robot, motion)), np.random.default_rng(seed)
-    theta = random_parameters(model, rng)
+    theta = random_parameters(model, rng=rng)
     return simulate(model, theta, motion, rng=rng, noise=noise, colour=colour, signed=True)
 
 

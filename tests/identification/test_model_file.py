@@ -153,7 +153,7 @@ def test_a_robot_that_took_up_a_payload_comes_back(tmp_path):
     terms = (made("payload", ()), make_effect("hysteresis", {"width": [0.1], "joints": [2]}))
     model = Model(result.model.robot, (*result.model.terms, *terms), (made("delay", (1,)),))
     theta = np.concatenate([result.theta, [0.01, 0.0, 0.0, 0.01, 0.0, 0.01, 0.0, 0.0, 0.0, 0.3, 0.2]])
-    motion = random_trajectory(3, 6.0, seed=8).motion(result.log.t - result.log.t[0])
+    motion = random_trajectory(3, 6.0, rng=8).motion(result.log.t - result.log.t[0])
     log = simulate(model, theta, motion, rng=np.random.default_rng(1), noise=0.03, signed=True)
     again = identify_again(model, log, result.knowledge, theta)
     own = base_coefficients(model)

@@ -193,7 +193,7 @@ def test_a_mass_that_no_motion_shows_is_refused():
     robot = bayesid.load_robot({"name": "turntable", "convention": "standard", "joints": [joint]})
     motions, rng = [smooth_motion(1, 8.0, 50.0, seed=k) for k in (1, 2)], np.random.default_rng(0)
     model = bayesid.Model.of(robot, TERMS, motions[0])
-    theta = bayesid.random_parameters(model, rng)
+    theta = bayesid.random_parameters(model, rng=rng)
     first, second = (bayesid.simulate(model, theta, motion, rng=rng, noise=0.03) for motion in motions)
     result = bayesid.identify(robot, first, TERMS, complete="off", posterior=False)
     with pytest.raises(bayesid.InputError, match="does not show the mass"):

@@ -45,9 +45,9 @@ class TwoRobots:
     """A robot, and the same one whose last link is heavier by what it holds."""
 
     def __init__(self, carried):
-        motions = [random_trajectory(4, 12.0, seed=seed).motion(T) for seed in (1, 2, 3)]
+        motions = [random_trajectory(4, 12.0, rng=seed).motion(T) for seed in (1, 2, 3)]
         self.model = Model(ROBOT, make_terms(TERMS, ROBOT, motions[0]))
-        self.theta = random_parameters(self.model, np.random.default_rng(3))
+        self.theta = random_parameters(self.model, rng=np.random.default_rng(3))
         self.logs = []
         for k, (motion, extra) in enumerate(zip(motions, carried, strict=False)):
             theta = self.theta.copy()
@@ -88,7 +88,7 @@ def test_a_stated_mass_that_the_log_contradicts_is_told(two):
 def test_a_motion_that_is_changed_carries_the_same(two, effect):
     """A delay and a wrong gear ratio make a motion of a motion; the labels go with it."""
     model = two.model.extend(CarriedPayload(label=("tool1",))).extend(effect)
-    motion = replace(random_trajectory(4, 5.0, seed=9).motion(np.arange(500) / 100.0), payload="tool1")
+    motion = replace(random_trajectory(4, 5.0, rng=9).motion(np.arange(500) / 100.0), payload="tool1")
     heavier = two.theta.copy()
     heavier[30:40] += TOOL
     expected = two.model.extend(effect).effort(motion, heavier)

@@ -26,11 +26,11 @@ def test_a_run_is_told_as_a_python_call(tmp_path):
     """What is usual is left out; a log that was read is read again with the same joints unsigned."""
     usual = {"search": Certified(), "posterior": True}
     assert call_of("identify", "'kr5'", "log", search=(Certified(), usual["search"])) == "bayesid.identify('kr5', log)"
-    chosen = {"search": Certified(budget=2.5, fallback=Beam(width=7)), "posterior": Sampling(seed=3)}
+    chosen = {"search": Certified(budget=2.5, fallback=Beam(width=7)), "posterior": Sampling(rng=3)}
     told = call_of("identify", "'kr5'", "log", **{name: (chosen[name], usual[name]) for name in usual})
     assert told == (
         "bayesid.identify('kr5', log, search=bayesid.Certified(budget=2.5, fallback=bayesid.Beam(width=7)), "
-        "posterior=bayesid.Sampling(seed=3))"
+        "posterior=bayesid.Sampling(rng=3))"
     )
     repeated = eval(told.partition("search=")[2].partition(", posterior")[0])
     assert repeated == chosen["search"]
@@ -83,8 +83,8 @@ class Odd:
 
 def test_options_are_plain_values_under_their_names():
     """What JSON cannot hold is written out."""
-    options = plain_options({"search": Odd(), "posterior": Sampling(seed=3), "other": Beam(width=3)})
-    assert (options["posterior.seed"], options["other"], options["other.width"]) == (3, "beam", 3)
+    options = plain_options({"search": Odd(), "posterior": Sampling(rng=3), "other": Beam(width=3)})
+    assert (options["posterior.rng"], options["other"], options["other.width"]) == (3, "beam", 3)
     assert "abs" in options["search.price"]
     assert "array" in options["search.weights"]
     assert json.loads(json.dumps(options)) == options

@@ -122,7 +122,7 @@ def test_without_a_posterior_a_near_tie_is_as_sure_as_its_mode_weighs(robot):
     """Slower and clearer than above: chi-square differs by 3, and both halves are listed."""
     log = made_log(robot, slow=0.05, noise=0.01, seed=1)
     quick = identify(robot, log, ["rigid_body"], complete="off", posterior=False)
-    sampled = identify(robot, log, ["rigid_body"], complete="off", posterior=Sampling(seed=1))
+    sampled = identify(robot, log, ["rigid_body"], complete="off", posterior=Sampling(rng=1))
     assert [len(result.search.branches) for result in (quick, sampled)] == [2, 2]
     assert len(sampled.posterior.modes) == 2
     strong = log.effort[:, 0] > 0.3 * log.effort.max()

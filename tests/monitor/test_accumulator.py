@@ -36,7 +36,7 @@ class Stream:
     def __init__(self, duration=12.0, terms=STANDARD, noise=1.0):
         self.robot, self.motion = small_robot(3), smooth_motion(3, duration, RATE, seed=3)
         self.model = Model(self.robot, make_terms(terms, self.robot, self.motion))
-        self.theta = random_parameters(self.model, np.random.default_rng(4))
+        self.theta = random_parameters(self.model, rng=np.random.default_rng(4))
         self.coefficients = base_coefficients(self.model)
         self.beta = self.coefficients.project(self.theta)
         self.noise = noise * SIGMA

@@ -29,7 +29,7 @@ def result(arm):
 
 
 def motion_of(seed):
-    return bayesid.random_trajectory(N, 20.0, seed=seed)
+    return bayesid.random_trajectory(N, 20.0, rng=seed)
 
 
 def tracker_of(result):

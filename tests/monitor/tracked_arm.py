@@ -24,14 +24,14 @@ T = np.arange(3000) / RATE
 
 def motion_of(seed, t=T):
     """A random motion whose period is 12 s."""
-    return random_trajectory(3, 12.0, seed=seed).motion(t)
+    return random_trajectory(3, 12.0, rng=seed).motion(t)
 
 
 @cache
 def truth():
     """Model and parameters."""
     model = Model(ROBOT, make_terms(STANDARD, ROBOT, motion_of(1)))
-    return model, random_parameters(model, np.random.default_rng(4))
+    return model, random_parameters(model, rng=np.random.default_rng(4))
 
 
 @cache

@@ -219,7 +219,7 @@ def test_pooled_draws_hold_each_mode_in_proportion(weights, sweeps):
 def test_the_seed_decides_the_draws():
     log = near_symmetric(0.6)
     search = log.search()
-    runs = [infer_from(log, search, Sampling(walkers=8, seed=seed)) for seed in (1, 1, 2)]
+    runs = [infer_from(log, search, Sampling(walkers=8, rng=seed)) for seed in (1, 1, 2)]
     for name in ("theta", "log_scale", "beta", "log_density"):
         first, same, other = (getattr(run.draws, name) for run in runs)
         assert np.array_equal(first, same)

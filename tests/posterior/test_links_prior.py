@@ -52,7 +52,7 @@ def arm():
     """One whose efforts are known, N m."""
     robot = small_robot(3)
     model = Model(robot, (RigidBody(),))
-    return robot, model.effort(MOTION, random_parameters(model, np.random.default_rng(5)))
+    return robot, model.effort(MOTION, random_parameters(model, rng=np.random.default_rng(5)))
 
 
 def test_draws_of_the_prior_make_efforts_nine_times_as_strong():
@@ -113,7 +113,7 @@ def identified(total, length, seed, links=None, sampling=Sampling(walkers=32)):
     motion = smooth_motion(3, 8.0, 50.0, seed=seed)
     model = Model(robot, make_terms(STANDARD, robot, motion))
     rng = np.random.default_rng(seed)
-    theta = random_parameters(model, rng)
+    theta = random_parameters(model, rng=rng)
     theta *= total / theta[model.cone.bodies[:, 9]].sum()
     log = simulate(model, theta, motion, rng=rng, noise=0.03)
     search = Certified()
@@ -150,7 +150,7 @@ def test_from_a_desktop_arm_to_a_palletiser(total, length):
     ],
 )
 def test_draws_at_a_window_are_named(links, named):
-    _, result = identified(690.0, 3.0, 0, links, Sampling(walkers=32, most_sweeps=100))
+    _, result = identified(690.0, 3.0, 0, links, Sampling(walkers=32, max_sweeps=100))
     active_bounds = dict(result.posterior.active_bounds)
     assert any(named in name for name in active_bounds)
     assert all(share > 0.2 for share in active_bounds.values())

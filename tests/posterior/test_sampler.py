@@ -41,8 +41,8 @@ def test_a_budget_that_ends_is_said(rng):
 
 def test_a_long_run_forgets_its_first_quarter(rng):
     target = small(rng)
-    options = Sampling(walkers=4, warm_up=10, first_look=20, most_sweeps=30, min_ess=np.inf)
-    short, long = (sample(target, np.array([0.9, -0.2]), replace(options, most_sweeps=most)) for most in (30, 60))
+    options = Sampling(walkers=4, warm_up=10, first_check=20, max_sweeps=30, min_ess=np.inf)
+    short, long = (sample(target, np.array([0.9, -0.2]), replace(options, max_sweeps=most)) for most in (30, 60))
     assert short.sweeps == 30  # the warm-up is a quarter of all
     assert long.sweeps == 52  # of 70
     assert np.array_equal(long.theta[:22], short.theta[8:])

@@ -105,9 +105,9 @@ def test_canonical_form_holds_where_cvxpy_says_so(form, model):
     p, stated = said(form, model)
     rng, both = np.random.default_rng(4), set()
     for k in range(400):
-        theta = random_parameters(model, rng) * rng.uniform(0.2, 4.0) + rng.uniform(0.02, 1.0) * rng.standard_normal(
-            len(names)
-        ) * (k % 2)
+        theta = random_parameters(model, rng=rng) * rng.uniform(0.2, 4.0) + rng.uniform(
+            0.02, 1.0
+        ) * rng.standard_normal(len(names)) * (k % 2)
         violation, inside = holds(p, stated, names, theta), canonical.contains(theta, ROOM)
         both.add(inside)
         assert inside == (violation <= 1e-7) or violation < 1e-6, (theta, violation)
@@ -165,7 +165,7 @@ def test_no_multiplier_proves_more_than_the_optimum_in_a_plane(model):
 def test_equalities_are_known_exactly_and_contain_what_they_should(model):
     stated = constraints_of(lambda p: [EQUALITIES["coefficient"](p), FORMS["box"](p), p["m3"] == 2.5], model)
     names, plane = [one.name for one in model.parameters], stated.plane()
-    theta = plane.nearest(random_parameters(model, np.random.default_rng(3)))
+    theta = plane.nearest(random_parameters(model, rng=np.random.default_rng(3)))
     assert (theta[names.index("m3")], theta[names.index("Fc1")]) == (2.5, 1.75)
     assert stated.only([0, 1, 3]).contains(theta)
     theta[names.index("Fv2")] += 1e-6
@@ -238,7 +238,7 @@ def test_tables_and_models_keep_constraints(model):
     stated = constraints_of(lambda p: [FORMS["norm"](p), FORMS["box"](p), FORMS["bound"](p)], model)
     again = Constraints.from_table(stated.table)
     names = [one.name for one in model.parameters]
-    theta = random_parameters(model, np.random.default_rng(2))
+    theta = random_parameters(model, rng=np.random.default_rng(2))
     np.testing.assert_allclose(again.of(names).slack(theta), stated.slack(theta))
     np.testing.assert_allclose(again.of(names).matrices(theta), stated.matrices(theta))
     fewer = replace(model, constraints=stated, terms=model.terms[:1])
@@ -320,7 +320,7 @@ def few_rows(model):
     made = []
     for seed in range(8):
         rng, motion = np.random.default_rng(seed), random_motion(3, 200, seed)
-        truth = random_parameters(model, rng)
+        truth = random_parameters(model, rng=rng)
         mass, coefficients = truth[9:30:10], base_coefficients(model)
         centre = [truth[10 * k + 6 : 10 * k + 9] / mass[k] for k in range(3)]
 

@@ -29,7 +29,7 @@ class Case:
     def __init__(self, off=OFF, duration=8.0):
         self.robot, self.motion = small_robot(3), smooth_motion(3, duration, RATE, seed=5)
         self.model = Model(self.robot, make_terms(STANDARD, self.robot, self.motion))
-        self.theta = random_parameters(self.model, np.random.default_rng(4))
+        self.theta = random_parameters(self.model, rng=np.random.default_rng(4))
         effort = self.model.effort(self.motion, self.theta)
         self.sd = NOISE * np.sqrt((effort**2).mean(axis=0))
         noisy = effort + self.sd * np.random.default_rng(1).standard_normal(effort.shape)

@@ -132,7 +132,7 @@ def test_what_a_model_cannot_show_by_itself_is_integrated_out():
 
 TERMS = ("rigid_body", "viscous_friction")
 T = np.arange(301) / 50.0
-MOTION = random_trajectory(2, 6.0, seed=3).motion(T)
+MOTION = random_trajectory(2, 6.0, rng=3).motion(T)
 
 
 @pytest.fixture(scope="module")
@@ -198,7 +198,7 @@ def test_values_that_cannot_be_used_are_refused(model):
 
 @pytest.fixture(scope="module")
 def log(model):
-    theta = random_parameters(model, np.random.default_rng(2))
+    theta = random_parameters(model, rng=np.random.default_rng(2))
     return simulate(model, theta, MOTION, rng=np.random.default_rng(3), noise=0.03, signed=True)
 
 

@@ -189,7 +189,7 @@ class Arm:
         robot, self.motion = small_robot(2, 3), smooth_motion(2, 5.0, 100.0, seed=6)
         self.model = Model(robot, make_terms(["rigid_body", "viscous_friction"], robot, self.motion))
         self.coefficients = base_coefficients(self.model)
-        theta = random_parameters(self.model, np.random.default_rng(2))
+        theta = random_parameters(self.model, rng=np.random.default_rng(2))
         self.exact = self.model.effort(self.motion, theta)
         rng = np.random.default_rng(4)
         size = np.sqrt(np.mean(self.exact**2, axis=0))

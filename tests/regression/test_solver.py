@@ -37,7 +37,7 @@ def problem(names, seed, n=2, noise=0.3):
 
 def test_bodies_are_moved_as_far_inside_as_cvxpy_finds():
     model, coefficients, *_ = problem(STANDARD, 4, n=3)
-    cone, theta = model.cone, random_parameters(model, np.random.default_rng(3))
+    cone, theta = model.cone, random_parameters(model, rng=np.random.default_rng(3))
     typical = np.diag([0.03, 0.03, 0.03, 3.0])
     moved, t = cp.Variable(cone.size), cp.Variable()
     constraints = [coefficients.projection @ moved == coefficients.project(theta), moved[cone.nonnegative] >= 0]
@@ -90,7 +90,7 @@ def test_what_leaves_no_trace_is_drawn_to_a_typical_link():
     robot, motion = small_robot(3), random_motion(3, 300, 4)
     model = Model(robot, make_terms(STANDARD, robot, motion))
     coefficients = base_coefficients(model)
-    truth = random_parameters(model, np.random.default_rng(4))
+    truth = random_parameters(model, rng=np.random.default_rng(4))
     beta = coefficients.project(truth)
     columns = model.columns(motion)[:, :, coefficients.selected].reshape(-1, len(coefficients))
     hessian, energy = columns.T @ columns, float(np.sum((columns @ beta) ** 2))

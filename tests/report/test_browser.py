@@ -59,7 +59,7 @@ def report(tmp_path_factory):
     """Of a real identification, with a validation, all signs hidden."""
     robot = small_robot(2)
     log, again = (simulate_log(robot, 5.0, 100.0, 0.1, [], seed)[0] for seed in (2, 3))
-    result = identify(robot, log, ["rigid_body", "viscous_friction"], search=Certified(), posterior=Sampling(seed=1))
+    result = identify(robot, log, ["rigid_body", "viscous_friction"], search=Certified(), posterior=Sampling(rng=1))
     files = {"/home/someone/recordings/with_a_name_that_is_long/of_a_monday_in_march.csv": "ab12" * 16}
     result = replace(result, provenance=replace(result.provenance, files=files))
     path = tmp_path_factory.mktemp("browser") / "report.html"

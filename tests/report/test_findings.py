@@ -60,7 +60,7 @@ def half_signed(logs):
 @pytest.fixture(scope="module")
 def sampled(logs):
     prior = ParameterPrior(nominal={"m1": (9.0, 1.0), "J2xy": (0.01, 0.3)})
-    sampling = Sampling(seed=5)
+    sampling = Sampling(rng=5)
     search = Certified()
     return identify(ROBOT, logs[0], search=search, posterior=sampling, prior=prior, complete="off")
 

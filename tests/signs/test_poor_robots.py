@@ -24,9 +24,9 @@ ROBOT = small_robot(3, 3)
 
 def made(seed, change=lambda model, theta, size, speed: model):
     """A log whose signs are known, of a model that a function changes, and its parameters in place."""
-    motion = random_trajectory(3, 10.0, seed=seed).motion(np.arange(501) / 50.0)
+    motion = random_trajectory(3, 10.0, rng=seed).motion(np.arange(501) / 50.0)
     model = Model(ROBOT, make_terms(STANDARD, ROBOT, motion))
-    theta = random_parameters(model, np.random.default_rng(seed))
+    theta = random_parameters(model, rng=np.random.default_rng(seed))
     size, speed = (np.sqrt(np.mean(x**2, axis=0)) for x in (model.effort(motion, theta), motion.dq))
     model = change(model, theta, size, speed)
     return simulate(model, theta, motion, signed=True, rng=np.random.default_rng(7), noise=0.03), motion

@@ -31,9 +31,9 @@ def log(arm):
 
 def log_of(arm, seed):
     """Another motion and noise for each seed, of the same arm."""
-    motion = random_trajectory(2, 8.0, seed=seed).motion(np.arange(801) / 100.0)
+    motion = random_trajectory(2, 8.0, rng=seed).motion(np.arange(801) / 100.0)
     model = Model(arm, make_terms(TERMS, arm, motion))
-    theta = random_parameters(model, np.random.default_rng(1))
+    theta = random_parameters(model, rng=np.random.default_rng(1))
     return simulate(model, theta, motion, rng=np.random.default_rng(seed + 10), noise=0.1)
 
 

@@ -12,6 +12,7 @@ from bayesid.effects.drive import FASTEST_HARMONIC
 from bayesid.effects.model import Model
 from bayesid.errors import InputError
 from bayesid.motion import Motion
+from bayesid.posterior.sampler import Sampling
 from bayesid.robot import Joint, Robot, load_robot
 from bayesid.simulation import logs as simulation
 from bayesid.simulation.logs import SimulatedEffect, parse_effect, simulate, simulate_log
@@ -25,7 +26,7 @@ ROBOTS = ("kr5", "ur10e", "panda", "tx40")
 
 
 def motion_of(n_joints, samples=667, seed=7):
-    return random_trajectory(n_joints, 13.33, seed=seed).motion(np.linspace(0, 13.33, samples))
+    return random_trajectory(n_joints, 13.33, rng=seed).motion(np.linspace(0, 13.33, samples))
 
 
 def default_model(name):
@@ -126,7 +127,7 @@ def test_random_parameters_are_those_of_a_plausible_robot(name):
     model = default_model(name)
     n = model.robot.n_joints
     for seed in range(10):
-        theta = random_parameters(model, np.random.default_rng(seed))
+        theta = random_parameters(model, rng=np.random.default_rng(seed))
         assert np.all(theta[model.cone.nonnegative] > 0.0)
         assert np.all(model.cone.smallest_eigenvalues(theta) > 1e-5)
         masses = theta[: 10 * n].reshape(-1, 10)[:, 9]
@@ -146,12 +147,12 @@ def test_random_parameters_are_those_of_a_plausible_robot(name):
 def test_a_model_without_bodies_and_a_model_of_one_joint():
     """Offsets are of either sign."""
     model = Model(load_robot("kr5"), (ViscousFriction(), TorqueOffset()))
-    friction = np.array([random_parameters(model, np.random.default_rng(seed)) for seed in range(20)])
+    friction = np.array([random_parameters(model, rng=np.random.default_rng(seed)) for seed in range(20)])
     assert np.all(friction[:, :6] > 0.0)
     assert np.all(np.any(friction[:, 6:] < 0, axis=0) & np.any(friction[:, 6:] > 0, axis=0))
     pendulum = Robot("pendulum", (Joint(np.eye(4), np.array([0.0, 1.0, 0.0])),), np.array([0.0, 0.0, -9.81]))
     model = Model(pendulum, (RigidBody(), ViscousFriction()))
-    theta = random_parameters(model, np.random.default_rng(1))
+    theta = random_parameters(model, rng=np.random.default_rng(1))
     assert model.cone.smallest_eigenvalues(theta)[0] > 0.0
     assert theta[10] > 0.0
 
@@ -193,7 +194,7 @@ def test_friction_springs_and_bodies_are_physical():
     """What cannot be negative is positive: dissipation, stiffness, mass; a lag is not a lead."""
     robot = load_robot("kr5")
     for name, seed in product((name for name in NAMES if name not in OF_ROBOT), range(2)):
-        theta, motion = nominal_parameters(), random_trajectory(6, 12.0, seed=seed).motion(np.arange(601) / 50)
+        theta, motion = nominal_parameters(), random_trajectory(6, 12.0, rng=seed).motion(np.arange(601) / 50)
         model = Model(robot, (RigidBody(),))
         model, theta = simulation.with_effects(model, theta, motion, [SimulatedEffect(name, 4, 0.1)], seed)
         assert np.all(theta[model.cone.nonnegative] > 0.0)
@@ -265,3 +266,17 @@ def test_what_is_no_effect_is_refused():
         assert repr(text) in str(refusal.value)
         assert "\n" not in str(refusal.value)
         assert refusal.value.remedy == says or all(name in refusal.value.remedy for name in NAMES)
+
+
+def test_rng_is_a_seed_a_generator_or_none():
+    """A generator goes on from where it is; None is another one each time."""
+
+    def drawn(rng):
+        return random_trajectory(3, 4.0, rng=rng).sine
+
+    np.testing.assert_array_equal(drawn(5), drawn(np.random.default_rng(5)))
+    going_on = np.random.default_rng(5)
+    assert not np.array_equal(drawn(going_on), drawn(going_on))
+    assert not np.array_equal(drawn(None), drawn(None))
+    assert Sampling(rng=np.int64(7)).seed == Sampling(rng=7).seed == 7
+    assert Sampling(rng=np.random.default_rng(1)) == Sampling(rng=np.random.default_rng(1)) != Sampling(rng=1)

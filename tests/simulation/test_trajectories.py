@@ -58,7 +58,7 @@ def test_each_joint_touches_one_limit_and_breaks_none(harmonics, duration):
     limits = MotionLimits(lower=(-2.0, -3.0, -0.4), upper=(2.0, -0.1, 2.5), velocity=(3.0, 1.0, 2.0), acceleration=8.0)
     middle, half = np.array([0.0, -1.55, 1.05]), np.array([2.0, 1.45, 1.45])
     for seed in range(5):
-        series = random_trajectory(3, duration, seed=seed, limits=limits, harmonics=harmonics)
+        series = random_trajectory(3, duration, rng=seed, limits=limits, harmonics=harmonics)
         motion = series.motion(np.random.default_rng(seed).uniform(0, duration, 20_000))
         assert np.all(motion.q >= limits.lower)
         assert np.all(motion.q <= limits.upper)
@@ -78,7 +78,7 @@ def test_exciting_trajectory_keeps_the_default_limits(trajectory):
 
 def test_condition_number_is_half_of_a_random_trajectory(model, coefficients, trajectory):
     found = condition_number(model, coefficients, trajectory.motion(TIMES))
-    others = [random_trajectory(6, DURATION, seed=seed).motion(TIMES) for seed in range(40)]
+    others = [random_trajectory(6, DURATION, rng=seed).motion(TIMES) for seed in range(40)]
     random = [condition_number(model, coefficients, other) for other in others]
     assert found < min(4.0, 0.45 * np.median(random), 0.7 * min(random))
 

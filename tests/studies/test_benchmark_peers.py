@@ -32,9 +32,9 @@ class Arm:
 
     def __init__(self, noise=0.0, seed=0):
         self.robot = small_robot(2)
-        motion = random_trajectory(2, 8.0, seed=3).motion(np.arange(1601) / 200.0)
+        motion = random_trajectory(2, 8.0, rng=3).motion(np.arange(1601) / 200.0)
         self.model = Model(self.robot, make_terms(STANDARD, self.robot, motion))
-        self.theta = random_parameters(self.model, np.random.default_rng(2))
+        self.theta = random_parameters(self.model, rng=np.random.default_rng(2))
         self.effort = self.model.effort(motion, self.theta)
         rng = np.random.default_rng(seed)
         said = self.effort + noise * np.array([1.0, 5.0]) * rng.standard_normal(self.effort.shape)

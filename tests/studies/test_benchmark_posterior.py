@@ -33,7 +33,7 @@ def problem():
 @pytest.fixture(scope="module")
 def points(problem):
     """Interior points: those that start, and draws of the posterior, which come closer to the walls."""
-    draws = sample(problem.target, problem.theta, Sampling(walkers=2, first_look=8, most_sweeps=8, warm_up=8))
+    draws = sample(problem.target, problem.theta, Sampling(walkers=2, first_check=8, max_sweeps=8, warm_up=8))
     return np.concatenate([problem.starts(16), draws.coordinates[-16:]])
 
 

@@ -23,7 +23,7 @@ def searched() -> Searched:
     robot, rng = small_robot(2), np.random.default_rng(0)
     motion = smooth_motion(2, 5.0, 100.0)
     model = Model(robot, make_terms(STANDARD, robot, motion))
-    log = simulate(model, random_parameters(model, rng), motion, rng=rng)
+    log = simulate(model, random_parameters(model, rng=rng), motion, rng=rng)
     recorder = Recorder()
     return recorder.searched("arm", identify(robot, log, search=recorder))
 

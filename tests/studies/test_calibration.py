@@ -101,7 +101,7 @@ def test_a_log_on_which_the_solver_stalled_is_solved_to_a_tolerance_that_is_name
     bodies = Model(robot, (RigidBody(),))
     motion = exciting_trajectory(bodies, base_coefficients(bodies), 3.0, seed=seed).motion(t)
     model, rng = Model(robot, make_terms(STANDARD, robot, motion)), np.random.default_rng(seed)
-    log = simulate(model, random_parameters(model, rng), motion, rng=rng, noise=0.02, colour=0.9, signed=True)
+    log = simulate(model, random_parameters(model, rng=rng), motion, rng=rng, noise=0.02, colour=0.9, signed=True)
     result = identify("ur10e", log.rectified(), complete="off", search=Certified(), posterior=False)
     assert result.search.certified
     assert 1e-6 <= result.search.tolerance <= 1e-2  # where it stalls depends on the processor

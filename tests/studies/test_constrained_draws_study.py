@@ -38,7 +38,7 @@ def test_what_is_stated_holds_exactly_where_the_quantities_lie_between_the_bound
     robot = small_robot(3)
     model = Model(robot, make_terms(["rigid_body"], robot, random_motion(3, 20, 1)))
     names = [one.name for one in model.parameters]
-    theta = np.array([random_parameters(model, np.random.default_rng(seed)) for seed in range(200)])
+    theta = np.array([random_parameters(model, rng=np.random.default_rng(seed)) for seed in range(200)])
     form = FORMS[name]
     quantities = form.quantities(dict(zip(names, theta.T, strict=True)))
     low, high = np.quantile(quantities, form.quantiles, axis=0)

@@ -24,7 +24,7 @@ def test_a_limit_that_is_broken_between_samples_is_seen():
     control = np.zeros((len(basis), 3))
     control[4:-4, 2] = 0.2
     model = Model(robot, (RigidBody(),))
-    truth = SimpleNamespace(model=model, theta=random_parameters(model, np.random.default_rng(1)))
+    truth = SimpleNamespace(model=model, theta=random_parameters(model, rng=np.random.default_rng(1)))
     wide = MotionLimits(jerk=1e6, effort=1e6)
     trajectory = SplineTrajectory(basis, control)
 

@@ -36,14 +36,14 @@ QUICK = Annealing(evaluations=500)
 def arm():
     """Two joints, ten coefficients, and a true theta."""
     model = Model(small_robot(2), (RigidBody(),))
-    return model, base_coefficients(model), random_parameters(model, np.random.default_rng(5))
+    return model, base_coefficients(model), random_parameters(model, rng=np.random.default_rng(5))
 
 
 def test_feasible_inertia_reaches_the_optimum_of_the_cone():
     """Noise pushes the unconstrained optimum out of the cone; convex programming says what the best inside it costs."""
     model = Model(small_robot(2), (RigidBody(), ViscousFriction()))
     coefficients, motion, rng = base_coefficients(model), random_motion(2, 100, 4), np.random.default_rng(4)
-    effort = model.effort(motion, random_parameters(model, rng))
+    effort = model.effort(motion, random_parameters(model, rng=rng))
     effort = (effort + 0.5 * effort.std(axis=0) * rng.normal(size=effort.shape)).ravel()
     rows = model.columns(motion).reshape(len(effort), -1)[:, coefficients.selected]
     hessian, gradient, energy = rows.T @ rows, rows.T @ effort, float(effort @ effort)
@@ -61,7 +61,7 @@ def test_feasible_inertia_reaches_the_optimum_of_the_cone():
 def test_feasible_parameters_of_known_coefficients_meet_constraints_on_mass_and_centre():
     kr5 = Model(load_robot("kr5"), (RigidBody(),))
     coefficients = base_coefficients(kr5)
-    theta = random_parameters(kr5, np.random.default_rng(3))
+    theta = random_parameters(kr5, rng=np.random.default_rng(3))
     bodies = Bodies(theta, kr5.cone)
     beta, mass = coefficients.project(theta), float(bodies.mass.sum())
     (xx, xy, xz, yy, yz, zz, *moment, m), c = theta[10:20], bodies.center_of_mass[1]

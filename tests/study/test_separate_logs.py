@@ -34,9 +34,9 @@ def week(tmp_path_factory):
     robot = bayesid.load_robot(place / "arm.toml")
     t = np.arange(801) / 100.0
     for k, day in enumerate(("mon", "tue", "wed")):
-        motion = random_trajectory(2, 8.0, seed=k).motion(t)
+        motion = random_trajectory(2, 8.0, rng=k).motion(t)
         model = Model(robot, make_terms(TERMS, robot, motion))
-        theta = random_parameters(model, np.random.default_rng(5))
+        theta = random_parameters(model, rng=np.random.default_rng(5))
         names = [parameter.name for parameter in model.parameters]
         theta[names.index("Fv2")] *= 1.0 if day != "wed" else 1.5
         simulate(model, theta, motion, rng=np.random.default_rng(10 + k), noise=0.05).save(place / f"{day}.csv")

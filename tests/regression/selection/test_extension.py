@@ -28,7 +28,7 @@ class Case:
         rng = np.random.default_rng(7)
         self.model = Model(ROBOT, make_terms(terms, ROBOT, MOTION))
         self.coefficients = base_coefficients(self.model)
-        theta = random_parameters(self.model, rng)
+        theta = random_parameters(self.model, rng=rng)
         root = rng.normal(size=(len(self.coefficients),) * 2)
         self.knowledge = CoefficientPrior(self.model, theta, root @ root.T + np.eye(len(root)))
         self.beta = self.coefficients.project(theta) * rng.uniform(0.9, 1.1, len(self.coefficients))

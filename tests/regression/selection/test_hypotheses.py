@@ -33,7 +33,7 @@ class Case:
         self.motion = smooth_motion(JOINTS, 9.0, 50.0, seed=4)
         own = tuple(make_effect(name, shape) for name, shape in extra)
         self.model = Model(robot, (*make_terms(names, robot, self.motion), *own))
-        self.theta = random_parameters(self.model, np.random.default_rng(3))
+        self.theta = random_parameters(self.model, rng=np.random.default_rng(3))
         self.effort = self.model.effort(self.motion, self.theta)
         self.used = np.ones_like(self.effort, dtype=bool)
         self.used[:40] = self.used[200:230, 1] = False

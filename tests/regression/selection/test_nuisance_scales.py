@@ -244,7 +244,7 @@ def arm(alpha):
 
 
 TERMS = ("rigid_body", "viscous_friction", "coulomb_friction")
-MOTION = random_trajectory(2, 8.0, seed=6).motion(np.arange(401) / 50.0)
+MOTION = random_trajectory(2, 8.0, rng=6).motion(np.arange(401) / 50.0)
 LINKS = [0.1, 0, 0, 0.2, 0, 0.3, 0.9, 0.35, 0, 3.0, 0.05, 0, 0, 0.1, 0, 0.12, 0.4, -0.1, 0, 1.5]
 FRICTION = [0.8, 0.5, 2.0, 1.1]
 SPRING = (6.0, -2.5)
