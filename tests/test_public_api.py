@@ -57,23 +57,6 @@ def test_the_stub_and_the_package_agree(stub, package):
         assert getattr(package, name) is promised, name
 
 
-def promised_lines():
-    """Each promised name, and each public method, property and field of a promised class."""
-    lines = []
-    for package in (bayesid, bayesid.types):
-        for name in package.__all__:
-            value = getattr(package, name)
-            lines.append(name)
-            if isinstance(value, type) and not issubclass(value, Exception):
-                inherited = {base for base in value.__mro__ if base.__module__.startswith("bayesid")}
-                own = {one for base in inherited for one in (*vars(base), *vars(base).get("__annotations__", ()))}
-                known = {
-                    one for base in value.__mro__[1:] for one in dir(base) if getattr(bayesid, base.__name__, 0) is base
-                }
-                lines += [f"{name}.{one}" for one in sorted(own - known) if not one.startswith("_")]
-    return lines
-
-
 def test_nothing_of_the_last_release_is_broken():
     if shutil.which("git") is None or not (ROOT / ".git").exists():
         pytest.skip("no git repository: there is nothing to compare with")
