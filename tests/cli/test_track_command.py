@@ -143,7 +143,7 @@ def test_a_payload_is_an_alarm_with_the_way_to_go_on(place, monkeypatch, capfd):
         assert log.t[0] >= changes[0]["time"] >= log.t[0] - 1.0 / RATE
         raise bayesid.InputError("is too short", "log", "record more")
 
-    monkeypatch.setattr("bayesid.discrepancy.workflow.find_discrepancy", refuse)
+    monkeypatch.setattr("bayesid.discrepancy.workflow.explain_log", refuse)
     assert run("track", "result", "taken.csv", "--out", "out", "--lag", 0.1, "--explain", "--quiet", "--force") == 0
     change = next(one for one in read(place / "out")[1] if one["kind"] != "contact")
     assert change["named"] == []

@@ -39,7 +39,7 @@ def run(name: str, monkeypatch: pytest.MonkeyPatch) -> dict[str, object]:
 def test_identify_finds_signs_and_coefficients(monkeypatch):
     left = run("identify", monkeypatch)
     assert np.mean(left["right"]) > 0.995
-    assert left["optimality_gap"] > 0.8
+    assert left["within"] > 0.8
     effort = left["truth"].effort(left["other"], left["theta"])
     louder = np.sqrt(np.mean(effort**2, axis=0) / np.mean(left["effort"] ** 2, axis=0))  # the noise is a share
     expected = 2.0 * norm.cdf(norm.ppf(0.975) / louder) - 1.0
