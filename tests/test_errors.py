@@ -63,7 +63,7 @@ def test_terms_and_options_are_named_as_arguments(log):
 @pytest.mark.parametrize("stated", [0.7, (0.7,), (0.7, 0.1, 2.0), "0.7", None, ("a", "b")])
 def test_a_nominal_value_without_its_sd_is_refused(log, stated):
     said = refusal(bayesid.identify, small_robot(2), log, prior=bayesid.ParameterPrior(nominal={"m2": stated}))
-    assert said.startswith(f"`ParameterPrior.nominal`: m2 = {stated!r} is no mean with its sd")
+    assert said.startswith(f"`ParameterPrior.nominal`: m2 = {stated!r} is not a mean with its sd")
     assert "{'m2': (0.7, 0.1)}" in said
 
 

@@ -1,7 +1,7 @@
-"""What a constraint of cvxpy says, as half spaces, 4 x 4 matrices and equalities over named parameters alone.
+"""Constraints of cvxpy as half spaces, 4 x 4 matrices and equalities of named parameters.
 
-cvxpy makes cones of a constraint: equalities, half spaces, second-order cones |x| <= t, positive semidefinite matrices.
-It adds variables of its own for norms, absolute values, maxima, squares and eigenvalues, which are eliminated
+cvxpy turns a constraint into cones: equalities, half spaces, second-order cones |x| <= t, positive semidefinite
+matrices. It adds variables for norms, absolute values, maxima, squares and eigenvalues, which are eliminated
 (`bayesid.regression.elimination`).
 """
 
@@ -30,12 +30,12 @@ _CLEANED = (
     (re.compile(r", None, False\)"), ")"),
     (re.compile(r"\[mc(\d+)x, mc\1y, mc\1z\]"), r"first_moment(\1)"),
 )
-"""How cvxpy prints what is written in other words."""
+"""Regular expressions that turn cvxpy's output into the user's notation."""
 _REMEDY = "state it with affine expressions, norms of up to four numbers, abs, max, squares, or matrices up to 4 x 4"
 
 
 def label_of(constraint: Any, number: int, total_mass: str) -> str:
-    """A constraint as it was written, about; its number where that is long."""
+    """A constraint roughly as it was written; its number if that is too long."""
     text = str(constraint)
     for pattern, short in _CLEANED:
         text = pattern.sub(short, text)
@@ -46,33 +46,33 @@ def label_of(constraint: Any, number: int, total_mass: str) -> str:
 
 
 def canonical(constraints: Sequence[Any], label: str, variables: dict[str, Any], names: Sequence[str]) -> Constraints:
-    """Constraints of cvxpy, stated together under one label, over the parameters `names`.
+    """Constraints of cvxpy with a common label, over the parameters `names`.
 
     Args:
         constraints: of cvxpy.
-        label: how they were stated.
-        variables: that stand for parameters, by their names.
+        label: for messages.
+        variables: the variables that stand for parameters, by name.
         names: of all parameters.
 
     Raises:
-        InputError: they are not convex, speak of something else, or cannot be brought into this form.
+        InputError: they are not convex, use other variables, or cannot be brought into this form.
     """
-    import cvxpy as cp  # takes a second or two, where somebody states something alone
+    import cvxpy as cp  # imported on demand: takes a second or two
 
-    for one in constraints:
-        _check(one, label, variables)
+    for constraint in constraints:
+        _check(constraint, label, variables)
     data, *_ = cp.Problem(cp.Minimize(0), list(constraints)).get_problem_data(cp.CLARABEL)
     dims, columns = data["dims"], data["param_prob"].var_id_to_col
     if dims.exp or dims.p3d or getattr(dims, "pnd", None):
         raise _refused(label, "needs an exponential, a logarithm or a power")
     rows = np.column_stack([-data["A"].toarray(), np.asarray(data["b"], dtype=float)])
     form = Form.of(rows, dims)
-    place = {name: columns[one.id] for name, one in variables.items() if one.id in columns}
+    place = {name: columns[variable.id] for name, variable in variables.items() if variable.id in columns}
     try:
         form = form.without(np.setdiff1d(np.arange(rows.shape[1] - 1), list(place.values())).tolist())
     except EliminationError as error:
         raise _refused(label, str(error), error.remedy or _REMEDY) from None
-    kept = np.zeros((rows.shape[1], len(names) + 1))  # takes cvxpy's variables to the parameters
+    kept = np.zeros((rows.shape[1], len(names) + 1))  # maps parameters to cvxpy's variables
     kept[-1, -1] = 1.0
     for name, column in place.items():
         kept[column, list(names).index(name)] = 1.0
@@ -83,22 +83,24 @@ def _refused(label: str, why: str, remedy: str = _REMEDY) -> InputError:
     return InputError(f"{label}: {why}", field="constraints", remedy=remedy)
 
 
-def _check(one: Any, label: str, variables: dict[str, Any]) -> None:
-    own = {variable.id for variable in variables.values()}
-    if isinstance(one, bool | np.bool_):
-        raise _refused(label, f"is {bool(one)} whatever the parameters are", "state it of the parameters p")
-    if not hasattr(one, "is_dcp") or not hasattr(one, "variables") or not hasattr(one, "args"):
-        raise _refused(label, f"{type(one).__name__} is no constraint", "give comparisons, as in p['m3'] <= 5")
-    if one.parameters() or any(variable.id not in own for variable in one.variables()):
-        raise _refused(label, "has variables beside those of p", "state it of p alone")
-    if not one.variables():
-        raise _refused(label, "says nothing of a parameter", "state it of the parameters p")
-    if not one.is_dcp():
-        raise _refused(label, "is not convex, as far as cvxpy's rules show")
+def _check(constraint: Any, label: str, variables: dict[str, Any]) -> None:
+    known = {variable.id for variable in variables.values()}
+    if isinstance(constraint, bool | np.bool_):
+        raise _refused(label, f"is {bool(constraint)} for all parameters", "state it with the parameters p")
+    if not hasattr(constraint, "is_dcp") or not hasattr(constraint, "variables") or not hasattr(constraint, "args"):
+        raise _refused(
+            label, f"{type(constraint).__name__} is not a constraint", "give comparisons, as in p['m3'] <= 5"
+        )
+    if constraint.parameters() or any(variable.id not in known for variable in constraint.variables()):
+        raise _refused(label, "has variables other than those of p", "state it with p alone")
+    if not constraint.variables():
+        raise _refused(label, "contains no parameter", "state it of the parameters p")
+    if not constraint.is_dcp():
+        raise _refused(label, "is not convex by cvxpy's rules")
 
 
 def _stated(form: Form, label: str, names: Sequence[str]) -> Constraints:
-    """Small cones and what always holds put right."""
+    """Converts small second-order cones to half spaces and drops constraints that always hold."""
     halves, matrices, equal = list(form.halves), [], []
     for zero in form.zero:
         size = float(np.abs(zero[:-1]).max())
@@ -129,18 +131,18 @@ def _stated(form: Form, label: str, names: Sequence[str]) -> Constraints:
         half = np.where(np.abs(half) > ROUNDING * size, half, 0.0) / size
         kept[tuple(half.round(9).tolist())] = half
     if len(kept) > TUNING.most_half_spaces:
-        raise _refused(label, f"takes more than {TUNING.most_half_spaces} half spaces", "state a simpler one")
+        raise _refused(label, f"needs more than {TUNING.most_half_spaces} half spaces", "state a simpler one")
     rows = np.array(list(kept.values())).reshape(-1, len(names) + 1)
     sized = np.array([matrix / np.abs(matrix[:-1]).max() for matrix in matrices]).reshape(-1, len(names) + 1, 4, 4)
     sized = np.where(np.abs(sized) > ROUNDING, sized, 0.0)
     same = np.array(equal).reshape(-1, len(names) + 1)
-    none = [np.zeros(len(ones), dtype=np.int64) for ones in (rows, sized, same)]
+    none = [np.zeros(len(part), dtype=np.int64) for part in (rows, sized, same)]
     cut = rows[:, :-1], rows[:, -1], none[0], sized[:, :-1], sized[:, -1], none[1], same[:, :-1], -same[:, -1], none[2]
     return Constraints(tuple(names), (label,), *cut)
 
 
 def _padded(matrix: Array, label: str) -> Array:
-    """(n, 4, 4) of a matrix (n, k, k) of up to four rows: its first entry fills the diagonal."""
+    """(n, 4, 4) matrix from (n, k, k), k <= 4; the first entry fills the added diagonal."""
     size = matrix.shape[1]
     if size > 4:
         raise _refused(label, f"is a matrix of {size} rows", "state matrices up to 4 x 4")

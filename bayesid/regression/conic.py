@@ -1,7 +1,7 @@
-"""A cone, and what is stated besides, as Clarabel has them; only this file and its neighbours know Clarabel.
+"""The cone and the stated constraints in Clarabel's form.
 
-Parameters theta lie in the cone where `rows_of(theta) + offsets_of` lies in K: first what is not negative, then the
-half spaces that are stated, then a pseudo-inertia a body, then the matrices that are stated.
+Parameters theta are feasible if `rows_of(theta) + offsets_of` lies in K. The rows of K are, in this order: nonnegative
+parameters, stated half spaces, one pseudo-inertia a body, stated matrices.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from bayesid.effects.parameters import Cone
 from bayesid.robot.inertia import PSEUDO_INERTIA_BASIS, from_pseudo_inertia
 
 TYPICAL_BODY = from_pseudo_inertia(np.diag([0.03, 0.03, 0.03, 3.0]))
-"""A link of 3 kg that spreads 0.1 m along each axis: what a parameter without any data is drawn to."""
+"""A link of 3 kg that spreads 0.1 m along each axis: the Tikhonov term's centre."""
 TYPICAL_SIZES = np.array([0.1] * 6 + [0.5] * 3 + [5.0])
-"""Sizes of a link's parameters (kg m^2, kg m, kg) where the data give none: round numbers above the typical link's."""
+"""Scales of a link's parameters (kg m^2, kg m, kg) without data, chosen by hand above those of the typical link."""
 
 _ROWS, _COLUMNS = np.tril_indices(4)
 _STRETCH = np.where(_ROWS == _COLUMNS, 1.0, np.sqrt(2.0))
-"""By which Clarabel stretches the entries of a stacked triangle."""
+"""Clarabel's factor on the entries of a stacked triangle."""
 
 
 class Outcome(NamedTuple):
-    """Of an attempt: x (P,) and its multipliers, empty where there are none; why it is no solution, or empty."""
+    """x (P,) and its multipliers, empty after a panic; why the attempt failed, or ""."""
 
     point: Array
     dual: Array
@@ -34,11 +34,11 @@ class Outcome(NamedTuple):
 
 
 def solved(solver: Any) -> Outcome:
-    """What Clarabel makes of a problem."""
+    """Result of a Clarabel solver."""
     try:
         result = solver.solve()
     except BaseException as error:
-        if type(error).__name__ != "PanicException":  # Rust's, raised by pyo3, cannot be imported
+        if type(error).__name__ != "PanicException":  # a Rust panic, raised by pyo3; it cannot be imported
             raise
         return Outcome(np.empty(0), np.empty(0), f"panic: {error}")
     failure = "" if result.status == clarabel.SolverStatus.Solved else str(result.status)
@@ -46,7 +46,7 @@ def solved(solver: Any) -> Outcome:
 
 
 def settings_of(tolerance: float) -> Any:
-    """Clarabel's, for one thread and a duality gap."""
+    """Clarabel's settings for one thread and a duality gap."""
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.max_threads = 1
@@ -55,7 +55,7 @@ def settings_of(tolerance: float) -> Any:
 
 
 def typical_parameters(cone: Cone) -> Array:
-    """(P,) typical links, and nothing else."""
+    """(P,) typical links; zero for other parameters."""
     typical = np.zeros(cone.size)
     for body in cone.bodies:
         typical[body] = TYPICAL_BODY
@@ -63,7 +63,7 @@ def typical_parameters(cone: Cone) -> Array:
 
 
 def typical_sizes(cone: Cone) -> Array:
-    """(P,) of links, and one of all else."""
+    """(P,) typical sizes of links; one for other parameters."""
     sizes = np.ones(cone.size)
     for body in cone.bodies:
         sizes[body] = TYPICAL_SIZES
@@ -71,19 +71,19 @@ def typical_sizes(cone: Cone) -> Array:
 
 
 def linear_count(cone: Cone) -> int:
-    """Rows of K that are not negative."""
+    """Number of linear rows of K."""
     return len(cone.nonnegative) + (0 if cone.stated is None else len(cone.stated.rows))
 
 
 def cones_of(cone: Cone) -> list[Any]:
-    """K."""
+    """Clarabel's cones of K."""
     linear = [clarabel.NonnegativeConeT(linear_count(cone))] * (linear_count(cone) > 0)
     matrices = len(cone.bodies) + (0 if cone.stated is None else len(cone.stated.basis))
     return [*linear, *(clarabel.PSDTriangleConeT(4) for _ in range(matrices))]
 
 
 def rows_of(cone: Cone, theta: Array) -> Array:
-    """(m, ...) of parameters (P, ...), but for the offsets, what lies in K."""
+    """(m, ...) rows of K for parameters (P, ...), without the offsets."""
     triangles = stacked(PSEUDO_INERTIA_BASIS).T
     bodies = [triangles @ theta[body] for body in cone.bodies]
     if cone.stated is None:
@@ -93,27 +93,27 @@ def rows_of(cone: Cone, theta: Array) -> Array:
 
 
 def offsets_of(cone: Cone) -> Array:
-    """(m,) the same of what does not depend on parameters."""
-    own, bodies = np.zeros(len(cone.nonnegative)), np.zeros(10 * len(cone.bodies))
+    """(m,) offsets of the rows of K."""
+    nonnegative, bodies = np.zeros(len(cone.nonnegative)), np.zeros(10 * len(cone.bodies))
     if cone.stated is None:
-        return np.concatenate([own, bodies])
-    return np.concatenate([own, cone.stated.offset, bodies, stacked(cone.stated.constant).ravel()])
+        return np.concatenate([nonnegative, bodies])
+    return np.concatenate([nonnegative, cone.stated.offset, bodies, stacked(cone.stated.constant).ravel()])
 
 
 def label_of_row(cone: Cone) -> Integers:
-    """(m,) index of the constraint that each row of K states; -1 where the cone itself does."""
-    own, bodies = np.full(len(cone.nonnegative), -1), np.full(10 * len(cone.bodies), -1)
+    """(m,) index of the stated constraint behind each row of K; -1 for the cone itself."""
+    nonnegative, bodies = np.full(len(cone.nonnegative), -1), np.full(10 * len(cone.bodies), -1)
     if cone.stated is None:
-        return np.concatenate([own, bodies])
-    return np.concatenate([own, cone.stated.of_row, bodies, np.repeat(cone.stated.of_matrix, 10)])
+        return np.concatenate([nonnegative, bodies])
+    return np.concatenate([nonnegative, cone.stated.of_row, bodies, np.repeat(cone.stated.of_matrix, 10)])
 
 
 def units_of(cone: Cone, rows: Array) -> Array:
-    """(m,) by which rows (m, P) of K and their offsets are divided: the length of each one that is stated, else 1."""
+    """(m,) divisor of each row (m, P) of K and its offset: the length of each stated constraint, else 1."""
     units = np.ones(len(rows))
     if cone.stated is not None:
-        own, first = len(cone.nonnegative), linear_count(cone) + 10 * len(cone.bodies)
-        units[own : linear_count(cone)] = np.linalg.norm(rows[own : linear_count(cone)], axis=1)
+        count, first = len(cone.nonnegative), linear_count(cone) + 10 * len(cone.bodies)
+        units[count : linear_count(cone)] = np.linalg.norm(rows[count : linear_count(cone)], axis=1)
         units[first:] = np.repeat(np.linalg.norm(rows[first:].reshape(-1, 10 * rows.shape[1]), axis=1), 10)
     return np.maximum(units, TINY)
 
@@ -124,14 +124,14 @@ def stacked(matrix: Array) -> Array:
 
 
 def blocks_of(values: Array, linear: int) -> Array:
-    """(k, 4, 4) symmetric blocks of values (m,) stacked as in K, of which the first `linear` are none."""
+    """(k, 4, 4) symmetric blocks of values (m,) stacked as in K; the first `linear` values are linear rows."""
     blocks = np.zeros((len(values[linear:]) // 10, 4, 4))
     blocks[:, _ROWS, _COLUMNS] = blocks[:, _COLUMNS, _ROWS] = values[linear:].reshape(-1, 10) / _STRETCH
     return blocks
 
 
 def into_cone(values: Array, linear: int) -> Array:
-    """(m,) the nearest in K, which is its own dual: not negative, then positive semidefinite blocks."""
+    """(m,) projection on K, a self-dual cone."""
     eigenvalues, vectors = np.linalg.eigh(blocks_of(values, linear))
     nearest = (vectors * np.maximum(eigenvalues, 0.0)[:, None, :]) @ vectors.transpose(0, 2, 1)
     return np.concatenate([np.maximum(values[:linear], 0.0), stacked(nearest).ravel()])

@@ -16,13 +16,13 @@ _REMEDY = "see docs/how-to/what-you-know-of-the-robot.md"
 
 
 def read_constraints(path: str | Path) -> Says:
-    """What a TOML file states, as a function of the parameters.
+    """Constraints from a TOML file, as a function of the parameters.
 
     Keys are `total_mass`, `[link.K]` with `mass`, `com_box`, `hull` and `ellipsoid`, and `[bounds]` with names of
-    parameters. Intervals are [low, high], or [value, value] for an equality; paths of meshes are relative to the file.
+    parameters. Intervals are [low, high], or [value, value] for an equality. Paths of meshes are relative to the file.
 
     Raises:
-        InputError: the file cannot be read, or holds something else. So does the function it gives where the model has
+        InputError: the file cannot be read or has unexpected content. The function raises it too, if the model has
             no such link or parameter.
     """
     where = printable(str(path))

@@ -1,10 +1,10 @@
-"""Lower bounds of cone least squares, from multipliers that are better than the solver's (:eq:`dual-bound`).
+"""Lower bounds of cone least squares, from improved multipliers (:eq:`dual-bound`).
 
-Multipliers that are off by the solver's tolerance cost the bound little where data determine the parameters. Where
-only the Tikhonov term does, P is tiny and P^-1 magnifies what is off. So the multipliers are improved: they are a sum
-of parts in the cone, a part for each half space and for each eigenvector of a matrix, and the best sum is found by
-nonnegative least squares. The x of that sum may violate the cone. The eigenvectors of its matrices with negative
-eigenvalues are further parts (column generation), until they raise the bound by less than the tolerance.
+An error of the multipliers within the solver's tolerance hardly lowers the bound where data determine the parameters.
+Where only the Tikhonov term does, P is tiny and P^-1 magnifies the error. So the multipliers are improved. They are a
+sum of parts in the cone: one for each half space and each eigenvector of a matrix. Nonnegative least squares finds the
+best sum. If the x of that sum violates the cone, the eigenvectors with negative eigenvalues are added as parts (column
+generation), until the bound rises by less than the tolerance.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from bayesid.regression.knowledge import RIDGE
 from bayesid.regression.tuning import TUNING
 
 _PASSES = 10
-"""Steps of nonnegative least squares, a part; near-parallel parts enter and leave more than scipy's three times."""
+"""Iterations of nonnegative least squares per part; near-parallel parts need more than scipy's three."""
 
 
 @dataclass(frozen=True)
@@ -41,13 +41,13 @@ class WhiteProblem:
     linear: int
 
     def lower_bound(self, multipliers: Array, tolerance: float) -> float:
-        """Of the minimum, from multipliers (m,) in the cone that are nearly the best ones; -inf where none is found."""
+        """Lower bound from nearly optimal multipliers (m,) in the cone; -inf if none is found."""
         parts = np.column_stack([np.eye(len(self.offsets), self.linear), self._parts(multipliers)])
         best = -np.inf
         for _ in range(TUNING.dual_rounds):
             try:
                 value, slope = self._best_sum(parts)
-            except RuntimeError:  # nnls has not ended: what is proven stays proven
+            except RuntimeError:  # nnls reached its limit; the last bound is valid
                 return best
             if value <= best + tolerance * abs(value):
                 return max(value, best)
@@ -66,13 +66,13 @@ class WhiteProblem:
         return parts
 
     def _best_sum(self, parts: Array) -> tuple[float, Array]:
-        """The bound by the best sum of parts (m, k), and (P,) -y there.
+        """The bound of the best sum of parts (m, k), and (P,) -y there.
 
-        The shares only have to be good: any that are not negative prove what they prove.
+        Any nonnegative weights give a valid bound, so they need not be optimal.
         """
         slopes, costs = self.white @ parts, self.offsets @ parts
-        says = np.any(slopes != 0.0, axis=0)  # beside equalities a half space may say nothing
-        slopes, costs = slopes[:, says], costs[says]
+        active = np.any(slopes != 0.0, axis=0)  # with equalities a half space may be constant
+        slopes, costs = slopes[:, active], costs[active]
         size = np.maximum(np.linalg.norm(slopes, axis=0), TINY)
         scaled = slopes / size
         root = np.linalg.cholesky(scaled.T @ scaled + RIDGE * np.eye(len(size))).T

@@ -1,13 +1,12 @@
-"""Elimination of the variables that cvxpy adds to a constraint: what is left says the same of the others.
+"""Exact elimination of the variables that cvxpy adds to a constraint.
 
-A variable is eliminated exactly, in one of these ways:
+A variable is eliminated in one of these ways:
 
 - by an equality;
-- among half spaces as Fourier and Motzkin do, and from cones that all grow with it, or all shrink, by the bounds that
-  half spaces give it;
-- from one number x_k of |x| <= t, whose least size is known: a number, as in sqrt(m) >= 0.5;
-- from two cones that exchange it: x' A^-1 x <= w - v and y' B^-1 y <= z + v leave one matrix, with A and B on its
-  diagonal and w + z in its corner (Schur); |x| <= t - v and |y| <= s + v leave |x| + |y| <= t + s, of up to two numbers
+- among half spaces by Fourier-Motzkin elimination; from cones that all grow or all shrink with it, by its bounds;
+- from one component x_k of |x| <= t with a known least size, as in sqrt(m) >= 0.5;
+- from two cones with opposite signs: x' A^-1 x <= w - v and y' B^-1 y <= z + v give one matrix, with A and B on its
+  diagonal and w + z in its corner (Schur); |x| <= t - v and |y| <= s + v give |x| + |y| <= t + s, for up to two numbers
   each the matrix (t + s) E - X (+) Y with eigenvalues t + s +- |x| +- |y| (Nie, Parrilo and Sturmfels 2008).
 """
 
@@ -23,13 +22,13 @@ from bayesid.arrays import Array, Mask
 from bayesid.regression.tuning import TUNING
 
 ROUNDING = 1e-10
-"""Share of the largest coefficient below which one is rounding."""
+"""Share of the largest coefficient below which a coefficient is rounding."""
 Block = tuple[str, Array]
 """A second-order ("soc") or positive semidefinite ("psd") cone, and its rows (d, n)."""
 
 
 class EliminationError(Exception):
-    """Why a variable cannot be eliminated, and what helps."""
+    """A variable cannot be eliminated; the reason, and a remedy."""
 
     def __init__(self, why: str, remedy: str = "") -> None:
         super().__init__(why)
@@ -46,7 +45,7 @@ class Form:
 
     @classmethod
     def of(cls, rows: Array, dims: Any) -> Form:
-        """Of rows as cvxpy orders them, and its dimensions."""
+        """From rows in cvxpy's order and its dimensions."""
         sizes = [(kind, size) for kind, sizes in (("soc", dims.soc), ("psd", dims.psd)) for size in sizes]
         lengths = [size if kind == "soc" else size * (size + 1) // 2 for kind, size in sizes]
         parts = np.split(rows, np.cumsum([dims.zero, dims.nonneg, *lengths])[:-1])
@@ -54,25 +53,25 @@ class Form:
         return cls(parts[0], parts[1], tuple(zip(kinds, parts[2:], strict=True)))
 
     def over(self, kept: Array) -> Form:
-        """Over other variables (n, n')."""
+        """In other variables (n, n')."""
         return Form(self.zero @ kept, self.halves @ kept, tuple((kind, rows @ kept) for kind, rows in self.blocks))
 
     def without(self, variables: Sequence[int]) -> Form:
-        """Some variables eliminated, in an order in which that can be done.
+        """Eliminates variables, in any order that works.
 
         Raises:
-            EliminationError: there is none.
+            EliminationError: no order works.
         """
-        form, left = self, list(variables)
-        while left:
+        form, remaining = self, list(variables)
+        while remaining:
             refused: EliminationError | None = None
-            for v in left:
+            for v in remaining:
                 try:
                     form = form._without(v)
                 except EliminationError as error:
                     refused = refused or error
                     continue
-                left.remove(v)
+                remaining.remove(v)
                 break
             else:
                 assert refused is not None
@@ -91,7 +90,7 @@ class Form:
         pairs = (upper[:, None] + lower[None]).reshape(-1, self.halves.shape[1])
         halves = np.concatenate([self.halves[slope == 0.0], pairs])
         if len(halves) > TUNING.most_half_spaces:
-            raise EliminationError(f"takes more than {TUNING.most_half_spaces} half spaces", "state a simpler one")
+            raise EliminationError(f"needs more than {TUNING.most_half_spaces} half spaces", "state a simpler one")
         holds = [bool(counts(rows[:, v], rows).any()) for _, rows in self.blocks]
         blocks = [block for block, here in zip(self.blocks, holds, strict=True) if not here]
         concerned = [block for block, here in zip(self.blocks, holds, strict=True) if here]
@@ -99,12 +98,9 @@ class Form:
 
 
 def _eliminated(blocks: Sequence[Block], v: int, upper: Array, lower: Array) -> list[Block]:
-    """Cones without a variable, which is at most each of `upper` (u, n) and at least each of `lower` (l, n).
-
-    These are less the variable itself.
-    """
+    """Cones without a variable v, where `lower` (l, n) <= v <= `upper` (u, n); the limits do not contain v."""
     ways = [(kind, rows[:, v]) for kind, rows in blocks]
-    for sign, limits in ((1.0, upper), (-1.0, lower)):  # all grow with it, or all shrink
+    for sign, limits in ((1.0, upper), (-1.0, lower)):  # all grow or all shrink with it
         if all(least(kind, sign * way) >= -ROUNDING for kind, way in ways):
             if not len(limits) and any(least(kind, sign * way) <= ROUNDING for kind, way in ways):
                 raise _stuck()
@@ -117,53 +113,57 @@ def _eliminated(blocks: Sequence[Block], v: int, upper: Array, lower: Array) -> 
 
 
 def _stuck() -> EliminationError:
-    return EliminationError("cannot be stated without variables beside the parameters")
+    return EliminationError("needs variables other than the parameters")
 
 
 def _at(rows: Array, v: int, limit: Array) -> Array:
-    """Rows (d, n) where a variable is at a limit (n,) less itself."""
+    """Rows (d, n) with a variable replaced by a limit (n,)."""
     at: Array = rows + np.outer(rows[:, v], limit)
     at[:, v] = 0.0
     return at
 
 
 def _least_number(rows: Array, v: int, upper: Array, lower: Array) -> list[Block]:
-    """|x| <= t (d, n) without a variable of one number x_k alone: where it may, that number is zero.
+    """|x| <= t (d, n) without a variable in one component x_k only.
 
-    It reaches from -r to r, for r the root of t^2 less the squares of the others. So r is at least what the variable's
-    limits leave of the number's size.
+    x_k may range from -r to r, where r^2 is t^2 less the squares of the other components. So r must be at least the
+    smallest |x_k| that the variable's limits allow.
     """
-    (own,) = np.nonzero(counts(rows[:, v], rows))
-    if len(own) > 1 or own[0] == 0:
+    (place,) = np.nonzero(counts(rows[:, v], rows))
+    if len(place) > 1 or place[0] == 0:
         raise _stuck()
-    number = rows[own[0]]
+    number = rows[place[0]]
     up, down = (upper, lower) if number[v] > 0.0 else (lower, upper)
     sizes = [*(_at(number[None], v, limit)[0] for limit in down), *(-_at(number[None], v, limit)[0] for limit in up)]
     if any(counts(size[:-1], size).any() for size in sizes):
         remedy = "state squares: cp.square(b) <= a for cp.sqrt(a) >= b"
-        raise EliminationError("asks a root to be at least what may be negative", remedy)
+        raise EliminationError("bounds a root from below by a number that may be negative", remedy)
     size = max((float(size[-1]) for size in sizes), default=0.0)
-    others = np.delete(rows, own[0], axis=0)
+    others = np.delete(rows, place[0], axis=0)
     return [("soc", others if size <= 0.0 else np.vstack([others, size * np.eye(rows.shape[1])[-1]]))]
 
 
-def _together(one: Block, other: Block, v: int) -> Block:
-    """Two cones that exchange a variable, as one."""
-    first, second = _with_corner(one, v), _with_corner(other, v)
+def _together(first_block: Block, second_block: Block, v: int) -> Block:
+    """Two cones with opposite signs of a variable, as one cone."""
+    first, second = _with_corner(first_block, v), _with_corner(second_block, v)
     if first is not None and second is not None and first[-1, -1, v] * second[-1, -1, v] < 0.0:
         return "psd", stacked(_sum_of_corners(first / abs(first[-1, -1, v]), second / abs(second[-1, -1, v])))
-    heads = [rows[0] / abs(rows[0, v]) for kind, rows in (one, other) if kind == "soc" and counts(rows[:, v], rows)[0]]
-    if len(heads) < 2 or any(counts(rows[1:, v], rows).any() for _, rows in (one, other)):
+    heads = [
+        rows[0] / abs(rows[0, v])
+        for kind, rows in (first_block, second_block)
+        if kind == "soc" and counts(rows[:, v], rows)[0]
+    ]
+    if len(heads) < 2 or any(counts(rows[1:, v], rows).any() for _, rows in (first_block, second_block)):
         raise _stuck()
     if heads[0][v] * heads[1][v] > 0.0:
         raise _stuck()
-    if max(len(rows) for _, rows in (one, other)) > 3:
+    if max(len(rows) for _, rows in (first_block, second_block)) > 3:
         raise EliminationError("is a sum of norms of more than two numbers", "bound each norm by itself")
-    turns = [_turned(rows[1:] / abs(rows[0, v])) for _, rows in (one, other)]
+    factors = [_turned(rows[1:] / abs(rows[0, v])) for _, rows in (first_block, second_block)]
     return "psd", stacked(
         np.einsum("ij,kl,n->ikjln", np.eye(2), np.eye(2), heads[0] + heads[1]).reshape(4, 4, -1)
-        - np.einsum("ijn,kl->ikjln", turns[0], np.eye(2)).reshape(4, 4, -1)
-        - np.einsum("ij,kln->ikjln", np.eye(2), turns[1]).reshape(4, 4, -1)
+        - np.einsum("ijn,kl->ikjln", factors[0], np.eye(2)).reshape(4, 4, -1)
+        - np.einsum("ij,kln->ikjln", np.eye(2), factors[1]).reshape(4, 4, -1)
     )
 
 
@@ -174,7 +174,7 @@ def _turned(numbers: Array) -> Array:
 
 
 def _with_corner(block: Block, v: int) -> Array | None:
-    """(k, k, n) matrix of a cone that holds a variable in its last diagonal entry alone; None where there is none."""
+    """(k, k, n) matrix of a cone whose last diagonal entry alone holds the variable; None if there is none."""
     kind, rows = block
     if kind == "psd":
         matrices = [np.moveaxis(matrix_of(kind, rows), 0, -1)]
@@ -205,25 +205,25 @@ def _sum_of_corners(first: Array, second: Array) -> Array:
 
 
 def without_constants(rows: Array) -> Array:
-    """|x| <= t (d, n) without the numbers of x that are constants, where t is one as well."""
+    """|x| <= t (d, n) with the constant components of x merged into a constant t."""
     fixed = ~np.array([counts(row[:-1], rows).any() for row in rows])
     if not fixed[0] or fixed.all() or fixed.sum() == 1:
         return rows
-    left = float(rows[0, -1] ** 2 - np.sum(rows[1:][fixed[1:], -1] ** 2))
-    if rows[0, -1] <= 0.0 or left <= 0.0:
+    rest = float(rows[0, -1] ** 2 - np.sum(rows[1:][fixed[1:], -1] ** 2))
+    if rows[0, -1] <= 0.0 or rest <= 0.0:
         return rows
-    head: Array = np.sqrt(left) * np.eye(rows.shape[1])[-1:]
+    head: Array = np.sqrt(rest) * np.eye(rows.shape[1])[-1:]
     return np.concatenate([head, rows[~fixed]])
 
 
 def counts(values: Array, rows: Array) -> Mask:
-    """(k,) whether entries of rows (k, n) are no rounding."""
+    """(k,) whether entries of rows (k, n) exceed rounding."""
     counted: Mask = np.abs(values) > ROUNDING * np.abs(rows).max(initial=0.0)
     return counted
 
 
 def least(kind: str, entries: Array) -> float:
-    """How far inside its cone a block (d,) lies; negative outside."""
+    """Relative depth of a block (d,) inside its cone; negative outside."""
     size = max(float(np.linalg.norm(entries)), np.finfo(float).tiny)
     if kind == "soc":
         return float(entries[0] - np.linalg.norm(entries[1:])) / size
@@ -231,15 +231,15 @@ def least(kind: str, entries: Array) -> float:
 
 
 def matrix_of(kind: str, rows: Array) -> Array:
-    """(n, k, k) whose being positive semidefinite says the same as a block (d, n).
+    """(n, k, k) matrix that is positive semidefinite if and only if a block (d, n) lies in its cone.
 
-    |x| <= t is [[t E, x], [x', t]] of up to three numbers. It is [[(t + x_k) E, x], [x', t - x_k]] without x_k too: of
-    four numbers, and where t + x_k and t - x_k say less by themselves than t, as of squares below something.
+    |x| <= t is [[t E, x], [x', t]] for up to three numbers, or [[(t + x_k) E, x], [x', t - x_k]] without x_k in x. The
+    second form serves four numbers, and squares, where t + x_k and t - x_k have fewer terms than t.
     """
     if kind == "psd":
         return _unstacked(rows)
-    own = [int(counts(rows[0] + way * rows[k], rows).sum()) for k in range(1, len(rows)) for way in (1.0, -1.0)]
-    pairs = np.add(own[0::2], own[1::2])
+    terms = [int(counts(rows[0] + way * rows[k], rows).sum()) for k in range(1, len(rows)) for way in (1.0, -1.0)]
+    pairs = np.add(terms[0::2], terms[1::2])
     k = int(pairs.argmin()) + 1
     if len(rows) > 4 or pairs[k - 1] < 2 * counts(rows[0], rows).sum():
         return np.moveaxis(_rotated(rows, k, 1.0), -1, 0)
@@ -259,7 +259,7 @@ def _rotated(rows: Array, k: int, way: float) -> Array:
 
 
 def _unstacked(entries: Array) -> Array:
-    """(n, k, k) symmetric of (d, n) stacked: the upper triangle's columns, off the diagonal times sqrt(2)."""
+    """(n, k, k) symmetric matrices from (d, n): the upper triangle's columns, off-diagonal entries times sqrt(2)."""
     k = round((np.sqrt(8.0 * len(entries) + 1.0) - 1.0) / 2.0)
     rows, columns = np.tril_indices(k)
     matrix = np.zeros((entries.shape[1], k, k))
@@ -269,7 +269,7 @@ def _unstacked(entries: Array) -> Array:
 
 
 def stacked(matrix: Array) -> Array:
-    """(d, n) of (k, k, n) symmetric matrices, as above."""
+    """(d, n) from (k, k, n) symmetric matrices; the inverse of `_unstacked`."""
     rows, columns = np.tril_indices(len(matrix))
     entries: Array = matrix[rows, columns] * np.where(rows == columns, 1.0, np.sqrt(2.0))[:, None]
     return entries

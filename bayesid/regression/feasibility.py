@@ -1,8 +1,9 @@
-"""Whether least squares without constraints ends at a feasible robot: a linear matrix inequality, stated in cvxpy.
+"""Test whether unconstrained least squares gives a feasible robot: a linear matrix inequality, stated in cvxpy.
 
-Unconstrained least squares decides combinations of the parameters only. Their estimate is feasible if some parameters
-with these combinations have pseudo-inertias that are all positive semidefinite (Sousa and Cortesao, "Physical
-feasibility of robot base inertial parameter identification: a linear matrix inequality approach", IJRR 2014)::
+Unconstrained least squares determines combinations of the parameters only. Their estimate is feasible if some
+parameters with these combinations have pseudo-inertias that are all positive semidefinite (Sousa and Cortesao,
+"Physical feasibility of robot base inertial parameter identification: a linear matrix inequality approach", IJRR
+2014)::
 
     maximise  t   subject to  H B theta = g,  P_k(theta) >= t E for every body,  theta_i >= t,  t <= 1.
 
@@ -22,7 +23,7 @@ from bayesid.regression.tuning import TUNING
 from bayesid.robot.inertia import PSEUDO_INERTIA_BASIS
 
 MOST = 1.0
-"""Largest margin: that of bodies which leave no trace has no end."""
+"""Upper limit of the margin, which is unbounded for bodies without effect on the efforts."""
 
 
 class FeasibilityCheck:
@@ -44,9 +45,9 @@ class FeasibilityCheck:
         self._problem = cp.Problem(cp.Maximize(self._margin), constraints)
 
     def margins(self, hessian: Array, gradients: Array) -> Array:
-        """(m,) the largest t for H (r, r) and each g of (m, r): the estimate is feasible where it is not negative.
+        """(m,) the largest t for H (r, r) and each g of (m, r); the estimate is feasible if it is not negative.
 
-        It is the smallest eigenvalue that all pseudo-inertias can have (kg m^2 to kg), at most `MOST`.
+        It is the largest common lower bound of all pseudo-inertias' eigenvalues (kg m^2 to kg), at most `MOST`.
 
         Raises:
             SolverError: a problem was not solved.
@@ -58,7 +59,7 @@ class FeasibilityCheck:
         margins = np.empty(len(gradients))
         for k, gradient in enumerate(gradients):
             values = inverse @ gradient
-            unit = max(1.0, float(np.abs(values).max(initial=0.0)))  # parameters in units of what is largest
+            unit = max(1.0, float(np.abs(values).max(initial=0.0)))  # parameters in units of the largest
             self._values.value = np.concatenate([values, np.zeros(len(stated) - len(rows))]) / unit
             self._most.value = MOST / unit
             margins[k] = unit * self._solved()
@@ -68,7 +69,7 @@ class FeasibilityCheck:
         for tolerance in TUNING.feasibility_tolerances:
             accuracy = dict.fromkeys(("tol_gap_abs", "tol_gap_rel", "tol_feas"), tolerance)
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore", UserWarning)  # of an inaccurate solution: it is not taken
+                warnings.simplefilter("ignore", UserWarning)  # an inaccurate solution is rejected below
                 self._problem.solve(solver=self._solver, enforce_dpp=True, **accuracy)
             if self._problem.status == self._solved_status:
                 return float(self._margin.value)
@@ -76,7 +77,7 @@ class FeasibilityCheck:
 
 
 def decided_rows(hessian: Array) -> tuple[Array, Array]:
-    """(k, r) rows V of what H decides, and (k, r) W: V beta = W g for every beta with H beta = g."""
+    """(k, r) rows V that H determines, and (k, r) W: V beta = W g for every beta with H beta = g."""
     lengths = np.sqrt(np.diag(hessian))
     lengths = np.where(lengths > TUNING.undecided * lengths.max(), lengths, np.inf)
     values, vectors = np.linalg.eigh(hessian / np.outer(lengths, lengths))

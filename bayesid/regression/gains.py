@@ -1,18 +1,17 @@
 """Drive gains as unknowns: estimated with the coefficients, in the cone, once the signs are known.
 
-Joint j reads y_j = e_j / k_j of an effort e_j = Y_j theta. With l_j the logarithm of its gain over the one that made
-efforts of the readings, the rows of a joint are  s |tau| = exp(-l_j) Y_j theta + e : their noise is that of what was
-read, and does not grow with the gain. So :eq:`gain-profile`::
+Joint j reads y_j = e_j / k_j for an effort e_j = Y_j theta. Let l_j be the logarithm of its gain over the gain that
+converted readings to efforts. The rows of a joint are  s |tau| = exp(-l_j) Y_j theta + e . Their noise is that of the
+readings and does not grow with the gain. So :eq:`gain-profile`::
 
     F(l) = min over theta in the cone of
            sum_j [exp(-2 l_j) theta' B' H_j B theta - 2 exp(-l_j) g_j' B theta + c_j] / 2 + stated(theta)
            + links(theta) + (l - m)' C^-1 (l - m) / 2,
 
-with the by-joint moments H_j, g_j, c_j, what is stated of parameters and believed of links, and the gains' prior
-N(m, C) (Gautier and Briot 2014 for known signs, without prior or cone). The minimum is found by Newton steps with the
-curvature of the problem linearised in (theta, l), of which theta is eliminated. A common factor of all gains leaves F
-as it is but for the prior and what is stated: scaled with the efforts, every parameter stays feasible, and what is
-believed of links scales with them.
+with the by-joint sums H_j, g_j, c_j, the priors of stated parameters and of links, and the gains' prior N(m, C)
+(Gautier and Briot 2014 for known signs, without prior or cone). Newton steps find the minimum, with the curvature of
+the problem linearised in (theta, l) and theta eliminated. A common factor of all gains scales all parameters. It
+changes F only through the gains' prior and the stated parameters, as the links' prior scales too.
 """
 
 from __future__ import annotations
@@ -39,10 +38,7 @@ from bayesid.robot.inertia import from_pseudo_inertia
 
 @dataclass(frozen=True)
 class GainPrior:
-    """A normal distribution of the logarithms of n gains, relative to those that made the efforts.
-
-    The covariance (n, n) has zero rows where a gain is exact.
-    """
+    """A normal distribution of the logarithms of n gains, relative to those that converted readings to efforts."""
 
     mean: Array
     covariance: Array
@@ -53,27 +49,27 @@ class GainPrior:
         return np.flatnonzero(np.diag(self.covariance) > 0.0)
 
     def moved(self, log_factor: Array) -> GainPrior:
-        """The same relative to efforts that were multiplied by exp(log_factor) (n,)."""
+        """The prior relative to efforts that were multiplied by exp(log_factor) (n,)."""
         return GainPrior(self.mean - log_factor, self.covariance)
 
 
 def prior_of(gains: Gains) -> GainPrior:
-    """What is believed of gains about the values stated; those that nobody knows about their values, with a factor."""
+    """Prior of gains about their stated values; unknown gains are wide and share a common factor."""
     sd = np.where(gains.unknown, TUNING.lost_gain, gains.sd)
     together = gains.unknown * TUNING.lost_gains_together
     return GainPrior(np.zeros(len(sd)), np.diag(sd**2) + np.outer(together, together))
 
 
 def signed_moments(log_data: LogData, signs: Array) -> NormalEquations:
-    """Moments of a log in expected signs (N, n), one segment for each stretch in motion."""
+    """Normal equations of a log in expected signs (N, n), one segment for each stretch in motion."""
     return log_data.normal_equations(signs, constant_stretches(log_data.used), summed_out=False)
 
 
 def likely_gains(log_data: LogData, gains: Gains) -> Array:
-    """(n,) factors on gains that nobody knows, so that efforts are as large as a robot of its reach makes them.
+    """(n,) factors on unknown gains that make efforts as large as those of a typical robot of this reach.
 
-    Links taper off to the tip, each with its centre of mass about half the scale of distances from its frame: the
-    efforts of the log's motion then have an expected energy in each joint.
+    Link masses decrease towards the tip, each with its centre of mass about half a distance scale from its frame. The
+    log's motion then gives the expected energy of each joint.
     """
     robot, cone = log_data.model.robot, log_data.model.cone
     reach = TUNING.gain_reach * robot.stretched
@@ -90,25 +86,25 @@ def likely_gains(log_data: LogData, gains: Gains) -> Array:
     hessian = normal_equations.hessian.by_joint(robot.n_joints)
     expected = np.einsum("rp,jrs,sp->j", across, hessian, across) + np.einsum("r,jrs,s->j", middle, hessian, middle)
     measured = np.bincount(normal_equations.joint, weights=normal_equations.energy, minlength=robot.n_joints)
-    told = gains.unknown & (expected > 0.0) & (measured > 0.0)
-    return np.where(told, np.sqrt(np.where(told, expected, 1.0) / np.where(told, measured, 1.0)), 1.0)
+    usable = gains.unknown & (expected > 0.0) & (measured > 0.0)
+    return np.where(usable, np.sqrt(np.where(usable, expected, 1.0) / np.where(usable, measured, 1.0)), 1.0)
 
 
 @dataclass(frozen=True)
 class GainFit:
-    """Gains and parameters, linearised at the best of both.
+    """Gains and parameters, and the problem linearised at the minimum.
 
     Attributes:
-        log: (n,) logarithm of each gain over the one that made the efforts, the best.
+        log: (n,) logarithm of each gain over the one that converted readings to efforts, at the minimum.
         covariance: (n, n) of these logarithms given data and prior; zero where a gain is exact.
-        prior: what was believed.
-        information: (n, n) what the data alone, all parameters eliminated, say of the logarithms.
-        moves: (P, n) change of the best parameters with each logarithm.
+        prior: of the gains.
+        information: (n, n) information of the data alone on the logarithms, all parameters eliminated.
+        moves: (P, n) derivative of the best parameters by each logarithm.
         body: (P,) whether a parameter is a body's.
-        share: (P,) whether a parameter is a share of something that scales, and so does not.
-        joint: (P,) 0-based joint of each.
+        share: (P,) whether a parameter is dimensionless and does not scale with the gains.
+        joint: (P,) 0-based joint of each parameter.
         theta: (P,) the best parameters.
-        converged: whether they led to the minimum.
+        converged: whether the Newton steps converged.
     """
 
     log: Array
@@ -124,23 +120,23 @@ class GainFit:
 
     @cached_property
     def weights(self) -> Array:
-        """(n,) by which the factor common to all gains is their mean: what the data say of each joint's alone."""
-        own = np.maximum(np.diag(self.information), 0.0)
-        total = own.sum()
-        return own / total if total > 0.0 else np.full(len(own), 1.0 / len(own))
+        """(n,) weights of the mean logarithm that is the common factor: each joint's own information."""
+        information = np.maximum(np.diag(self.information), 0.0)
+        total = information.sum()
+        return information / total if total > 0.0 else np.full(len(information), 1.0 / len(information))
 
     def draw(self, count: int, rng: np.random.Generator) -> Array:
-        """(count, n) draws of the logarithms about the best."""
+        """(count, n) draws of the logarithms relative to the minimum."""
         values, vectors = np.linalg.eigh(self.covariance)
         root = vectors * np.sqrt(np.maximum(values, 0.0))
         draws: Array = rng.standard_normal((count, len(values))) @ root.T
         return draws
 
     def scaled(self, theta: Array, log: Array) -> Array:
-        """(K, P) parameters theta (K, P) as they would be with gains exp(log) (K, n) times as large.
+        """(K, P) parameters theta (K, P) for gains exp(log) (K, n) times as large.
 
-        A joint's own parameters scale with its gain, the bodies' with the common factor; what ratios change besides is
-        taken as linear.
+        A joint's own parameters scale with its gain, the bodies' with the common factor. The remaining effect of the
+        ratios is linearised.
         """
         own, common = np.exp(log)[:, self.joint], np.exp(log @ self.weights)[:, None]
         scale = np.where(self.body, common, own)
@@ -158,11 +154,10 @@ def fit_gains(
     links: LinkPrior,
     nominal: NominalParameters | None = None,
 ) -> GainFit:
-    """The gains that suit a log with known signs best, and how well it shows them.
+    """The best gains for a log with known signs, and their uncertainty.
 
-    The moments are those of the log in its signs, not scaled (`signed_moments`); the noise of its efforts weighs rows.
-    What is believed of links scales with the common factor, and so says nothing of it; what is stated (`nominal`) does
-    not.
+    The normal equations are unscaled and in the log's signs (`signed_moments`); the noise weighs the rows. The links'
+    prior scales with the common factor, so it carries no information on it. Stated parameters (`nominal`) do.
 
     Raises:
         SolverError: a cone problem could not be solved.
@@ -178,7 +173,7 @@ def fit_gains(
         return value + 0.5 * float((at - prior.mean) @ prior_precision @ (at - prior.mean)), theta
 
     value, theta = cost(log)
-    for _ in range(30):  # an end to rounding: some five are needed
+    for _ in range(30):  # about five are needed
         information, _ = problem.linearised(theta, log)
         slope = problem.slope(theta, log) + prior_precision @ (log - prior.mean)
         step = np.zeros(n)
@@ -200,21 +195,21 @@ def fit_gains(
     covariance[np.ix_(loose, loose)] = np.linalg.inv((information + prior_precision)[np.ix_(loose, loose)])
     joints = np.array([parameter.joint - 1 for parameter in log_data.model.parameters])
     share = np.array([parameter.unit == "1" for parameter in log_data.model.parameters])
-    moves[share] = 0.0  # friction in proportion to the load: the load has the scale of the efforts
+    moves[share] = 0.0  # load-dependent friction scales with the load already
     return GainFit(log, covariance, prior, information, moves, problem.body, share, joints, theta, converged)
 
 
 @dataclass(frozen=True)
 class _Problem:
-    """By-joint moments in units of the noise, and what is believed of the P parameters.
+    """By-joint normal equations in units of the noise, and the priors of the P parameters.
 
     Attributes:
         hessian: (n, r, r).
         gradient: (n, r).
-        energy: c of all.
-        stated: (P,) 1 / sd^2 of what is stated, zero of all else.
-        prior_precision: (P,) 1 / sd^2 of the links' prior, zero where something is stated or nothing is believed.
-        mean: (P,) of both.
+        energy: sum of all c.
+        stated: (P,) 1 / sd^2 of stated parameters, zero elsewhere.
+        prior_precision: (P,) 1 / sd^2 of the links' prior, zero for stated parameters and without a prior.
+        mean: (P,) of both priors.
         body: (P,) whether a parameter is a body's.
     """
 
@@ -269,11 +264,11 @@ class _Problem:
         return 0.5 * float(beta @ hessian @ beta - 2.0 * gradient @ beta + energy), solution.theta
 
     def _scale(self, log: Array) -> Array:
-        """(P,) of parameters before they are held against beliefs: links scale with the mean of the logarithms."""
+        """(P,) factor on parameters before they enter the prior: links scale with the mean of the logarithms."""
         return np.where(self.prior_precision > 0.0, np.exp(-log.mean()), 1.0)
 
     def slope(self, theta: Array, log: Array) -> Array:
-        """(n,) of the profile: by the envelope theorem that at fixed parameters."""
+        """(n,) gradient of the profile: by the envelope theorem that at fixed parameters."""
         beta, scaled = self.coefficients.project(theta), theta * self._scale(log)
         curvature = np.einsum("r,jrs,s->j", beta, self.hessian, beta)
         common = float(np.sum(self.prior_precision * (scaled - self.mean) * scaled)) / len(log)
@@ -281,15 +276,15 @@ class _Problem:
         return slope
 
     def linearised(self, theta: Array, log: Array) -> tuple[Array, Array]:
-        """(n, n) information on the logarithms, parameters eliminated, and (P, n) how these move with them."""
+        """(n, n) information on the logarithms, parameters eliminated, and (P, n) derivatives of the parameters."""
         projection, n = self.coefficients.projection, len(log)
-        pulled = np.exp(-2.0 * log)[:, None] * (self.hessian @ self.coefficients.project(theta))  # (n, r)
-        own = np.diag(pulled @ self.coefficients.project(theta))
+        weighted = np.exp(-2.0 * log)[:, None] * (self.hessian @ self.coefficients.project(theta))  # (n, r)
+        diagonal = np.diag(weighted @ self.coefficients.project(theta))
         hessian = np.einsum("j,jrs->rs", np.exp(-2.0 * log), self.hessian)
         prior_precision, common = self.prior_precision * self._scale(log) ** 2, np.full(n, 1.0 / n)
         full = projection.T @ hessian @ projection + np.diag(prior_precision + self.stated)
-        across = -projection.T @ pulled.T - np.outer(prior_precision * theta, common)
-        inner = own + float(prior_precision @ theta**2) * np.outer(common, common)
+        across = -projection.T @ weighted.T - np.outer(prior_precision * theta, common)
+        inner = diagonal + float(prior_precision @ theta**2) * np.outer(common, common)
         size = 1.0 / np.sqrt(np.maximum(np.diag(full), TINY))
         scaled = full * np.outer(size, size) + 1e-12 * np.eye(len(full))
         moves = -size[:, None] * np.linalg.solve(scaled, size[:, None] * across)
@@ -298,7 +293,7 @@ class _Problem:
 
 
 def _with_projection(coefficients: BaseCoefficients, rows: Array) -> BaseCoefficients:
-    """Coefficients with more rows: what is stated of single parameters beside them."""
+    """Coefficients with additional rows, for stated single parameters."""
     more = len(rows) - len(coefficients)
     names = (*coefficients.names, *(f"stated {k}" for k in range(more)))
     return BaseCoefficients(names, names, ("",) * len(names), np.zeros(len(rows), dtype=np.int64), rows)

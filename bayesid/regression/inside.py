@@ -1,4 +1,4 @@
-"""Points deep inside a cone and what is stated besides, and whether there are any."""
+"""Points deep inside the cone and the stated constraints; a test whether there is an interior."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ from bayesid.robot.inertia import PSEUDO_INERTIA_BASIS
 
 
 def move_inside(cone: Cone, coefficients: BaseCoefficients, theta: Array) -> Array:
-    """(P,) parameters with the same coefficients as theta (P,), every body as far inside the cone as they allow.
+    """(P,) parameters with the same coefficients as theta (P,), with every body as far inside the cone as possible.
 
-    Only combinations that leave no trace move, theta + N z with B N = 0: the largest t with P(theta + N z) >= t Q for
-    each body, Q a typical link's pseudo-inertia. What is stated besides holds as it did.
+    Only combinations without effect on the efforts move: theta + N z with B N = 0. The largest t is found with
+    P(theta + N z) >= t Q for each body, Q a typical link's pseudo-inertia. Stated constraints still hold.
 
     Raises:
         SolverError: Clarabel did not reach its tolerances.
@@ -50,12 +50,10 @@ def move_inside(cone: Cone, coefficients: BaseCoefficients, theta: Array) -> Arr
     rows = np.column_stack([-rows_of(cone, free), _outwards(cone)])  # of (z, t)
     along, away = free / sizes[:, None], (theta - typical_parameters(cone)) / sizes
     quadratic, linear = np.zeros((rows.shape[1], rows.shape[1])), np.full(rows.shape[1], -1.0)
-    quadratic[:-1, :-1] = (
-        2.0 * TUNING.inside_nearness * along.T @ along
-    )  # keeps a mass without trace from growing for ever
+    quadratic[:-1, :-1] = 2.0 * TUNING.inside_nearness * along.T @ along  # bounds masses without effect
     linear[:-1] = 2.0 * TUNING.inside_nearness * along.T @ away
     offsets = rows_of(cone, theta)
-    if cone.stated is not None:  # the solver leaves theta on its edge, a little to either side
+    if cone.stated is not None:  # the solver may leave theta slightly outside
         offsets = offsets + offsets_of(cone)
         offsets = np.where(label_of_row(cone) >= 0, into_cone(offsets, linear_count(cone)), offsets)
     stated = scipy.sparse.csc_matrix(np.triu(quadratic)), linear, scipy.sparse.csc_matrix(rows), offsets, cones_of(cone)
@@ -67,12 +65,12 @@ def move_inside(cone: Cone, coefficients: BaseCoefficients, theta: Array) -> Arr
 
 @dataclass(frozen=True)
 class Depth:
-    """The deepest point that was found.
+    """The deepest point found.
 
     Attributes:
-        theta: (P,) it.
-        depth: by how many sizes it lies inside at least, up to 1; not positive where there is no room.
-        labels: of the constraints that end it there, and of further half spaces.
+        theta: (P,) parameters.
+        depth: least distance to a constraint, in sizes, at most 1; not positive without an interior.
+        labels: of the active constraints, and of further half spaces.
     """
 
     theta: Array
@@ -81,7 +79,7 @@ class Depth:
 
     @property
     def inside(self) -> bool:
-        """Whether there is room, by more than the solver's tolerance."""
+        """Whether the depth exceeds the solver's tolerance."""
         return self.depth > TUNING.no_room
 
 
@@ -93,31 +91,30 @@ def deepest_point(
     offset: Array | None = None,
     names: Sequence[str] = (),
 ) -> Depth:
-    """A point deep inside, near a point (P,) as far as that leaves open; depths are in sizes (P,) of the parameters.
+    """A point deep inside, as near as possible to a point (P,); depths are in sizes (P,) of the parameters.
 
-    The largest t up to 1 with every half space kept by t of its size, every body P >= t Q for a link Q of its size, and
-    every matrix that is stated >= t of its own. Where t ends below zero, the multipliers are Farkas' proof that some
-    constraints cannot hold together.
+    The largest t <= 1 such that every half space holds by t of its size, every body has P >= t Q for a link Q of its
+    size, and every stated matrix is >= t of its size. If t < 0, the multipliers are Farkas' proof of a contradiction.
 
     Args:
-        cone: the cone, with what is stated.
-        near: (P,) where to stay near.
+        cone: the cone with the stated constraints.
+        near: (P,) point to stay near.
         sizes: (P,) of the parameters.
         rows: (m, P) of further half spaces, rows theta + offset >= 0.
-        offset: (m,) of them.
-        names: (m,) of them.
+        offset: (m,) of these half spaces.
+        names: (m,) of these half spaces.
 
     Raises:
         SolverError: Clarabel did not reach its tolerances.
     """
     more = np.empty((0, cone.size)) if rows is None else rows * sizes
     size, constant = np.maximum(np.linalg.norm(more, axis=1), TINY), np.empty(0) if offset is None else offset
-    own = rows_of(cone, np.diag(sizes))
-    units = units_of(cone, own)
+    cone_rows = rows_of(cone, np.diag(sizes))
+    units = units_of(cone, cone_rows)
     away = np.concatenate([_depths(cone, sizes), np.ones(len(more)), [1.0]])
     equal, value = _equalities(cone, sizes)
     away = np.append(away, np.zeros(len(equal)))
-    scaled = np.vstack([own / units[:, None], more / size[:, None], np.zeros((1, cone.size)), equal])
+    scaled = np.vstack([cone_rows / units[:, None], more / size[:, None], np.zeros((1, cone.size)), equal])
     offsets = np.concatenate([offsets_of(cone) / units, constant / size, [1.0], -value])
     stated = scipy.sparse.csc_matrix(np.column_stack([-scaled, away]))
     weight = TUNING.depth_nearness
@@ -128,19 +125,19 @@ def deepest_point(
     outcome = solved(clarabel.DefaultSolver(quadratic, linear, stated, offsets, cones, settings_of(1e-9)))
     if outcome.failure:
         raise SolverError("a point inside the constraints", outcome.failure)
-    push = np.abs(np.where(away > 0.0, away, 1.0) * outcome.dual)  # to an equality there is no depth
+    push = np.abs(np.where(away > 0.0, away, 1.0) * outcome.dual)  # an equality has no depth
     of_row = label_of_row(cone)
     shares: dict[str, float] = {}
     if cone.stated is not None:
         by_label = np.concatenate([of_row, np.full(len(more) + 1, -1), cone.stated.of_equal])
         shares = {label: float(push[by_label == k].sum()) for k, label in enumerate(cone.stated.labels)}
     shares |= dict(zip(names, push[len(of_row) : len(of_row) + len(more)].tolist(), strict=True))
-    ending = tuple(label for label, share in shares.items() if share > TUNING.ends_room)
-    return Depth(cone.plane().nearest(sizes * outcome.point[:-1]), float(outcome.point[-1]), ending)
+    active = tuple(label for label, share in shares.items() if share > TUNING.ends_room)
+    return Depth(cone.plane().nearest(sizes * outcome.point[:-1]), float(outcome.point[-1]), active)
 
 
 def _equalities(cone: Cone, sizes: Array) -> tuple[Array, Array]:
-    """(k, P) rows over theta / sizes, of length one, and (k,) their values."""
+    """(k, P) rows of unit length over theta / sizes, and (k,) their values."""
     if cone.stated is None:
         return np.empty((0, cone.size)), np.empty(0)
     rows = cone.stated.equal * sizes
@@ -149,7 +146,7 @@ def _equalities(cone: Cone, sizes: Array) -> tuple[Array, Array]:
 
 
 def _outwards(cone: Cone) -> Array:
-    """(m,) typical links, and nothing of all else."""
+    """(m,) rows of K of typical links; zero elsewhere."""
     link = stacked(np.einsum("k,kij->ij", TYPICAL_BODY, PSEUDO_INERTIA_BASIS))
     outwards = np.zeros(len(offsets_of(cone)))
     first = linear_count(cone)
@@ -158,11 +155,11 @@ def _outwards(cone: Cone) -> Array:
 
 
 def _depths(cone: Cone, sizes: Array) -> Array:
-    """(m,) of the rows of K, those that are stated divided by their units: how deep one size is."""
+    """(m,) change of each row of K at a depth of one size; stated rows are divided by their units."""
     bodies = [stacked(np.diag([*(0.5 * sizes[body[[0, 3, 5]]].mean(),) * 3, sizes[body[9]]])) for body in cone.bodies]
     depths = np.concatenate([sizes[cone.nonnegative], *bodies])
     if cone.stated is None:
         return depths
-    own = len(cone.nonnegative)
+    count = len(cone.nonnegative)
     identity = np.tile(stacked(np.eye(4)), len(cone.stated.basis))
-    return np.concatenate([depths[:own], np.ones(len(cone.stated.rows)), depths[own:], identity])
+    return np.concatenate([depths[:count], np.ones(len(cone.stated.rows)), depths[count:], identity])

@@ -1,4 +1,4 @@
-"""What is known before a log: stated of links and parameters, and shown by earlier logs of the robot."""
+"""Information before a log: stated link masses and parameters, and results of earlier logs of the robot."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ _NOTHING = 1e-12
 
 
 RIDGE = 1e-12
-"""Of a scaled matrix, against rounding: some hundred times that of its entries."""
+"""Added to the diagonal of a matrix scaled to unit diagonal; about 100 times its rounding error."""
 
 
 @dataclass(frozen=True)
 class InformationMatrix:
-    """What is known of r coefficients: (beta' H beta - 2 g' beta + c) / 2 is minus its logarithm, as that of moments.
+    """A Gaussian of r coefficients, up to a constant: minus its logarithm is (beta' H beta - 2 g' beta + c) / 2.
 
     Attributes:
         hessian: (r, r) H.
@@ -43,20 +43,20 @@ class InformationMatrix:
     energy: float
 
     def misfit(self, beta: Array) -> float:
-        """The quadratic form of coefficients (r,)."""
+        """Quadratic form beta' H beta - 2 g' beta + c for coefficients (r,)."""
         return float(beta @ self.hessian @ beta - 2.0 * self.gradient @ beta + self.energy)
 
     @classmethod
     def none(cls, size: int) -> InformationMatrix:
-        """Nothing is known."""
+        """No information."""
         return cls(np.zeros((size, size)), np.zeros(size), 0.0)
 
 
 @dataclass(frozen=True)
 class CoefficientPrior:
-    """A normal distribution of the base coefficients of a model, centred on those of theta (P,).
+    """A normal distribution of a model's base coefficients, with the mean B theta, theta (P,).
 
-    The precision (r, r), their inverse covariance, is singular where a log has shown nothing.
+    The precision (r, r) is singular in directions that the earlier log does not excite.
     """
 
     model: Model
@@ -64,11 +64,11 @@ class CoefficientPrior:
     precision: Array
 
     def coefficients(self, model: Model) -> BaseCoefficients:
-        """The base coefficients of an extended model: what a log and this knowledge can show together."""
+        """Base coefficients of an extended model that a log and this prior determine together."""
         return base_coefficients(model, earlier=self.model)
 
     def information(self, model: Model, coefficients: BaseCoefficients) -> InformationMatrix:
-        """The same in the coefficients of an extended model (see `coefficients`)."""
+        """The prior in the coefficients of an extended model (see `coefficients`)."""
         earlier = base_coefficients(self.model)
         turn = earlier.projection @ embedding(self.model, model) @ np.linalg.pinv(coefficients.projection)
         centre = earlier.project(self.theta)
@@ -79,23 +79,22 @@ class CoefficientPrior:
     def widened(
         self, names: tuple[str, ...], sd: Array, coefficients: BaseCoefficients | None = None
     ) -> CoefficientPrior:
-        """The same, but that named parameters may have changed, by a normal step of standard deviations sd (p,).
+        """The prior after named parameters changed by a normal step of standard deviations sd (p,).
 
-        (C + B D B')^-1 = L - L B (D^-1 + B' L B)^-1 B' L with L = C^-1 (Woodbury). The model's base coefficients may be
-        given where they are at hand.
+        (C + B D B')^-1 = L - L B (D^-1 + B' L B)^-1 B' L with L = C^-1 (Woodbury).
         """
         coefficients = base_coefficients(self.model) if coefficients is None else coefficients
         labels = [parameter.name for parameter in self.model.parameters]
         steps = coefficients.projection[:, [labels.index(name) for name in names]]
-        pulled = self.precision @ steps
-        middle = np.diag(1.0 / sd**2) + steps.T @ pulled
-        return replace(self, precision=self.precision - pulled @ np.linalg.solve(middle, pulled.T))
+        weighted = self.precision @ steps
+        middle = np.diag(1.0 / sd**2) + steps.T @ weighted
+        return replace(self, precision=self.precision - weighted @ np.linalg.solve(middle, weighted.T))
 
 
 def of_base(model: Model, coefficients: BaseCoefficients, precision: Array) -> Array:
-    """(r, r) precision of a model's base coefficients, from that (R, R) of coefficients that hold as much or more.
+    """(r, r) precision of a model's base coefficients, from that (R, R) of a larger set of coefficients.
 
-    What is more, such as a payload that only an earlier log tells from the last link, is integrated out.
+    The other coefficients are integrated out, such as a payload that only an earlier log shows.
     """
     base = base_coefficients(model)
     if base.names == coefficients.names:
@@ -110,14 +109,14 @@ def of_base(model: Model, coefficients: BaseCoefficients, precision: Array) -> A
 
 
 def scale_of(precision: Array) -> Array:
-    """(r,) what scales the diagonal to 1, up to entries that are rounding: coefficients have units of all kinds."""
+    """(r,) square roots of the diagonal, with a floor for entries that are rounding."""
     diagonal = np.abs(np.diag(precision))
     scale: Array = np.sqrt(np.maximum(diagonal, _NOTHING * float(diagonal.max()))) + np.finfo(float).tiny
     return scale
 
 
 def inverse_of(matrix: Array) -> Array:
-    """Of a positive matrix in mixed units; zero where its diagonal is."""
+    """Inverse of a positive matrix in mixed units; rows with a zero diagonal stay zero."""
     root = inverse_root(matrix)[0]
     inverse: Array = root.T @ root
     return inverse
@@ -130,7 +129,7 @@ def inverse_root(matrix: Array) -> tuple[Array, float]:
     scale = np.where(seen, 1.0 / np.sqrt(np.where(seen, diagonal, 1.0)), 0.0)
     scaled = matrix * np.outer(scale, scale) + np.diag(np.where(seen, RIDGE, 1.0))
     factor, failed = dpotrf(scaled, lower=True)
-    if failed:  # by rounding: directions that nothing decides are left out
+    if failed:  # indefinite by rounding: drop directions without information
         values, vectors = np.linalg.eigh(scaled)
         kept = values > RIDGE
         root = (vectors[:, kept] / np.sqrt(values[kept])).T * scale
@@ -141,10 +140,10 @@ def inverse_root(matrix: Array) -> tuple[Array, float]:
 
 @dataclass(frozen=True)
 class LinkPrior:
-    """What is known of any link before the data: two scales, and all else in proportion to them.
+    """Prior of any link, given by two scales; all other numbers are proportional to them.
 
     Raises:
-        InputError: one of them is no positive number.
+        InputError: a scale is not a positive number.
     """
 
     mass: float = 10.0  #: kg, scale of a link's mass
@@ -159,23 +158,23 @@ class LinkPrior:
 
     @property
     def typical_mass(self) -> float:
-        """Where the prior is centred, kg."""
+        """Prior mean of a link's mass, kg."""
         return TUNING.typical_mass * self.mass
 
     @property
     def largest_radius(self) -> float:
-        """Bound on the radius of gyration about the frame, m."""
+        """Largest radius of gyration about the frame, m."""
         return TUNING.widest_radius * self.reach
 
     @property
     def total_mass(self) -> tuple[float, float]:
-        """Window on the mass of all bodies, kg."""
+        """Least and largest mass of all bodies, kg."""
         least, most = TUNING.total_masses
         return least * self.mass, most * self.mass
 
     @property
     def centre(self) -> Array:
-        """(10,) the typical link."""
+        """(10,) parameters of the typical link."""
         spread = self.typical_mass * (TUNING.typical_spread * self.reach) ** 2
         return from_pseudo_inertia(np.diag([spread, spread, spread, self.typical_mass]))
 
@@ -187,7 +186,7 @@ class LinkPrior:
 
 @dataclass(frozen=True)
 class NominalParameters:
-    """What is stated of the P parameters of a model: means (P,), NaN where nothing is stated, and their sd (P,)."""
+    """Stated means (P,) and sd (P,) of a model's parameters; NaN where nothing is stated."""
 
     mean: Array
     sd: Array
@@ -195,15 +194,15 @@ class NominalParameters:
 
 @dataclass(frozen=True, kw_only=True)
 class KinematicTolerance:
-    """How far a robot's geometry may be from its table, as standard deviations.
+    """Standard deviations of a robot's geometry about its file.
 
     Raises:
-        InputError: one of them is no number, or negative.
+        InputError: a value is not a number or is negative.
     """
 
-    length: float = 1e-3  #: m, of each joint's place
+    length: float = 1e-3  #: m, of each joint's position
     angle: float = float(np.deg2rad(0.1))  #: rad, of each joint's direction
-    stated: bool = True  #: whether a user stated it: a log may then show that it is more, but not that it is less
+    stated: bool = True  #: whether a user stated it; a log may raise a stated value, but not lower it
 
     def __post_init__(self) -> None:
         for name, unit in (("length", "m"), ("angle", "rad")):
@@ -215,16 +214,16 @@ class KinematicTolerance:
 
 @dataclass(frozen=True, kw_only=True)
 class ParameterPrior:
-    """What is known of parameters and geometry before any log.
+    """Prior knowledge of parameters and geometry.
 
     Attributes:
-        link_mass: kg, scale of any link's mass; None for what the log's efforts show (`bayesid.posterior.target`).
-        link_reach: m, scale of the distances of a link's mass from its frame; None for what the robot's lengths show.
-        nominal: single parameters, from CAD or a data sheet: name to mean and standard deviation, or a CSV file with
-            the columns name, mean and sd, such as parameters.csv of an earlier result. Rows without sd are left out.
-        length_sd: m, how far each joint's place may be from the robot file, as standard deviation; None for the usual
-            1 mm, of which a log may show that it is less.
-        angle_sd: rad, the same of each joint's direction; None for the usual 0.1 degrees.
+        link_mass: kg, scale of a link's mass; None to derive it from the efforts (`bayesid.posterior.target`).
+        link_reach: m, scale of the distances of a link's mass from its frame; None to derive it from the robot.
+        nominal: single parameters from CAD or a data sheet: name to mean and standard deviation, or a CSV file with
+            the columns name, mean and sd, such as parameters.csv of an earlier result. Rows without sd are skipped.
+        length_sd: m, standard deviation of each joint's position about the robot file; None for 1 mm, which a log may
+            lower.
+        angle_sd: rad, the same for each joint's direction; None for 0.1 degrees.
 
     Raises:
         InputError: a number or the file cannot be used.
@@ -248,26 +247,26 @@ class ParameterPrior:
         if isinstance(self.nominal, str | Path):
             object.__setattr__(self, "nominal", read_nominal(self.nominal))
         self.links(LinkPrior())
-        _tolerance(self.length_sd, self.angle_sd)  # both refuse what cannot be used
+        _tolerance(self.length_sd, self.angle_sd)  # both check their values
 
     def links(self, usual: LinkPrior) -> LinkPrior:
-        """Scales of any link: those that are stated, and usual ones in place of the others."""
+        """Scales of any link: the stated ones, `usual` for the others."""
         mass, reach = self.link_mass, self.link_reach
         return LinkPrior(usual.mass if mass is None else mass, usual.reach if reach is None else reach)
 
     @property
     def kinematics(self) -> KinematicTolerance:
-        """How far the geometry may be from the robot file."""
+        """Tolerance of the geometry."""
         return _tolerance(self.length_sd, self.angle_sd)
 
     @property
     def stated(self) -> Mapping[str, tuple[float, float]]:
-        """Name to mean and standard deviation of single parameters, read where they are in a file."""
+        """Name to mean and standard deviation of single parameters."""
         assert not isinstance(self.nominal, str | Path)
         return self.nominal
 
     def of(self, parameters: Sequence[Parameter]) -> NominalParameters:
-        """What is stated of a model's parameters.
+        """Stated means and standard deviations, in the order of a model's parameters.
 
         Raises:
             InputError: the model has no such parameter, or a value cannot be used.
@@ -296,7 +295,7 @@ def _pair(name: str, stated: object) -> tuple[float, float]:
         mean, sd = (float(value) for value in stated)  # type: ignore[attr-defined]
     except (TypeError, ValueError):
         said, remedy = (
-            f"{name} = {stated!r} is no mean with its sd",
+            f"{name} = {stated!r} is not a mean with its sd",
             f"give two numbers, as in {{{name!r}: (0.7, 0.1)}}",
         )
         raise InputError(said, field="ParameterPrior.nominal", remedy=remedy) from None
@@ -309,10 +308,10 @@ _REMEDY = "give lines name,mean,sd, with names as in parameters.csv"
 def read_nominal(path: str | Path) -> dict[str, tuple[float, float]]:
     """Mean and standard deviation of named parameters from a CSV file with the columns name, mean and sd.
 
-    Lines without an sd are left out: so a parameters.csv of an earlier result can be given as it is.
+    Lines without an sd are skipped, so that parameters.csv of an earlier result can be used as it is.
 
     Raises:
-        InputError: the file cannot be read or holds something else.
+        InputError: the file cannot be read or holds unexpected content.
     """
     text = read_source(path, _REMEDY)
     try:
@@ -328,9 +327,9 @@ def read_nominal(path: str | Path) -> dict[str, tuple[float, float]]:
         try:
             mean, sd = float(row["mean"]), float(row["sd"])
         except (TypeError, ValueError):
-            seen = f"{row['mean']!r}, {row['sd']!r} are no numbers"
+            seen = f"{row['mean']!r}, {row['sd']!r} are not numbers"
             raise InputError(seen, f"{path}, line {line}", _REMEDY) from None
         if row["name"] in stated:
-            raise InputError(f"{row['name']} comes twice", f"{path}, line {line}", _REMEDY)
+            raise InputError(f"{row['name']} appears twice", f"{path}, line {line}", _REMEDY)
         stated[row["name"]] = mean, sd
     return stated

@@ -1,8 +1,7 @@
-"""Ordinary identification: the parameters and their uncertainty once the signs are known, or known but for chance.
+"""Least squares with known signs: parameters and their uncertainty.
 
-Near zero nobody knows the sign of a noisy sample. Its expected sign takes its place: the equations
-sum y_i (E[s_i] |tau|_i - y_i beta) = 0 are those of the maximum of the likelihood with the signs summed out, where the
-likelier sign would pull every small effort away from zero.
+Near zero effort a sample's sign is uncertain. Its expected sign is used: sum y_i (E[s_i] |tau|_i - y_i beta) = 0 are
+the equations of the maximum likelihood with the signs summed out. The likelier sign would bias small efforts.
 """
 
 from __future__ import annotations
@@ -26,11 +25,11 @@ from bayesid.regression.solver import MARGIN, Solution, solve_precisely
 from bayesid.regression.tuning import TUNING
 
 _BLIND = 1e-10
-"""Curvature, relative to the largest one, that a fit to noise alone leaves out as rounding."""
+"""Curvature over the largest one, below which the fit to simulated noise drops a direction."""
 _SILENT = 1e-12
-"""Length of a column, or curvature of columns of unit length, relative to the largest one, that is rounding."""
+"""Length of a column, or curvature of unit columns, over the largest one, below which it is rounding."""
 _NONE = 1e-9
-"""Share of a coefficient below which a parameter's is rounding."""
+"""Share of a coefficient below which a parameter's contribution is rounding."""
 
 
 @dataclass(frozen=True)
@@ -40,18 +39,18 @@ class Fit:
     Attributes:
         theta: (P,) feasible parameters.
         beta: (r,) their base coefficients.
-        covariance: (r, r) of the coefficients, with effective sample counts (:eq:`information`), wider by what the
-            model may lack; inf on the diagonal where the log does not excite a coefficient.
-        information: (r, r) with what was known before, as if the model lacked nothing: the same in the next log.
-        noise: of the efforts, per joint: what was there before the fit took its share.
+        covariance: (r, r) of the coefficients, with effective sample counts (:eq:`information`) and model error; inf
+            on the diagonal where the log does not excite a coefficient.
+        information: (r, r) with the prior information, without model error: the prior of the next log.
+        noise: of the efforts per joint, corrected for what the fit absorbed.
         residual: of the residual itself, per joint.
         predicted: (N, n) the model's efforts, N m.
         relative_residual: (n,) RMS of the residual over RMS of the effort, in motion.
         condition: condition number of the regressor with columns of unit length (:eq:`condition-number`).
         smallest_eigenvalues: (links,) of the pseudo-inertias.
-        tolerance: relative gap the solver reached.
-        moved_inside: whether what leaves no trace lies as far inside the cone as the data allow.
-        plane: in which equalities keep theta; covariances are those in it.
+        tolerance: relative gap that the solver reached.
+        moved_inside: whether parameters without effect were moved inside the cone.
+        plane: plane to which equalities confine theta, and the covariances.
     """
 
     theta: Array
@@ -69,9 +68,9 @@ class Fit:
     plane: Plane
 
     def __repr__(self) -> str:
-        left = ", ".join(f"{share:.1%}" for share in self.relative_residual)
+        residual = ", ".join(f"{share:.1%}" for share in self.relative_residual)
         size = f"{len(self.theta)} parameters, {len(self.beta)} coefficients"
-        return f"Fit of {size}: leaves {left} of each joint's effort; condition number {self.condition:.0f}"
+        return f"Fit of {size}: relative residuals {residual}; condition number {self.condition:.0f}"
 
     @property
     def sd(self) -> Array:
@@ -79,11 +78,11 @@ class Fit:
         return np.sqrt(np.diag(self.covariance))
 
     def parameter_sd(self, projection: Array) -> Array:
-        """(P,) standard deviations of the parameters, by B (r, P); NaN where a parameter is not decided by itself."""
+        """(P,) standard deviations of the parameters, by B (r, P); NaN where a parameter is not identifiable."""
         return np.sqrt(np.diag(self.parameter_covariance(projection)))
 
     def parameter_covariance(self, projection: Array) -> Array:
-        """(P, P) covariance of the parameters, by B (r, P); NaN where a parameter is not decided by itself."""
+        """(P, P) covariance of the parameters, by B (r, P); NaN where a parameter is not identifiable."""
         basis, finite = self.plane.basis, np.isfinite(self.sd)
         lift = basis @ np.linalg.pinv(projection @ basis)
         decided = np.abs(lift @ projection @ basis - basis).max(axis=1, initial=0.0) < _NONE
@@ -95,7 +94,7 @@ class Fit:
 
     @property
     def on_edge(self) -> Mask:
-        """(links,) whether a link's pseudo-inertia sits on the edge of the feasible set."""
+        """(links,) whether a link's pseudo-inertia is on the edge of the cone."""
         return self.smallest_eigenvalues < TUNING.near_edge * MARGIN
 
 
@@ -103,9 +102,9 @@ def fit_signed(log_data: LogData, signs: Array, *, most_corrected: int = TUNING.
     """Weighted least squares in the cone once the signs are known (:eq:`cone-least-squares`).
 
     Args:
-        log_data: the model, the log, and which samples count.
+        log_data: the model, the log and the used samples.
         signs: (N, n) expected sign of every sample, -1 to +1.
-        most_corrected: samples up to which the noise is given back what the fit took of it.
+        most_corrected: largest number of samples for which the noise is corrected for what the fit absorbed.
 
     Raises:
         SolverError: Clarabel failed.
@@ -145,7 +144,7 @@ def fit_signed(log_data: LogData, signs: Array, *, most_corrected: int = TUNING.
 
 
 def widened(fit: Fit, log_data: LogData, signs: Array) -> Fit:
-    """A fit with the evidence's nuisance summed out: only the covariance is wider (:eq:`nuisance-spread`)."""
+    """The fit with the nuisance effects marginalised; only the covariance changes (:eq:`nuisance-spread`)."""
     weights = fit.noise.sigma * np.sqrt(fit.noise.autocorrelation)
     normal_equations = log_data.normal_equations(signs, constant_stretches(log_data.used))
     effective, plane = _effective(normal_equations, weights, log_data.information), fit.plane
@@ -153,15 +152,15 @@ def widened(fit: Fit, log_data: LogData, signs: Array) -> Fit:
 
 
 def _effective(normal_equations: NormalEquations, weights: Array, earlier: InformationMatrix | None) -> Array:
-    """(r, r) information matrix of samples weighed by (n,) the noise, its autocorrelation included."""
+    """(r, r) information matrix with the noise weights (n,), autocorrelation included."""
     hessian: Array = normal_equations.scaled(weights).hessian.total()
     return hessian if earlier is None else hessian + earlier.hessian
 
 
 def _solve(log_data: LogData, normal_equations: NormalEquations) -> tuple[Solution, Array]:
-    """The best parameters in the cone, and (n,) the residuals' sd, N m, from a first fit with equal relative weights.
+    """The best parameters in the cone, and (n,) the residuals' sd, N m; the first fit weighs all joints equally.
 
-    Where something is known beforehand, samples count by the residual's autocorrelation, to be weighed against it.
+    With prior information, samples count by the residual's autocorrelation time.
     """
     model, coefficients, n = log_data.model, log_data.coefficients, log_data.model.robot.n_joints
     sigma, autocorrelation = normal_equations.rms_effort(n), np.ones(n)
@@ -181,10 +180,10 @@ def _solve(log_data: LogData, normal_equations: NormalEquations) -> tuple[Soluti
 
 
 def _before_fit(log_data: LogData, sigma: Array, predicted: Array, residual: Noise) -> Noise:
-    """The noise of the efforts from that of the residual."""
+    """The noise of the efforts, from the noise of the residual."""
     signals, used = log_data.signals, log_data.used
     earlier = 0.0 if log_data.information is None else log_data.information.hessian
-    columns = log_data.columns  # ours: they are made anew whenever they are asked for
+    columns = log_data.columns  # a new array, changed in place
     columns[~used] = 0.0
     columns /= sigma[:, None]
     plane = log_data.model.cone.plane().seen_by(log_data.coefficients.projection)
@@ -195,14 +194,14 @@ def _before_fit(log_data: LogData, sigma: Array, predicted: Array, residual: Noi
 
     def after_fit(noise: Array) -> Array:
         noisy = predicted[:, :, None] + noise
-        nearest = np.where(signals.signed[:, None], noisy, signs * np.abs(noisy))  # as for the residual itself
+        nearest = np.where(signals.signed[:, None], noisy, signs * np.abs(noisy))  # signs as in the residual itself
         return residuals(np.where(used[:, :, None], nearest - predicted[:, :, None], 0.0))
 
     return noise_before_fit(residual, after_fit, used, signals.rate)
 
 
 def _refit(columns: Array, sigma: Array, earlier: Array | float) -> Callable[[Array], Array]:
-    """What least squares without inequalities leaves of (N, n, K) efforts; columns (N, n, r) are over sigma (n,)."""
+    """A function: residuals of (N, n, K) efforts after unconstrained least squares; columns (N, n, r) over sigma."""
     rows = columns.reshape(-1, columns.shape[2])
     information = rows.T @ rows + earlier
     lengths = np.sqrt(np.maximum(np.diag(information), _BLIND * np.diag(information).max()))
@@ -218,7 +217,7 @@ def _refit(columns: Array, sigma: Array, earlier: Array | float) -> Callable[[Ar
 
 
 def _move_inside(log_data: LogData, theta: Array) -> tuple[Array, bool]:
-    """Parameters farther inside the cone with the same coefficients, and whether there are any; else theta itself."""
+    """Parameters farther inside the cone with the same coefficients, and True; else theta and False."""
     cone = log_data.model.cone
     try:
         moved = move_inside(cone, log_data.coefficients, theta)
@@ -241,9 +240,9 @@ def constant_stretches(moving: Mask) -> Segments:
 
 
 def covariance_of(information: Array, plane: Plane | None = None) -> tuple[Array, float]:
-    """(r, r) of coefficients by their information, inf on the diagonal where it shows nothing; the condition number.
+    """(r, r) covariance of coefficients from their information, and the condition number.
 
-    Where equalities keep the coefficients in a plane, those in it.
+    Diagonal entries are inf without information. A plane confines the coefficients.
     """
     if plane is not None and not plane.is_whole:
         inner, condition = covariance_of(plane.basis.T @ information @ plane.basis)

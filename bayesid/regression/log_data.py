@@ -1,17 +1,17 @@
-"""A log as a model is to explain it, and effects that the model may lack, summed out of what it says.
+"""A log with its model, and marginalised effects that the model may lack.
 
-An effect Z a that a fit does not know moves its coefficients by H^-1 Y' Z a: to least squares it looks like Y times
-that, its projection on the model's columns (all in units of the error). Where a has the second moments A, coefficients
-are as uncertain as if the efforts spread by
+An effect Z a outside the model biases a fit's coefficients by H^-1 Y' Z a: least squares sees its projection on the
+columns Y (all in units of the error). If a has the second moments A, the coefficients are as uncertain as if the
+efforts had the covariance
 
-    V = 1 + P A P',    P = Y H^-1 Y' Z   (:eq:`nuisance-spread`),
+    V = 1 + P A P',    P = Y H^-1 Y' Z   (:eq:`nuisance-spread`).
 
-about the model. The residual of least squares is orthogonal to Y, so V moves no estimate; it only widens it, to the
-covariance H^-1 + H^-1 Y' Z A Z' Y H^-1. All that follows is a quadratic form in V^-1 = M' M with the symmetric root
+The residual of least squares is orthogonal to Y, so V changes no estimate. It only increases the covariance, to
+H^-1 + H^-1 Y' Z A Z' Y H^-1. All results are quadratic forms in V^-1 = M' M with the symmetric root
 
     M = 1 - U (1 - (1 + D^2)^-1/2) U',    P A^1/2 = U D Q'   (:eq:`nuisance-root`),
 
-so moments, covariance and posterior go on as they did, with M Y and M e in place of Y and e.
+so the same formulas hold with M Y and M e in place of Y and e.
 """
 
 from __future__ import annotations
@@ -35,16 +35,16 @@ from bayesid.regression.tuning import TUNING
 
 @dataclass(frozen=True)
 class LogData:
-    """A model, a log, and which of its N samples count.
+    """A model, a log, and the used ones of its N samples.
 
     Attributes:
         model: robot and terms.
         coefficients: its r base coefficients.
         signals: the log.
         moving: (N, n) samples in motion.
-        fitted: (N, n) those of them that a fit rests on.
-        information: of the coefficients, from earlier logs; None without one.
-        nuisance: effects that the model may lack, to be summed out; None without any.
+        fitted: (N, n) samples in motion that a fit uses.
+        information: on the coefficients, from earlier logs; None without one.
+        nuisance: effects that the model may lack, which are marginalised; None without any.
     """
 
     model: Model
@@ -57,29 +57,29 @@ class LogData:
 
     @classmethod
     def of(cls, model: Model, signals: Signals, moving: Mask) -> LogData:
-        """A fit may rest on all samples in motion (N, n), and nothing is known beforehand."""
+        """All samples in motion (N, n), without prior information."""
         return cls(model, base_coefficients(model), signals, moving, moving)
 
     @cached_property
     def used(self) -> Mask:
-        """(N, n) samples that a fit rests on, but for both ends of the log."""
+        """(N, n) samples that a fit uses, without both ends of the log."""
         return self.fitted & self.signals.inner
 
     def residual_noise(self, predicted: Array) -> Noise:
-        """Of the residual (N, n) of a prediction, N m, unknown signs as predicted, over the samples used."""
+        """Noise of the residual (N, n) of a prediction, N m, over the used samples; unknown signs as predicted."""
         residual = np.where(self.used, self.signals.nearest(predicted) - predicted, 0.0)
         return residual_noise(residual, self.used, self.signals.rate)
 
     @property
     def columns(self) -> Array:
-        """(N, n, r) of the coefficients."""
+        """(N, n, r) regressor of the coefficients."""
         columns = np.empty((len(self.signals.motion), self.model.robot.n_joints, len(self.coefficients)))
         for place, rows in self.chunks():
             columns[place] = rows
         return columns
 
     def chunks(self) -> Iterator[tuple[slice, Array]]:
-        """Rows and their columns (N', n, r) of the coefficients, some samples at a time."""
+        """Rows and their columns (N', n, r) of the coefficients, chunk by chunk."""
         kept = self.coefficients.selected
         return ((place, rows.chosen(kept).dense) for place, rows in self.model.felt_chunks(self.signals.motion))
 
@@ -92,17 +92,18 @@ class LogData:
         *,
         summed_out: bool = True,
     ) -> NormalEquations:
-        """Moments of the unfiltered efforts (a filter would blur friction's steps, not the columns') in expected signs.
+        """Normal equations of the unfiltered efforts in expected signs.
 
-        Where a nuisance is summed out, a segment's sign turns with it what the nuisance has explained there: exact at
-        the expected signs, and elsewhere to the first order in the nuisance's share of the effort.
+        Efforts stay unfiltered, as a filter would smooth the steps of friction but not the columns. With a nuisance,
+        the sign of a segment also flips what the nuisance explains there: exact at the expected signs, elsewhere of
+        first order in the nuisance's share of the effort.
 
         Args:
             signs: (N, n) expected sign of every sample, -1 to +1.
             segments: where to sum.
-            most_individual: segments of each joint with a Hessian of their own (`regression.normal_equations`).
-            orientation: (N, n) +1 or -1, the signs of the segments, by which efforts are multiplied in the end.
-            summed_out: whether a nuisance is; it changes no estimate of least squares, only its covariance.
+            most_individual: segments of each joint with their own Hessian (`regression.normal_equations`).
+            orientation: (N, n) +1 or -1, signs of the segments; multiplies the efforts.
+            summed_out: whether to marginalise the nuisance; it changes the covariance only.
         """
         effort, square = signed_effort(self.signals, signs, filtered=False), self.signals.raw_effort**2
         correct = None
@@ -125,16 +126,16 @@ class LogData:
 
 
 Chunks = Iterable[tuple[slice, Array]]
-"""Rows (N', n, ...) of a log and where they stand in it; all of its rows, one after the other."""
+"""Slices of a log and their rows (N', n, ...), in order, covering the whole log."""
 
 
 @dataclass(frozen=True, eq=False)
 class Nuisance:
-    """What is summed out, on the rows of one log.
+    """Marginalised effects on the rows of one log.
 
     Attributes:
         names: of the effects, with their joints.
-        scales: learned size of each effect, relative to what was believed of it before.
+        scales: fitted size of each effect over its prior size.
         weight: (n,) sd of the error, N m, its autocorrelation included.
         directions: (N, n, m) U, zero where a sample is not used.
         shrinkage: (m,) 1 - (1 + D^2)^-1/2.
@@ -149,23 +150,23 @@ class Nuisance:
     of_model: Array
 
     def whiten(self, rows: Array) -> Array:
-        """(N, n, ...) M times rows, in their own units."""
+        """(N, n, ...) M times rows, in the units of the rows."""
         return self.without(slice(0, len(rows)), rows, self.shared([(slice(0, len(rows)), rows)]))
 
     def shared(self, chunks: Chunks) -> Array:
-        """(m, ...) U' times rows, which come in chunks (N', n, ...)."""
+        """(m, ...) U' times rows, given in chunks (N', n, ...)."""
         total: Array | float = 0.0
         for place, rows in chunks:
             total = total + np.tensordot(self.directions[place], self._scaled(rows), axes=([0, 1], [0, 1]))
         return np.asarray(total)
 
     def without(self, place: slice, rows: Array, shared: Array) -> Array:
-        """(N', n, ...) M times rows of one chunk, given what all of them share."""
+        """(N', n, ...) M times the rows of one chunk, given U' times all rows."""
         shrunk = self.shrinkage.reshape(-1, *(1,) * (shared.ndim - 1)) * shared
         part = np.tensordot(self.directions[place], shrunk, axes=([2], [0]))
         weight = self.weight.reshape(1, -1, *(1,) * (rows.ndim - 2))
-        left: Array = rows - weight * part
-        return left
+        corrected: Array = rows - weight * part
+        return corrected
 
     def _scaled(self, rows: Array) -> Array:
         return rows / self.weight.reshape(1, -1, *(1,) * (rows.ndim - 2))
@@ -180,15 +181,15 @@ def make_nuisance(
     scales: Array,
     moments: Array,
 ) -> Nuisance | None:
-    """What columns of unknown amplitudes do to coefficients; None where they do nothing.
+    """The nuisance of columns with unknown amplitudes; None if their effect is negligible.
 
     Args:
         columns: (N', n, p) Z of some rows, N m per unit of each amplitude.
-        model: all (N, n, r) Y in chunks, N m per unit of each coefficient; asked for twice.
-        used: (N, n) samples that a fit rests on.
+        model: all (N, n, r) Y in chunks, N m per unit of each coefficient; called twice.
+        used: (N, n) samples that a fit uses.
         weight: (n,) sd of the error, N m, its autocorrelation included.
         names: of the effects.
-        scales: their learned sizes, relative to what was believed before.
+        scales: their fitted sizes over the prior sizes.
         moments: (p, p) A, second moments of the amplitudes.
     """
     products: Array | float = 0.0
@@ -196,16 +197,16 @@ def make_nuisance(
     for place, rows in model():
         of_model, of_effects = (_scaled(values, used[place], weight) for values in (rows, columns(place)))
         products, shared = products + of_model.T @ of_model, shared + of_model.T @ of_effects
-    projected = inverse_of(np.asarray(products)) @ shared @ _root(moments)  # coefficients that stand for the effects
+    projected = inverse_of(np.asarray(products)) @ shared @ _root(moments)  # bias of the coefficients
     gram = projected.T @ products @ projected
     values, vectors = np.linalg.eigh(gram)
     spread = np.sqrt(np.maximum(values, 0.0))
-    seen = (spread > 1e-6 * spread.max(initial=0.0)) & (spread > TUNING.faint)  # what is less is rounding
+    seen = (spread > 1e-6 * spread.max(initial=0.0)) & (spread > TUNING.faint)  # 1e-6: rounding
     if not seen.any():
         return None
     stretched = projected @ (vectors[:, seen] / spread[seen])
-    kept_as = np.float32 if len(used) > TUNING.long_log else np.float64
-    directions = np.empty((*used.shape, stretched.shape[1]), dtype=kept_as)
+    dtype = np.float32 if len(used) > TUNING.long_log else np.float64
+    directions = np.empty((*used.shape, stretched.shape[1]), dtype=dtype)
     for place, rows in model():
         of_model = _scaled(rows, used[place], weight)
         directions[place] = (of_model @ stretched).reshape(*used[place].shape, -1)

@@ -1,4 +1,4 @@
-"""What the residuals of a fit say about the noise: its size, its colour, and how many samples really count."""
+"""Noise of a log from the residuals of a fit: size, colour and effective number of samples."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ class Noise:
     """Second-order statistics of each joint's residual.
 
     Attributes:
-        white: (n,) sd of the part that changes from sample to sample (sensor), N m.
-        coloured: (n,) sd of the part that lasts (model error), N m.
+        white: (n,) sd of the uncorrelated part (sensor noise), N m.
+        coloured: (n,) sd of the correlated part (model error), N m.
         correlation: (n,) correlation time of the coloured part, s.
-        autocorrelation: (n,) integrated autocorrelation time, samples: that many samples count as one.
+        autocorrelation: (n,) integrated autocorrelation time, samples: samples per independent one.
     """
 
     white: Array
@@ -34,7 +34,7 @@ class Noise:
         return np.hypot(self.white, self.coloured)
 
     def scaled(self, factor: Array) -> Noise:
-        """The same noise, larger by a factor (n,) a joint."""
+        """The noise times a factor (n,) of each joint."""
         return replace(self, white=factor * self.white, coloured=factor * self.coloured)
 
     def draw(self, samples: int, replicates: int, rate: float, rng: np.random.Generator) -> Array:
@@ -42,7 +42,7 @@ class Noise:
         return self.of(Normals.draw(samples, len(self.white), replicates, rng), rate)
 
     def of(self, normals: Normals, rate: float) -> Array:
-        """(samples, n, replicates) the noise that given standard normal variables make, N m."""
+        """(samples, n, replicates) noise, N m, from given standard normal variables."""
         drawn = self.white[:, None] * normals.white
         for j, memory in enumerate(np.exp(-1.0 / (self.correlation * rate))):
             filtered = scipy.signal.lfilter(
@@ -52,7 +52,7 @@ class Noise:
         return drawn
 
     def with_time_of_model(self, rate: float) -> Noise:
-        """The same noise; its autocorrelation time follows from white and coloured part (:eq:`effective-samples`)."""
+        """The noise with the autocorrelation time of its white and coloured part (:eq:`effective-samples`)."""
         memory = np.exp(-1.0 / (self.correlation * rate))
         share = (self.coloured / self.sigma) ** 2
         return replace(self, autocorrelation=1.0 + 2.0 * share * memory / (1.0 - memory))
@@ -60,10 +60,12 @@ class Noise:
 
 @dataclass(frozen=True)
 class Normals:
-    """Standard normal variables of which a noise is made.
+    """Standard normal variables of a noise.
 
-    White ones (samples, n, replicates), those of the coloured part (n, samples, replicates), and where that begins
-    (n, 1, replicates).
+    Attributes:
+        white: (samples, n, replicates).
+        innovation: (n, samples, replicates) of the coloured part.
+        start: (n, 1, replicates) initial value of the coloured part.
     """
 
     white: Array
@@ -72,7 +74,7 @@ class Normals:
 
     @classmethod
     def draw(cls, samples: int, joints: int, replicates: int, rng: np.random.Generator) -> Normals:
-        """Fresh ones."""
+        """Independent draws."""
         white = rng.standard_normal((samples, joints, replicates))
         coloured = np.stack([rng.standard_normal((samples + 1, replicates)) for _ in range(joints)])
         return cls(white, coloured[:, :-1], coloured[:, -1:])
@@ -81,7 +83,7 @@ class Normals:
 def residual_noise(residual: Array, used: Mask, rate: float, pairs: Sequence[Array] | None = None) -> Noise:
     """Splits each joint's residual (N, n), N m, into a white and an exponentially correlated part (:eq:`noise-split`).
 
-    Over the samples that are used (N, n), at a rate in Hz; `pairs_of_joints` may have been counted already.
+    Only used samples (N, n) count, at a rate in Hz. `pairs` from `pairs_of_joints` saves counting them again.
     """
     pairs = pairs_of_joints(used, rate) if pairs is None else pairs
     columns = [_split(residual[:, j], used[:, j], rate, counts) for j, counts in enumerate(pairs)]
@@ -89,16 +91,15 @@ def residual_noise(residual: Array, used: Mask, rate: float, pairs: Sequence[Arr
 
 
 def noise_before_fit(observed: Noise, residuals: Callable[[Array], Array], used: Mask, rate: float) -> Noise:
-    """The noise whose residuals look like the observed ones *after a fit*, by indirect inference.
+    """The noise whose residuals have the observed figures after a fit, by indirect inference.
 
-    A fit takes for itself what it can of the noise, and of slow noise most. Replicates of a noise (N, n, K), N m, are
-    put through the same fit, which gives their `residuals`, and its figures are changed until these have the observed
-    figures on average (Gourieroux, Monfort and Renault 1993).
+    A fit absorbs part of the noise, mostly of slow noise. Simulated noise (N, n, K), N m, is put through the same fit,
+    which gives `residuals`. The figures of the noise change until those of the residuals match on average
+    (Gourieroux, Monfort and Renault 1993).
     """
     noise, pairs = observed, pairs_of_joints(used, rate)
-    normals = Normals.draw(
-        len(used), used.shape[1], TUNING.noise_replicates, np.random.default_rng(0)
-    )  # so there is a fixed point
+    # the same normals in each iteration, so that a fixed point exists
+    normals = Normals.draw(len(used), used.shape[1], TUNING.noise_replicates, np.random.default_rng(0))
     for _ in range(TUNING.noise_iterations):
         refitted = residuals(noise.of(normals, rate))
         replicates = [residual_noise(refitted[..., k], used, rate, pairs) for k in range(TUNING.noise_replicates)]
@@ -107,7 +108,7 @@ def noise_before_fit(observed: Noise, residuals: Callable[[Array], Array], used:
             mean = np.exp(np.mean([np.log(getattr(replicate, name)) for replicate in replicates], axis=0))
             change = np.clip(getattr(observed, name) / mean, 1.0 / TUNING.most_change, TUNING.most_change)
             figures[name] = getattr(noise, name) * change
-        # longer correlations of the noise look like the motion's
+        # a longer correlation cannot be told from the motion
         figures["correlation"] = np.minimum(figures["correlation"], TUNING.longest_lag)
         noise = replace(noise, **figures)
     return noise.with_time_of_model(rate)
@@ -122,25 +123,25 @@ def _split(residual: Array, used: Mask, rate: float, pairs: Array) -> tuple[floa
     coloured = float(np.clip(covariance[lag], least * total, most * total))
     below = np.flatnonzero(covariance[lag:] < coloured / np.e)
     lasts = below[0] if below.size else len(covariance)
-    correlation = max(lasts / rate, 2.0 / rate)  # no time below two samples can be read off
+    correlation = max(lasts / rate, 2.0 / rate)  # two samples are the resolution
     return np.sqrt(total - coloured), np.sqrt(coloured), correlation, integrated_time(covariance)
 
 
 def pairs_of_joints(used: Mask, rate: float) -> list[Array]:
-    """For each joint, how many pairs of its used samples (N, n) lie so many samples apart, up to the longest lag."""
+    """For each joint, the number of pairs of used samples (N, n) at each lag up to the longest."""
     return [pairs_apart(used_here, max(2, int(TUNING.longest_lag * rate))) for used_here in used.T]
 
 
 def pairs_apart(used: Mask, lags: int) -> Array:
-    """(lags,) how many pairs of used samples (N,) lie 0, 1, .. samples apart; fewer lags where there are no more."""
+    """(lags,) number of pairs of used samples (N,) at lags 0, 1, ..; fewer lags for a short log."""
     weight = used.astype(float)
     return np.array([weight[: len(weight) - k] @ weight[k:] for k in range(min(lags, len(used) - 1))])
 
 
 def autocovariance(values: Array, used: Mask, lags: int, pairs: Array | None = None) -> Array:
-    """(lags,) autocovariance about zero over the pairs of samples that are both used, `pairs` their numbers if known.
+    """(lags,) autocovariance about zero over pairs of used samples; `pairs` are their numbers if known.
 
-    By dot products, as only the first lags are wanted: `scipy.signal.correlate` is 100 times slower at 20,000 samples.
+    Dot products are 100 times faster than `scipy.signal.correlate` for a few lags of 20,000 samples.
     """
     kept = np.where(used, values, 0.0)
     pairs = pairs_apart(used, lags) if pairs is None else pairs
@@ -157,10 +158,10 @@ def integrated_time(covariance: Array) -> float:
 
 
 def times_of(error: Array, used: Mask, rate: float) -> Array:
-    """(n,) samples of an error (N, n) that count as one, for its mean or for its size, whichever is longer.
+    """(n,) correlation time of an error (N, n), samples: the longer one of its mean's and of its size's.
 
-    For its size 1 + 2 sum of the squared autocorrelations (Bartlett 1946). An error that oscillates has a short
-    integrated autocorrelation time, as half-waves cancel, but its size is known no better than its coherence time says.
+    The time of the size is 1 + 2 sum of the squared autocorrelations (Bartlett 1946). An oscillating error needs it:
+    its half-waves cancel in the mean, but its size is known only as well as its coherence time allows.
     """
     times = []
     for j, pairs in enumerate(pairs_of_joints(used, rate)):
@@ -172,7 +173,7 @@ def times_of(error: Array, used: Mask, rate: float) -> Array:
 
 
 def rms_where(values: Array, used: Mask) -> Array:
-    """(n,) RMS of values (N, n) over the samples that are used (N, n); 0 of none."""
+    """(n,) RMS of values (N, n) over the used samples (N, n); 0 without any."""
     rms: Array = np.sqrt(np.where(used, values**2, 0.0).sum(axis=0) / np.maximum(used.sum(axis=0), 1))
     return rms
 

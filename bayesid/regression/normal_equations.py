@@ -1,4 +1,4 @@
-"""Moments: all that the data say about a model, in a size that does not depend on the log's length.
+"""Normal equations of a log: sums over segments whose size does not depend on the log's length.
 
 For every segment k of constant sign, with Y_k its rows of the regressor and e_k its efforts (absolute values where the
 sign is unknown), :eq:`normal_equations`::
@@ -6,10 +6,10 @@ sign is unknown), :eq:`normal_equations`::
     H_k = Y_k' Y_k,   g_k = Y_k' e_k,   c_k = e_k' e_k,
 
 and the cost of coefficients beta under signs s is  f = beta' (sum H_k) beta - 2 beta' (sum s_k g_k) + sum c_k
-(:eq:`cost`). Moments of different logs, with different segments, join.
+(:eq:`cost`). Normal equations of different logs, with different segments, can be joined.
 
-The efforts of a robot's last joint depend on a few coefficients only, so `Hessians` holds each H_k in the columns that
-its joint feels: those of an hour's segments, held in full, would take several times the memory.
+The efforts of a robot's last joint depend on few coefficients. `Hessians` stores each H_k in the columns that act on
+its joint, which saves most of the memory.
 """
 
 from __future__ import annotations
@@ -28,24 +28,24 @@ from bayesid.log.segments import Segments
 from bayesid.motion import Motion
 
 _RELATIVE_FLOOR = 1e-6
-"""Least residual, as a share of the RMS effort: sums of squares cancel to some 1e-14 of themselves, 1e-7 of the RMS."""
+"""Least residual over the RMS effort: sums of squares cancel to 1e-14, which is 1e-7 of the RMS."""
 
 
 @dataclass(frozen=True)
 class NormalEquations:
-    """Moments of S segments for r coefficients, in units of the noise when `scaled`.
+    """Normal equations of S segments for r coefficients, in units of the noise when `scaled`.
 
-    H is held in K parts. A search wants the H_k of each strong segment; weak segments of one joint may share a part,
-    which keeps the memory of a long log small.
+    H is stored in K parts. A search needs the H_k of each strong segment. Weak segments of one joint may share a part,
+    which saves memory in a long log.
 
     Attributes:
         joint: (S,) 0-based actuator of each segment.
-        known: (S,) sign known beforehand, +1 or -1; 0 where it is unknown.
-        hessian: of K parts, the sums of H_k over their segments; all of one joint, and all known or none.
+        known: (S,) known sign, +1 or -1; 0 where it is unknown.
+        hessian: K sums of H_k; the segments of a part belong to one joint and are all known or all unknown.
         gradient: (S, r) g_k.
         energy: (S,) c_k.
         count: (S,) samples.
-        part: (S,) which part of the Hessian the segment belongs to; one each if empty.
+        part: (S,) part of the Hessian of each segment; empty: one each.
     """
 
     joint: Integers
@@ -65,7 +65,7 @@ class NormalEquations:
 
     @property
     def individual(self) -> Mask:
-        """(S,) whether the segment shares its part of the Hessian with no other."""
+        """(S,) whether the segment has its own part of the Hessian."""
         individual: Mask = np.bincount(self.part, minlength=len(self.hessian))[self.part] == 1
         return individual
 
@@ -74,7 +74,7 @@ class NormalEquations:
         return self.hessian.of(np.unique(self.part[segments]))
 
     def join(self, *others: NormalEquations) -> NormalEquations:
-        """Moments of several logs of the same model: the segments of one after those of the other."""
+        """Normal equations of several logs of one model; segments are concatenated."""
         names, every = ("joint", "known", "gradient", "energy", "count"), (self, *others)
         joined = {name: np.concatenate([getattr(each, name) for each in every]) for name in names}
         firsts = np.cumsum([0, *(len(each.hessian) for each in every)])
@@ -82,19 +82,19 @@ class NormalEquations:
         return NormalEquations(**joined, hessian=self.hessian.joined([other.hessian for other in others]), part=part)
 
     def chosen(self, segments: Integers) -> NormalEquations:
-        """Moments of some segments.
+        """Normal equations of some segments.
 
         Raises:
-            ValueError: one of them shares a part of the Hessian with others that are not chosen.
+            ValueError: a segment shares its part of the Hessian with one that is not chosen.
         """
         parts, part = np.unique(self.part[segments], return_inverse=True)
         if np.any(np.isin(np.delete(self.part, segments), parts)):
-            raise ValueError("segments that share a part of the Hessian cannot be parted")
+            raise ValueError("segments that share a part of the Hessian cannot be separated")
         values = {name: getattr(self, name)[segments] for name in ("joint", "known", "gradient", "energy", "count")}
         return NormalEquations(**values, hessian=self.hessian.chosen(parts), part=part.astype(np.int64))
 
     def compact(self, most_individual: int) -> NormalEquations:
-        """The same moments with individual parts for at most so many segments of each joint, those with most energy."""
+        """The same with individual parts for at most this many segments of each joint, those with most energy."""
         part = _parts(self.joint, self.known, np.where(self.individual, self.energy, -np.inf), most_individual)
         if len(np.unique(part)) == len(self.hessian):
             return self
@@ -102,9 +102,9 @@ class NormalEquations:
         return replace(self, part=part, hessian=self.hessian.summed(part[first]))
 
     def merged(self, into: Integers) -> NormalEquations:
-        """Moments of segments that these are parts of, each of one joint and sign, by their indices (S,) without gaps.
+        """Normal equations of merged segments: `into` (S,) holds the new index of each, without gaps.
 
-        Segments whose parts share a part of the Hessian share one too.
+        Merged segments have one joint and sign. They share a part of the Hessian if their old segments did.
         """
         size = len(np.unique(into))
         links = scipy.sparse.csr_array(
@@ -118,7 +118,7 @@ class NormalEquations:
         return NormalEquations(self.joint[first], self.known[first], hessian, gradient, energy, count, label[:size])
 
     def scaled(self, sigma: Array) -> NormalEquations:
-        """Rows weighted by 1 / sigma (n,), the noise of each joint's effort, N m."""
+        """Rows divided by sigma (n,), the noise of each joint's effort, N m."""
         weight = 1.0 / sigma[self.joint] ** 2
         of_part = np.zeros(len(self.hessian))
         of_part[self.part] = weight
@@ -140,7 +140,7 @@ class NormalEquations:
         return np.bincount(self.joint, weights=values, minlength=n).astype(np.float64)
 
     def _per_sample(self, sums: Array) -> Array:
-        """(n,) sums over the joints' numbers of samples; 1 where there are none."""
+        """(n,) sums divided by the joints' numbers of samples; 1 without samples."""
         count = self._joint_sums(self.count.astype(np.float64), len(sums))
         return np.where(count > 0.0, sums / np.maximum(count, 1.0), 1.0)
 
@@ -159,17 +159,17 @@ def normal_equations(
     square: Array | None = None,
     correct: Callable[[slice, Array], Array] | None = None,
 ) -> NormalEquations:
-    """Moments of a log, streamed over chunks of its samples.
+    """Normal equations of a log, computed in chunks of its samples.
 
     Args:
         model: the model.
         coefficients: its r base coefficients.
         motion: N samples of motion.
         effort: (N, n) efforts, N m; absolute values for segments of unknown sign.
-        segments: where the sign is constant; samples outside of every segment do not count.
-        most_individual: segments of each joint with an individual part, those with most energy; all by default.
-        square: (N, n) expected squares of the efforts where `effort` is an expectation itself; its squares by default.
-        correct: what becomes of the columns (N', n, r) of a chunk; nothing by default.
+        segments: stretches of constant sign; samples outside of all segments are not used.
+        most_individual: segments of each joint with an individual part, those with most energy; None: all.
+        square: (N, n) expected squares of the efforts, if `effort` is itself an expectation; None: its squares.
+        correct: changes the columns (N', n, r) of a chunk; None: unchanged.
     """
     size, r = len(segments), len(coefficients)
     ranges = list(zip(segments.joint, segments.start, segments.end, strict=True))
@@ -186,7 +186,7 @@ def normal_equations(
         columns = columns if correct is None else FeltColumns.of(correct(rows, columns.dense))
         here = np.flatnonzero((segments.start < rows.stop) & (segments.end > rows.start))
         sparsity = {j: hessian.feel(j, columns.sparsity[j]) for j in np.unique(segments.joint[here])}
-        of_joint = {j: columns.of_joint(j, those) for j, those in sparsity.items()}
+        of_joint = {j: columns.of_joint(j, felt) for j, felt in sparsity.items()}
         for k in here:
             j, a, b = ranges[k]
             inside = slice(max(a, rows.start), min(b, rows.stop))
@@ -198,16 +198,16 @@ def normal_equations(
 
 
 def join_moments(pieces: Iterable[NormalEquations], most_individual: int) -> NormalEquations:
-    """Moments of logs of one model, or of the pieces of a long one, joined one after the other in bounded memory.
+    """Joins the normal equations of logs of one model, or of pieces of a long one, in bounded memory.
 
-    The segments of each joint with most energy, so many at most, keep an individual part.
+    The `most_individual` segments of each joint with most energy keep an individual part.
     """
     waiting: list[NormalEquations] = []
     held, bound = 0, 0
     for piece in pieces:
         waiting.append(piece)
         held += len(piece.hessian)
-        if held > bound:  # merging now and then costs less than every time
+        if held > bound:  # merging only when the size has doubled saves time
             waiting = [waiting[0].join(*waiting[1:]).compact(most_individual)]
             held = len(waiting[0].hessian)
             bound = 2 * held
@@ -215,14 +215,14 @@ def join_moments(pieces: Iterable[NormalEquations], most_individual: int) -> Nor
 
 
 def _summed(values: Array, into: Integers, size: int) -> Array:
-    """(size, ...) sums of values (S, ...) by where each goes."""
+    """(size, ...) sums of values (S, ...) with equal indices."""
     total = np.zeros((size, *values.shape[1:]), values.dtype)
     np.add.at(total, into, values)
     return total
 
 
 def _parts(joint: Integers, known: Integers, energy: Array, most_individual: int) -> Integers:
-    """(S,) a part each for the strongest unknown segments of a joint, one for the rest of them, one for its known."""
+    """(S,) part of each segment: the strongest unknown ones have their own; a joint's other and known ones share."""
     shared = np.zeros(len(joint), dtype=np.int64)
     for j in np.unique(joint):
         unknown = np.flatnonzero((joint == j) & (known == 0))
@@ -241,7 +241,7 @@ class Hessians:
     Attributes:
         size: r.
         joint: (K,) 0-based joint of each part.
-        columns: of each joint, (m,) the columns that it feels, ascending.
+        columns: of each joint, (m,) the columns that act on it, ascending.
         values: of each joint, (parts, m, m) its matrices in these columns, in the order of its parts.
     """
 
@@ -252,7 +252,7 @@ class Hessians:
 
     @classmethod
     def make(cls, joint: Integers, dense: Array) -> Hessians:
-        """Of matrices (K, r, r) that are held in full, and the joint (K,) of each."""
+        """From full matrices (K, r, r) and the joint (K,) of each."""
         joints = int(joint.max(initial=-1)) + 1
         columns = [np.flatnonzero(np.any(dense[joint == j] != 0.0, axis=(0, 1))) for j in range(joints)]
         values = [dense[np.ix_(joint == j, sparsity, sparsity)] for j, sparsity in enumerate(columns)]
@@ -260,14 +260,14 @@ class Hessians:
 
     @cached_property
     def place(self) -> Integers:
-        """(K,) of each part among those of its joint."""
+        """(K,) index of each part among those of its joint."""
         return _places(self.joint)
 
     def __len__(self) -> int:
         return len(self.joint)
 
     def __getitem__(self, parts: int | Integers | slice) -> Array:
-        """(r, r) of a part, or (k, r, r) of some of them, in full."""
+        """(r, r) full matrix of a part, or (k, r, r) of several."""
         chosen = np.arange(len(self))[parts]
         dense = np.zeros((np.size(chosen), self.size, self.size))
         for row, part in enumerate(np.atleast_1d(chosen)):
@@ -276,18 +276,18 @@ class Hessians:
         return dense if np.ndim(chosen) else dense[0]
 
     def total(self) -> Array:
-        """(r, r) the sum of all."""
+        """(r, r) sum of all parts."""
         return self.by_joint(len(self.values)).sum(axis=0)
 
     def by_joint(self, n: int) -> Array:
-        """(n, r, r) the sums of each of n joints."""
+        """(n, r, r) sums over each of n joints."""
         sums = np.zeros((n, self.size, self.size))
         for j, (sparsity, values) in enumerate(zip(self.columns, self.values, strict=True)):
             sums[j][np.ix_(sparsity, sparsity)] = values.sum(axis=0)
         return sums
 
     def of(self, parts: Integers) -> Array:
-        """(r, r) the sum over some parts, each of which counts once."""
+        """(r, r) sum over some parts, each counted once."""
         total = np.zeros((self.size, self.size))
         for j in np.unique(self.joint[parts]):
             here = self.place[parts[self.joint[parts] == j]]
@@ -315,7 +315,7 @@ class Hessians:
         return Hessians(self.size, joint, self.columns, tuple(values))
 
     def joined(self, others: Sequence[Hessians]) -> Hessians:
-        """These parts and behind them those of others, of the same coefficients."""
+        """These parts followed by those of others, for the same coefficients."""
         joint = np.concatenate([self.joint, *(other.joint for other in others)])
         sums, first = HessianSums(self.size, joint), 0
         for each in (self, *others):
@@ -324,7 +324,7 @@ class Hessians:
         return sums.done()
 
     def summed(self, into: Integers) -> Hessians:
-        """Of new parts, each the sum of all that go into it, by their indices (K,), counted from 0 without gaps."""
+        """Sums of parts with equal indices (K,), which run from 0 without gaps."""
         joint = np.zeros(int(into.max(initial=-1)) + 1, dtype=np.int64)
         joint[into] = self.joint
         sums = HessianSums(self.size, joint)
@@ -333,7 +333,7 @@ class Hessians:
 
 
 class HessianSums:
-    """Hessians that grow by what is added to their parts: of r columns, and the joint (K,) of each part."""
+    """Hessians of r columns that grow by added rows; joint (K,) of each part."""
 
     def __init__(self, size: int, joint: Integers) -> None:
         self._size, self._joint, self._place = size, joint, _places(joint)
@@ -342,7 +342,7 @@ class HessianSums:
         self._values: list[Array] = [np.zeros((count, 0, 0)) for count in counts]
 
     def feel(self, joint: int, columns: Integers) -> Integers:
-        """Takes note that a joint feels these columns as well; all that it feels."""
+        """Adds columns that act on a joint; returns all of its columns."""
         sparsity = self._columns[joint]
         new = np.union1d(sparsity, columns)
         if len(new) > len(sparsity):
@@ -353,11 +353,11 @@ class HessianSums:
         return self._columns[joint]
 
     def add_rows(self, part: int, rows: Array) -> None:
-        """Adds rows' rows, rows (N, m) in the columns that the part's joint feels."""
+        """Adds rows' rows for rows (N, m) in the columns of the part's joint."""
         self._values[self._joint[part]][self._place[part]] += rows.T @ rows
 
     def add(self, other: Hessians, into: Integers) -> None:
-        """Adds to part into[k] the k-th of other ones."""
+        """Adds part k of other Hessians to part into[k]."""
         for j, (columns, values) in enumerate(zip(other.columns, other.values, strict=True)):
             here = other.joint == j
             if not np.any(here):
@@ -371,12 +371,12 @@ class HessianSums:
             self._values[j][np.ix_(target, sparsity, sparsity)] += source
 
     def done(self) -> Hessians:
-        """What has been added up."""
+        """The sums."""
         return Hessians(self._size, self._joint, tuple(self._columns), tuple(self._values))
 
 
 def _places(joint: Sequence[int] | Integers) -> Integers:
-    """(K,) how many of those before belong to the same joint."""
+    """(K,) number of earlier entries of the same joint."""
     joint = np.asarray(joint, dtype=np.int64)
     order = np.argsort(joint, kind="stable")
     begins = np.searchsorted(joint[order], joint[order])

@@ -1,4 +1,4 @@
-"""What constraints cost: by how much a log would be explained better without each."""
+"""Prices of constraints: by how much each of them worsens the fit to a log."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from bayesid.regression.tuning import TUNING
 
 @dataclass(frozen=True)
 class ConstraintPrice:
-    """A constraint that was stated.
+    """The price of a stated constraint.
 
     Attributes:
         label: how it was stated.
-        nats: by which the log is likelier without it, all others kept; 0 where it ends nothing.
+        nats: rise of the log-likelihood without it, all others kept; 0 if it is inactive.
     """
 
     label: str
@@ -30,10 +30,10 @@ class ConstraintPrice:
 
 
 def constraint_prices(log_data: LogData, fit: Fit, signs: Array) -> tuple[ConstraintPrice, ...]:
-    """Half of what the least-squares cost falls by without each constraint, for expected signs (N, n).
+    """Half the drop of the least-squares cost without each constraint, for expected signs (N, n).
 
-    The noise is what a fit without any constraint leaves: a wrong one would pass for noise. What the model may lack is
-    summed out. Only constraints with multipliers end the fit; the others cost nothing.
+    The noise is that of a fit without constraints, since a wrong constraint would raise it. Effects that the model may
+    lack are marginalised. Only constraints with multipliers cost anything.
 
     Raises:
         SolverError: an optimisation failed.
@@ -54,18 +54,18 @@ def constraint_prices(log_data: LogData, fit: Fit, signs: Array) -> tuple[Constr
         )
 
     noise = fit.noise
-    for _ in range(2):  # the weights of the first fit hold the misfit
+    for _ in range(2):  # the first fit's weights include the misfit
         free = problem(noise.sigma * np.sqrt(noise.autocorrelation))(None)
         noise = log_data.residual_noise(log_data.model.effort(log_data.signals.motion, free.theta))
     solved = problem(noise.sigma * np.sqrt(noise.autocorrelation))
     best, of_row = solved(cone.stated), label_of_row(cone)
-    pushes = [np.abs(best.multipliers[of_row == k]).max(initial=0.0) for k in range(len(cone.stated.labels))]
+    strength = [np.abs(best.multipliers[of_row == k]).max(initial=0.0) for k in range(len(cone.stated.labels))]
     least = TUNING.pushes * np.abs(best.multipliers).max(initial=0.0)
-    for k in cone.stated.of_equal.tolist():  # eliminated: no multiplier tells
-        pushes[k] = np.inf
+    for k in cone.stated.of_equal.tolist():  # eliminated, so they have no multiplier
+        strength[k] = np.inf
     prices = []
     for k, label in enumerate(cone.stated.labels):
-        others = [j for j in range(len(pushes)) if j != k]
-        without = solved(cone.stated.only(others)).cost if pushes[k] > least else best.cost
+        others = [j for j in range(len(strength)) if j != k]
+        without = solved(cone.stated.only(others)).cost if strength[k] > least else best.cost
         prices.append(ConstraintPrice(label, 0.5 * max(best.cost - without, 0.0)))
     return tuple(prices)

@@ -1,19 +1,19 @@
-"""Least squares in the cone, cut by what is stated: the best feasible parameters for given moments.
+"""Least squares in the cone with stated constraints: the best feasible parameters for given normal equations.
 
 :eq:`cone-least-squares`::
 
     minimise  theta' B' H B theta - 2 g' B theta + rho(theta)   subject to  theta in the cone (with a margin).
 
-Some parameters leave no trace in the efforts, and the cone's projection on the coefficients is not closed: a first
-moment is free once a mass without trace grows without limit. So a very weak pull to typical links,
-rho(theta) = w sum ((theta_k - typical_k) / size_k)^2 with w = 1e-4 (:eq:`tikhonov`), completes the parameters. It costs
-parameters a hundred sizes away half a nat and decides nothing that the data show.
+Some parameters have no effect on the efforts, and the cone's projection on the coefficients is not closed: a first
+moment is free if a mass without effect may grow without limit. A weak Tikhonov term,
+rho(theta) = w sum ((theta_k - typical_k) / size_k)^2 with w = 1e-4 (:eq:`tikhonov`), determines them. It costs 0.5 nat
+at a distance of a hundred sizes, so it does not affect what the data determine.
 
 Equalities are eliminated: theta / size = z0 + N y, with y in place of theta (`bayesid.effects.plane`). The cone, the
-solver and the bound of the cost are then those of y.
+solver and the cost's bound are then those of y.
 
-`ConeLeastSquares` states the cone once; `prepared` makes a solver for one H, which Clarabel solves for one g after the
-other in a few milliseconds each. A status other than solved is never taken for a result.
+`ConeLeastSquares` states the cone once. `prepared` makes a solver for one H, which solves for one g after the other in
+a few milliseconds each. Only the status "solved" counts as a result.
 """
 
 from __future__ import annotations
@@ -50,25 +50,25 @@ from bayesid.regression.dual import WhiteProblem
 from bayesid.regression.tuning import TUNING
 
 MARGIN = 1e-6
-"""Smallest eigenvalue left to a pseudo-inertia (kg m^2 to kg): far below any link's, far above rounding."""
+"""Smallest eigenvalue of a pseudo-inertia (kg m^2 to kg): far below that of any link, far above rounding."""
 _NO_TRACE = 1e-8
-"""Parameters whose columns cancel to this share leave no trace: the tolerance of the base coefficients, squared."""
+"""Parameters whose columns cancel to this share have no effect: the tolerance of the base coefficients, squared."""
 _CANCELS = 1e-14
 """Share of a row's length below which its entries along a plane are rounding."""
 _NEGLIGIBLE = 1e-12
-"""Share of the largest curvature below which a parameter leaves no trace: what rounding makes of zero."""
+"""Share of the largest curvature below which a parameter has no effect: the size of rounding."""
 
 
 class _Attempt(NamedTuple):
     """Settings of one attempt.
 
     Attributes:
-        coarser: factor on the tolerance asked for.
+        coarser: factor on the requested tolerance.
         equilibrate: whether Clarabel scales the rows.
-        step: most of the way to the edge of the cone that it steps: full steps may go back and forth without end.
-        constant: on the diagonal of its linear systems, as small as the finest tolerance asked of it.
-        whitened: whether it is asked for y = L'x, where P = LL': curvatures that differ by more than their rounding, as
-            those of the Tikhonov term and of data that say everything of a coefficient, are then all one.
+        step: largest share of the distance to the cone's boundary in one step; full steps may cycle.
+        constant: on the diagonal of the linear systems, at most the finest tolerance.
+        whitened: whether to solve for y = L'x with P = LL', where all curvatures are one; it helps if those of data and
+            Tikhonov term differ by more than rounding.
     """
 
     coarser: float = 1.0
@@ -91,21 +91,20 @@ _ATTEMPTS = (
     _Attempt(1e3),
     _Attempt(1e4, constant=1e-8),
 )
-"""Tried one after the other after an update that failed, what costs no accuracy first. Set by hand on problems that
+"""Attempts after a failed update, in this order: those without loss of accuracy first. Chosen by hand on problems that
 stalled (tests/regression/test_solver.py)."""
 
 
 @dataclass(frozen=True)
 class Solution:
-    """A point of the cone and what it costs.
+    """A point of the cone and its cost.
 
     Attributes:
         theta: (P,) parameters.
-        cost: theta' B' H B theta - 2 g' B theta + rho(theta), without the efforts' own energy.
+        cost: theta' B' H B theta - 2 g' B theta + rho(theta), without the efforts' energy.
         tolerance: relative duality gap and infeasibility that the solver reached.
-        lower_bound: of the cost of every point of the cone, from a dual point (:eq:`dual-bound`); -inf if there is
-            none.
-        multipliers: (m,) of the rows of K (`bayesid.regression.conic`), of the last attempt.
+        lower_bound: of the cost over the cone, from a dual point (:eq:`dual-bound`); -inf without one.
+        multipliers: (m,) of the rows of K (`bayesid.regression.conic`), from the last attempt.
     """
 
     theta: Array
@@ -116,16 +115,16 @@ class Solution:
 
 
 class ConeLeastSquares:
-    """The problem of one cone of P parameters and r base coefficients, stated once.
+    """The problem for one cone of P parameters and r base coefficients, stated once.
 
     Args:
         cone: the cone.
         coefficients: for B.
-        hessian: (r, r) H of all data; it sets the sizes by which the parameters are scaled.
+        hessian: (r, r) H of all data; it sets the scales of the parameters.
         energy: c of all data.
-        min_eigenvalue: smallest eigenvalue left to every pseudo-inertia.
-        tolerance: relative duality gap and infeasibility asked of the solver.
-        least_tikhonov: share of the energy that the weight of rho is at least.
+        min_eigenvalue: lower bound of every pseudo-inertia's eigenvalues.
+        tolerance: requested relative duality gap and infeasibility.
+        least_tikhonov: least weight of rho over the energy.
     """
 
     def __init__(
@@ -150,13 +149,13 @@ class ConeLeastSquares:
         self._hessian = hessian
 
     def lighter(self, share: float) -> ConeLeastSquares:
-        """The same problem with this share of the Tikhonov term."""
+        """The same problem with the Tikhonov term times `share`."""
         lighter = copy(self)
         lighter.tikhonov_weight = share * self.tikhonov_weight
         return lighter
 
     def prepared(self, hessian: Array | None = None) -> PreparedLeastSquares:
-        """A new solver for one H (r, r); for that of all data by default."""
+        """A new solver for one H (r, r); None: H of all data."""
         return PreparedLeastSquares(self, self._hessian if hessian is None else hessian)
 
     def project(self, theta: Array) -> Array:
@@ -165,11 +164,11 @@ class ConeLeastSquares:
         return beta
 
     def parameters(self, y: Array) -> Array:
-        """(P,) of a point y (d,) of the plane, in sizes."""
+        """(P,) parameters of a point y (d,) of the plane, in sizes."""
         return self._exact.nearest(self.scale * self.plane.point(y))
 
     def regularisation(self, theta: Array) -> float:
-        """rho(theta), the Tikhonov term to typical links (:eq:`tikhonov`)."""
+        """rho(theta), the Tikhonov term about typical links (:eq:`tikhonov`)."""
         return float(self.tikhonov_weight * np.sum((theta / self.scale - self.typical) ** 2))
 
     def tikhonov(self) -> tuple[Array, Array]:
@@ -185,10 +184,10 @@ class ConeLeastSquares:
 
 
 class PreparedLeastSquares:
-    """The problem for one H (r, r), in units of its largest curvature; solved for many linear terms.
+    """The problem for one H (r, r), in units of its largest curvature, for many linear terms.
 
-    Clarabel is started at the first solve and updated from then on, so the last digits (within the tolerance) depend on
-    what was solved before: prepare anew where they must not.
+    Clarabel starts at the first solve and is then updated, so the last digits (within the tolerance) depend on earlier
+    solves. Prepare a new solver if they must not.
     """
 
     def __init__(self, stated: ConeLeastSquares, hessian: Array) -> None:
@@ -210,10 +209,11 @@ class PreparedLeastSquares:
     def solve(self, gradient: Array) -> Solution:
         """The best point for g (r,).
 
-        Clarabel is updated; when rounding keeps it from its tolerance, fresh ones are tried, the last ones coarser.
+        If the updated solver misses its tolerance through rounding, new ones are tried, the last ones with coarser
+        tolerances.
 
         Raises:
-            SolverError: none of them solved the problem.
+            SolverError: all attempts failed.
         """
         linear, tolerance = self._linear(gradient), self._stated.tolerance
         if self._solver is None:
@@ -233,10 +233,10 @@ class PreparedLeastSquares:
         return self._solution(gradient, tried, tolerance)
 
     def solve_precisely(self, gradient: Array) -> Solution:
-        """The best point for g (r,), to the finest tolerance that Clarabel reaches (named in the solution).
+        """The best point for g (r,), to the finest tolerance that Clarabel reaches (returned in the solution).
 
         Raises:
-            SolverError: not even what `solve` tries is reached.
+            SolverError: the attempts of `solve` failed too.
         """
         linear, tried = self._linear(gradient), []
         for tolerance in TUNING.precise_tolerances:
@@ -247,20 +247,20 @@ class PreparedLeastSquares:
         return self.solve(gradient)
 
     def _slope(self, gradient: Array) -> Array:
-        """(P,) of the cost at z = 0."""
+        """(P,) gradient of the cost at z = 0."""
         slope: Array = self._stated.scale * (gradient @ self._stated.projection) / self._unit
         return -2.0 * (slope + self._tikhonov * self._stated.typical)
 
     def _linear(self, gradient: Array) -> Array:
-        """(d,) of the cost at y = 0."""
+        """(d,) gradient of the cost at y = 0."""
         plane = self._stated.plane
         return (self._slope(gradient) + self._whole @ plane.origin) @ plane.basis
 
     def _solution(self, gradient: Array, tried: list[Outcome], tolerance: float) -> Solution:
-        """The last point that was tried, and the largest bound: that of a failed attempt is as true as any."""
+        """The last point, and the largest bound; bounds of failed attempts are valid too."""
         stated = self._stated
         theta = stated.parameters(tried[-1].point)
-        theta[stated.nonnegative] = np.maximum(theta[stated.nonnegative], 0.0)  # what is below is within the tolerance
+        theta[stated.nonnegative] = np.maximum(theta[stated.nonnegative], 0.0)  # violations are below the tolerance
         beta = stated.project(theta)
         cost = float(beta @ self._hessian @ beta - 2 * gradient @ beta) + stated.regularisation(theta)
         duals = [outcome.dual for outcome in tried if len(outcome.point)]
@@ -268,12 +268,12 @@ class PreparedLeastSquares:
         return Solution(theta, cost, tolerance, min(cost, max(bounds, default=-np.inf)), tried[-1].dual)
 
     def bound_of(self, gradient: Array, dual: Array) -> float:
-        """What weak duality proves about the cost of every feasible point, for any multipliers (:eq:`dual-bound`).
+        """Lower bound of the cost over the cone by weak duality, for any multipliers (:eq:`dual-bound`).
 
         For z in the dual cone, min over feasible x of x'Px/2 + q'x >= min over all x of x'Px/2 + q'x + z'(Ax - b)
-        = -|L^-1 (q + A'z)|^2 / 2 - b'z with P = LL' (Boyd and Vandenberghe 2004, 5.2); P is positive definite by the
-        pull. Of the multiples of z the best is taken; none of it gives the bound without a cone. Where constraints cut
-        the cone, z is too far from the best for the solver's tolerance, and improved (`bayesid.regression.dual`).
+        = -|L^-1 (q + A'z)|^2 / 2 - b'z with P = LL' (Boyd and Vandenberghe 2004, 5.2). The Tikhonov term makes P
+        positive definite. The best multiple of z is taken; the multiple 0 is the unconstrained bound. With stated
+        constraints, z is too inaccurate and is improved first (`bayesid.regression.dual`).
         """
         (offsets, rows, _), linear, origin = self._stated.rows, self._linear(gradient), self._stated.plane.origin
         z = into_cone(dual, self._stated.linear_count)
@@ -296,7 +296,7 @@ class PreparedLeastSquares:
 
     def _started(self, linear: Array, tolerance: float, attempt: _Attempt) -> Any:
         settings = settings_of(tolerance)
-        settings.presolve_enable = settings.chordal_decomposition_enable = False  # they would forbid updates
+        settings.presolve_enable = settings.chordal_decomposition_enable = False  # they forbid updates
         settings.equilibrate_enable = attempt.equilibrate
         settings.max_step_fraction = attempt.step
         settings.static_regularization_constant = attempt.constant
@@ -323,11 +323,7 @@ def solve_precisely(
     energy: float,
     min_eigenvalue: float = MARGIN,
 ) -> Solution:
-    """One cone least squares, to the finest tolerance that Clarabel reaches on it (named in the solution).
-
-    Raises:
-        SolverError: no tolerance is reached.
-    """
+    """One cone least squares, to the finest tolerance that Clarabel reaches (returned in the solution)."""
     stated = ConeLeastSquares(
         cone, coefficients, hessian, energy, min_eigenvalue, least_tikhonov=TUNING.completing_tikhonov
     )
@@ -335,7 +331,7 @@ def solve_precisely(
 
 
 def _sizes(cone: Cone, projection: Array, hessian: Array, energy: float) -> Array:
-    """(P,) the size of each parameter that would alone explain all efforts; a typical one where it leaves no trace."""
+    """(P,) size at which each parameter alone would explain all efforts; a typical size if it has no effect."""
     sizes = typical_sizes(cone)
     curvature = np.einsum("rp,rs,sp->p", projection, hessian, projection)
     parts = (np.abs(projection).T @ np.sqrt(np.maximum(np.diag(hessian), 0.0))) ** 2
@@ -347,7 +343,7 @@ def _sizes(cone: Cone, projection: Array, hessian: Array, energy: float) -> Arra
 def _state_cone(
     cone: Cone, scale: Array, min_eigenvalue: float, plane: Plane
 ) -> tuple[Array, scipy.sparse.csc_matrix, list[Any]]:
-    """The cone as Clarabel wants it, b - A y in K for theta / scale = the plane's point of y."""
+    """The cone in Clarabel's form, b - A y in K, where theta / scale is the plane's point of y."""
     offsets, linear = offsets_of(cone), linear_count(cone)
     offsets[linear : linear + 10 * len(cone.bodies)] = -np.tile(min_eigenvalue * stacked(np.eye(4)), len(cone.bodies))
     rows = rows_of(cone, np.diag(scale))
@@ -360,7 +356,7 @@ def _state_cone(
 
 
 def _upper_triangle(matrix: Array) -> scipy.sparse.csc_matrix:
-    """The upper triangle in column order with every entry stored, zeros too."""
+    """The upper triangle in column order with all entries stored, zeros included."""
     n = len(matrix)
     columns, rows = np.tril_indices(n)
     starts = np.concatenate([[0], np.cumsum(np.arange(1, n + 1))])

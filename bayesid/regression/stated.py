@@ -1,4 +1,4 @@
-"""The language in which constraints are stated: parameters as expressions of cvxpy."""
+"""Constraints on parameters, stated with expressions of cvxpy."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from bayesid.robot.shapes import mesh_points
 
 
 class Stated(list[Any]):
-    """Constraints of cvxpy that were stated together, under a label."""
+    """Constraints of cvxpy with a common label."""
 
     def __init__(self, label: str, constraints: Iterable[Any]) -> None:
         super().__init__(constraints)
@@ -31,7 +31,7 @@ class Stated(list[Any]):
 
 
 class StatedParameters:
-    """Parameters of a model, as expressions of cvxpy: what `constraints=lambda p: [...]` is given.
+    """Parameters of a model as expressions of cvxpy: the argument of `constraints=lambda p: [...]`.
 
     Links count from 1; their parameters are in their own frames, as in parameters.csv, in kg, kg m and kg m^2.
 
@@ -65,7 +65,7 @@ class StatedParameters:
         return [self[f"{stem}{link}{name[len(stem) :]}"] for stem, name in stems]
 
     def mass(self, link: int) -> Any:
-        """Of a link, kg."""
+        """Mass of a link, kg."""
         return self._ten(link)[9]
 
     def first_moment(self, link: int) -> Any:
@@ -88,7 +88,7 @@ class StatedParameters:
 
     @property
     def total_mass(self) -> Any:
-        """Of all links, kg, without payloads."""
+        """Mass of all links, kg, without payloads."""
         return sum((self.mass(k) for k in range(2, self._n_links + 1)), self.mass(1))
 
     def com_in_box(self, link: int, low: Sequence[float], high: Sequence[float]) -> Stated:
@@ -96,7 +96,7 @@ class StatedParameters:
         label = f"com_in_box({link}, {_shown(low)}, {_shown(high)})"
         least, most = (_three(corner, label) for corner in (low, high))
         if not np.all(least < most):
-            raise _bad(label, "its lower corner is not below the upper one")
+            raise _bad(label, "the lower corner must be below the upper one in x, y and z")
         moment, mass = self._ten(link)[6:9], self.mass(link)
         pairs = zip(moment, least.tolist(), most.tolist(), strict=True)
         return Stated(label, (side for h, a, b in pairs for side in (a * mass <= h, h <= b * mass)))
@@ -116,14 +116,14 @@ class StatedParameters:
         else:
             points = np.array(hull, dtype=float)
         if points.ndim != 2 or points.shape[1] != 3 or len(points) < 4 or not np.isfinite(points).all():
-            raise _bad(label, "are no four or more points x, y, z")
+            raise _bad(label, "four or more points x, y, z are needed")
         try:
             equations = scipy.spatial.ConvexHull(points).equations
         except scipy.spatial.QhullError:
             raise _bad(label, "the hull has no volume") from None
         facets = np.unique(equations.round(6), axis=0, return_index=True)[1]
         if len(facets) > TUNING.most_half_spaces:
-            said = f"the hull has {len(facets)} faces, up to {TUNING.most_half_spaces} can be used"
+            said = f"the hull has {len(facets)} faces, the limit is {TUNING.most_half_spaces}"
             raise _bad(label, said, "give a coarser mesh, or a box")
         moment, mass = self.first_moment(link), self.mass(link)
         return (normal[:3] @ moment + normal[3] * mass <= 0 for normal in equations[facets])
@@ -131,12 +131,12 @@ class StatedParameters:
     def density_in_ellipsoid(self, link: int, centre: Sequence[float], semi_axes: Sequence[float]) -> Stated:
         """All mass of a link lies in an ellipsoid along its frame's axes, m: tr(P Q) >= 0 for the pseudo-inertia P.
 
-        It bounds inertias by the mass (Wensing, Kim, Slotine 2018). Semi-axes above 0.
+        It bounds the inertia by the mass (Wensing, Kim, Slotine 2018).
         """
         label = f"density_in_ellipsoid({link}, {_shown(centre)}, {_shown(semi_axes)})"
         middle, axes = (_three(values, label) for values in (centre, semi_axes))
         if not np.all(axes > 0.0):
-            raise _bad(label, "its semi-axes are not above 0")
+            raise _bad(label, "semi-axes must be positive")
         weight = axes**-2.0
         matrix = np.zeros((4, 4))
         matrix[:3, :3], matrix[3, 3] = -np.diag(weight), 1.0 - weight @ middle**2
@@ -168,14 +168,14 @@ def _bad(label: str, why: str, remedy: str = "give lengths in m, in the frame of
 
 
 Says = Callable[[StatedParameters], Any]
-"""What is known, stated of the parameters: constraints of cvxpy, in lists or not."""
+"""A function of the parameters that returns constraints of cvxpy, in lists or not."""
 
 
 def constraints_of(says: Says, model: Model) -> Constraints | None:
-    """What somebody states of a model's parameters; None where that is nothing.
+    """The constraints that a function states on a model's parameters; None without any.
 
     Raises:
-        InputError: it is not understood, is not convex, or cannot hold.
+        InputError: they cannot be read, are not convex, or contradict each other.
     """
     names = [parameter.name for parameter in model.parameters]
     parameters = StatedParameters(names, model.robot.n_joints)
@@ -190,9 +190,9 @@ def constraints_of(says: Says, model: Model) -> Constraints | None:
         raise
     masses = " + ".join(f"m{k}" for k in range(1, model.robot.n_joints + 1))
     parts = []
-    for number, one in enumerate(said, start=1):
-        together = one if isinstance(one, Stated) else [one]
-        label = one.label if isinstance(one, Stated) else label_of(one, number, masses)
+    for number, item in enumerate(said, start=1):
+        together = item if isinstance(item, Stated) else [item]
+        label = item.label if isinstance(item, Stated) else label_of(item, number, masses)
         parts.append(canonical(together, label, parameters.variables, names))
     if not parts:
         return None
@@ -202,32 +202,38 @@ def constraints_of(says: Says, model: Model) -> Constraints | None:
 
 
 def _flat(said: Any) -> list[Any]:
-    """Constraints, and those stated together, one after the other."""
+    """A flat list of constraints; a `Stated` counts as one."""
     if isinstance(said, Stated) or not isinstance(said, list | tuple | set | Iterator):
         return [said]
-    return [one for part in said for one in _flat(part)]
+    return [item for part in said for item in _flat(part)]
 
 
 def check_room(stated: Constraints, model: Model) -> None:
-    """Checks that constraints leave room beside each other, positive masses and friction.
+    """Checks that constraints can hold together, with positive masses and friction.
 
     Raises:
-        InputError: they do not, with the labels of those that cannot hold together.
+        InputError: they contradict each other; names the labels.
     """
     if labels := stated.contradicting:
         raise no_room(labels)
     cone = replace(model, constraints=stated).cone
     if not cone.plane().basis.shape[1]:
-        raise InputError("every parameter has a value", field="constraints", remedy="leave out some equalities")
+        raise InputError(
+            "all parameters are fixed by equalities", field="constraints", remedy="leave out some equalities"
+        )
     found = deepest_point(cone, typical_parameters(cone), typical_sizes(cone))
     if not found.inside:
         raise no_room(found.labels)
 
 
 def no_room(labels: Sequence[str]) -> InputError:
-    """Constraints of these labels cannot hold together."""
+    """The error for contradicting constraints."""
     if len(labels) == 1:
         said = f"{labels[0]} cannot hold with positive masses, inertias and friction"
     else:
-        said = f"{', '.join(labels[:-1])} and {labels[-1]} cannot hold together" if labels else "nothing satisfies them"
+        said = (
+            f"{', '.join(labels[:-1])} and {labels[-1]} cannot hold together"
+            if labels
+            else "they contradict each other"
+        )
     return InputError(said, field="constraints", remedy="state intervals that overlap, with some width")

@@ -166,7 +166,7 @@ def test_a_file_that_holds_something_else_or_cannot_be_read_is_refused(tmp_path)
         ("", "", "columns"),
         ("m2,1.0,0.1\n", "", "columns"),
         ("name,mean,sd\nm1,1.0,0.1\nm2,heavy,0.1\n", "line 3", "'heavy'"),
-        ("name,mean,sd\nm2,,0.1\n", "line 2", "no numbers"),
+        ("name,mean,sd\nm2,,0.1\n", "line 2", "not numbers"),
         ("name,mean,sd\nm2,1.0,0.1\nm1,2.0,0.1\nm2,1.0,0.1\n", "line 4", "m2"),
     ):
         refusal = refused(written(tmp_path, text))

@@ -1,1 +1,1 @@
-"""What a log wants beyond a model: effects of the catalogue as columns, their evidence, and the selection of some."""
+"""Selection of effects: columns of the catalogue, their evidence, and the effects that a log shows."""

@@ -1,4 +1,4 @@
-"""An effect that was added, weighed against all that could stand in its place; and what a log could not show."""
+"""An added effect compared with its alternatives, and effects that a log cannot show."""
 
 from __future__ import annotations
 
@@ -22,26 +22,26 @@ Quantity = tuple[float, float, str]
 
 @dataclass(frozen=True)
 class AddedEffect:
-    """An effect that was added, weighed against all that could stand in its place."""
+    """An added effect, compared with its alternatives."""
 
     hypothesis: Hypothesis  #: the form that was added
-    gain: float  #: log of the Bayes factor for it, given all others that were added
-    #: of the effect in these joints, or one that is equivalent to it, among the catalogue, nothing missing and
-    #: something else (:eq:`effect-probability`)
+    gain: float  #: log of the Bayes factor for it, given all other added effects
+    #: of the effect in these joints, or an equivalent one, among the catalogue, "nothing missing" and "something else"
+    #: (:eq:`effect-probability`)
     probability: float
-    nothing_missing: float  #: probability that nothing is missing in its place
-    something_else: float  #: probability that it is something outside of the catalogue
-    competing: tuple[Score, ...]  #: the alternatives, best first, itself included
-    equivalent: tuple[str, ...]  #: names of the effects that the log cannot tell from it
-    included: float = 1.0  #: probability of it over all sets that are weighed (`bayesid.discrepancy.sets.WeighedSet`)
-    #: of an error of the robot's table, those of other joints' rows that the log cannot tell from it
+    nothing_missing: float  #: probability that nothing is missing
+    something_else: float  #: probability of an effect outside of the catalogue
+    competing: tuple[Score, ...]  #: the alternatives with the effect itself, best first
+    equivalent: tuple[str, ...]  #: names of the effects that the log cannot distinguish from it
+    included: float = 1.0  #: its probability over all weighed sets (`bayesid.discrepancy.sets.WeighedSet`)
+    #: of an error of the robot's table: errors of other joints' rows that the log cannot distinguish from it
     elsewhere: tuple[EffectKey, ...] = ()
-    #: by their names; of what the earlier model has too, the new value and the change
+    #: by name; of a parameter that the earlier model has too, the new value and the change
     parameters: dict[str, Quantity] = field(default_factory=dict)
-    readable: dict[str, Quantity] = field(default_factory=dict)  #: what people read in their place, by its names
+    readable: dict[str, Quantity] = field(default_factory=dict)  #: derived physical quantities, by name
     description: Description | None = None  #: of an effect without a name: its variables, formula and families
-    size: EffortSize | None = None  #: how large its effort is on held-back data; None while that is not known
-    cost: Cost | None = None  #: what the error there is without it; None likewise
+    size: EffortSize | None = None  #: its effort on held-back data; None until computed
+    cost: Cost | None = None  #: the error on held-back data without it; None until computed
 
     def __repr__(self) -> str:
         where = f"joint {', '.join(map(str, self.joints))}" if self.joints else "the whole robot"
@@ -50,22 +50,22 @@ class AddedEffect:
 
     @property
     def alone(self) -> AddedEffect:
-        """The same, without the columns of other forms in memory."""
+        """A copy with its own arrays, which keeps no other forms in memory."""
         return replace(self, hypothesis=self.hypothesis.alone, competing=tuple(score.alone for score in self.competing))
 
     @property
     def log10_bayes_factor(self) -> float:
-        """For it, given all others that were added."""
+        """Bayes factor for it, given all other added effects."""
         return float(self.gain / LN10)
 
     @property
     def variables(self) -> tuple[str, ...]:
-        """What an effect without a name depends on, such as q4, dq5, tau5 or t; empty of others."""
+        """Variables of an effect without a name, such as q4, dq5, tau5 or t; empty for others."""
         return () if self.description is None else self.description.variables
 
     @property
     def formula(self) -> str:
-        """Of an effect without a name; empty of others."""
+        """Formula of an effect without a name; empty for others."""
         return "" if self.description is None else self.description.formula
 
     @property
@@ -75,32 +75,31 @@ class AddedEffect:
 
     @property
     def joints(self) -> tuple[int, ...]:
-        """From 1, in which it acts; none named: on the whole robot."""
+        """Joints from 1 in which it acts; empty: the whole robot."""
         return self.hypothesis.joints
 
 
 def weigh(
     fitted_effects: FittedEffects, library: Library, effect: Hypothesis, uncertain: Columns = NO_COLUMNS
 ) -> AddedEffect:
-    """An effect of an explanation against all in the library that could stand in its place, the other effects given.
+    """Compares an added effect with all alternatives in the library, given the other effects.
 
-    One without a name is what was outside of the catalogue: it shares that prior. `uncertain` are columns that the
-    model may be wrong by beside.
+    An effect without a name takes the prior of "something else". `uncertain` are further columns of model error.
     """
     data, others = fitted_effects.data, fitted_effects.without(effect)
     limits, without = data.thresholds, explain(data, others, fitted_effects, uncertain)
     scores = plain_first(assess(without, _rivals(library, effect, others)), data)
     scored = next((score.gain for score in scores if score.key == effect.key), -np.inf)
     as_added = explain(data, fitted_effects.effects, fitted_effects, uncertain).log_evidence - without.log_evidence
-    gain = max(scored, as_added)  # averaged over the library's forms, or of the form that was refined
+    gain = max(scored, as_added)  # averaged over the library's forms, or that of the refined form
     share = (1.0 - limits.nothing_missing - limits.something_else) / len(main_forms())
     places = max(1, data.effort.shape[1])
-    scores = [replace(one, gain=gain) if one.key == effect.key else one for one in scores]
+    scores = [replace(score, gain=gain) if score.key == effect.key else score for score in scores]
     logs = [s.gain + np.log(share / (places if s.hypothesis.joints else 1)) for s in scores]
     nothing = without.log_evidence_as_noise - without.log_evidence + np.log(limits.nothing_missing)
     unnamed = [] if effect.source.can_be_missing else [gain + np.log(limits.something_else)]
     total = float(logsumexp([*logs, *unnamed, nothing, np.log(limits.something_else)]))
-    level = scored if scored > 0.0 else gain  # others are in the library's forms too
+    level = scored if scored > 0.0 else gain  # alternatives are in the library's forms too
     alike = {s.key: s for s in scores if s.gain > level - limits.equivalent * LN10}
     rows = {key for key, score in alike.items() if score.hypothesis.source.of_table}
     elsewhere = {key for key in rows if effect.source.of_table and key[1] != effect.joints}
@@ -123,16 +122,16 @@ def weigh(
 
 
 def _rivals(library: Library, effect: Hypothesis, others: Sequence[Hypothesis]) -> list[list[Hypothesis]]:
-    """What could stand in the place of an effect: all that acts in one of its joints, others' effects left out."""
+    """Alternatives to an effect: all that act in one of its joints, except the other added effects."""
     joints, taken = effect.columns.joints, {other.key for other in others}
     groups = [group for group in library if group and group[0].columns.joints & joints]
     return [[rival for rival in group if rival.key not in taken] for group in groups]
 
 
 def not_testable(scores: Sequence[Score], n_joints: int, thresholds: Thresholds = Thresholds()) -> list[EffectKey]:
-    """Effects and joints that this log could not show even if they were of a usual size.
+    """Effects and joints that this log could not show even at a usual size.
 
-    An effect that has no score in one of the n joints could not be tried there.
+    An effect without a score in one of the n joints could not be tested there.
     """
     tried = {score.key: score for score in scores}
     single = {(j,) for j in range(1, n_joints + 1)}
@@ -146,46 +145,45 @@ def not_testable(scores: Sequence[Score], n_joints: int, thresholds: Thresholds 
 
 
 RATED, LARGEST_READING = "rated effort", "largest effort in this log"
-"""What an effect's largest effort is held against: the first where the robot's file tells it, else the second."""
+"""Reference of an effect's largest effort: the first if the robot's file states it, else the second."""
 
 
 @dataclass(frozen=True)
 class EffortSize:
-    """How large an effect's own effort is on held-back data, in the joint where that is largest."""
+    """Size of an effect's effort on held-back data, in the joint where it is largest."""
 
     joint: int  #: from 1
     rms: float  #: N m
     largest: float  #: absolute value, N m
-    reference: float  #: effort that the largest is held against, N m
-    of: str  #: what that is, `RATED` or `LARGEST_READING`
+    reference: float  #: effort to compare it with, N m
+    of: str  #: `RATED` or `LARGEST_READING`
 
     @property
     def share(self) -> float:
-        """Of the reference that the largest effort is; NaN where the reference is zero."""
+        """The largest effort over the reference; NaN if the reference is zero."""
         return _ratio(self.largest, self.reference)
 
 
 @dataclass(frozen=True)
 class Cost:
-    """What the error of the efforts on held-back data is without an effect, in the joint where that matters most.
+    """Error of the efforts on held-back data with and without an effect, in the joint where it matters most.
 
-    Of those that it acts in: where the mean squared error rises most, as a share of the mean squared effort, so that
-    units do not matter.
+    That is the joint in which the mean squared error rises most, relative to the mean squared effort.
     """
 
     joint: int  #: from 1
-    before: float  #: RMS error without the effect, all others kept and their numbers found anew, N m
+    before: float  #: RMS error without the effect, all others refitted, N m
     after: float  #: RMS error with it, N m
     effort: float  #: RMS effort of the joint there, N m
 
     @property
     def share_before(self) -> float:
-        """Error without the effect over the joint's effort; NaN where that is zero."""
+        """Error without the effect over the joint's effort; NaN if that is zero."""
         return _ratio(self.before, self.effort)
 
     @property
     def share_after(self) -> float:
-        """Error with it over the joint's effort; NaN where that is zero."""
+        """Error with it over the joint's effort; NaN if that is zero."""
         return _ratio(self.after, self.effort)
 
 
@@ -194,11 +192,10 @@ def _ratio(part: float, whole: float) -> float:
 
 
 def preexisting(without: FittedEffects, library: Library) -> frozenset[EffectKey]:
-    """Errors of the table that cannot have come since the earlier log: they do not show above the noise floor.
+    """Errors of the robot's table that are not new since the earlier log: they stay below the noise floor.
 
-    The floor holds what the earlier model left of its own log. An error that was there already is a part of it, however
-    well it explains what this log leaves; one that is new adds to it, most of all in the joint where it is largest.
-    `without` is the explanation by the model alone.
+    The floor includes the earlier model's residual on its own log, and with it an old error. A new error adds to it,
+    most in the joint where it is largest. `without` is the fit by the model alone.
     """
     data, limits = without.data, without.data.thresholds
     most = np.where(data.sharp, limits.above_floor, limits.above_blunt_floor)
@@ -207,10 +204,10 @@ def preexisting(without: FittedEffects, library: Library) -> frozenset[EffectKey
 
 
 def was_there(with_it: FittedEffects, without: FittedEffects) -> bool:
-    """Whether the earlier log speaks against an error of the table, as surely as an effect must be found.
+    """Whether the earlier log contradicts an error of the table, with the Bayes factor needed to add an effect.
 
-    A model that was bent by the error fits it badly: its coefficients have to move far from what that log showed. Those
-    of a model that was right then stay, and without the error they would have to move.
+    If the error is new, it must not move the earlier coefficients; if it is old, leaving it out moves them. The misfit
+    to the earlier log with and without it decides.
     """
     data = with_it.data
     against = 0.5 * (data.information.misfit(with_it.beta) - data.information.misfit(without.beta))
@@ -218,7 +215,7 @@ def was_there(with_it: FittedEffects, without: FittedEffects) -> bool:
 
 
 def _strongest(data: Observations, hypothesis: Hypothesis) -> int:
-    """The (0-based) joint in which an effect is largest beside the noise."""
+    """The 0-based joint in which an effect is largest relative to the noise."""
     rows, used = hypothesis.columns.rows, data.used
     size = {j: float(np.mean(x[used[:, j]] ** 2)) / data.floor[j] ** 2 for j, x in rows.items() if used[:, j].any()}
     return max(size, key=lambda j: size[j]) if size else 0

@@ -1,7 +1,6 @@
-"""Columns of a model and of effects; whitened once for every shape of an error model, and kept.
+"""Columns of a model and of effects, and their whitened forms, which are cached.
 
-Error models are fitted on a lattice (`regression.selection.error_model`), so that most explanations of a log whiten the
-same columns by the same filter again.
+Error models are fitted on a lattice (`regression.selection.error_model`), so most fits to a log use the same filters.
 """
 
 from __future__ import annotations
@@ -20,12 +19,12 @@ from bayesid.regression.tuning import TUNING
 
 @dataclass(frozen=True, eq=False)
 class Columns:
-    """What a hypothesis adds to the efforts: columns with free amplitudes, and a change without."""
+    """Efforts of a hypothesis: columns with free amplitudes, and a fixed change."""
 
     rows: dict[int, Array]  #: joint (0-based) to (N, p) columns
     shift: dict[int, Array]  #: joint to (N,) change, N m
     sd: Array  #: (p,) prior standard deviations of the amplitudes
-    positive: Mask  #: (p,) which of them cannot be negative
+    positive: Mask  #: (p,) which amplitudes cannot be negative
 
     @classmethod
     def of_joints(cls, columns: Array) -> Columns:
@@ -36,30 +35,30 @@ class Columns:
 
     @property
     def joints(self) -> set[int]:
-        """Joints in which it acts."""
+        """Joints with columns or a change."""
         return set(self.rows) | set(self.shift)
 
     def in_joint(self, joint: int) -> Columns:
-        """What it adds to one (0-based) joint, as if that were the only one."""
+        """The part of one (0-based) joint."""
         rows, shift = ({0: part[joint]} if joint in part else {} for part in (self.rows, self.shift))
         return replace(self, rows=rows, shift=shift)
 
     @property
     def alone(self) -> Columns:
-        """The same with arrays of their own: what is kept keeps no others in memory (see `stacked`)."""
+        """A copy with its own arrays, which keeps no other columns in memory (see `stacked`)."""
         rows, shift = ({j: array.copy() for j, array in part.items()} for part in (self.rows, self.shift))
         return replace(self, rows=rows, shift=shift)
 
 
 NO_COLUMNS = Columns(rows={}, shift={}, sd=np.zeros(0), positive=np.zeros(0, dtype=bool))
-"""Of what leaves no trace."""
+"""Columns of an effect that does nothing."""
 
 
 class Whitening:
-    """Columns filtered to innovations, not divided by their standard deviation: what differs in size alone is shared.
+    """Columns filtered to innovations, not scaled, so that filters of equal shape share them.
 
-    Those of the model (N, n, r), zero where a sample is not used (N, n), and of effects; the latest are kept, up to
-    `most_bytes`.
+    They are the model's columns (N, n, r), zero where a sample is not used (N, n), and those of effects. The latest are
+    cached, up to `most_bytes`.
     """
 
     def __init__(self, columns: Array, used: Mask, *, most_bytes: int = TUNING.kept_bytes) -> None:
@@ -69,15 +68,15 @@ class Whitening:
         self._bytes = 0
 
     def bare(self, joint: int) -> tuple[Integers, Array]:
-        """Which (m,) of the model's columns show in a joint (no link shows behind it), and (N, m) these, bridged."""
+        """Indices (m,) of the model's columns that act on a joint, and (N, m) these columns, bridged."""
         if joint not in self._bare:
-            own = self.columns[:, joint]
-            index = np.flatnonzero(own.any(axis=0))
-            self._bare[joint] = index, bridged(np.asfortranarray(own[:, index]), self.used[:, joint])
+            columns = self.columns[:, joint]
+            index = np.flatnonzero(columns.any(axis=0))
+            self._bare[joint] = index, bridged(np.asfortranarray(columns[:, index]), self.used[:, joint])
         return self._bare[joint]
 
     def always(self, joint: int, error: ErrorModel, beside: Columns) -> tuple[Array, Array]:
-        """(N, m) innovations of a joint's columns of the model, and of others beside; and (folds, m, m) products."""
+        """(N, m) innovations of a joint's model columns and of `beside`, and (folds, m, m) products."""
 
         def make() -> tuple[Array, ...]:
             used = self.used[:, joint]
@@ -92,7 +91,7 @@ class Whitening:
     def group(self, stack: Array, joint: int, error: ErrorModel, beside: Columns, *, keep: bool) -> tuple[Array, Array]:
         """(k, P, P) products of each of k effects' innovations, and (k, P, m) with those of `always`.
 
-        Their columns are a stack (k, P, N) as of `together`; the products are kept if the same array will come again.
+        Their columns are a stack (k, P, N) as of `together`. `keep` caches the products for the same array.
         """
 
         def make() -> tuple[Array, ...]:
@@ -111,11 +110,11 @@ class Whitening:
         return products, across
 
     def pulled_back(self, white: Array, joint: int, error: ErrorModel) -> Array:
-        """(N, s) what columns must be multiplied with for the products of their innovations with (N, s)."""
+        """(N, s) matrix whose products with columns are those of their innovations with `white` (N, s)."""
         return unbridged(error.innovations(white[::-1], np.ones(len(white), dtype=bool))[::-1], self.used[:, joint])
 
     def _of(self, key: tuple[object, ...], owner: object, make: Callable[[], tuple[Array, ...]]) -> tuple[Array, ...]:
-        """What was kept, or is made and kept with its owner, lest another one takes its id."""
+        """The cached value, or a new one; the cache holds `owner` so that its id stays unique."""
         if key in self._kept:
             self._kept.move_to_end(key)
             return self._kept[key][0]
@@ -123,13 +122,13 @@ class Whitening:
         self._kept[key] = made, owner
         self._bytes += sum(array.nbytes for array in made)
         while self._bytes > self._most_bytes and len(self._kept) > 1:
-            _, (gone, _) = self._kept.popitem(last=False)
-            self._bytes -= sum(array.nbytes for array in gone)
+            _, (evicted, _) = self._kept.popitem(last=False)
+            self._bytes -= sum(array.nbytes for array in evicted)
         return made
 
 
 def blocks_of(duration: float) -> int:
-    """How many blocks a log of some seconds is cut into: fewer where they would be too short, but one a fold."""
+    """Number of blocks of a log of this duration, s: fewer for a short log, at least one a fold."""
     return int(np.clip(duration / TUNING.shortest_block, TUNING.folds, TUNING.blocks))
 
 
@@ -141,7 +140,7 @@ def rows_of_blocks(samples: int, rate: float) -> list[slice]:
 
 
 def by_fold(left: Array, right: Array, rate: float) -> Array:
-    """(folds, p, q) products of columns (N, p) with others (N, q), at a rate in Hz."""
+    """(folds, p, q) products of columns (N, p) and (N, q), at a rate in Hz."""
     products = np.zeros((TUNING.folds, left.shape[1], right.shape[1]))
     for block, rows in enumerate(rows_of_blocks(len(left), rate)):
         products[block % TUNING.folds] += left[rows].T @ right[rows]
@@ -149,7 +148,7 @@ def by_fold(left: Array, right: Array, rate: float) -> Array:
 
 
 def stacked(effects: Sequence[Columns]) -> list[Columns]:
-    """The same effects, with as many amplitudes in the same joints, their arrays views of one for each joint."""
+    """The same effects as views of one array a joint, if they have equal joints and numbers of amplitudes."""
     stacks = {j: together(effects, j)[0] for j in sorted(effects[0].joints)}
     p = len(effects[0].sd)
     return [
@@ -161,9 +160,9 @@ def stacked(effects: Sequence[Columns]) -> list[Columns]:
 
 
 def together(effects: Sequence[Columns], joint: int) -> tuple[Array, bool]:
-    """(k, P, N) columns of k effects in a joint, a change behind them if any makes one; and whether it was there.
+    """(k, P, N) columns of k effects in a joint, with a last one for changes if any; and whether it is there.
 
-    Zeros where an effect does nothing. Effects that were `stacked` are not copied.
+    Missing entries are zero. Effects that were `stacked` are not copied.
     """
     p, shifts = len(effects[0].sd), any(joint in effect.shift for effect in effects)
     size, array = p + shifts, _array_of(effects[0], joint)
@@ -181,7 +180,7 @@ def together(effects: Sequence[Columns], joint: int) -> tuple[Array, bool]:
 
 
 def _array_of(effect: Columns, joint: int) -> Array | None:
-    """The array of three dimensions that all of an effect's part of a joint is a view of, if there is one."""
+    """The three-dimensional array whose view is an effect's part of a joint, if any."""
     parts = [part[joint].base for part in (effect.rows, effect.shift) if joint in part]
     base = parts[0] if parts and all(part is parts[0] for part in parts) else None
     return base if isinstance(base, np.ndarray) and base.ndim == 3 else None

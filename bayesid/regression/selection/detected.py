@@ -1,6 +1,6 @@
-"""What a log wants beyond a model, its signs given: effects that evidence and held-back blocks of it bear out.
+"""Effects that a log shows beyond a model, with known signs: the evidence and held-back blocks must confirm them.
 
-Effects are looked for in a `SignedLog`, on thinned rows.
+The search uses thinned rows of a `SignedLog`.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ from bayesid.regression.tuning import TUNING
 
 @dataclass(frozen=True)
 class EnteredEffect:
-    """An effect that entered a model, as it was added."""
+    """An effect that was added to a model."""
 
     source: Effect  #: the term or distortion
-    log10_bayes_factor: float  #: for it, given all others that entered
-    equivalent: tuple[str, ...]  #: effects that the log cannot tell from it
-    number_sd: tuple[float, ...] = ()  #: sd of its nonlinear numbers; empty where the log was not asked for them
+    log10_bayes_factor: float  #: for it, given all other added effects
+    equivalent: tuple[str, ...]  #: effects that the log cannot distinguish from it
+    number_sd: tuple[float, ...] = ()  #: sd of its nonlinear numbers; empty if not computed
 
     @property
     def key(self) -> EffectKey:
@@ -53,21 +53,23 @@ class EnteredEffect:
 
     @property
     def joints(self) -> tuple[int, ...]:
-        """From 1, in which it acts; none named: on the whole robot."""
+        """Joints from 1 in which it acts; empty: the whole robot."""
         return self.source.joints
 
 
 def consistent_with_nothing(effect: EnteredEffect, model: Model, theta: Array, covariance: Array) -> bool:
-    """Whether none of an effect's numbers is three standard deviations from zero, nor all together by a Wald test.
+    """Whether an effect may be zero: each number within three standard deviations of zero, and a Wald test of all.
 
-    Of a model with the effect, at parameters (P,) with their covariance (P, P), NaN where a parameter is not decided by
-    itself. An effect of which no number is decided is not tested.
+    Parameters (P,) and covariance (P, P) are of the model with the effect, NaN where a parameter is not identifiable.
+    An effect without identifiable numbers counts as nonzero.
     """
     place = {parameter.name: k for k, parameter in enumerate(model.parameters)}
-    own = [place[parameter.name] for parameter in effect.source.parameters(model.robot)]
+    indices = [place[parameter.name] for parameter in effect.source.parameters(model.robot)]
     numbers = [value for value, _ in effect.source.numbers(model.robot).values()][: len(effect.number_sd)]
-    values = np.array([*theta[own].tolist(), *numbers])
-    spread = scipy.linalg.block_diag(covariance[np.ix_(own, own)], np.diag(effect.number_sd[: len(numbers)]) ** 2)
+    values = np.array([*theta[indices].tolist(), *numbers])
+    spread = scipy.linalg.block_diag(
+        covariance[np.ix_(indices, indices)], np.diag(effect.number_sd[: len(numbers)]) ** 2
+    )
     known = np.isfinite(np.diag(spread))
     if not known.any():
         return False
@@ -81,7 +83,7 @@ def consistent_with_nothing(effect: EnteredEffect, model: Model, theta: Array, c
 
 @dataclass(frozen=True)
 class DetectedEffects:
-    """What a log wants beyond a model, its signs given."""
+    """The effects that a log shows beyond a model, with known signs."""
 
     extension: Extension  #: the model with the effects
     effects: tuple[EnteredEffect, ...]  #: in the order in which they were added
@@ -99,9 +101,9 @@ class DetectedEffects:
 def detect_effects(
     log_data: LogData, fit: Fit, probability: Array, start: Sequence[Effect] = (), *, enter: bool = True
 ) -> DetectedEffects:
-    """Effects that a log, with P(sign = +) (N, n), wants beyond a model that was fitted to it.
+    """Effects that a log, with P(sign = +) (N, n), shows beyond a model fitted to it.
 
-    The selection begins with some effects; each goes again if it is not worth it. Others may enter, or not.
+    The selection starts from `start` and removes those that are not confirmed. `enter` allows further effects.
     """
     case = SignedLog.of(log_data, fit, probability)
     alone = explain(case.data, ())
@@ -115,22 +117,22 @@ def detect_effects(
 def still_detected(
     log_data: LogData, fit: Fit, probability: Array, detected: DetectedEffects, without: Set[EffectKey] = frozenset()
 ) -> DetectedEffects:
-    """Those of the effects that are worth it too if nobody knows how dry friction turns round near standstill.
+    """The detected effects that remain if the shape of dry friction near standstill is unknown.
 
-    The probability (N, n) is P(sign = +), settled with the effects; some of them are left out.
+    The probability (N, n) is P(sign = +), found with the effects; those in `without` are left out.
     """
     kept = [effect.source for effect in detected.effects if effect.key not in without]
-    left = confirmed(log_data, fit, probability, kept)
+    remaining = confirmed(log_data, fit, probability, kept)
     equivalent = {effect.key: effect.equivalent for effect in detected.effects}
-    effects = (replace(effect, equivalent=equivalent[effect.key]) for effect in left.effects)
-    return replace(left, effects=tuple(effects), screened=detected.screened)
+    effects = (replace(effect, equivalent=equivalent[effect.key]) for effect in remaining.effects)
+    return replace(remaining, effects=tuple(effects), screened=detected.screened)
 
 
 def confirmed(log_data: LogData, fit: Fit, probability: Array, effects: Sequence[Effect]) -> DetectedEffects:
-    """Those of some effects that a log's evidence and held-back blocks of it bear out, beside each other.
+    """Those of some effects that the evidence and held-back blocks of a log confirm, given each other.
 
-    That is what an effect must pass to stay in a model (`bayesid.signs.model_selection`), near standstill too.
-    `log_data` is of the model without them; the probability (N, n) is P(sign = +), found with them.
+    An effect must pass this to stay in a model (`bayesid.signs.model_selection`), near standstill too. `log_data` is of
+    the model without them; the probability (N, n) is P(sign = +), found with them.
     """
     case = SignedLog.of(log_data, fit, probability)
     begun = case.made(effects)
@@ -140,7 +142,7 @@ def confirmed(log_data: LogData, fit: Fit, probability: Array, effects: Sequence
 
 
 def _selected(case: SignedLog, regression: Regression, start: frozenset[EffectKey], most: int) -> DetectedEffects:
-    """The result of a forward selection from a start, with so many effects at most or, with none, of what stays."""
+    """The result of forward selection from `start` with at most `most` effects; none: only removal."""
     regression, chosen = select_forward(
         regression, needed=TUNING.needed, most=most, sharpen=case.sharpened, start=start
     )
@@ -156,13 +158,13 @@ def _selected(case: SignedLog, regression: Regression, start: frozenset[EffectKe
 
 
 def _entered(regression: Regression, fitted_effects: FittedEffects) -> list[EnteredEffect]:
-    """Each effect weighed given the others, with what could stand in its place."""
+    """Each effect with its Bayes factor given the others, and its equivalents."""
     entered, taken = [], {effect.key for effect in fitted_effects.effects}
     for k, effect in enumerate(fitted_effects.effects):
-        near_by = (one for one in regression.effects if one.columns.joints & effect.columns.joints)
-        rivals = [one for one in near_by if one.key not in taken]
+        near_by = (other for other in regression.effects if other.columns.joints & effect.columns.joints)
+        rivals = [other for other in near_by if other.key not in taken]
         gain, *gains = regression.gains(fitted_effects.without(effect), [effect, *rivals]).tolist()
-        near = {one.effect for one, g in zip(rivals, gains, strict=True) if g > gain - LN10}
+        near = {other.effect for other, g in zip(rivals, gains, strict=True) if g > gain - LN10}
         source = effect.source
         equivalent = tuple(sorted(near - {source.effect}))
         number_sd = () if source.linear else tuple(fitted_effects.sd[k].tolist())
@@ -172,7 +174,7 @@ def _entered(regression: Regression, fitted_effects: FittedEffects) -> list[Ente
 
 @dataclass(frozen=True)
 class SignedLog:
-    """A log with its signs settled, and a fit of a model to it: what a first log says, on thinned rows of it."""
+    """A log with known signs and a fitted model, on thinned rows."""
 
     log_data: LogData
     fit: Fit
@@ -182,7 +184,7 @@ class SignedLog:
 
     @classmethod
     def of(cls, log_data: LogData, fit: Fit, probability: Array) -> SignedLog:
-        """With efforts in their expected signs, of (N, n) P(sign = +)."""
+        """With efforts in their expected signs, from P(sign = +) (N, n)."""
         signals, (rows, rate) = log_data.signals, thinned(log_data.signals)
         r, floor = len(log_data.coefficients), fit.residual
         knowledge = CoefficientPrior(log_data.model, fit.theta, np.zeros((r, r)))
@@ -198,15 +200,14 @@ class SignedLog:
 
     @property
     def rms_effort(self) -> Array:
-        """(n,) N m."""
+        """(n,) RMS effort, N m."""
         used = self.data.used
         return np.sqrt((self.data.effort**2).sum(axis=0) / np.maximum(used.sum(axis=0), 1))
 
     def sharpened(self, regression: Regression, chosen: Effects) -> Mapping[int, Hypothesis]:
-        """Distortions as they are near what has been found, by the ids of their old forms.
+        """Distortions linearised near the current fit, by the ids of their old forms.
 
-        Those that were chosen are linearised about their own numbers; where the effort of the model with the chosen
-        effects is another one by now, all others are linearised anew for it.
+        Chosen ones are linearised about their own numbers; all others too if the model's effort has changed enough.
         """
         forms: dict[int, Hypothesis] = {}
         best, r = regression.best(chosen), len(self.log_data.coefficients)
@@ -224,24 +225,24 @@ class SignedLog:
         return forms
 
     def made(self, effects: Sequence[Effect]) -> list[Hypothesis]:
-        """Effects as what they would do to the log; distortions last, what leaves no trace left out."""
+        """Hypotheses of effects on the log; distortions last, ineffective ones left out."""
         made = (self._make(effect) for effect in effects)
         return sorted((h for h in made if h.columns.joints), key=lambda hypothesis: not hypothesis.source.linear)
 
     def library(self, joint: int) -> list[list[Hypothesis]]:
-        """All forms in a (0-based) joint that a first log can tell from the model's own parameters and can resolve."""
+        """All forms in a (0-based) joint that the log can resolve and distinguish from the model's parameters."""
         return list(self._tellable(joints=(joint + 1,)))
 
     def screened(self, regression: Regression, most: int) -> list[Hypothesis]:
         """The most promising effects of the library, each in its best form, best first."""
         effects = dict.fromkeys(effect_of(name) for name in catalogue.forms())
         tasks = [partial(self._best_forms, regression, effect) for effect in effects]
-        best = sorted(chain(*in_parallel(tasks)), key=lambda one: -one[0])[:most]
+        best = sorted(chain(*in_parallel(tasks)), key=lambda form: -form[0])[:most]
         made = [(self._make(source), sd) for _, source, sd in best]
-        return [replace(one, columns=replace(one.columns, sd=sd)) for one, sd in made]
+        return [replace(form, columns=replace(form.columns, sd=sd)) for form, sd in made]
 
     def _best_forms(self, regression: Regression, effect: str) -> list[tuple[float, Effect, Array]]:
-        """Gain, source and prior sd of the best form of an effect in each place: what a process can hand over."""
+        """Gain, source and prior sd of the best form of an effect in each place; small, to pass between processes."""
         scores = best_forms(regression, self._tellable(effect=effect))
         return [(score.gain, score.hypothesis.source, score.hypothesis.columns.sd) for score in scores]
 
@@ -249,7 +250,7 @@ class SignedLog:
         self, *, effect: str | None = None, joints: tuple[int, ...] | None = None
     ) -> Iterator[list[Hypothesis]]:
         for group in hypotheses(self._make, self._scene, effect=effect, joints=joints, refinements=True):
-            if testable := [one for one in group if _testable(one, self._scene)]:
+            if testable := [form for form in group if _testable(form, self._scene)]:
                 yield testable
 
     @cached_property
@@ -267,7 +268,7 @@ def _testable(hypothesis: Hypothesis, scene: Scene) -> bool:
 
 
 def thinned(signals: Signals) -> tuple[Integers, float]:
-    """Evenly spread rows of a log, stretches of it if it is very long, and their rate, Hz."""
+    """Evenly spaced rows of a log, in stretches of a very long one, and their rate, Hz."""
     count = len(signals.motion)
     step = min(-(-count // TUNING.thinned_samples), max(1, int(signals.rate / TUNING.slowest_rate)))
     rows = np.arange(0, count, step)

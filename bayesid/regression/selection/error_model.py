@@ -5,8 +5,8 @@ x_i = w_i + c_i with c_i = phi c_(i-1) + eta_i is an ARMA(1, 1) process, (1 - ph
 
     theta / (1 + theta^2) = phi sw^2 / (sc^2 (1 - phi^2) + sw^2 (1 + phi^2)),   var eps = phi sw^2 / theta
 
-(Box and Jenkins 1976, section 3.4). So one recursive filter whitens residuals and columns alike, and the likelihood is
-that of independent innovations: samples count for what they are worth, no autocorrelation time has to be guessed.
+(Box and Jenkins 1976, section 3.4). So one recursive filter whitens residuals and columns alike. The likelihood is that
+of independent innovations, and no autocorrelation time is needed.
 """
 
 from __future__ import annotations
@@ -23,28 +23,28 @@ from bayesid.arrays import TINY, Array, Integers, Mask
 from bayesid.regression.tuning import TUNING
 
 _FINEST = np.array([TUNING.error_logits[1], math.log(TUNING.longest_time)])
-"""A point of the lattice, the one of the largest share and correlation time."""
+"""The lattice point of the largest share and correlation time."""
 _SMALL = 1e-12
-"""Guard of divisions by a share."""
+"""Lower limit of divisors."""
 
 
 @dataclass(frozen=True)
 class ErrorModel:
     """White noise and an Ornstein-Uhlenbeck process, in one joint."""
 
-    white: float  #: sd of the part that changes from sample to sample, N m
-    coloured: float  #: sd of the part that lasts, N m
+    white: float  #: sd of the uncorrelated part, N m
+    coloured: float  #: sd of the correlated part, N m
     correlation: float  #: its correlation time, s
     rate: float  #: Hz
 
     @property
     def sigma(self) -> float:
-        """Sd of both, N m."""
+        """Sd of the sum of both parts, N m."""
         return float(np.hypot(self.white, self.coloured))
 
     @property
     def shape(self) -> tuple[float, float, float]:
-        """What its filter depends on, rounded: share of the coloured part, correlation time, s, and rate, Hz."""
+        """Rounded parameters of the filter: share of the coloured part, correlation time, s, and rate, Hz."""
         return round(self._share, 12), round(self.correlation, 12), self.rate
 
     @property
@@ -64,11 +64,11 @@ class ErrorModel:
         return np.moveaxis(found, -1, 0)
 
     def whiten(self, values: Array, used: Mask) -> Array:
-        """(N, ...) innovations of values (N, ...), those not used (N,) bridged, N m; zero where not used."""
+        """(N, ...) innovations of values (N, ...), unused samples (N,) bridged, N m; zero where not used."""
         return self.innovations(bridged(values, used), used)
 
     def log_likelihood(self, residual: Array, used: Mask) -> float:
-        """Of residuals (N,), those that are used."""
+        """Log-likelihood of the used samples of residuals (N,)."""
         memory, theta, variance = _arma(self._share, self.correlation, self.rate)
         square, count = _innovations(bridged(residual, used), used, memory, theta)
         scale = self.sigma**2 * variance
@@ -76,15 +76,15 @@ class ErrorModel:
 
 
 def alike(errors: Sequence[ErrorModel], others: Sequence[ErrorModel]) -> bool:
-    """Whether error models weigh alike: by the same filters, and as much but for a share that nobody sees."""
+    """Whether error models give equal weights: equal filters, and sizes within `Tuning.unseen_size`."""
     pairs = zip(errors, others, strict=True)
     return all(a.shape == b.shape and abs(a.sigma - b.sigma) <= TUNING.unseen_size * b.sigma for a, b in pairs)
 
 
 def bridged(values: Array, used: Mask) -> Array:
-    """Values (N, ...), those not used (N,) on straight lines between their used neighbours, and level at both ends.
+    """Values (N, ...) with unused ones (N,) interpolated linearly between used neighbours, constant at both ends.
 
-    Zeros in their place would be jumps, and slow noise would count for far more than it is worth.
+    Zeros in their place would be jumps, to which a filter for slow noise gives a large weight.
     """
     gaps, left, right, share = _gaps(used.tobytes())
     if not len(gaps):
@@ -96,7 +96,7 @@ def bridged(values: Array, used: Mask) -> Array:
 
 
 def unbridged(values: Array, used: Mask) -> Array:
-    """The transpose of `bridged`: what columns are multiplied with for products of bridged ones with values (N, s)."""
+    """The transpose of `bridged`, applied to values (N, s)."""
     gaps, left, right, share = _gaps(used.tobytes())
     if not len(gaps):
         return values
@@ -109,7 +109,7 @@ def unbridged(values: Array, used: Mask) -> Array:
 
 @lru_cache(maxsize=64)
 def _gaps(used: bytes) -> tuple[Integers, Integers, Integers, Array]:
-    """Rows that are not used (g,), their used neighbours on both sides, and the share of the right one."""
+    """Unused rows (g,), their used neighbours on both sides, and the weight of the right one."""
     mask = np.frombuffer(used, dtype=bool)
     rows, gaps = np.flatnonzero(mask), np.flatnonzero(~mask)
     if not len(rows):
@@ -123,27 +123,27 @@ def _gaps(used: bytes) -> tuple[Integers, Integers, Integers, Array]:
 def fit_error(
     residual: Array, used: Mask, rate: float, limits: tuple[float, float] | None = None
 ) -> tuple[ErrorModel, float]:
-    """The likeliest error model of residuals (N,), N m, of those used (N,), and its log likelihood.
+    """The error model of the largest likelihood for the used ones of residuals (N,), N m, and its log-likelihood.
 
-    Without limits its share and correlation time are those of a lattice as fine as the fit's resolution, so that
-    residuals that hardly differ are whitened by the same filter. Limits: largest white and coloured part, N m.
+    Without limits, share and correlation time are on a lattice as fine as the fit's resolution, so that similar
+    residuals get equal filters. Limits are the largest white and coloured part, N m.
     """
-    left = _Left(bridged(residual, used), used, rate)
-    point = left.on_lattice() if limits is None else left.within(limits)
-    (share, correlation), (sigma2, value) = _from_point(point), left.judged(point, limits)
+    residuals = _Residuals(bridged(residual, used), used, rate)
+    point = residuals.on_lattice() if limits is None else residuals.within(limits)
+    (share, correlation), (sigma2, value) = _from_point(point), residuals.judged(point, limits)
     return ErrorModel(math.sqrt(sigma2 * (1.0 - share)), math.sqrt(sigma2 * share), correlation, rate), value
 
 
 @dataclass(frozen=True)
-class _Left:
-    """Residuals (N,) of a joint, N m, without gaps; which of them count; and their rate, Hz."""
+class _Residuals:
+    """Residuals (N,) of a joint, N m, without gaps, which of them are used, and their rate, Hz."""
 
     residual: Array
     used: Mask
     rate: float
 
     def judged(self, point: Array, limits: tuple[float, float] | None = None) -> tuple[float, float]:
-        """Sigma^2 and log likelihood at a point: logarithms of the shares' ratio and of the correlation time."""
+        """Sigma^2 and log-likelihood at a point (logit of the share, logarithm of the correlation time)."""
         share, correlation = _from_point(point)
         memory, theta, variance = _arma(share, correlation, self.rate)
         square, count = _innovations(self.residual, self.used, memory, theta)
@@ -154,7 +154,7 @@ class _Left:
         return sigma2, -0.5 * (count * math.log(2.0 * math.pi * scale) + square / scale)
 
     def on_lattice(self) -> Array:
-        """The likeliest point, moved to the nearest of the lattice: the least sum of squared innovations."""
+        """The lattice point nearest to the likeliest point, which has the least sum of squared innovations."""
         points, squares, _ = self._grid()
         found = [self._descended(self._arma(point)[:2]) for point in points[_valleys(squares)]]
         square, place = min(found, key=lambda at: at[0])
@@ -163,28 +163,28 @@ class _Left:
         return nearest
 
     def _within_shares(self, square: float, point: Array) -> Array:
-        """The point moved along the largest share, if that is where it is and more than rounding is lost there."""
+        """The point moved along the largest share, if it is there and the lattice costs more than rounding."""
         most = TUNING.error_logits[1]
 
-        def left(log_time: float) -> float:
+        def remainder(log_time: float) -> float:
             memory, theta, _ = self._arma(np.array([most, log_time]))
             return _innovations(self.residual, self.used, memory, theta)[0]
 
         if point[0] < most:
             return point
-        lost = 0.5 * len(self.residual) * math.log((left(float(point[1])) + TINY) / (square + TINY))
+        lost = 0.5 * len(self.residual) * math.log((remainder(float(point[1])) + TINY) / (square + TINY))
         if lost < TUNING.error_enough:
             return point
         bounds = math.log(TUNING.shortest_time), math.log(TUNING.longest_time)
         options = {"xatol": 0.5 * TUNING.error_resolution}
-        best = scipy.optimize.minimize_scalar(left, bounds=bounds, method="bounded", options=options)
+        best = scipy.optimize.minimize_scalar(remainder, bounds=bounds, method="bounded", options=options)
         return np.array([most, best.x])
 
     def _arma(self, point: Array) -> tuple[float, float, float]:
         return _arma(*_from_point(point), self.rate)
 
     def _descended(self, start: tuple[float, float]) -> tuple[float, tuple[float, float]]:
-        """Least sum of squares near phi and theta, and where it is: Newton's steps, damped where one overshoots."""
+        """Least sum of squares near phi and theta, and its place: damped Newton steps."""
         place, damping, at = start, 0.0, self._squares(start)
         for _ in range(TUNING.error_steps if at.square > TINY else 0):
             new = _stepped(place, at, damping, self.rate)
@@ -199,7 +199,7 @@ class _Left:
         return at.square, place
 
     def within(self, limits: tuple[float, float]) -> Array:
-        """The likeliest point within limits, whose kinks want a search without slopes."""
+        """The likeliest point within limits; their kinks need a search without derivatives."""
         points, squares, variance = self._grid()
         count = max(int(self.used.sum()), 1)
         most = np.array([min(_most(_from_point(point)[0], limits)) for point in points])
@@ -213,7 +213,7 @@ class _Left:
         return np.asarray(found.x, dtype=np.float64)
 
     def _grid(self) -> tuple[Array, Array, Array]:
-        """(K, 2) points of a coarse grid, (K,) sums of squares there, as if nothing were bridged, and variances."""
+        """(K, 2) points of a coarse grid, (K,) sums of squares there (bridged samples included), and variances."""
         count = len(self.residual)
         points, weights, variance = _grid_of(self.rate, min(TUNING.error_lags, count))
         spectrum = np.fft.rfft(self.residual, scipy.fft.next_fast_len(2 * count, real=True))
@@ -221,10 +221,10 @@ class _Left:
         return points, np.maximum(squares, 0.0), variance
 
     def _squares(self, place: tuple[float, float]) -> _Squares:
-        """Sum of squared innovations at phi and theta, with its slopes."""
+        """Sum of squared innovations at phi and theta, with its derivatives."""
         memory, theta = place
         late = [0.0, 1.0], [1.0, -theta]
-        rows = np.empty((5, len(self.residual)))  # innovations, by phi, by theta, by both, and by theta twice
+        rows = np.empty((5, len(self.residual)))  # innovations; derivatives by phi, theta, both, and theta twice
         np.negative(scipy.signal.lfilter(*late, self.residual), out=rows[1])
         np.add(self.residual, (memory - theta) * rows[1], out=rows[0])
         rows[2:4] = scipy.signal.lfilter(*late, rows[:2])
@@ -238,7 +238,7 @@ class _Left:
 
 @dataclass(frozen=True)
 class _Squares:
-    """A sum of squares; half its slopes by phi and theta; half its curvature (by phi, both, theta); Gauss's of it."""
+    """A sum of squares; half its gradient by phi and theta; half its Hessian (phi, both, theta); Gauss-Newton's."""
 
     square: float
     slope: tuple[float, float]
@@ -251,7 +251,7 @@ def _most(share: float, limits: tuple[float, float]) -> tuple[float, float]:
 
 
 def _valleys(squares: Array) -> Integers:
-    """Of sums of squares (K,) on the grid, those that no neighbour is below, of those that may be the least."""
+    """Local minima of sums of squares (K,) on the grid that may be the global one."""
     grid = squares.reshape(len(TUNING.error_shares), len(TUNING.error_times))
     around = scipy.ndimage.minimum_filter(grid, size=3, mode="nearest").ravel()
     lowest = squares <= np.minimum(around, (1.0 + TUNING.grid_error) * squares.min())
@@ -259,7 +259,7 @@ def _valleys(squares: Array) -> Integers:
 
 
 def _stepped(place: tuple[float, float], at: _Squares, damping: float, rate: float) -> tuple[float, float]:
-    """Phi and theta after a step of Newton's, along the border where it would leave 0 <= theta < phi."""
+    """Phi and theta after a Newton step, projected to 0 <= theta < phi."""
     (memory, theta), (by_memory, by_theta) = place, at.slope
     steep, across, level = at.curvature
     if not (level > 0.0 and steep * level > across**2):
@@ -275,7 +275,7 @@ def _stepped(place: tuple[float, float], at: _Squares, damping: float, rate: flo
 
 
 def _point(memory: float, theta: float, rate: float) -> Array:
-    """Logarithms of the shares' ratio and of the correlation time nearest to some phi and theta."""
+    """Logit of the share and logarithm of the correlation time nearest to phi and theta."""
     odds = (memory * (1.0 + theta**2) / max(theta, _SMALL) - 1.0 - memory**2) / (1.0 - memory**2)
     logit = min(max(math.log(max(odds, _SMALL)), TUNING.error_logits[0]), TUNING.error_logits[1])
     return np.array([logit, -math.log(-rate * math.log(max(memory, TINY)))])
@@ -283,10 +283,10 @@ def _point(memory: float, theta: float, rate: float) -> Array:
 
 @lru_cache(maxsize=8)
 def _grid_of(rate: float, lags: int) -> tuple[Array, Array, Array]:
-    """(K, 2) points, (K, lags) what each autocovariance adds to the sum of squared innovations, and (K,) variances.
+    """(K, 2) points, (K, lags) weights of the autocovariances in the sum of squared innovations, and (K,) variances.
 
-    With g_k = theta^k / (1 - theta^2), the autocovariances of 1 / (1 - theta L), that is
-    (1 + phi^2) g_0 - 2 phi g_1 of lag 0, and 2 (1 + phi^2) g_k - 2 phi (g_(k-1) + g_(k+1)) of others.
+    With g_k = theta^k / (1 - theta^2), the autocovariances of 1 / (1 - theta L), the weight is
+    (1 + phi^2) g_0 - 2 phi g_1 at lag 0, and 2 (1 + phi^2) g_k - 2 phi (g_(k-1) + g_(k+1)) at other lags.
     """
     points = np.array([[math.log(s / (1.0 - s)), math.log(t)] for s in TUNING.error_shares for t in TUNING.error_times])
     memory, theta, variance = np.array([_arma(*_from_point(point), rate) for point in points]).T[:, :, None]
@@ -313,6 +313,6 @@ def _arma(share: float, correlation: float, rate: float) -> tuple[float, float, 
 
 
 def _innovations(residual: Array, used: Mask, memory: float, theta: float) -> tuple[float, int]:
-    """Sum of squares, and number, of the innovations of the used samples."""
+    """Sum of squares and number of the innovations of the used samples."""
     innovation = scipy.signal.lfilter([1.0, -memory], [1.0, -theta], residual)[used]
     return float(innovation @ innovation), len(innovation)

@@ -1,4 +1,4 @@
-"""A log that effects are judged by, with its signs settled, and how well a model with some effects explains it."""
+"""Observations that effects are fitted to, and the fit of a model with some effects."""
 
 from __future__ import annotations
 
@@ -14,45 +14,45 @@ from bayesid.regression.selection.error_model import ErrorModel, fit_error
 from bayesid.regression.selection.hypotheses import Hypothesis
 
 LN10 = float(np.log(10.0))
-"""Nats a decade of a Bayes factor."""
+"""ln 10: nats of a factor of ten."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Thresholds:
-    """Where the workflow draws its lines.
+    """Thresholds of the discrepancy workflow.
 
-    All values are those of the blind cases of `bayesid study discrepancy` (docs/discrepancy.md, section 7), judged
-    together; those over a blunt floor had to explain real friction too (`bayesid study real_discrepancy`). None has a
-    unit: they are ratios, shares, counts, or log10 of Bayes factors.
+    All values come from the blind cases of `bayesid study discrepancy` (docs/discrepancy.md, section 7). Those of an
+    incomplete noise floor had to explain real friction too (`bayesid study real_discrepancy`). All are ratios, shares,
+    counts, or log10 of Bayes factors.
 
     Attributes:
-        min_samples: samples in motion that one joint at least must have.
-        another_robot: RMS error of the predicted |effort| over the sd of the measured one, beyond which, in every
-            joint, the model is taken for another robot's; 1 is what a constant reaches.
-        clearly_moving: speed, in units of standstill (a hundredth of the highest), from which on a sample counts: with
-            the smoothing tanh(u' / standstill) friction's direction is 99 % there at 2.5.
-        good_fit: share of a joint's RMS effort below which the earlier model's residual is the noise floor.
-        white_growth: factor by which the white noise may exceed the earlier log's; the rest is a finding.
-        repeated_white: least share of white noise in what repeated periods leave.
-        white_limit: factor on the floor's white part within which a fitted one is nothing but noise: sampling error.
+        min_samples: least number of samples in motion in at least one joint.
+        another_robot: RMS error of the predicted |effort| over the sd of the measured one. If all joints exceed it, the
+            model belongs to another robot; a constant reaches 1.
+        clearly_moving: speed in units of standstill (1 % of the highest speed) above which a sample counts; at 2.5
+            friction's smoothed direction tanh(u' / standstill) reaches 99 %.
+        good_fit: relative residual of the earlier model below which it is the noise floor.
+        white_growth: largest ratio of white noise to the earlier log's; more is a finding.
+        repeated_white: least share of white noise in the residual of repeated periods.
+        white_limit: largest ratio of a fitted white part to the floor's that is noise, for sampling error.
         coloured_limit: the same for the coloured part, which has fewer independent samples.
-        coloured_allowance: share of the white part that a coloured one may always have: the fit's own resolution.
-        above_floor: residual over the noise floor from which on a joint is not explained.
-        above_blunt_floor: the same over a floor that lacks what lasts of the noise, such as the residual's fast part.
-        at_blunt_floor: residual over a blunt floor at which nothing but standard effects is looked for any more.
-        log10_bayes_factor: that an effect needs to be added; 2 is "decisive" (Jeffreys 1961, appendix B).
-        improvement: fall of a joint's mean squared residual, in units of the noise floor's, that it needs beside.
-        improvement_of_rest: the same as a share of what is left.
-        equivalent: log10 below which two effects are equivalent; "strong" begins at 1 (ib.).
-        testable: log10 to be expected of a usual amplitude that an effect needs to be testable: as to be added.
-        nothing_missing: prior probability that nothing is missing, by convention one half.
-        something_else: prior probability that it is outside of the catalogue; the effects share the rest.
-        max_effects: that are added; a bound against endless loops.
-        short_list: effects among which one selection chooses, in their best forms.
-        close_looks: effects with error models of their own when all are scored; more of them cost time.
+        coloured_allowance: coloured over white part that is always noise: the fit's resolution.
+        above_floor: residual over the noise floor above which a joint is unexplained.
+        above_blunt_floor: the same over an incomplete floor, which lacks slow noise.
+        at_blunt_floor: residual over an incomplete floor below which only standard effects are searched.
+        log10_bayes_factor: needed to add an effect; 2 is "decisive" (Jeffreys 1961, appendix B).
+        improvement: needed fall of a joint's mean squared residual too, in units of the noise floor's.
+        improvement_of_rest: the same as a share of the residual.
+        equivalent: log10 of the Bayes factor below which two effects are equivalent; "strong" begins at 1 (ib.).
+        testable: expected log10 of the Bayes factor at a usual amplitude above which an effect is testable.
+        nothing_missing: prior probability that nothing is missing; one half by convention.
+        something_else: prior probability of an effect outside of the catalogue; the catalogue shares the rest.
+        max_effects: largest number of added effects; ends a loop that does not converge.
+        short_list: effects in one selection, in their best forms.
+        close_looks: effects that get their own error models when all are scored; trades time.
         held_back_improvement: share of a joint's squared errors on held-back data by which a set of effects must
-            predict them better than a smaller one.
-        explained_share: of the excess in a joint that stays unexplained, that its effects must explain to be kept.
+            predict better than a smaller set.
+        explained_share: least share of an unexplained joint's excess that its effects must explain to be kept.
 
     Example:
         >>> strict = bayesid.types.Thresholds(log10_bayes_factor=4.0)  # for bayesid.find_discrepancy
@@ -88,15 +88,15 @@ class Thresholds:
 
 @dataclass(frozen=True)
 class Observations:
-    """What all hypotheses are judged by: the log with its signs settled, what is known, and how to decide."""
+    """The log with known signs, prior information, and thresholds: common to all hypotheses."""
 
     #: the model's columns (N, n, r), and which samples (N, n) count; shared by all observations of them
     whitening: Whitening = field(repr=False)
     effort: Array  #: (N, n) with their expected signs, zero where not used, N m
     information: InformationMatrix  #: of the r coefficients, from earlier logs
     floor: Array  #: (n,) RMS of the noise, N m
-    sharp: Mask  #: (n,) whether the floor holds all of the noise (see `bayesid.discrepancy.case.NoiseFloor`)
-    limits: Array  #: (n, 2) largest white and coloured part of the error that is nothing but noise, N m
+    sharp: Mask  #: (n,) whether the floor is complete (see `bayesid.discrepancy.case.NoiseFloor`)
+    limits: Array  #: (n, 2) largest white and coloured part of an error that is noise, N m
     rate: float  #: Hz
     thresholds: Thresholds = Thresholds()  #: that decide
     #: an explanation of nearly the same data: its error models are kept in joints where the same effects act
@@ -104,24 +104,24 @@ class Observations:
 
     @property
     def columns(self) -> Array:
-        """(N, n, r) of the model, zero where a sample is not used."""
+        """(N, n, r) regressor of the model, zero where a sample is not used."""
         return self.whitening.columns
 
     @property
     def used(self) -> Mask:
-        """(N, n) samples that count."""
+        """(N, n) used samples."""
         return self.whitening.used
 
     def in_joint(self, joint: int) -> Observations:
-        """One (0-based) joint, as if that were the only one."""
-        one = [joint]
+        """The part of one (0-based) joint."""
+        index = [joint]
         return replace(
             self,
-            whitening=Whitening(self.columns[:, one], self.used[:, one]),
-            effort=self.effort[:, one],
-            floor=self.floor[one],
-            sharp=self.sharp[one],
-            limits=self.limits[one],
+            whitening=Whitening(self.columns[:, index], self.used[:, index]),
+            effort=self.effort[:, index],
+            floor=self.floor[index],
+            sharp=self.sharp[index],
+            limits=self.limits[index],
             reference=None,
         )
 
@@ -132,10 +132,9 @@ class Observations:
 
 @dataclass(frozen=True, eq=False)
 class JudgedJoint:
-    """What is left in one joint (N,), N m, judged where somebody asks: most are asked for their error models alone.
+    """Residual of one joint (N,), N m, evaluated on demand.
 
-    The limits are the largest white and coloured part of the error that is nothing but noise, N m. Of a previous
-    explanation of the same data the error model is kept.
+    The limits are the largest white and coloured part of noise, N m. `kept` is the error model of an earlier fit.
     """
 
     residual: Array
@@ -146,12 +145,12 @@ class JudgedJoint:
 
     @property
     def error(self) -> ErrorModel:
-        """The likeliest error model, or the one that is kept."""
+        """The likeliest error model, or the earlier fit's."""
         return self._fitted[0] if self.previous is None else self.previous.error
 
     @cached_property
     def noise(self) -> float:
-        """Log evidence if it is nothing but noise."""
+        """Log evidence if the residual is noise."""
         if self.previous is not None:
             return self.previous.noise + self._likelier
         fitted, value = self._fitted
@@ -160,23 +159,23 @@ class JudgedJoint:
 
     @cached_property
     def free(self) -> float:
-        """Log evidence if it may be anything."""
+        """Log evidence if the residual is not limited to noise."""
         if self.previous is not None:
             return self.previous.free + self._likelier
         return self._fitted[1] - float(np.log(max(int(self.used.sum()), 2)))
 
     @cached_property
     def evidence(self) -> float:
-        """Log evidence, whichever is likelier: the limits are not looked into where noise is out of the question."""
+        """The larger log evidence; the limited fit is skipped if noise is impossible."""
         if self.previous is not None:
             return self.previous.evidence + self._likelier
         return self.free if self._as_noise_at_most < self.free else max(self.noise, self.free)
 
     @property
     def _as_noise_at_most(self) -> float:
-        """Not below the log evidence as noise: with the least squares of all, and the largest variance, if both bind.
+        """Upper bound of the log evidence as noise: the least squares of all, or the largest variance.
 
-        Innovations vary no more than the white and the coloured part together.
+        The variance of innovations is at most that of the white and the coloured part together.
         """
         count, value = max(int(self.used.sum()), 1), self._fitted[1]
         most = self.limits[0] ** 2 + self.limits[1] ** 2 + TINY
@@ -189,7 +188,7 @@ class JudgedJoint:
 
     @cached_property
     def _likelier(self) -> float:
-        """Log likelihood under the error model that is kept, over that of the residual it was fitted to."""
+        """Log-likelihood under the earlier error model, relative to that of its own residual."""
         assert self.previous is not None
         before, after = (self.error.log_likelihood(x, self.used) for x in (self.previous.residual, self.residual))
         return after - before
@@ -197,16 +196,16 @@ class JudgedJoint:
 
 @dataclass(frozen=True, eq=False)
 class FittedEffects:
-    """A log explained by the model and some effects."""
+    """A fit of the model and some effects to a log."""
 
     data: Observations  #: the log
     effects: tuple[Hypothesis, ...]  #: linear about their own numbers
-    uncertain: Columns  #: that the model may be wrong by beside
+    uncertain: Columns  #: further columns of model error
     beta: Array  #: (r,) coefficients
     amplitudes: tuple[Array, ...]  #: of each effect, (p,) each
     sd: tuple[Array, ...]  #: of the amplitudes
     residual: Array  #: (N, n) N m, zero where not used
-    judged: tuple[JudgedJoint, ...]  #: what is left, joint by joint
+    judged: tuple[JudgedJoint, ...]  #: residuals by joint
     #: log prior density of coefficients and amplitudes, less the log volume of what the data leave open
     log_prior: float
     #: R with R'R = H^-1, in the order of coefficients, uncertain columns and amplitudes
@@ -219,22 +218,22 @@ class FittedEffects:
 
     @property
     def noise_evidence(self) -> Array:
-        """(n,) log evidence of each joint's residual if it is nothing but noise."""
+        """(n,) log evidence of each joint's residual if it is noise."""
         return np.array([joint.noise for joint in self.judged])
 
     @property
     def free_evidence(self) -> Array:
-        """(n,) the same if it may be anything."""
+        """(n,) log evidence of each joint's residual without limits."""
         return np.array([joint.free for joint in self.judged])
 
     @property
     def log_evidence(self) -> float:
-        """Up to a constant common to all explanations of the same data."""
+        """Up to a constant common to all fits to the same data."""
         return sum(joint.evidence for joint in self.judged) + self.log_prior
 
     @property
     def log_evidence_as_noise(self) -> float:
-        """Log evidence if what is left is nothing but noise."""
+        """Log evidence if the residual is noise."""
         return float(self.noise_evidence.sum()) + self.log_prior
 
     @property
@@ -247,13 +246,13 @@ class FittedEffects:
         """The effects with their amplitudes."""
         return list(zip(self.effects, self.amplitudes, strict=True))
 
-    def without(self, *gone: Hypothesis) -> tuple[Hypothesis, ...]:
-        """The effects but some."""
-        return tuple(effect for effect in self.effects if all(effect is not other for other in gone))
+    def without(self, *left_out: Hypothesis) -> tuple[Hypothesis, ...]:
+        """The effects without some."""
+        return tuple(effect for effect in self.effects if all(effect is not other for other in left_out))
 
     def amplitude_of(self, effect: Hypothesis) -> tuple[Array, Array]:
         """(p,) of one of the effects, and (p, p) covariance."""
-        place = next(k for k, one in enumerate(self.effects) if one is effect)
+        place = next(k for k, other in enumerate(self.effects) if other is effect)
         start = self.root.shape[1] - sum(len(amplitude) for amplitude in self.amplitudes[place:])
-        own = self.root[:, start : start + len(self.amplitudes[place])]
-        return self.amplitudes[place], own.T @ own
+        rows = self.root[:, start : start + len(self.amplitudes[place])]
+        return self.amplitudes[place], rows.T @ rows

@@ -1,4 +1,4 @@
-"""Forward selection: adds the effects that evidence and held-back blocks of the log bear out, one after the other."""
+"""Forward selection: adds effects one by one if the evidence and held-back blocks of the log confirm them."""
 
 from __future__ import annotations
 
@@ -15,8 +15,7 @@ from bayesid.regression.selection.regression import Effects, Regression
 from bayesid.regression.tuning import TUNING
 
 Sharpen = Callable[[Regression, Effects], Mapping[int, Hypothesis]]
-"""New forms of effects, by the ids of the old ones, once some are chosen: of those that are linear near what was found
-alone."""
+"""Forms of effects linearised near the current fit, by the ids of the old forms."""
 
 
 def select_forward(
@@ -27,10 +26,10 @@ def select_forward(
     sharpen: Sharpen = lambda regression, chosen: {},
     start: Set[EffectKey] = frozenset(),
 ) -> tuple[Regression, list[Hypothesis]]:
-    """Adds the borne-out effect of the largest gain until none is left; what that makes needless goes.
+    """Adds the confirmed effect of the largest gain until none is left, and removes effects that become unnecessary.
 
-    An effect needs a log Bayes factor, and so many are added at most. What is chosen at the start goes too if it is not
-    worth it beside the rest. Returns a regression whose noise is that of the result, and the effects that were chosen.
+    Each needs the log Bayes factor `needed`; at most `most` are added. Those in `start` are removed too if they do not
+    pass. Returns a regression with the error model of the result, and the selected effects.
     """
     begun = [effect for effect in regression.effects if effect.key in start]
     selection = _Selection(regression, begun, needed, most, sharpen)
@@ -50,7 +49,7 @@ def select_forward(
 
 @dataclass(eq=False)
 class _Selection:
-    """What is chosen of the regression's effects, and what is never tried again."""
+    """The selected effects of a regression, and those that are not tried again."""
 
     regression: Regression
     chosen: list[Hypothesis]
@@ -60,27 +59,27 @@ class _Selection:
     refused: set[EffectKey] = field(default_factory=set)
 
     def refuse(self, tried: Effects) -> None:
-        """Those that were tried and are not chosen would come and go for ever."""
+        """Excludes effects that were tried and not selected, which ends the loop."""
         self.refused |= {effect.key for effect in tried} - {effect.key for effect in self.chosen}
 
     def grow(self) -> None:
-        """Adds effects as long as one is borne out; what that makes needless is refused from then on."""
+        """Adds effects as long as one is confirmed; effects that become unnecessary are excluded from then on."""
         while len(self.chosen) < self.most:
             taken = {effect.key for effect in self.chosen} | self.refused
             tried = [effect for effect in self.regression.effects if effect.key not in taken]
             gains = self.regression.gains(self.chosen, tried)
-            more = self._first_borne_out([tried[k] for k in np.argsort(-gains) if gains[k] > self.needed])
+            more = self._first_confirmed([tried[k] for k in np.argsort(-gains) if gains[k] > self.needed])
             if more is None:
                 break
             self.chosen = self._merged(self._exchanged(more))
             self.settle()
             self.refuse(more)
 
-    def _first_borne_out(self, promising: Effects) -> list[Hypothesis] | None:
-        """The chosen and the first effect that is borne out, if any. More and more are looked at at once."""
+    def _first_confirmed(self, promising: Effects) -> list[Hypothesis] | None:
+        """The selected and the first confirmed effect, if any; batches grow, as they are evaluated together."""
         before = self.regression.cross_validation(self.chosen)
-        left, count = iter([_with(self.chosen, entering) for entering in promising]), 1
-        while some := list(islice(left, count)):
+        candidates, count = iter([_with(self.chosen, entering) for entering in promising]), 1
+        while some := list(islice(candidates, count)):
             for more, errors in zip(some, self.regression.held_back_each(some), strict=True):
                 if confirms(errors, before, more[-1].columns.joints):
                     return more
@@ -88,10 +87,10 @@ class _Selection:
         return None
 
     def _exchanged(self, chosen: list[Hypothesis]) -> list[Hypothesis]:
-        """Some, each replaced by what explains more in its joints, and is borne out, beside others that act there.
+        """Replaces effects by ones that explain more in their joints and are confirmed.
 
-        What came first may be what resembles the sum of two best. Of what cannot be told apart (Jeffreys 1961,
-        appendix B), the one of fewest columns.
+        The first added effect may only resemble a sum of two better ones. Of equivalent effects (Jeffreys 1961,
+        appendix B), the one with fewest columns is taken.
         """
         for effect in list(chosen):
             others, joints = _without(chosen, effect), effect.columns.joints
@@ -109,14 +108,14 @@ class _Selection:
         return chosen
 
     def _merged(self, chosen: list[Hypothesis]) -> list[Hypothesis]:
-        """Pairs of one place, each replaced by a single effect that takes about their place, and is borne out.
+        """Replaces pairs of effects in one place by a single one that explains nearly as much and is confirmed.
 
-        Two that are chosen one after the other may stand for one that neither resembles. It explains more than either
-        by what an effect needs, and less than both by no more than what two need: their forms were chosen for it.
+        Two effects may together imitate a third. It must exceed either by the needed gain, and lose at most twice that
+        against the pair, whose forms were fitted to the log.
         """
         for pair in combinations(chosen, 2):
             joints = pair[0].columns.joints
-            if pair[1].columns.joints != joints or any(one not in chosen for one in pair):
+            if pair[1].columns.joints != joints or any(effect not in chosen for effect in pair):
                 continue
             others, taken = _without(_without(chosen, pair[0]), pair[1]), {effect.key for effect in chosen}
             rivals = [e for e in self.regression.effects if e.columns.joints == joints and e.key not in taken]
@@ -133,7 +132,7 @@ class _Selection:
         return rivals[int(np.argmax(self.regression.gains(others, rivals)))]
 
     def settle(self) -> None:
-        """Sharpens the forms of the chosen and estimates noise anew, until none of them is needless."""
+        """Linearises the selected forms again and refits the noise until no effect is unnecessary."""
         while True:
             forms = self.sharpen(self.regression, self.chosen)
             self.chosen = [forms.get(id(effect), effect) for effect in self.chosen]
@@ -144,7 +143,7 @@ class _Selection:
                 return
 
     def drop_needless(self) -> None:
-        """Leaves out those whose gain, given the others, is too small, the smallest first."""
+        """Removes effects whose gain, given the others, is too small, the smallest first."""
         while self.chosen:
             gains = [self._gain(effect) for effect in self.chosen]
             if min(gains) > self.needed:
@@ -152,7 +151,7 @@ class _Selection:
             self.chosen = _without(self.chosen, self.chosen[int(np.argmin(gains))])
 
     def drop_idle(self) -> None:
-        """Leaves out what others make needless, or what held-back data do not bear out beside these."""
+        """Removes effects that others make unnecessary, or that held-back data do not confirm."""
         self.drop_needless()
         while self.chosen:
             sets = [self.chosen, *(_without(self.chosen, effect) for effect in self.chosen)]
@@ -165,7 +164,7 @@ class _Selection:
             self.drop_needless()
 
     def drop_harmful(self) -> None:
-        """Leaves out those that harm a joint, the most harmful first."""
+        """Removes effects that raise the error of a joint, the most harmful first."""
         nothing = self.regression.cross_validation(())
         while (joints := harmed(self.regression.cross_validation(self.chosen), nothing)).any():
             others = self.regression.held_back_each([_without(self.chosen, effect) for effect in self.chosen])
@@ -177,9 +176,9 @@ class _Selection:
 
 
 def _with(chosen: Effects, entering: Hypothesis) -> list[Hypothesis]:
-    """The chosen and one more, which takes the place of the same effect in some of its joints."""
+    """The selected effects and one more, which replaces the same effect in some of its joints."""
     effect, joints = entering.key[0], entering.columns.joints
-    return [*(one for one in chosen if not (one.key[0] == effect and one.columns.joints <= joints)), entering]
+    return [*(other for other in chosen if not (other.key[0] == effect and other.columns.joints <= joints)), entering]
 
 
 def _without(chosen: Effects, left_out: Hypothesis) -> list[Hypothesis]:

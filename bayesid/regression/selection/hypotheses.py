@@ -1,4 +1,4 @@
-"""What could be missing: every effect of the catalogue in every form, as columns on the log at hand."""
+"""Hypotheses: every effect of the catalogue in every form, as columns on the log."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ EffectKey = tuple[str, tuple[int, ...]]
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """A learned function as a log has shown it, for a figure."""
+    """A learned function with its uncertainty, for a figure."""
 
     variable: str  #: q4, dq5, ddq1, tau2 or t
-    other: str  #: of a function of two variables the other one; empty otherwise
-    turning: str  #: the speed with whose direction it turns round; empty where with none
+    other: str  #: second variable of a function of two; empty otherwise
+    turning: str  #: speed with whose direction it changes sign; empty if none
     x: Array  #: (g,) values of the variable over the range seen
-    levels: Array  #: (k,) of the other variable, at each of which there is a curve; one where there is none
+    levels: Array  #: (k,) of the second variable, one curve each; a single one without it
     mean: Array  #: (k, g) N m
     sd: Array  #: (k, g) its standard deviation
 
@@ -39,40 +39,40 @@ class Curve:
 class Hypothesis:
     """One form of an effect."""
 
-    source: Effect  #: the term or distortion that it would add
-    columns: Columns  #: what it would do to this log
-    make: Callable[[Effect], Hypothesis] = field(repr=False, compare=False)  #: makes a hypothesis of another form
-    changes: tuple[str, ...] = ()  #: parameters of the model that would change, where it has the effect already
-    curves: tuple[Curve, ...] = ()  #: of an effect that was learned, its functions
+    source: Effect  #: the term or distortion
+    columns: Columns  #: its efforts on this log
+    make: Callable[[Effect], Hypothesis] = field(repr=False, compare=False)  #: makes another form
+    changes: tuple[str, ...] = ()  #: parameters of the model that would change, if it has the effect already
+    curves: tuple[Curve, ...] = ()  #: functions of a learned effect
 
     @cached_property
     def effect(self) -> str:
-        """Name of the effect, whatever the form."""
+        """Name of the effect, without its form."""
         return self.source.effect
 
     @property
     def joints(self) -> tuple[int, ...]:
-        """From 1; none named: it acts on the whole robot."""
+        """Joints from 1; empty: the whole robot."""
         return self.source.joints
 
     @cached_property
     def key(self) -> EffectKey:
-        """Effect and joints, whatever the form."""
+        """Effect and joints, without the form."""
         return self.effect, self.joints
 
     @property
     def standard(self) -> bool:
-        """Whether every robot has it, more or less."""
+        """Whether it belongs to the standard terms."""
         return self.source.name in STANDARD
 
     @property
     def beyond_numbers(self) -> bool:
-        """Whether it is a distortion with more amplitudes than numbers: these are parameters that the model lacks."""
+        """Whether a distortion has more amplitudes than numbers, such as parameters that the model lacks."""
         return not self.source.linear and len(self.columns.sd) > sum(map(len, self.source.shape.values()))
 
     @property
     def alone(self) -> Hypothesis:
-        """The same, without the columns of other forms in memory."""
+        """A copy with its own arrays, which keeps no other forms in memory."""
         return replace(self, columns=self.columns.alone)
 
     def remade(self, number: str, value: float) -> Hypothesis:
@@ -82,7 +82,7 @@ class Hypothesis:
 
 
 Library = Sequence[list[Hypothesis]]
-"""Groups of forms that act in the same joints with as many amplitudes."""
+"""Groups of forms with equal joints and numbers of amplitudes."""
 
 
 def hypotheses(
@@ -93,10 +93,10 @@ def hypotheses(
     joints: tuple[int, ...] | None = None,
     refinements: bool = False,
 ) -> Iterator[list[Hypothesis]]:
-    """Lists of forms that act in the same joints with as many amplitudes, for one call of `Regression.screened` each.
+    """Lists of forms with equal joints and numbers of amplitudes, for one call of `Regression.screened` each.
 
-    Of the catalogue, or of one effect and some joints (from 1) alone, where a scene is: distortions are linear near it;
-    with finer forms of standard terms or without.
+    From the whole catalogue, or of one effect and some joints (from 1) only. Distortions are linearised about the
+    scene. `refinements` adds finer forms of standard terms.
     """
     for kind in catalogue.forms().values():
         name = effect_of(kind.name)
@@ -116,11 +116,11 @@ def _of_kind(
                 groups.setdefault(key, []).append(hypothesis)
     for group in groups.values():
         together = stacked([hypothesis.columns for hypothesis in group])
-        yield [replace(one, columns=columns) for one, columns in zip(group, together, strict=True)]
+        yield [replace(form, columns=columns) for form, columns in zip(group, together, strict=True)]
 
 
 def maker(model: Model, scene: Scene, used: Mask) -> Callable[[Effect], Hypothesis]:
-    """What makes a hypothesis of an effect, on a log of which samples (N, n) are used."""
+    """A function that makes the hypothesis of an effect, on a log with used samples (N, n)."""
     size = np.sqrt(np.sum((scene.measured * used) ** 2, axis=0) / np.maximum(used.sum(axis=0), 1))
 
     def make(source: Effect) -> Hypothesis:
@@ -134,7 +134,7 @@ def maker(model: Model, scene: Scene, used: Mask) -> Callable[[Effect], Hypothes
 
 
 def _scaled(hypothesis: Hypothesis) -> list[Hypothesis]:
-    """The hypothesis with each prior that its effect wants tried, none if it would leave no trace."""
+    """The hypothesis with each prior size of its effect; none if it has no effect on the log."""
     columns, typical = hypothesis.columns, np.atleast_2d(hypothesis.source.typical)
     if not columns.joints:
         return []
@@ -143,7 +143,7 @@ def _scaled(hypothesis: Hypothesis) -> list[Hypothesis]:
 
 
 def _columns(source: Effect, scene: Scene, size: Array, used: Mask, new: bool) -> Columns:
-    """What a form does to a log; a change of what the model has already (not new) may go either way."""
+    """Columns of a form; a change of an effect that the model has already (not `new`) may have either sign."""
     shifts, rows = source.change_by_joint(scene)
     shifts = {j: shift for j, shift in shifts.items() if j in rows or np.any(shift[used[:, j]])}
     if not rows and not shifts:
@@ -158,7 +158,7 @@ def _columns(source: Effect, scene: Scene, size: Array, used: Mask, new: bool) -
 
 
 def _held(source: Effect, model: Model) -> Effect | None:
-    """The effect itself, with the model's shape, if all parameters that it would add are the model's already."""
+    """The effect with the model's shape, if the model has all of its parameters already."""
     names = {parameter.name for parameter in model.parameters}
     if not {parameter.name for parameter in source.parameters(model.robot)} <= names:
         return None
@@ -170,9 +170,9 @@ def _held(source: Effect, model: Model) -> Effect | None:
 
 
 def usual_amplitudes(rows: Mapping[int, Array], size: Array, used: Mask) -> Array:
-    """(p,) amplitudes whose largest effort is usual for the joint in which it is largest.
+    """(p,) amplitudes at which each column has a usual effort in the joint where it is largest.
 
-    Of columns (N, p) by joint (0-based), with the joints' RMS efforts (n,), N m, over the used samples (N, n).
+    Columns (N, p) by joint (0-based), with the joints' RMS efforts (n,), N m, over the used samples (N, n).
     """
     peaks = {j: np.abs(x.T.compress(used[:, j], axis=1)).max(axis=1, initial=0.0) for j, x in rows.items()}
     relative = [peak / max(size[j], TINY) for j, peak in peaks.items()]
@@ -181,12 +181,12 @@ def usual_amplitudes(rows: Mapping[int, Array], size: Array, used: Mask) -> Arra
 
 
 def near_standstill(model: Model, motion: Motion, size: Array, used: Mask) -> Columns:
-    """What a model's dry friction may be wrong by where it turns round: how, no term says.
+    """Error of a model's dry friction near reversals, where its shape is unknown.
 
-    A term smooths the turn as tanh(u' / v), with v the speed below which a log hardly shows its direction. Friction
-    that turns round at once differs from it by tanh(k u' / v) - tanh(u' / v), up to half of it at speeds about v: on a
-    log with little noise enough for the evidence of an effect that acts at low speed (study `complete`, 8 bit).
-    The joints' RMS efforts (n,), N m, over the used samples (N, n) give the amplitudes' prior.
+    A term smooths the reversal as tanh(u' / v), with v the speed below which a log hardly shows the direction. A sharp
+    reversal differs from it by tanh(k u' / v) - tanh(u' / v), up to one half at speeds about v. With little noise that
+    is enough to imitate an effect at low speed (study `complete`, 8 bit). RMS efforts (n,), N m, over the used samples
+    (N, n) give the amplitudes' prior.
     """
     columns = []
     for term in model.terms:

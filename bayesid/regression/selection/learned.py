@@ -1,9 +1,9 @@
-"""Effects without a name: which variables what is left of a joint depends on, and how, by evidence.
+"""Effects without a name: functions of some variables that explain a joint's residual, chosen by evidence.
 
-A candidate is a product of functions of one, two or three variables (`effects.axes`), its amplitudes normal about
-zero. All pairs of variables are screened as smooth functions; for the best of them every family of functions is tried,
-over a grid of the prior's size and length; the best sets of variables get error models of their own. What extrapolates,
-such as a sine or a square, has fewer columns than a smooth function, so that evidence prefers it where it is the law.
+A candidate is a product of functions of one, two or three variables (`effects.axes`), with normal amplitudes about
+zero. All pairs of variables are screened as smooth functions. For the best ones every family of functions is tried,
+over a grid of prior sizes and lengths. The best sets of variables get their own error models. Laws that extrapolate,
+such as a sine or a square, have fewer columns than a smooth function, so evidence prefers them where they hold.
 """
 
 from __future__ import annotations
@@ -30,19 +30,19 @@ from bayesid.regression.selection.regression import Regression, integrated
 from bayesid.regression.tuning import TUNING
 
 Variable = tuple[Quantity, int]
-"""What it is, and of which joint (from 1); 0 for the time."""
+"""A quantity and its joint (from 1); 0 for the time."""
 
 DECISIVE = 2.0 * LN10
-"""Log Bayes factor by which a function of more variables must be better than one of some of them (Jeffreys 1961)."""
+"""Log Bayes factor that a function needs over one of fewer variables (Jeffreys 1961)."""
 _POINTS, _LEVELS = 301, (0.15, 0.5, 0.85)
-"""Of a curve for a figure, and values of the other variable, as shares of its range."""
+"""Points of a curve for a figure, and quantiles of the range for the second variable."""
 
 
 @dataclass(frozen=True)
 class Form:
     """A product of functions of some variables.
 
-    Smooth functions have a kernel of a length, as a share of the range; the size is the function's prior sd, N m.
+    A smooth function has a kernel with a length relative to the range; the size is the function's prior sd, N m.
     """
 
     axes: tuple[Axis, ...]
@@ -51,22 +51,22 @@ class Form:
 
     @property
     def variables(self) -> frozenset[Variable]:
-        """Without their functions."""
+        """The variables only."""
         return frozenset(axis.variable for axis in self.axes)
 
     @property
     def smooth(self) -> bool:
-        """Whether one of the functions is smooth and nothing more."""
+        """Whether one of the functions is smooth and not a law."""
         return any(axis.family is Family.SMOOTH for axis in self.axes)
 
     @property
     def bounded(self) -> bool:
-        """Whether it stays as it is beyond the range seen."""
+        """Whether it is constant beyond the observed range."""
         return all(axis.family in (Family.SMOOTH, Family.DIRECTION) for axis in self.axes)
 
     @property
     def plain(self) -> bool:
-        """Whether its few columns are a law rather than any function."""
+        """Whether it has few columns, as a law has."""
         return not self.smooth and self.counts <= TUNING.law_columns
 
     @property
@@ -77,9 +77,9 @@ class Form:
 
 @dataclass(frozen=True)
 class Learned:
-    """A function that may be what is left of a joint.
+    """A function that may explain the residual of a joint.
 
-    The gain is the log Bayes factor for adding it, averaged over its forms, less the price of having looked everywhere.
+    The gain is the log Bayes factor for adding it, averaged over its forms, less the penalty for multiple comparisons.
     """
 
     form: Form
@@ -90,7 +90,7 @@ class Learned:
 
 @dataclass(frozen=True, eq=False)
 class Finder:
-    """Finds what is left of a joint (from 1) of a log, of which samples (N, n) are used; `make` makes hypotheses."""
+    """Searches the residual of a joint (from 1) of a log with used samples (N, n); `make` makes hypotheses."""
 
     scene: Scene
     used: Mask
@@ -101,27 +101,27 @@ class Finder:
     _variances: dict[tuple[Axis, float], Array] = field(default_factory=dict)
 
     def variables(self) -> list[Variable]:
-        """All that changes: positions, speeds and accelerations of all joints, the joint's load, and the time."""
+        """All that vary: positions, speeds and accelerations of all joints, the joint's load, and the time."""
         joints = range(1, self.scene.robot.n_joints + 1)
         kinds = (Quantity.POSITION, Quantity.VELOCITY, Quantity.ACCELERATION)
-        own: list[Variable] = [(Quantity.LOAD, self.joint), (Quantity.TIME, 0)]
-        everything = [(kind, j) for kind in kinds for j in joints] + own
+        specific: list[Variable] = [(Quantity.LOAD, self.joint), (Quantity.TIME, 0)]
+        everything = [(kind, j) for kind in kinds for j in joints] + specific
         return [variable for variable in everything if np.ptp(self._range(variable)) > TUNING.changes]
 
     def screened(self) -> Iterator[Form]:
-        """Smooth functions of one variable and of two, and such that turn round with a joint's direction of motion."""
+        """Smooth functions of one and two variables, and products with the direction of a joint's motion."""
         variables = self.variables()
-        for one in variables:
-            yield Form((self._smooth(one, TUNING.cosines_fine),))
-        for one, other in combinations(variables, 2):
-            yield Form((self._smooth(one, TUNING.cosines_screened), self._smooth(other, TUNING.cosines_screened)))
-        for turning, one in product([v for v in variables if v[0] is Quantity.VELOCITY], variables):
-            if turning != one:
-                yield Form((self._direction(turning), self._smooth(one, TUNING.cosines_coarse)))
+        for first in variables:
+            yield Form((self._smooth(first, TUNING.cosines_fine),))
+        for first, second in combinations(variables, 2):
+            yield Form((self._smooth(first, TUNING.cosines_screened), self._smooth(second, TUNING.cosines_screened)))
+        for turning, first in product([v for v in variables if v[0] is Quantity.VELOCITY], variables):
+            if turning != first:
+                yield Form((self._direction(turning), self._smooth(first, TUNING.cosines_coarse)))
         yield from (Form((axis,)) for axis in self._oscillations())
 
     def forms(self, variables: Iterable[Variable], *, fine: bool) -> Iterator[Form]:
-        """All products of families of functions of these variables, those with many columns among them or not."""
+        """All products of families of functions of these variables; `fine` selects those with many columns."""
         chosen = sorted(variables)
         if chosen == [(Quantity.TIME, 0)]:
             yield from (Form((axis,)) for axis in self._oscillations())
@@ -129,7 +129,7 @@ class Finder:
             yield Form(axes)
 
     def _oscillations(self) -> Iterator[Axis]:
-        """Of one frequency each, over time: so close that no frequency lies between two."""
+        """Single frequencies over time, closely spaced."""
         time: Variable = (Quantity.TIME, 0)
         low, high = self._range(time)
         rate = (len(self._value(time)) - 1) / (high - low)
@@ -138,7 +138,7 @@ class Finder:
         yield from (Axis(*time, Family.PERIODIC, low, high, np.pi * apart * k / high, 2) for k in range(1, count + 1))
 
     def _tuned(self, forms: Iterable[Form]) -> Iterator[Form]:
-        """Of what oscillates over time the same at frequencies nearby."""
+        """For oscillations over time, the same form at neighbouring frequencies."""
         for form in forms:
             axis = form.axes[0]
             if len(form.axes) == 1 and axis.quantity is Quantity.TIME and axis.family is Family.PERIODIC:
@@ -155,7 +155,7 @@ class Finder:
         return Axis(*variable, Family.DIRECTION, *self._range(variable), slowest, 1)
 
     def _families(self, variable: Variable, *, fine: bool) -> Iterator[Axis]:
-        """Every family of functions of a variable."""
+        """All families of functions of a variable."""
         low, high = self._range(variable)
         yield self._smooth(variable, TUNING.cosines_coarse)
         if fine:
@@ -202,23 +202,23 @@ class Finder:
         return products([self._of_axis(axis) for axis in form.axes])
 
     def sd(self, form: Form) -> Array:
-        """(p,) prior standard deviations of their amplitudes."""
+        """(p,) prior standard deviations of the amplitudes."""
         variance = np.full(1, form.size**2)
         for axis in form.axes:
             variance = np.outer(variance, self._variance(axis, form.length)).ravel()
         return np.sqrt(variance)
 
     def _variance(self, axis: Axis, length: float) -> Array:
-        """(count,) of the functions of an axis; those that are no cosines have an RMS of their own."""
+        """(count,) variances of an axis' functions; those other than cosines are scaled to their RMS."""
         if (axis, length) not in self._variances:
-            own = axis.density(length)
+            variance = axis.density(length)
             if axis.family is not Family.SMOOTH:
-                own = own / scaled_to_one(self._of_axis(axis), self.used[:, self.joint - 1]) ** 2
-            self._variances[axis, length] = own
+                variance = variance / scaled_to_one(self._of_axis(axis), self.used[:, self.joint - 1]) ** 2
+            self._variances[axis, length] = variance
         return self._variances[axis, length]
 
     def hypothesis(self, form: Form) -> Hypothesis:
-        """The effect of a form by itself."""
+        """The effect of a single form."""
         weights = np.eye(form.counts)
         source = LearnedEffect.of(self.joint, [Component(form.axes, weights)], self.scene.links.tolist())
         return self._hypothesis(source, self.rows(form), self.sd(form))
@@ -230,11 +230,10 @@ class Finder:
     def ranked(
         self, fitted_effects: FittedEffects, errors: Sequence[ErrorModel] | None = None, *, bounded: bool = False
     ) -> list[Learned]:
-        """The most promising functions, one for each set of variables, best first, on top of an explanation.
+        """The most promising functions on top of a fit, one for each set of variables, best first.
 
-        What is left before anything is learned looks like lasting noise, under which slow functions count for little,
-        so that functions are weighed again by the errors that the best of them leaves. Bounded functions stay as they
-        are beyond the range seen.
+        The first residual looks like slow noise, which hides slow functions. So functions are scored again with the
+        error model that the best one leaves. `bounded` functions are constant beyond the observed range.
         """
         again, regression = errors is not None, Regression.of(fitted_effects)
         regression = regression if errors is None else regression.weighed(errors)
@@ -242,7 +241,7 @@ class Finder:
         promising = sorted(screened, key=lambda variables: -screened[variables][1])[
             : TUNING.variables_tried_again if again else TUNING.variables_tried
         ]
-        forms = (form for one in promising for form in self.forms(one, fine=again))
+        forms = (form for variables in promising for form in self.forms(variables, fine=again))
         best = self._best(regression, (form for form in forms if form.bounded or not bounded))
         best |= self._best(regression, self._tuned([form for form, *_ in best.values()]))
         return self._looked_at(fitted_effects, regression.errors, best, float(np.log(len(screened))))
@@ -254,24 +253,24 @@ class Finder:
         best: Mapping[frozenset[Variable], tuple[Form, float, float]],
         price: float,
     ) -> list[Learned]:
-        """The best, with error models of their own."""
+        """The best functions with their own error models."""
         closer = []
-        for one in sorted(best, key=lambda variables: -best[variables][1])[: TUNING.variables_looked_at]:
-            form, gain, own = best[one]
+        for chosen in sorted(best, key=lambda variables: -best[variables][1])[: TUNING.variables_looked_at]:
+            form, gain, best_gain = best[chosen]
             hypothesis = self.hypothesis(form)
             effects = (*fitted_effects.effects, hypothesis)
             extended = Regression(fitted_effects.data, effects, errors, fitted_effects.uncertain)
             extended = extended.weighed(extended.fitted_effects.errors)
-            log_data, off = extended.fitted_effects.log_evidence - fitted_effects.log_evidence, own - gain + price
+            log_data, off = extended.fitted_effects.log_evidence - fitted_effects.log_evidence, best_gain - gain + price
             closer.append(Learned(form, hypothesis, log_data - off, off))
-        return _plainest_first(closer)
+        return _fewest_variables_first(closer)
 
     def _best(
         self, regression: Regression, forms: Iterable[Form]
     ) -> dict[frozenset[Variable], tuple[Form, float, float]]:
-        """By the set of variables its best form, the gain averaged over all of its forms, and that of the best.
+        """For each set of variables: its best form, the gain averaged over its forms, and the best form's gain.
 
-        Of forms that the log cannot tell apart it is a law rather than a smooth function, and of few columns.
+        Among equivalent forms, a law is preferred to a smooth function, and fewer columns to more.
         """
         gains: dict[frozenset[Variable], list[tuple[float, Form]]] = {}
         for form, gain in self._gains(regression, forms):
@@ -280,8 +279,12 @@ class Finder:
         for variables, tried in gains.items():
             most = max(gain for gain, _ in tried)
             near = ((gain, form) for gain, form in tried if gain > most - DECISIVE)
-            own, best = min(near, key=lambda one: (one[1].smooth, one[1].counts, -one[0]))
-            found[variables] = best, float(logsumexp([gain for gain, _ in tried])) - float(np.log(len(tried))), own
+            best_gain, best = min(near, key=lambda scored: (scored[1].smooth, scored[1].counts, -scored[0]))
+            found[variables] = (
+                best,
+                float(logsumexp([gain for gain, _ in tried])) - float(np.log(len(tried))),
+                best_gain,
+            )
         return found
 
     def _gains(self, regression: Regression, forms: Iterable[Form]) -> Iterator[tuple[Form, float]]:
@@ -295,7 +298,7 @@ class Finder:
         return chain.from_iterable(reversed(found))
 
     def _gains_of(self, regression: Regression, forms: list[Form]) -> list[tuple[Form, float]]:
-        """Of forms with equally many columns."""
+        """Log Bayes factors of forms with equal numbers of columns."""
         found = list[tuple[Form, float]]()
         free = np.zeros(forms[0].counts, dtype=bool)
         columns = [Columns({self.joint - 1: self.rows(form)}, {}, np.ones(len(free)), free) for form in forms]
@@ -311,20 +314,20 @@ class Finder:
         return found
 
     def merged(self, found: Sequence[Learned], amplitudes: Sequence[tuple[Array, Array]], number: int) -> Hypothesis:
-        """One effect of some functions: those of many columns in the shape that was found, their RMS made one.
+        """One effect of several functions; smooth ones keep their fitted shape, scaled to an RMS of one.
 
-        A log's signs, searched from scratch, must not be free to choose the shape. Of each function there are
-        the amplitudes (p,) and their covariance (p, p); the effect has a number among those learned in this joint.
+        A new sign search must not change the shape. Each function has amplitudes (p,) with a covariance (p, p).
+        `number` counts the learned effects of this joint.
         """
         used, components, parts = self.used[:, self.joint - 1], [], []
-        for one, (amplitude, _) in zip(found, amplitudes, strict=True):
-            weights = np.eye(len(amplitude)) if one.form.plain else amplitude[:, None]
-            weights = weights / scaled_to_one(self.rows(one.form) @ weights, used)
-            components.append(Component(one.form.axes, weights))
-            parts.append(self.rows(one.form) @ weights)
+        for function, (amplitude, _) in zip(found, amplitudes, strict=True):
+            weights = np.eye(len(amplitude)) if function.form.plain else amplitude[:, None]
+            weights = weights / scaled_to_one(self.rows(function.form) @ weights, used)
+            components.append(Component(function.form.axes, weights))
+            parts.append(self.rows(function.form) @ weights)
         rows = np.column_stack(parts)
         source = LearnedEffect.of(self.joint, components, self.scene.links.tolist(), number)
-        curves = tuple(_curve(one.form, *known) for one, known in zip(found, amplitudes, strict=True))
+        curves = tuple(_curve(function.form, *known) for function, known in zip(found, amplitudes, strict=True))
         return replace(self._hypothesis(source, rows, np.full(rows.shape[1], self._effort)), curves=curves)
 
     @cached_property
@@ -335,9 +338,9 @@ class Finder:
 
 
 def _curve(form: Form, amplitude: Array, covariance: Array) -> Curve:
-    """A function over its first variable, at some values of the other one; motion forwards."""
+    """A function over its first variable, at some values of the second; forward motion."""
     free = [axis for axis in form.axes if axis.family is not Family.DIRECTION] or list(form.axes)
-    turning = [axis for axis in form.axes if all(axis is not one for one in free)]
+    turning = [axis for axis in form.axes if all(axis is not fixed for fixed in free)]
     x = np.linspace(free[0].low, free[0].high, _POINTS)
     levels = np.quantile([free[-1].low, free[-1].high], _LEVELS) if len(free) > 1 else np.zeros(1)
     mean, sd = [], []
@@ -352,12 +355,13 @@ def _curve(form: Form, amplitude: Array, covariance: Array) -> Curve:
     return Curve(variable, other, turns, x, levels, np.array(mean), np.array(sd))
 
 
-def _plainest_first(found: Sequence[Learned]) -> list[Learned]:
-    """Best first, but without those that add variables to another one for less than a decisive gain."""
+def _fewest_variables_first(found: Sequence[Learned]) -> list[Learned]:
+    """Best first, without those that need more variables for less than a decisive gain."""
     return sorted(
-        (one for one in found if not any(_needless(one, other) for other in found)), key=lambda one: -one.gain
+        (candidate for candidate in found if not any(_needless(candidate, other) for other in found)),
+        key=lambda candidate: -candidate.gain,
     )
 
 
-def _needless(one: Learned, other: Learned) -> bool:
-    return other.form.variables < one.form.variables and one.gain < other.gain + DECISIVE
+def _needless(candidate: Learned, other: Learned) -> bool:
+    return other.form.variables < candidate.form.variables and candidate.gain < other.gain + DECISIVE

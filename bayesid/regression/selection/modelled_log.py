@@ -1,7 +1,6 @@
-"""A model on a log: its columns, what effects may see of both, and the model with effects added.
+"""A model on a log: its columns, the hypotheses of effects, and the model with effects added.
 
-Distortions are linear in their numbers near them alone, so that they are linearised about those that were found, again
-and again.
+Distortions are nonlinear in their numbers, so they are linearised about the fitted values several times.
 """
 
 from __future__ import annotations
@@ -29,20 +28,20 @@ from bayesid.regression.tuning import TUNING
 from bayesid.robot import Robot
 
 KINEMATICS: tuple[str, tuple[int, ...]] = ("kinematics", ())
-"""Where effects are named: the robot's geometry."""
+"""Key of the robot's geometry among effects."""
 
 
 class Geometry(Effect):
-    """The robot's geometry, off its table: always there a little, and not of the catalogue."""
+    """Error of the robot's geometry; always present, and not in the catalogue."""
 
     name = KINEMATICS[0]
 
 
 @dataclass(frozen=True, eq=False)
 class ModelledLog:
-    """A log beside a model of its robot; the signs of its efforts come from elsewhere."""
+    """A log and a model of its robot; the signs of the efforts are given separately."""
 
-    knowledge: CoefficientPrior  #: of the model's parameters, from an earlier log; of no precision without one
+    knowledge: CoefficientPrior  #: of the model's parameters, from an earlier log; of precision zero without one
     coefficients: BaseCoefficients  #: the model's r base coefficients
     motion: Motion  #: N instants
     magnitude: Array  #: (N, n) absolute values of the unfiltered efforts, N m
@@ -51,17 +50,17 @@ class ModelledLog:
 
     @property
     def model(self) -> Model:
-        """Without any effect added."""
+        """The model without added effects."""
         return self.knowledge.model
 
     @cached_property
     def columns(self) -> Array:
-        """(N, n, r) of the base coefficients, at samples that are not used too."""
+        """(N, n, r) regressor of the base coefficients, unused samples included."""
         return self.model.columns(self.motion)[:, :, self.coefficients.selected]
 
     @cached_property
     def information(self) -> InformationMatrix:
-        """What is known of the base coefficients."""
+        """Information of the earlier log on the base coefficients."""
         return self.knowledge.information(self.model, self.coefficients)
 
     @cached_property
@@ -71,7 +70,7 @@ class ModelledLog:
     def observed(
         self, effort: Array, *, floor: Array, sharp: Mask, limits: Array, thresholds: Thresholds = Thresholds()
     ) -> Observations:
-        """The log with efforts (N, n) in their expected signs, N m; the rest as `Observations` has it."""
+        """The log with efforts (N, n) in their expected signs, N m; other arguments as in `Observations`."""
         return Observations(
             whitening=self._whitening,
             effort=effort * self.used,
@@ -87,24 +86,24 @@ class ModelledLog:
     # Effects
     # -----------------------------------------------------------------------------------------------------------
     def scene(self, effort: Array) -> Scene:
-        """What effects may look at, given efforts (N, n) of model and terms, N m."""
+        """Input of effects, for efforts (N, n) of model and terms, N m."""
         return self.model.scene(self.motion, self.knowledge.theta, effort, self.magnitude)
 
     def maker(self, scene: Scene) -> Callable[[Effect], Hypothesis]:
-        """What makes a hypothesis of an effect."""
+        """A function that makes the hypothesis of an effect."""
         return maker(self.model, scene, self.used)
 
     def geometry(self, tolerance: KinematicTolerance, *, known: bool = False) -> Columns:
-        """What an error of the robot's geometry does, in units of its tolerance (see `kinematic_columns`)."""
+        """Columns of errors of the robot's geometry, in units of the tolerance (see `kinematic_columns`)."""
         links = self.model.links(self.knowledge.theta).ravel()
         return Columns.of_joints(kinematic_columns(self.model.robot, self.motion, links, tolerance, known=known))
 
     def effort(self, fitted_effects: FittedEffects, *, distorted: bool = True) -> Array:
-        """(N, n) efforts of an explanation, N m; or of model and terms alone, not distorted."""
+        """(N, n) efforts of a fit, N m; undistorted: of model and terms only."""
         return self.effort_of(fitted_effects.beta, fitted_effects.parts, distorted=distorted)
 
     def effort_of(self, beta: Array, parts: Iterable[tuple[Hypothesis, Array]], *, distorted: bool) -> Array:
-        """The same of coefficients (r,), and of effects with their amplitudes."""
+        """The same from coefficients (r,), and effects with their amplitudes."""
         effort: Array = self.columns @ beta
         for effect, amplitude in parts:
             if distorted or effect.source.linear:
@@ -115,7 +114,7 @@ class ModelledLog:
         return effort
 
     def sharpened(self, data: Observations, effects: Sequence[Hypothesis]) -> FittedEffects:
-        """By the effects, distortions linearised about the numbers that were found."""
+        """A fit with the effects, distortions linearised about their fitted numbers."""
         fitted_effects = explain(data, effects)
         for _ in range(TUNING.relinearisations):
             if not _moves(fitted_effects):
@@ -126,14 +125,14 @@ class ModelledLog:
         return fitted_effects
 
     def sharper(self, regression: Regression, chosen: Effects) -> Mapping[int, Hypothesis]:
-        """Chosen distortions as they are near what has been found, by the ids of their old forms."""
+        """Chosen distortions linearised about the current fit, by the ids of their old forms."""
         if all(effect.source.linear for effect in chosen):
             return {}
         new = self.sharpened(regression.data, chosen).effects
         return {id(old): form for old, form in zip(chosen, new, strict=True)}
 
     def extended(self, fitted_effects: FittedEffects) -> Extension:
-        """The model with the effects of an explanation added."""
+        """The model with the effects of a fit added."""
         knowledge, model, coefficients = self.knowledge, self.model, self.coefficients
         names = [parameter.name for parameter in model.parameters]
         without_trace = knowledge.theta - coefficients.lift(coefficients.project(knowledge.theta))
@@ -150,7 +149,7 @@ class ModelledLog:
 
 
 def _moves(fitted_effects: FittedEffects) -> bool:
-    """Whether a distortion is still on its way, by more than nobody would see, or what it does may be."""
+    """Whether a distortion's numbers or columns still change by more than the tolerance."""
     distortions = [(effect, amplitude) for effect, amplitude in fitted_effects.parts if not effect.source.linear]
     if any(isinstance(effect.source, Distortion) and effect.source.of_effort for effect, _ in distortions):
         return True
@@ -158,7 +157,7 @@ def _moves(fitted_effects: FittedEffects) -> bool:
 
 
 def about(effects: Sequence[Hypothesis], scene: Scene) -> list[Hypothesis]:
-    """The effects linearised where a scene is, about their own numbers."""
+    """The effects linearised about a scene and their own numbers."""
     return [_relinearised(effect, scene) for effect in effects]
 
 
@@ -175,8 +174,8 @@ def _relinearised(effect: Hypothesis, scene: Scene) -> Hypothesis:
 class Extension:
     """A model with effects added.
 
-    The knowledge of its parameters, from the earlier log, is wider where an effect is a change of what was there. The
-    parameters theta (P,) of the explanation are not feasible in general, but have its efforts.
+    The prior from the earlier log is wider where an effect changes existing parameters. The parameters theta (P,) give
+    the efforts of the fit, but need not be feasible.
     """
 
     model: Model
@@ -188,7 +187,7 @@ class Extension:
 # The geometry
 # ---------------------------------------------------------------------------------------------------------------
 _STEP = 1e-5
-"""m and rad, of the central differences: their error is its square, and rounding 1e-10 of the effort."""
+"""Step of the central differences, m and rad: their relative error is its square; rounding is 1e-10 of the effort."""
 _Move = Callable[[Array, float], Array]
 """A step along or about an axis (3,), as a matrix (4, 4)."""
 
@@ -196,11 +195,11 @@ _Move = Callable[[Array, float], Array]
 def kinematic_columns(
     robot: Robot, motion: Motion, links: Array, tolerance: KinematicTolerance, *, known: bool = False
 ) -> Array:
-    """(N, n, k) efforts of one standard deviation of each place and direction of the robot's geometry, N m.
+    """(N, n, k) efforts per standard deviation of each position and direction of the robot's geometry, N m.
 
-    Those are of each joint, along the axes of its frame; in the standard convention, where a link's frame stands at the
-    next joint and its parameters (10 n,) are about that, of the base, and the numbers d, theta, a and alpha of each
-    row. Where base and parameters are known by another log of the robot, they do not go along.
+    Each joint moves along and about the axes of its frame. The standard convention has link frames at the next joint;
+    so the base moves too, and each row's d, theta, a and alpha, with the parameters (10 n,) about these frames.
+    `known`: base and parameters stay, as another log determines them.
     """
 
     def column(move: _Move, axis: Array, moved: Callable[[Array], Robot], sd: float) -> Array:
@@ -214,7 +213,7 @@ def kinematic_columns(
 
 
 def _displacements(robot: Robot, *, known: bool) -> Iterator[tuple[_Move, Array, Callable[[Array], Robot]]]:
-    """Shifts and turns, their axes, and the robot of which one part is moved so."""
+    """Shifts and rotations, their axes, and the robot with one part moved."""
     distal = not known and is_distal(robot)
     for i in range(1 if known else 0, 1 if distal else robot.n_joints):
         for move in (shift, turn):

@@ -1,19 +1,19 @@
-"""Effects that may be there, unseen: of the size that the log makes likeliest, they widen what is uncertain.
+"""Sizes of effects that cannot be excluded; they widen the intervals.
 
-By automatic relevance determination: the amplitudes of a group are normal about zero; their common variance is the one
-under which the log is likeliest, all amplitudes and coefficients integrated out (MacKay 1994; Tipping 2001;
+Automatic relevance determination: the amplitudes of a group are normal about zero. Their common variance is the one of
+the largest likelihood, with all amplitudes and coefficients integrated out (MacKay 1994; Tipping 2001;
 :eq:`relevance`)::
 
     s^2  <-  |mu|^2 / (p - tr(Sigma) / s^2 + h),
 
-with mu, Sigma the amplitudes' posterior, in units of what is usual, and h the weight of a belief that most effects are
-absent: what the log cannot show at all vanishes. What is there in any robot, a geometry that is not quite its table's,
-is believed to be about as large as usual, and has the mean that the log leaves of this belief (:eq:`relevance-there`)::
+with mu, Sigma the amplitudes' posterior in units of their usual size. h is the weight of a prior that most effects are
+absent; an effect that the log cannot show vanishes. Errors of the geometry exist in any robot. Their prior is about the
+usual size, and the posterior mean is used (:eq:`relevance-there`)::
 
     s^2 = E[s^2 | log],   p(s) ~ (1 + s^2 / 2)^(-5/2) before it: Student's t, E[s^2] = 1.
 
-Intervals are too narrow (`TooNarrow`) if the robot has what the log cannot tell from coefficients: a counterbalance
-that balances gravity well is gravity to a log. Of a geometry far off its table the derivatives are no longer enough.
+Intervals are too narrow (`TooNarrow`) if an effect is confounded with coefficients: a counterbalance that balances
+gravity well looks like gravity. If the geometry is far from its table, its derivatives are too inaccurate.
 """
 
 from __future__ import annotations
@@ -40,22 +40,22 @@ from bayesid.regression.tuning import TUNING
 
 @dataclass(frozen=True)
 class NuisanceScales:
-    """What may be there."""
+    """Effects that cannot be excluded."""
 
-    nuisance: Nuisance | None = None  #: what it does to coefficients; None where it does nothing
-    #: effects of which the model's columns stand for a part: by how much (r,) coefficients are off where it is there,
-    #: in its usual size. The nuisance leaves that part out: nothing tells that it is there
+    nuisance: Nuisance | None = None  #: their effect on the coefficients; None if there is none
+    #: effects partly confounded with the model's columns: (r,) bias of the coefficients if the effect has its usual
+    #: size. The nuisance does not include that part, as the log cannot show it
     stood_for: tuple[tuple[EffectKey, Array], ...] = ()
-    by_geometry: Array | None = None  #: (r,) sd of the coefficients by its error alone; None where it is exact
+    by_geometry: Array | None = None  #: (r,) sd of the coefficients by the geometry alone; None if it is exact
 
 
 def find_nuisance_scales(
     log_data: LogData, fit: Fit, probability: Array, rest: Sequence[Hypothesis], tolerance: KinematicTolerance
 ) -> NuisanceScales:
-    """Effects that may be there, unseen, each of the size that the log makes likeliest; and the geometry's tolerance.
+    """Effects that cannot be excluded, each of the likeliest size, and the geometry's tolerance.
 
-    Of a completed model's fit to a log with P(sign = +) (N, n), the effects that did not enter. The tolerance's scale
-    may grow, and shrink if nobody has stated it.
+    They are the effects that did not enter the model fitted to a log with P(sign = +) (N, n). The scale of the
+    tolerance may grow, and shrink unless a user stated it.
     """
     case = SignedLog.of(log_data, fit, probability)
     geometry = Hypothesis(Geometry(), case.modelled.geometry(tolerance), _no_other_form)
@@ -76,10 +76,10 @@ def find_nuisance_scales(
         return NuisanceScales(None, stood_for)
     by_geometry = None
     if geometry is groups[-1]:
-        own, moments = moves[:, regression.place(geometry)], relevance.moments
-        variance = np.einsum("rp,pq,rq->r", own, moments[-own.shape[1] :, -own.shape[1] :], own)
-        by_geometry = np.sqrt(np.maximum(variance, 0.0))  # rounding leaves less than nothing of what is not there
-    there = [(group, turn) for group, turn, one in zip(groups, relevance.turns, kept, strict=True) if one]
+        moved, moments = moves[:, regression.place(geometry)], relevance.moments
+        variance = np.einsum("rp,pq,rq->r", moved, moments[-moved.shape[1] :, -moved.shape[1] :], moved)
+        by_geometry = np.sqrt(np.maximum(variance, 0.0))  # rounding may make a variance of zero negative
+    there = [(group, turn) for group, turn, chosen in zip(groups, relevance.turns, kept, strict=True) if chosen]
     signals, amplitudes = log_data.signals, np.repeat(kept, [turn.shape[1] for turn in relevance.turns])
     scene = log_data.model.scene(signals.motion, fit.theta, fit.predicted, signals.magnitude)
     parts = [_on_all_rows(group, turn, case, scene) for group, turn in there]
@@ -100,9 +100,9 @@ def _no_other_form(source: Effect) -> Hypothesis:
 
 
 def _on_all_rows(group: Hypothesis, turn: Array, case: SignedLog, scene: Scene) -> Callable[[slice], Array]:
-    """(N', n, p) efforts of some rows per unit of each turned amplitude, N m.
+    """(N', n, p) efforts of some rows per unit of each rotated amplitude, N m.
 
-    The geometry's are smooth, and dear: what lies between the thinned rows is read off a spline.
+    Those of the geometry are smooth and slow to compute, so a spline interpolates between thinned rows.
     """
     n, t = scene.robot.n_joints, scene.motion.t
     of_joint: dict[int, Callable[[slice], Array]] = {}
@@ -124,45 +124,45 @@ def _on_all_rows(group: Hypothesis, turn: Array, case: SignedLog, scene: Scene) 
 
 
 _SCALES = np.geomspace(1e-3, 1e2, 501)
-"""Grid of s that the mean is summed over: far finer than what a log tells of a scale, and as far as it matters."""
+"""Grid of s for the mean, far finer than the posterior of a scale."""
 
 
 @dataclass(frozen=True)
 class Relevance:
-    """What a log says of groups of columns."""
+    """Fitted scales of groups of columns."""
 
-    scales: Array  #: (groups,) of each, relative to what is usual; 0 where it is left out
-    turns: tuple[Array, ...]  #: of each, (p, p') the directions of its amplitudes that count
-    stood_for: tuple[Array, ...]  #: of each, (p, p - p') those that the model's columns stand for
+    scales: Array  #: of each group, relative to the usual size; 0 if it is left out
+    turns: tuple[Array, ...]  #: of each group, (p, p') the directions of its amplitudes that are used
+    stood_for: tuple[Array, ...]  #: of each group, (p, p - p') directions confounded with the model's columns
     moments: Array  #: (p', p') second moments of the amplitudes of all groups in these directions, given the log
 
 
 def learn_scales(regression: Regression, always: Mapping[int, float]) -> Relevance:
-    """How large the effects of a regression are likely to be, each a group of columns.
+    """The likeliest scales of a regression's effects, each a group of columns.
 
-    What the model's columns stand for themselves, up to a hundredth of a column's square, is left to them: kinetic
-    friction is Coulomb friction, whatever else an effect has. Not of what is there in any case, with a least scale (by
-    the effect's id): 1 for what was stated.
+    Directions in the span of the model's columns, to within a hundredth of their square, are left out: kinetic friction
+    is confounded with Coulomb friction. This does not apply to groups in `always`, which have a least scale (by the
+    effect's id), 1 if it was stated.
     """
     hessian, gradient, groups = regression.hessian, regression.gradient, regression.effects
     free = regression.data.columns.shape[2]
     of_model = inverse_of(hessian[:free, :free])
     columns = np.concatenate([regression.place(group) for group in groups])
     across, whole = hessian[columns, :free], hessian[np.ix_(columns, columns)]
-    own = whole - across @ of_model @ across.T  # beside the model's columns
+    residual_gram = whole - across @ of_model @ across.T  # orthogonal to the model's columns
     directions, end = [], 0
     for group in groups:
         at, end = slice(end, end + len(group.columns.sd)), end + len(group.columns.sd)
         sd = np.diag(group.columns.sd)
         kept, vectors = np.ones(len(sd), dtype=bool), np.eye(len(sd))
         if id(group) not in always:
-            values, vectors = np.linalg.eigh(sd @ own[at, at] @ sd)
+            values, vectors = np.linalg.eigh(sd @ residual_gram[at, at] @ sd)
             kept = values > TUNING.own_share * np.einsum("ij,ik,kj->j", vectors, sd @ whole[at, at] @ sd, vectors)
         directions.append((sd @ vectors[:, kept], sd @ vectors[:, ~kept]))
     turns, stood_for = (tuple(some) for some in zip(*directions, strict=True))
     turn = block_diag(*turns)
-    reduced, slope = turn.T @ own @ turn, turn.T @ (gradient[columns] - across @ of_model @ gradient[:free])
-    owner = np.repeat(np.arange(len(groups)), [own.shape[1] for own in turns])
+    reduced, slope = turn.T @ residual_gram @ turn, turn.T @ (gradient[columns] - across @ of_model @ gradient[:free])
+    owner = np.repeat(np.arange(len(groups)), [residual_gram.shape[1] for residual_gram in turns])
     there = np.array([id(group) in always for group in groups])
     scales = np.where(there, 1.0, TUNING.relevance_start)
     for _ in range(2 if there.any() else 1):
@@ -175,7 +175,7 @@ def learn_scales(regression: Regression, always: Mapping[int, float]) -> Relevan
 
 
 def _likeliest(reduced: Array, slope: Array, owner: Integers, scales: Array, learned: Array) -> Array:
-    """(groups,) scales after the fixed point, of those that are learned."""
+    """(groups,) scales after the fixed-point iteration, for the groups to fit."""
     for _ in range(TUNING.relevance_rounds):
         mean, covariance = _amplitudes(reduced, slope, scales[owner])
         decided = np.bincount(owner, 1.0 - np.diag(covariance), len(scales))
@@ -184,23 +184,25 @@ def _likeliest(reduced: Array, slope: Array, owner: Integers, scales: Array, lea
     return scales
 
 
-def _expected(reduced: Array, slope: Array, own: Mask, sd: Array) -> float:
-    """Root mean square of one group's scale given the log, the others' sd (p,) being known."""
-    others = ~own & (sd > 0.0)
+def _expected(reduced: Array, slope: Array, mine: Mask, sd: Array) -> float:
+    """Root mean square of one group's scale given the log and the other groups' sd (p,)."""
+    others = ~mine & (sd > 0.0)
     inner = reduced[np.ix_(others, others)] + np.diag(sd[others] ** -2.0)
-    across = np.linalg.solve(inner, np.column_stack([reduced[np.ix_(others, own)], slope[others]]))
-    left = reduced[np.ix_(own, own)] - reduced[np.ix_(own, others)] @ across[:, :-1]
-    values, vectors = np.linalg.eigh(0.5 * (left + left.T))
-    pull = vectors.T @ (slope[own] - reduced[np.ix_(own, others)] @ across[:, -1])
+    across = np.linalg.solve(inner, np.column_stack([reduced[np.ix_(others, mine)], slope[others]]))
+    reduced_own = reduced[np.ix_(mine, mine)] - reduced[np.ix_(mine, others)] @ across[:, :-1]
+    values, vectors = np.linalg.eigh(0.5 * (reduced_own + reduced_own.T))
+    projected = vectors.T @ (slope[mine] - reduced[np.ix_(mine, others)] @ across[:, -1])
     square = _SCALES[:, None] ** 2
     growth = 1.0 + square * np.maximum(values, 0.0)
-    log_density = 0.5 * np.sum(square * pull**2 / growth - np.log(growth), axis=1) - 2.5 * np.log1p(0.5 * square[:, 0])
-    weight = _SCALES * np.exp(log_density - log_density.max())  # the grid is even in the logarithm
+    log_density = 0.5 * np.sum(square * projected**2 / growth - np.log(growth), axis=1) - 2.5 * np.log1p(
+        0.5 * square[:, 0]
+    )
+    weight = _SCALES * np.exp(log_density - log_density.max())  # the grid is uniform in the logarithm
     return float(np.sqrt(weight @ square[:, 0] / weight.sum()))
 
 
 def _amplitudes(reduced: Array, slope: Array, scale: Array) -> tuple[Array, Array]:
-    """(p,) mean of the amplitudes, and (p, p) covariance in units of their scales (p,)."""
+    """(p,) mean and (p, p) covariance of the amplitudes in units of their scales (p,)."""
     precision: Array = np.eye(len(scale)) + reduced * np.outer(scale, scale)
     covariance = np.asarray(np.linalg.inv(precision), dtype=np.float64)
     return scale * (covariance @ (slope * scale)), covariance
@@ -208,24 +210,24 @@ def _amplitudes(reduced: Array, slope: Array, scale: Array) -> tuple[Array, Arra
 
 @dataclass(frozen=True)
 class TooNarrow:
-    """Coefficients whose intervals are too narrow if one of several effects is there."""
+    """Coefficients whose intervals are too narrow if one of several effects is present."""
 
-    effects: tuple[str, ...]  #: any of which would look like these coefficients
-    joints: tuple[int, ...]  #: from 1; none: the whole robot
-    coefficients: tuple[str, ...]  #: those that would be off, the most first
-    times: float | None = None  #: as far as believed, if the log shows that it is there: the geometry
+    effects: tuple[str, ...]  #: effects confounded with these coefficients
+    joints: tuple[int, ...]  #: from 1; empty: the whole robot
+    coefficients: tuple[str, ...]  #: biased ones, the most biased first
+    times: float | None = None  #: measured over stated error of the geometry, if the log shows an error
 
 
 def too_narrow(
     stood_for: Sequence[tuple[EffectKey, Array]], names: Sequence[str], sd: Array, of_links: Mask
 ) -> tuple[TooNarrow, ...]:
-    """Effects that would mostly look like the links, joint by joint: those of friction only share its name.
+    """Effects confounded mostly with the links, joint by joint; those of friction are left out.
 
     Args:
-        stood_for: effects and by how much they move the r coefficients.
+        stood_for: effects and their biases of the r coefficients.
         names: (r,) of the coefficients.
         sd: (r,) their standard deviations.
-        of_links: (r,) whether links have a part in them.
+        of_links: (r,) whether link parameters are part of them.
     """
     moved: dict[tuple[int, ...], tuple[list[str], Array]] = {}
     known = np.isfinite(sd) & (sd > 0.0)
@@ -242,9 +244,9 @@ def too_narrow(
 
 
 def geometry_far_off(scale: float, by_geometry: Array, names: Sequence[str], sd: Array) -> tuple[TooNarrow, ...]:
-    """What a geometry off by `scale` times what was believed makes doubtful; nothing where it is as believed.
+    """Coefficients that a geometry error makes uncertain, if it is `scale` times the stated tolerance; else empty.
 
-    It adds sd `by_geometry` (r,) to the coefficients, whose sd (r,) are those without anything unseen.
+    It adds the sd `by_geometry` (r,) to the coefficients, whose sd (r,) include no undetected effects.
     """
     if scale <= TUNING.far_off:
         return ()

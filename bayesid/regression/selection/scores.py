@@ -1,17 +1,17 @@
-"""Scores: how much each effect of the catalogue, or set of effects, in its best form would add to an explanation.
+"""Scores of effects: by how much each effect or set of effects, in its best form, improves a fit.
 
-`best_forms` prices single effects, errors as they are; `assess` looks closer at the most promising; `refined` seeks
-nonlinear numbers between those that the library holds.
+`best_forms` scores single effects with fixed error models. `assess` refits the error models for the best ones.
+`refined` optimises nonlinear numbers between the library's values.
 
-One effect after the other goes wrong where two are missing in one joint: the first to be taken is what resembles the
-sum, and slow noise stands for what is left. `joint_sets` multiplies all forms that act in a joint alone once, the
-model's columns taken out as far as the earlier log allows; pairs are tried exhaustively, larger sets by a beam. With
-the products Q of a set's columns, q those with the effort, c = y'y what is left without them, D the amplitudes' prior
-standard deviations, all in units of the floor (:eq:`set-proposal`)::
+Adding effects one by one fails if a joint lacks two: the first one added resembles their sum, and slow noise explains
+the rest. So `joint_sets` multiplies all forms of a joint once, with the model's columns eliminated as far as the
+earlier log allows. Pairs are tried exhaustively, larger sets by a beam search. With the products Q of a set's columns,
+q those with the effort, c = y'y of the residual without them, D the amplitudes' prior standard deviations, all in units
+of the floor (:eq:`set-proposal`)::
 
     log p = - N log(s^2) / 2 - (c - q' (Q + s^2 D^-2)^-1 q) / (2 s^2) - log det(1 + D Q D / s^2) / 2,
 
-with white noise of the scale s >= 1 that is likeliest. This proposes; `regression.selection.regression` weighs.
+with white noise of the likeliest scale s >= 1. This proposes sets; `regression.selection.regression` scores them.
 """
 
 from __future__ import annotations
@@ -37,14 +37,14 @@ from bayesid.regression.tuning import TUNING
 class Score:
     """An effect in its best form."""
 
-    hypothesis: Hypothesis  #: this form
+    hypothesis: Hypothesis  #: the best form
     gain: float  #: log of the Bayes factor for adding it, averaged over its forms
-    expected_gain: float  #: log of the Bayes factor to be expected of a usual amplitude
-    spread: float = 0.0  #: what averaging over its forms has changed of the gain
-    #: fall of a joint's mean squared residual, in units of the noise floor's or, where much more is left, of a part of
-    #: that; nan where no closer look was had
+    expected_gain: float  #: expected log of the Bayes factor at a usual amplitude
+    spread: float = 0.0  #: change of the gain by averaging over its forms
+    #: fall of a joint's mean squared residual, in units of the noise floor's or, if larger, of a part of the residual;
+    #: nan if the error models were not refitted
     improvement: float = np.nan
-    #: (n,) mean squared residual with it, in units of the floor's; None where no closer look was had
+    #: (n,) mean squared residual with it, in units of the floor's; None if the error models were not refitted
     mean_square: Array | None = None
 
     @property
@@ -54,19 +54,16 @@ class Score:
 
     @property
     def alone(self) -> Score:
-        """The same, without the columns of other forms in memory."""
+        """A copy with its own arrays, which keeps no other forms in memory."""
         return replace(self, hypothesis=self.hypothesis.alone)
 
     def qualifies(self, thresholds: Thresholds) -> bool:
-        """Whether it is certain enough, and large enough to be worth a term."""
+        """Whether Bayes factor and improvement reach the thresholds."""
         return self.gain > thresholds.log10_bayes_factor * LN10 and self.improvement > thresholds.improvement
 
 
 def assess(fitted_effects: FittedEffects, library: Library) -> list[Score]:
-    """Every effect of the library in its best form, best first, on top of an explanation.
-
-    By a quick look all of them, by a closer one the most promising.
-    """
+    """Every effect of the library in its best form on top of a fit, best first; the best ones with refitted errors."""
     count = fitted_effects.data.thresholds.close_looks
     ordered = best_forms(Regression.of(fitted_effects), library)
     closer = [_closer(fitted_effects, score) for score in ordered[:count]]
@@ -74,7 +71,7 @@ def assess(fitted_effects: FittedEffects, library: Library) -> list[Score]:
 
 
 def best_forms(regression: Regression, library: Iterable[Sequence[Hypothesis]]) -> list[Score]:
-    """Each effect in its best form, best first, on top of all effects of a regression."""
+    """Each effect in its best form on top of all effects of a regression, best first."""
     groups: dict[EffectKey, list[Score]] = {}
     names: dict[EffectKey, set[str]] = {}
     for group in library:
@@ -84,13 +81,13 @@ def best_forms(regression: Regression, library: Iterable[Sequence[Hypothesis]]) 
     best = []
     for key, scores in groups.items():
         averaged = -float(np.log(len(names[key])))
-        scores = [replace(one, gain=one.gain + averaged, spread=one.spread + averaged) for one in scores]
-        best.append(max(scores, key=lambda one: one.gain))
-    return sorted(best, key=lambda one: -one.gain)
+        scores = [replace(score, gain=score.gain + averaged, spread=score.spread + averaged) for score in scores]
+        best.append(max(scores, key=lambda score: score.gain))
+    return sorted(best, key=lambda score: -score.gain)
 
 
 def _best_form(regression: Regression, group: Sequence[Hypothesis]) -> Score:
-    """Of forms that act in the same joints with as many amplitudes."""
+    """The best of forms with equal joints and numbers of amplitudes."""
     gains, expected = regression.screened([hypothesis.columns for hypothesis in group])
     place = int(np.argmax(gains))
     averaged = float(logsumexp(gains)) - float(np.log(len(group)))
@@ -100,10 +97,9 @@ def _best_form(regression: Regression, group: Sequence[Hypothesis]) -> Score:
 def refined(
     data: Observations, effects: Sequence[Hypothesis], library: Library, joints: Collection[int] | None = None
 ) -> list[Hypothesis]:
-    """Effects with their nonlinear numbers where they fit best, each given all others.
+    """Effects with nonlinear numbers at their best fit, each given all others.
 
-    A number stays between its neighbours in the library. Effects that act in none of some (0-based) joints stay as they
-    are; by default all are looked at.
+    A number stays between its neighbours in the library. Only effects in some (0-based) joints are refined; None: all.
     """
     effects = list(effects)
     for k, effect in enumerate(effects):
@@ -118,7 +114,7 @@ def refined(
 def _fitted(
     data: Observations, effect: Hypothesis, others: Sequence[Hypothesis], number: str, values: Sequence[float]
 ) -> Hypothesis:
-    """One effect with its number between the neighbours of what it is."""
+    """One effect with its number optimised between two neighbouring values."""
     regression = Regression(data, others, explain(data, [*others, effect]).errors)
 
     def cost(value: float) -> float:
@@ -133,7 +129,7 @@ def _fitted(
 
 
 def _grid(effect: Hypothesis, library: Library) -> tuple[str, Sequence[float]] | None:
-    """The nonlinear number that the library varies for this form, the sides of others left out; and its values."""
+    """The nonlinear number of this form that the library varies, and its values."""
     alike = (
         h.source for group in library for h in group if h.key == effect.key and h.source.name == effect.source.name
     )
@@ -146,7 +142,7 @@ def _grid(effect: Hypothesis, library: Library) -> tuple[str, Sequence[float]] |
 
 
 def _closer(fitted_effects: FittedEffects, score: Score) -> Score:
-    """The score with its own error models, and by how much the effect improves the fit."""
+    """The score with refitted error models, and the improvement of the fit."""
     data = replace(fitted_effects.data, reference=fitted_effects)
     regression = Regression(
         data, (*fitted_effects.effects, score.hypothesis), fitted_effects.errors, fitted_effects.uncertain
@@ -164,15 +160,15 @@ def _closer(fitted_effects: FittedEffects, score: Score) -> Score:
 
 
 def _improvement(before: Array, after: Array, thresholds: Thresholds) -> Array:
-    """(n,) fall of the mean squared residual, in units that leave out what is small beside the floor or the rest."""
+    """(n,) relative fall of the mean squared residual, without parts that are small against the floor or the rest."""
     return (before - after) / np.maximum(1.0, thresholds.improvement_of_rest / thresholds.improvement * before)
 
 
 def plain_first(scores: Sequence[Score], data: Observations) -> list[Score]:
-    """The scores, best first, but a standard effect before others of its joint that leave hardly less than it does.
+    """The scores, best first, but a standard effect before others of its joint that are hardly better.
 
-    Only where the floor is not sharp: the friction of a real joint is never exactly what a term says, and an elaborate
-    effect that fits it a little better is not what is missing, however certain the little is.
+    Only with an incomplete floor: no term describes real friction exactly, so a slightly better, more complex effect is
+    not the missing one, whatever its Bayes factor.
     """
     ordered: list[Score] = []
     for score in scores:
@@ -185,7 +181,7 @@ def plain_first(scores: Sequence[Score], data: Observations) -> list[Score]:
 
 
 def _hardly_better(other: Score, standard: Score, data: Observations) -> bool:
-    """Whether another effect of the same joints is no standard one, takes more numbers, and improves little more."""
+    """Whether another effect of the same joints is not standard, has more numbers, and improves little more."""
     if other.hypothesis.standard or other.hypothesis.joints != standard.hypothesis.joints:
         return False
     numbers, least = (len(s.hypothesis.columns.sd) + len(s.hypothesis.source.sought) for s in (other, standard))
@@ -198,7 +194,7 @@ def _hardly_better(other: Score, standard: Score, data: Observations) -> bool:
 
 
 def at_blunt_floor(data: Observations, mean_square: Array) -> Mask:
-    """(n,) whether a joint's residual, in units of the floor's mean square, is as small as a blunt floor asks for."""
+    """(n,) whether a joint's mean squared residual, in units of the floor's, reaches an incomplete floor."""
     return ~data.sharp & (mean_square <= data.thresholds.at_blunt_floor**2)
 
 
@@ -207,24 +203,24 @@ def joint_sets(
 ) -> list[tuple[Hypothesis, ...]]:
     """The likeliest sets of one to three different effects of a (0-based) joint, each in its best forms.
 
-    Some of each size, as a coarse grid lets a set of few effects look worse than it is, and one more seem needed.
+    Each size is represented: on a coarse grid a small set looks worse than it is, and another effect seems necessary.
 
     Args:
         data: the log.
         joint: 0-based.
-        others: what is added in any case.
-        forms: that act in this joint alone.
-        log_prior: of a form to be there.
+        others: effects in every set.
+        forms: forms that act in this joint only.
+        log_prior: log prior probability of a form.
     """
     if not forms:
         return []
     data, here = data.in_joint(joint), [_in_joint(other, joint) for other in others]
     forms = sorted(forms, key=lambda form: len(form.columns.sd))
-    priors, own = np.array([log_prior(form) for form in forms]), [_in_joint(form, joint) for form in forms]
-    parts = [own[k : k + TUNING.forms_at_once] for k in range(0, len(own), TUNING.forms_at_once)]
+    priors, local = np.array([log_prior(form) for form in forms]), [_in_joint(form, joint) for form in forms]
+    parts = [local[k : k + TUNING.forms_at_once] for k in range(0, len(local), TUNING.forms_at_once)]
     alone = [JointForms(data, here, part).scores(np.arange(len(part))[:, None]) for part in parts]
     kept = _spread(forms, np.concatenate(alone) + priors)
-    best = JointForms(data, here, [own[k] for k in kept]).best(priors[kept])
+    best = JointForms(data, here, [local[k] for k in kept]).best(priors[kept])
     return [tuple(forms[kept[k]] for k in members) for members in best]
 
 
@@ -233,7 +229,7 @@ def _in_joint(effect: Hypothesis, joint: int) -> Hypothesis:
 
 
 def _spread(forms: Sequence[Hypothesis], scores: Array) -> list[int]:
-    """Indices of the forms of each kind that take part: the best, and some over the whole grid."""
+    """Indices of the forms of each effect that enter sets: the best, and some over the whole grid."""
     kept = list[int]()
     order = sorted(range(len(forms)), key=lambda k: forms[k].source.name)
     for _, group in groupby(order, key=lambda k: forms[k].source.name):
@@ -246,14 +242,14 @@ def _spread(forms: Sequence[Hypothesis], scores: Array) -> list[int]:
 
 @dataclass(frozen=True, eq=False)
 class JointForms:
-    """Forms that act in one joint, which is all that there is, and what they are to explain there beside others."""
+    """Forms that act in a single joint, and the data that they explain beside other effects."""
 
     data: Observations
     others: Effects
     forms: Effects
 
     def best(self, priors: Array) -> list[tuple[int, ...]]:
-        """The likeliest sets of different effects, some of each size, by their places among the forms."""
+        """The likeliest sets of different effects, some of each size, as indices of forms."""
         names = sorted({form.key for form in self.forms})
         owner = np.array([names.index(form.key) for form in self.forms], dtype=np.int64)
         found, sets = list[tuple[int, ...]](), np.arange(len(owner))[:, None]
@@ -272,42 +268,46 @@ class JointForms:
         )
 
     def _scores(self, sets: Integers) -> Array:
-        products, with_effort, left, sd, positive, count = self._products
+        products, with_effort, energy, sd, positive, count = self._products
         k, p = sets.shape[1], sd.shape[1]
         together = products[sets[:, :, None], :, sets[:, None, :], :]  # (K, k, k, p + 1, p + 1)
-        own = together[..., :p, :p].transpose(0, 1, 3, 2, 4).reshape(len(sets), k * p, k * p)
+        gram_of_set = together[..., :p, :p].transpose(0, 1, 3, 2, 4).reshape(len(sets), k * p, k * p)
         slope = with_effort[sets][..., :p] - together[..., :p, p].sum(axis=2)
-        left = left - 2.0 * with_effort[sets][..., p].sum(axis=1) + together[..., p, p].sum(axis=(1, 2))
+        energy = energy - 2.0 * with_effort[sets][..., p].sum(axis=1) + together[..., p, p].sum(axis=(1, 2))
         scale = sd[sets].reshape(len(sets), -1)
-        scaled, slope = own * scale[:, :, None] * scale[:, None, :], slope.reshape(len(sets), -1) * scale
+        scaled, slope = gram_of_set * scale[:, :, None] * scale[:, None, :], slope.reshape(len(sets), -1) * scale
         eye = np.eye(k * p)
-        rest = left - (slope * np.linalg.solve(scaled + eye, slope[:, :, None])[:, :, 0]).sum(axis=1)
+        rest = energy - (slope * np.linalg.solve(scaled + eye, slope[:, :, None])[:, :, 0]).sum(axis=1)
         noise = np.maximum(rest / count, 1.0)[:, None, None]
         covariance = np.linalg.inv(scaled / noise + eye)
         noise = noise[:, 0, 0]
         mean = np.einsum("kij,kj->ki", covariance, slope) / noise[:, None]
         sides = np.log(2.0) + log_ndtr(mean / np.sqrt(np.maximum(np.diagonal(covariance, 0, 1, 2), TINY)))
-        value = -0.5 * count * np.log(noise) - 0.5 * left / noise + 0.5 * (mean * slope).sum(axis=1) / noise
+        value = -0.5 * count * np.log(noise) - 0.5 * energy / noise + 0.5 * (mean * slope).sum(axis=1) / noise
         value += 0.5 * np.linalg.slogdet(covariance)[1]
         total: Array = value + (sides * positive[sets].reshape(len(sets), -1)).sum(axis=1)
         return total
 
     @cached_property
     def _products(self) -> tuple[Array, Array, float, Array, Mask, int]:
-        """Of columns and changes (F, p + 1, F, p + 1), with the effort (F, p + 1), its own; sd and sides (F, p); N."""
+        """Products of columns and changes (F, p + 1, F, p + 1), with the effort (F, p + 1), its own; sd, signs; N."""
         white = ErrorModel(float(self.data.floor[0]), 0.0, TUNING.initial_time, self.data.rate)
         regression = Regression(self.data, (*self.others, *self.forms), [white])
         p = max(len(form.columns.sd) for form in self.forms)
-        place = np.full((len(self.forms), p + 1), -1)  # the last of all stands for what a form has not got
+        place = np.full((len(self.forms), p + 1), -1)  # the last index stands for missing columns
         sd, positive = np.ones((len(self.forms), p)), np.zeros((len(self.forms), p), dtype=bool)
         for k, form in enumerate(self.forms):
-            own, change = slice(0, len(form.columns.sd)), regression.change(form)
-            place[k, own], sd[k, own], positive[k, own] = regression.place(form), form.columns.sd, form.columns.positive
+            inner, change = slice(0, len(form.columns.sd)), regression.change(form)
+            place[k, inner], sd[k, inner], positive[k, inner] = (
+                regression.place(form),
+                form.columns.sd,
+                form.columns.positive,
+            )
             place[k, p : p + len(change)] = change
         gram, slope = regression.beyond(self.others)
         gram, slope = np.pad(gram, (0, 1)), np.append(slope, 0.0)
-        left, count = regression.misfit(self.others), int(self.data.used.sum())
-        return gram[place[:, :, None, None], place], slope[place], left, sd, positive, count
+        energy, count = regression.misfit(self.others), int(self.data.used.sum())
+        return gram[place[:, :, None, None], place], slope[place], energy, sd, positive, count
 
 
 def _best_each(owners: Integers, scores: Array) -> list[int]:
@@ -320,7 +320,7 @@ def _best_each(owners: Integers, scores: Array) -> list[int]:
 
 
 def _one_more(sets: Integers, owner: Integers) -> Integers:
-    """(K', k + 1) sets with one more form each, of another effect."""
+    """(K', k + 1) sets extended by one form of another effect."""
     every = np.arange(len(owner))
     grown = np.column_stack([np.repeat(sets, len(every), axis=0), np.tile(every, len(sets))])
     new = (owner[grown[:, :-1]] != owner[grown[:, -1:]]).all(axis=1)

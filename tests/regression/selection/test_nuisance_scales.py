@@ -386,5 +386,5 @@ def test_what_is_exact_has_no_columns(length, angle, kept):
 
 def test_what_is_no_tolerance_is_refused():
     for length, angle in ((-1e-3, 0.1), (1e-3, -0.1), (np.nan, 0.1), (1e-3, np.inf)):
-        with pytest.raises(ValueError, match="tolerance"):
+        with pytest.raises(ValueError, match="_sd"):
             KinematicTolerance(length=length, angle=angle)
