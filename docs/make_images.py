@@ -1,16 +1,24 @@
-"""The pictures of the documentation: `python docs/make_images.py`, some twenty seconds.
+"""The pictures of the documentation.
 
-They are those of the tutorial's own logs, which its first Python block writes.
+    python docs/make_images.py              all, some minutes
+    python docs/make_images.py payload ..   those of the gallery with these names
+
+Those of docs/images show the tutorial's own logs, which its first Python block writes. Those of docs/gallery are made by
+the scripts of docs/examples.
 """
 
 from __future__ import annotations
 
 import os
 import re
+import runpy
+import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 
 import bayesid
 from bayesid.report import findings, plot
@@ -21,6 +29,10 @@ GAINS = [35.0, 42.0, 30.0, 12.0, 16.0, 7.5]
 DPI = 110
 WHITE = "white"
 """Behind the figures, which have no colour of their own."""
+COLOURS = 64
+"""In a palette, which makes files a third as large."""
+GALLERY = ("signs", "coefficients", "missing_effect", "payload", "next_motion")
+"""Scripts of docs/examples that write a picture of the same name to the working folder."""
 
 
 def record_logs() -> None:
@@ -30,7 +42,20 @@ def record_logs() -> None:
     exec(compile(block[1], "tutorial.md", "exec"), {"__name__": "__main__"})
 
 
-def main() -> None:
+def shrink(path: Path) -> None:
+    """Stores a picture with a palette."""
+    Image.open(path).convert("RGB").quantize(COLOURS).save(path, optimize=True)
+
+
+def make_gallery(names: Sequence[str]) -> None:
+    """Writes NAME.png to docs/gallery for each name."""
+    os.chdir(DOCS / "gallery")
+    for name in names:
+        runpy.run_path(str(DOCS / "examples" / f"{name}.py"))
+        shrink(DOCS / "gallery" / f"{name}.png")
+
+
+def make_images() -> None:
     """Writes signs.png, coefficients.png, validation.png and skeleton.png to docs/images."""
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)
@@ -47,8 +72,12 @@ def main() -> None:
         "skeleton": plot.skeleton("ur5e", np.radians([30.0, -60.0, 45.0, -20.0, 70.0, 10.0])),
     }
     for name, axes in pictures.items():
-        axes[0].figure.savefig(DOCS / "images" / f"{name}.png", dpi=DPI, facecolor=WHITE)
+        path = DOCS / "images" / f"{name}.png"
+        axes[0].figure.savefig(path, dpi=DPI, facecolor=WHITE)
+        shrink(path)
 
 
 if __name__ == "__main__":
-    main()
+    if not sys.argv[1:]:
+        make_images()
+    make_gallery(sys.argv[1:] or GALLERY)

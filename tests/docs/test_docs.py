@@ -14,13 +14,16 @@ from __future__ import annotations
 
 import io
 import re
+import runpy
 import shlex
+import sys
 from contextlib import redirect_stdout
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import zip_longest
 from pathlib import Path
 
+import matplotlib as mpl
 import numpy as np
 import pytest
 
@@ -35,6 +38,9 @@ from bayesid.simulation.parameters import random_parameters
 from bayesid.simulation.trajectories import random_trajectory
 
 ROOT = Path(__file__).parents[2]
+sys.path.insert(0, str(ROOT / "docs"))
+from make_images import GALLERY  # noqa: E402
+
 FOLDERS = (ROOT / "docs", ROOT / "docs" / "how-to")
 PAGES = [ROOT / "README.md", *(page for folder in FOLDERS for page in sorted(folder.glob("*.md")))]
 ROBOTS = {"use.md": "ur10e", "data-sheet-robot.md": "ur5e"}
@@ -171,6 +177,19 @@ def test_examples_run_and_print_what_the_page_says(page, tmp_path, monkeypatch):
                 run_commands(block, {} if page.name in SAMPLED else HURRY)
         if block.language == "python" and following is not None and following.language == "text":
             assert_alike(printed.getvalue(), following.text)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", GALLERY)
+def test_scripts_of_the_gallery_are_short_and_draw_their_pictures(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    script = ROOT / "docs" / "examples" / f"{name}.py"
+    with mpl.rc_context({"backend": "agg"}):
+        runpy.run_path(str(script))
+    assert len(script.read_text().splitlines()) <= 25
+    assert (tmp_path / f"{name}.png").stat().st_size > 1000
+    assert (ROOT / "docs" / "gallery" / f"{name}.png").stat().st_size < 60_000
+    assert f"({name}.png)" in (ROOT / "docs" / "gallery" / "index.md").read_text()
 
 
 def test_result_folder_names_every_file_column_and_key(tmp_path):
