@@ -3,7 +3,7 @@
     python docs/make_images.py              all, some minutes
     python docs/make_images.py payload ..   those of the gallery with these names
 
-Those of docs/images show the tutorial's own logs, which its first Python block writes. Those of docs/gallery are made by
+Those of docs/images show the logs that the first Python block of the tutorial writes. Those of docs/gallery are made by
 the scripts of docs/examples.
 """
 

@@ -6,10 +6,10 @@ import numpy as np
 import bayesid
 
 robot = bayesid.load_robot("ur10e")
-motion = bayesid.random_trajectory(6, duration=10.0, seed=2).motion(np.arange(1001) / 100.0)
+motion = bayesid.random_trajectory(6, duration=10.0, rng=2).motion(np.arange(1001) / 100.0)
 model = bayesid.Model.of(robot, ["rigid_body", "viscous_friction", "coulomb_friction"], motion)
 rng = np.random.default_rng(2)
-truth = bayesid.random_parameters(model, rng)
+truth = bayesid.random_parameters(model, rng=rng)
 log = bayesid.simulate(model, truth, motion, rng=rng, noise=0.1)
 
 result = bayesid.identify(robot, log)

@@ -7,9 +7,9 @@ import bayesid
 from bayesid.effects.springs import JointSpring
 
 robot, rng = bayesid.load_robot("panda"), np.random.default_rng(3)
-first, second = (bayesid.random_trajectory(7, 12.0, seed=seed).motion(np.arange(961) / 80.0) for seed in (1, 2))
+first, second = (bayesid.random_trajectory(7, 12.0, rng=seed).motion(np.arange(961) / 80.0) for seed in (1, 2))
 model = bayesid.Model.of(robot, ["rigid_body", "viscous_friction", "coulomb_friction"], first)
-truth = bayesid.random_parameters(model, rng)
+truth = bayesid.random_parameters(model, rng=rng)
 changed, spring = model.extend(JointSpring(joints=(2,))), [6.0, 2.0]  # N m/rad, N m
 before = bayesid.simulate(model, truth, first, rng=rng, noise=0.03)
 after = bayesid.simulate(changed, np.append(truth, spring), second, rng=rng, noise=0.03)

@@ -6,13 +6,13 @@ import numpy as np
 import bayesid
 
 robot = bayesid.load_robot("gp7")
-motion = bayesid.random_trajectory(6, duration=4.0, seed=5).motion(np.arange(401) / 100.0)
+motion = bayesid.random_trajectory(6, duration=4.0, rng=5).motion(np.arange(401) / 100.0)
 model = bayesid.Model.of(robot, ["rigid_body", "viscous_friction", "coulomb_friction"], motion)
 rng = np.random.default_rng(5)
-log = bayesid.simulate(model, bayesid.random_parameters(model, rng), motion, rng=rng, noise=0.1)
+log = bayesid.simulate(model, bayesid.random_parameters(model, rng=rng), motion, rng=rng, noise=0.1)
 
 result = bayesid.identify(robot, log, posterior=False)
-design = bayesid.design_next(result, run=bayesid.MotionSettings(duration=8.0), changes=600)
+design = bayesid.design_excitation(result, settings=bayesid.MotionSettings(duration=8.0, changes=600))
 open_now, other, designed = design.predicted.open_now, design.of_random.open, design.predicted.open
 t = np.linspace(0.0, 8.0, 401)
 left, right = plt.figure(figsize=(8.0, 3.0), layout="constrained").subplots(1, 2)

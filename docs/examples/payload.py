@@ -6,9 +6,9 @@ import numpy as np
 import bayesid
 
 robot, rng = bayesid.load_robot("tx60"), np.random.default_rng(4)
-motions = [bayesid.random_trajectory(6, 12.0, seed=seed).motion(np.arange(961) / 80.0) for seed in range(4)]
+motions = [bayesid.random_trajectory(6, 12.0, rng=seed).motion(np.arange(961) / 80.0) for seed in range(4)]
 model = bayesid.Model.of(robot, ["rigid_body", "viscous_friction", "coulomb_friction"], motions[0])
-truth = bayesid.random_parameters(model, rng)
+truth = bayesid.random_parameters(model, rng=rng)
 result = bayesid.identify(robot, bayesid.simulate(model, truth, motions[0], rng=rng, noise=0.05))
 
 one_kg = np.array([0.012, 0.0, 0.0, 0.012, 0.0, 0.002, 0.0, 0.0, 0.1, 1.0])  # 0.1 m from the flange along its z

@@ -5,10 +5,10 @@ import numpy as np
 import bayesid
 
 robot = bayesid.load_robot("lrmate200id")
-motion = bayesid.random_trajectory(6, duration=10.0, seed=1).motion(np.arange(1001) / 100.0)
+motion = bayesid.random_trajectory(6, duration=10.0, rng=1).motion(np.arange(1001) / 100.0)
 model = bayesid.Model.of(robot, ["rigid_body", "viscous_friction", "coulomb_friction"], motion)
 rng = np.random.default_rng(1)
-truth = bayesid.random_parameters(model, rng)
+truth = bayesid.random_parameters(model, rng=rng)
 log = bayesid.simulate(model, truth, motion, rng=rng, noise=0.05)  # absolute values
 
 result = bayesid.identify(robot, log, posterior=False)
