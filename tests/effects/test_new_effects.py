@@ -22,12 +22,8 @@ from bayesid.simulation.parameters import random_parameters
 from bayesid.simulation.trajectories import random_trajectory
 
 ROOT = Path(__file__).resolve().parents[2]
-KINDS = {
-    "fan_drag": "FanDrag",
-    "crossover": "Crossover",
-    "position_waves": "PositionWaves",
-    "late_positions": "LatePositions",
-}
+ON_PAGE = {"fan_drag": "FanDrag", "position_waves": "PositionWaves"}
+KINDS = {**ON_PAGE, "crossover": "Crossover", "late_positions": "LatePositions"}
 
 
 def install(folder, module, source, entries):
@@ -42,12 +38,12 @@ def install(folder, module, source, entries):
 
 @pytest.fixture(scope="module")
 def sources():
-    """The classes as they stand on the page."""
+    """The classes as they stand on the page, and in the script beside it."""
     text = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
     blocks = re.findall(r"^```python\n(.*?)^```$", text, re.M | re.S)
-    found = [[block for block in blocks if f'"{name}"\n' in block and "class " in block] for name in KINDS]
-    assert [len(one) for one in found] == [1] * len(KINDS)
-    return [one for (one,) in found]
+    found = [[block for block in blocks if f'"{name}"\n' in block and "class " in block] for name in ON_PAGE]
+    assert [len(one) for one in found] == [1] * len(ON_PAGE)
+    return [*(one for (one,) in found), (ROOT / "docs" / "examples" / "own_distortions.py").read_text("utf-8")]
 
 
 IDENTIFY = ("identify", "log.csv", "--robot", "arm.toml", "--complete", "off", "--no-posterior", "--no-report")
