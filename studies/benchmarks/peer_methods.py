@@ -217,8 +217,9 @@ def nearest_feasible(model: Model, coefficients: BaseCoefficients, found: LeastS
     scale, usual = _usual(model)
     root = np.linalg.qr(found.rows, mode="r")
     scaled = cp.Variable(model.cone.size)
-    left = root @ (coefficients.projection * scale) @ scaled - root @ found.beta
-    objective = cp.sum_squares(left) + _PULL * cp.sum_squares(scaled - usual / scale)
+    energy = float(np.sum((root @ found.beta) ** 2))  # by which all is divided: the solver fails on large numbers
+    left = (root @ (coefficients.projection * scale) @ scaled - root @ found.beta) / np.sqrt(energy)
+    objective = cp.sum_squares(left) + _PULL / energy * cp.sum_squares(scaled - usual / scale)
     _solve(cp.Problem(cp.Minimize(objective), _inside(model, cp.multiply(scale, scaled), 0.0)))
     return np.asarray(scale * scaled.value)
 
