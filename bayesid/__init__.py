@@ -8,7 +8,7 @@
     bayesid.find_discrepancy(result, "another_log.csv").added
 
 In the examples of docstrings `robot`, `log`, `motion`, `model`, `theta`, `result` and the like are what docs/python.md
-makes. The names of __init__.pyi and types.pyi are promised, all else may change; each is loaded where it is first used.
+makes. docs/versions.md says what is promised. Each name of __init__.pyi is loaded where it is first used.
 """
 
 import ast

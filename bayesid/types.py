@@ -1,8 +1,6 @@
 """Classes of results and of options that few programs make by hand: for annotations and `isinstance`.
 
-    def worst(assessment: bayesid.types.ExcitationAssessment) -> float: ...
-
-The names of types.pyi are promised as those of `bayesid`.
+def worst(assessment: bayesid.types.ExcitationAssessment) -> float: ...
 """
 
 from importlib import import_module
