@@ -1,7 +1,7 @@
 """The command line: every command is a thin layer over the Python interface.
 
-Exit codes: 0 done, 2 bad input (one line on stderr), 1 a fault of ours, 3 a bad verdict with --strict, 130
-interrupted, 143 terminated, 141 nobody reads on. Nothing that computes is imported before the arguments are understood.
+Exit codes: 0 done, 1 failed, 2 bad input (one line on stderr), 3 bad verdict with --strict, 130 interrupted, 141 broken
+pipe, 143 terminated. Arguments are parsed before any numerical module is imported.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ _ENDS = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(sign
 
 
 class UsageError(Exception):
-    """The words of a command cannot be understood: its name, and why not."""
+    """A command line that cannot be parsed: name of the command, and the reason."""
 
 
 class RedVerdictError(Exception):
-    """The command has done its work, its verdict is bad, and --strict makes that an exit code."""
+    """The command is done, its verdict is bad, and --strict was given."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -47,7 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 @contextmanager
 def _terminated_as_interrupted() -> Iterator[list[int]]:
-    """SIGTERM, and SIGHUP of a terminal that closes, end a command as Ctrl-C does; the list says which came first."""
+    """SIGTERM and SIGHUP end a command like Ctrl-C; the list holds the first signal."""
     came: list[int] = []
 
     def interrupt(number: int, _: object) -> None:
@@ -67,20 +67,20 @@ def _terminated_as_interrupted() -> Iterator[list[int]]:
 
 
 def _run(arguments: Sequence[str] | None, terminated: Sequence[int]) -> int:
-    """The command, and what it raises as a line and a code; `terminated` is filled by SIGTERM."""
+    """Runs the command; an exception becomes a line and an exit code; `terminated` is filled by SIGTERM."""
     for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):  # an ASCII terminal gets the rest escaped
+        if isinstance(stream, io.TextIOWrapper):  # other characters are escaped on an ASCII terminal
             stream.reconfigure(errors="backslashreplace")
     try:
-        from bayesid.cli.arguments import parse  # nor here: Ctrl-C while modules load is an interruption like any other
+        from bayesid.cli.arguments import parse  # here, so that Ctrl-C works while modules load
 
         options = parse(sys.argv[1:] if arguments is None else arguments)
-        _tell_config(options)
+        _print_config(options)
         module = import_module(f"bayesid.cli.{_MODULES.get(options.command, options.command)}")
         getattr(module, f"{options.command}_command")(options)
         sys.stdout.flush()
-    except BrokenPipeError:  # whoever reads the output has seen enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # nor shall Python complain when it ends
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # so that Python does not complain at exit
         return 141
     except UsageError as error:
         name, message = error.args
@@ -97,13 +97,13 @@ def _run(arguments: Sequence[str] | None, terminated: Sequence[int]) -> int:
     return 0
 
 
-def _tell_config(options: Namespace) -> None:
-    """Options that were not typed are never used in silence."""
+def _print_config(options: Namespace) -> None:
+    """Prints the options that come from a file."""
     if options.configured is not None:
         from bayesid.cli.terminal import note, warn
 
         if not options.quiet:
-            note(options.configured.said)
+            note(options.configured.summary)
         if options.configured.contradiction:
             warn(options.configured.contradiction)
 

@@ -1,7 +1,7 @@
-"""What the command line takes: commands, options and their help, as tables.
+"""Commands, options and their help, as tables.
 
-This module, `bayesid.cli.shared` and `bayesid.cli.parser` import nothing that computes, so that a shell has its answer
-at once. Every option has one line; a command's first help shows 12 of them at most, `--help-all` all.
+This module, `bayesid.cli.shared` and `bayesid.cli.parser` import no numerical module, for a fast `--help`. Each option
+has one line; `--help` shows 12 options at most, `--help-all` all.
 """
 
 from __future__ import annotations
@@ -18,10 +18,9 @@ from bayesid.errors import missing
 from bayesid.study import STUDIES
 
 _STANDARD_TERMS = f"terms by default:\n  {TERMS}"
-_COMPLETE = "more effects: auto, only-uncertainty or off"
 _IDENTIFY = Command(
     "identify",
-    "signs, coefficients and feasible parameters from a log",
+    "identify signs, coefficients and feasible parameters from a log",
     [
         "bayesid identify log.csv --robot ur10e --out result",
         "bayesid identify currents.csv --robot my_robot.toml --gains 12,16~20%,unknown",
@@ -31,11 +30,11 @@ _IDENTIFY = Command(
         "bayesid identify left.csv --robot two_arms.urdf --tip left_flange",
     ],
     [
-        path("logs", "CSV, Parquet, MATLAB, ROS bag or KUKA; or several", nargs="+", metavar="log"),
+        path("logs", "one or more: CSV, Parquet, MATLAB, ROS bag, KUKA", nargs="+", metavar="log"),
         *shared("--robot --gains --unsigned --columns --degrees --config"),
         option(
             "--complete HOW",
-            "auto, only-uncertainty or off: more effects",
+            "additional effects: auto, only-uncertainty or off",
             choices=("auto", "only-uncertainty", "off"),
             default="auto",
         ),
@@ -46,29 +45,29 @@ _IDENTIFY = Command(
         "robot": shared(CHAIN),
         "how the log is read": shared("--encoding --topic --joints --correct --cutoff --max-memory"),
         "several logs": [
-            several("--payload LABEL:KG@LOG", "one more log, with a payload (see below)"),
-            flag("--each", "identify each log by itself, and compare"),
+            several("--payload LABEL:KG@LOG", "another log, with a payload (see below)"),
+            flag("--each", "identify each log alone, and compare"),
             *shared("--workers --scheduler"),
         ],
         "model": [
             *shared("--terms --nominal --constraints"),
-            option("--links KG,M", "scales of links (default: from the robot)"),
-            option("--kinematic-tolerance L,A", "sd of the geometry (default: 1mm,0.1deg)"),
+            option("--links KG,M", "typical mass and size of a link (default: robot's)"),
+            option("--kinematic-tolerance L,A", "sd of the robot file (default: 1mm,0.1deg)"),
         ],
         "search and sampling": [
-            option("--search certified|beam", "with a proof, or T-PBPR (default: %(default)s)"),
+            option("--search certified|beam", "with proof, or T-PBPR (default: %(default)s)"),
             *shared("--search-budget", f"{WORK} (default: 30)", default=30.0),
-            option("--beam-width W", "of the beam: nodes a step", type=int, default=5),
-            option("--initial-segments S0", "of the beam: enumerated first", type=int, default=5),
-            flag("--anyway", "search a log that looks misread too"),
+            option("--beam-width W", "beam: nodes kept per step", type=int, default=5),
+            option("--initial-segments S0", "beam: segments enumerated first", type=int, default=5),
+            flag("--anyway", "search even if the log looks misread"),
             *shared("--posterior-budget --seed --time-limit"),
-            option("--mode K", "of several, that the model is of", type=whole, default=1),
+            option("--mode K", "mode of the posterior to write", type=whole, default=1),
         ],
-        "result": [flag("--no-report", "make no report.html"), *shared("--strict")],
+        "result": [flag("--no-report", "skip report.html"), *shared("--strict")],
     },
     details="""logs:
-  a quoted pattern names several logs of a robot: 'runs/*.csv'
-  files of one run are joined by time: positions.csv+currents.csv
+  a quoted pattern selects several logs: 'runs/*.csv'
+  files of one recording are joined by time: positions.csv+currents.csv
   a TOML file lists them: [[logs]] file = "a.csv", payload = "tool1", mass = 2.8
 
 payloads: LABEL@LOG, KG@LOG or LABEL:KG~SD@LOG (default sd: 0.1 %)
@@ -78,14 +77,14 @@ payloads: LABEL@LOG, KG@LOG or LABEL:KG~SD@LOG (default sd: 0.1 %)
 )
 _VALIDATE = Command(
     "validate",
-    "a result's model against another log; its report shows it",
+    "validate a result on another log",
     ["bayesid validate result another_log.csv", "bayesid validate result another_log.csv --out validated"],
-    [*shared("result log --strict"), *out("folder for summary, signed log, prediction")],
+    [*shared("result log --strict"), *out("folder for summary, signed log and prediction")],
     sections={**reading_of_result(), "more": shared("--cutoff")},
 )
 _PREDICT = Command(
     "predict",
-    "efforts of a motion by a result's model, with bands",
+    "predict the efforts of a motion, with bands",
     [
         "bayesid predict result motion.csv --out torques.csv",
         "bayesid predict result motion.csv --without-noise --out torques.csv",
@@ -93,7 +92,7 @@ _PREDICT = Command(
     [
         *shared("result"),
         path("motion", "log or t,q1..qn[,dq1..dqn]"),
-        flag("--without-noise", "bands of the model alone, not of a measurement"),
+        flag("--without-noise", "bands of the model, without measurement noise"),
         *out("file to write (default: torques.csv)", default=Path("torques.csv"), metavar="FILE.csv"),
     ],
     sections={"how the motion is read (default: as the result's log)": shared(f"{MOTION} --cutoff")},
@@ -101,17 +100,17 @@ _PREDICT = Command(
 )
 _DISCREPANCY = Command(
     "discrepancy",
-    "what a result's model lacks, or what changed between logs",
+    "find what a model lacks, or what changed between logs",
     [
         "bayesid discrepancy result another_log.csv --holdout third.csv --out extended",
         "bayesid discrepancy march.csv may.csv july.csv --robot ur10e --out wear",
     ],
     [
-        *shared("result", "result folder; or, with --robot, the earliest log"),
-        path("logs", "log of the same robot; with --robot all later ones", nargs="*", metavar="log"),
-        *shared("--robot", "of logs without a result"),
+        *shared("result", "result folder; with --robot the earliest log"),
+        path("logs", "log of the same robot; with --robot all later logs", nargs="*", metavar="log"),
+        *shared("--robot", "robot, without a result"),
         *shared("--config", "without a result: options in TOML"),
-        path("--holdout LOG", "to score by (default: stretches of the log)"),
+        path("--holdout LOG", "log for testing (default: blocks of the log)"),
         *shared("--no-posterior --strict"),
         *out("folder (default: bayesid-discrepancy-LOG)"),
     ],
@@ -119,24 +118,24 @@ _DISCREPANCY = Command(
         "robot, without a result": shared(CHAIN),
         **reading_of_result(),
         "model, search and sampling": [
-            *shared("--terms", "without a result: effects (default: see below)", default=None),
-            *shared("--constraints", "without a result: as for identify"),
+            *shared("--terms", "without a result: standard effects (see below)", default=None),
+            *shared("--constraints", "without a result: as in identify"),
             *shared("--cutoff"),
             *shared("--search-budget", f"{WORK} (see below)"),
             *shared("--posterior-budget --seed --time-limit"),
         ],
     },
-    details=f"--search-budget by default: 3 with a result, 30 in the first of several logs\n\n{_STANDARD_TERMS}",
+    details=f"--search-budget by default: 3 with a result, 30 for the first of several logs\n\n{_STANDARD_TERMS}",
 )
 _PAYLOAD = Command(
     "payload",
-    "mass, centre of mass and inertia of what the robot carries",
+    "identify mass, centre of mass and inertia of a payload",
     ["bayesid payload result loaded.csv --out payload", "bayesid payload result loaded.csv --known-mass 2.805~0.005"],
     [
         *shared("result", "result of the robot without the payload"),
         *shared("log", "log of the same robot with the payload"),
-        option("--known-mass KG[~SD]", "tells how far off all efforts are"),
-        option("--common-sd SHARE", "of a factor on all torques, as in 2%% (see below)"),
+        option("--known-mass KG[~SD]", "calibrates the scale of the efforts"),
+        option("--common-sd SHARE", "scale error of all torques, as in 2%% (see below)"),
         *shared("--strict"),
         *out("folder for payload.json"),
     ],
@@ -149,12 +148,11 @@ _PAYLOAD = Command(
             *shared("--seed --time-limit"),
         ],
     },
-    details="--common-sd by default: 10 % where no gains are stated, 0 where they are exact,\n"
-    "  or as the result has estimated",
+    details="--common-sd by default: 10 % without gains, 0 with exact gains, else as estimated",
 )
 _TRACK = Command(
     "track",
-    "signs, external torques and alarms sample by sample",
+    "track signs, external torques and alarms online",
     [
         "bayesid track result another_log.csv --lag 0.05 --plot --out tracked",
         "my_logger | bayesid track result - --follow --rate 125 > signed_stream.csv",
@@ -163,57 +161,64 @@ _TRACK = Command(
         *shared("result"),
         *shared("log", "log of the same robot; -: standard input"),
         option("--lag S", "delay that allows smoothing, s", default=0.0),
-        flag("--follow", "answer rows of the standard input as they come"),
-        option("--rate HZ", "of the samples; needed with --follow", type=float),
+        flag("--follow", "answer rows of the standard input at once"),
+        option("--rate HZ", "sampling rate; needed with --follow", type=float),
         *shared("--payload"),
-        option("--plot", "stream.png too; --plot svg", nargs="?", const="png", choices=("png", "svg"), metavar="KIND"),
+        option(
+            "--plot",
+            "also a figure stream.png; --plot svg",
+            nargs="?",
+            const="png",
+            choices=("png", "svg"),
+            metavar="KIND",
+        ),
         *shared("--strict"),
         *out("folder (default: bayesid-track-LOG)"),
     ],
     sections={
         "alarms": [
-            option("--false-alarms PER_HOUR", "accepted", default=0.01),
-            flag("--explain", "name each change; takes minutes"),
+            option("--false-alarms PER_HOUR", "accepted rate", default=0.01),
+            flag("--explain", "explain each change; takes minutes"),
         ],
         **reading_of_result(),
     },
     details="with --follow each row is answered by a row of signed_stream.csv; alarms are\n"
-    "  lines of JSON on the standard error; a folder is written with --out alone",
+    "  lines of JSON on the standard error; a folder is written only with --out",
 )
 _REPORT = Command(
     "report",
-    "the report of a result folder, anew",
+    "make the report of a result folder again",
     ["bayesid report result", "bayesid report result --out to_send.html"],
     [*shared("result --strict"), *out("file (default: report.html in the folder)", metavar="FILE")],
-    moved={"--validation": "`bayesid validate RESULT LOG` puts another log on the report"},
+    moved={"--validation": "`bayesid validate RESULT LOG` adds another log to the report"},
 )
 _EFFORT_LIMITS = option("--effort-limits L1,..", "N m (default: of --limits or the URDF)")
-_CAPSULES = option("--capsules R,..", "radii about the links, m, in place of shapes")
+_CAPSULES = option("--capsules R,..", "radii of capsules around the links, m")
 _FOR_RESULT = [
-    option("--about NAME,..", "what to learn (default: all not known to 10 %%)"),
-    option("--between A,B,..", "hypotheses to tell apart, EFFECT:JOINT each"),
-    option("--criterion D|A", "all together, or mean variance"),
+    option("--about NAME,..", "goal (default: all not known to 10 %%)"),
+    option("--between A,B,..", "hypotheses to distinguish, EFFECT:JOINT each"),
+    option("--criterion D|A", "determinant, or mean variance"),
     option("--start Q1,..", "pose at both ends, rad or m (default: of the log)"),
     *shared("--payload"),
-    option("--tool X,Y,Z", "with --capsules: end of the tool, m"),
+    option("--tool X,Y,Z", "with --capsules: tip of the tool, m"),
     option("--floor Z", "height of the floor, m, or none (default: 0)", default="0"),
     option("--margin M", "least distance, m", default=0.01),
-    several("--meshes DIR", "of the URDF's meshes; may be repeated", type=Path),
-    option("--changes K", "of the motion (default: half a minute's)", type=whole),
+    several("--meshes DIR", "folder of the URDF's meshes; may be repeated", type=Path),
+    option("--changes K", "optimisation steps (default: half a minute)", type=whole),
 ]
 _FOR_ROBOT = [
     *shared("--terms"),
-    option("--harmonics K", "swings of a joint in a period", type=whole, default=5),
-    option("--periods K", "in the duration", type=whole, default=1),
+    option("--harmonics K", "harmonics per period", type=whole, default=5),
+    option("--periods K", "periods in the duration", type=whole, default=1),
     *shared("--noise --nominal --cutoff --seed"),
 ]
 FOR_RESULT = [name for name, _ in (_EFFORT_LIMITS, _CAPSULES, *_FOR_RESULT)]
-"""Options of `excite` that mean nothing without `--for`."""
+"""Options of `excite` that need `--for`."""
 FOR_ROBOT = [name for name, _ in _FOR_ROBOT] + READING.split() + ["--no-degrees", "--config"]
-"""Those that mean nothing with it: the result has its own terms, noise and parameters."""
+"""Options without effect with `--for`: the result has its own terms, noise and parameters."""
 _EXCITE = Command(
     "excite",
-    "a motion to record; or what a log's motion leaves undecided",
+    "design a motion to record, or assess the motion of a log",
     [
         "bayesid excite --robot ur10e --log log.csv",
         "bayesid excite --robot my_robot.toml --limits limits.toml --out motion",
@@ -221,10 +226,10 @@ _EXCITE = Command(
         "bayesid excite --for found --between stribeck_friction:3,thermal_drift:3",
     ],
     [
-        path("--for RESULT", "what this result leaves open", dest="result"),
-        *shared("--robot", "without --for, or for limits and shapes"),
-        path("--log LOG", "judge this log's motion; design none"),
-        path("--limits FILE", "of the joints: TOML or URDF (see below)"),
+        path("--for RESULT", "design for what this result does not determine", dest="result"),
+        *shared("--robot", "needed without --for; with it: limits and shapes"),
+        path("--log LOG", "assess the motion of this log"),
+        path("--limits FILE", "joint limits: TOML or URDF (see below)"),
         *(_EFFORT_LIMITS, _CAPSULES),
         *shared("--duration --config"),
         *out("folder (default: bayesid-motion)", default=Path("bayesid-motion")),
@@ -242,14 +247,14 @@ _EXCITE = Command(
 )
 _FLOOR = Command(
     "floor",
-    "the error that no model gets below, from two recordings of one motion",
+    "measure the smallest error of any model from a repeated motion",
     [
         "bayesid floor monday.csv tuesday.csv --robot ur10e",
         "bayesid floor monday.csv tuesday.csv --robot ur10e --out floor.json",
     ],
     [
         path("log", "recording of a motion"),
-        path("again", "another recording of the same motion"),
+        path("again", "second recording of the same motion"),
         *shared("--robot --gains --unsigned --columns --degrees --config --strict"),
         *out("JSON file with the table (default: none)", metavar="FILE"),
     ],
@@ -257,38 +262,38 @@ _FLOOR = Command(
 )
 _SIMULATE = Command(
     "simulate",
-    "a log of |effort| from a robot with random feasible parameters",
+    "simulate a log of |effort| with random feasible parameters",
     [
         "bayesid simulate --robot panda --duration 20 --noise 0.05 --out log.csv",
         "bayesid simulate --robot panda --effect joint_spring:2:0.2 --out log.csv",
     ],
     [
         *shared("--robot --duration --rate --noise --seed"),
-        several("--effect NAME:JOINT:RMS", "hide an effect, RMS times the joint's effort"),
+        several("--effect NAME:JOINT:RMS", "add an effect; RMS as a share of the joint's effort"),
         *out("log to write", required=True, metavar="LOG.csv"),
     ],
     sections={"robot": shared(CHAIN)},
 )
 _ROBOT_NEW = Command(
     "new",
-    "a robot file from the table of a data sheet, or one to fill in",
+    "make a robot file from a data sheet's table, or a template",
     [
         "bayesid robot new --out arm.toml",
         "bayesid robot new table.csv --convention modified --name 'KR 6' --out arm.toml",
     ],
     [
-        option("table", "file, - or the text itself (default: to fill in)", nargs="?"),
+        option("table", "file, - or the table as text (default: template)", nargs="?"),
         option("--convention NAME", "standard or modified", choices=("standard", "modified")),
-        option("--name NAME", "of the robot (default: the file's)"),
+        option("--name NAME", "robot's name (default: the file's)"),
         *out("file to write", required=True, metavar="FILE.toml"),
     ],
-    details="""table: Denavit-Hartenberg, a row a joint, with units in its header, as in
+    details="""table: Denavit-Hartenberg, one row per joint, with units in the header, as in
   'a[mm] alpha[deg] d[mm] theta[deg]\\n25 -90 400 0'
-convention: docs/how-to/data-sheet-robot.md tells how to see which""",
+convention: see docs/how-to/data-sheet-robot.md""",
 )
 _ROBOT_SHOW = Command(
     "show",
-    "where joints and flange are, to compare with the controller",
+    "show positions of joints and flange, to compare with the controller",
     [
         "bayesid robot show kr6r900 --q 0,-90,90,0,0,0 --degrees --out kr6r900.png",
         "bayesid robot show two_arms.urdf --tip left_flange",
@@ -296,7 +301,7 @@ _ROBOT_SHOW = Command(
     [
         option("robot", "name (`bayesid robot list`), TOML file or URDF"),
         option("--q Q1,Q2,..", "joint positions, rad or m (default: zeros)"),
-        *shared("--degrees", "--q is in degrees, or rad"),
+        *shared("--degrees", "unit of --q: degrees or rad"),
         *shared(CHAIN),
         *out("picture: .png, .svg or .pdf", metavar="FILE"),
     ],
@@ -304,17 +309,17 @@ _ROBOT_SHOW = Command(
 _LISTED = "bayesid robot list", "bayesid robot list | grep -i denso"
 _ROBOT_FILES = Command(
     "robot",
-    "robot files: make one, look at one, list the built-in ones",
+    "make, show and list robot files",
     ["bayesid robot list", "bayesid robot new --out arm.toml", "bayesid robot show arm.toml --out arm.png"],
-    commands=[_ROBOT_NEW, _ROBOT_SHOW, Command("list", "the built-in robots", _LISTED)],
+    commands=[_ROBOT_NEW, _ROBOT_SHOW, Command("list", "list the built-in robots", _LISTED)],
 )
 _DEMO = Command(
     "demo",
-    "the paper's experiment, simulated, end to end",
+    "run the paper's experiment in simulation",
     ["bayesid demo --out demo", "bayesid demo --search beam --paper --out letter"],
     [
-        option("--search certified|beam", "with a proof, or T-PBPR (default: %(default)s)"),
-        flag("--paper", "the paper's search to the letter, with nodes.csv"),
+        option("--search certified|beam", "with proof, or T-PBPR (default: %(default)s)"),
+        flag("--paper", "exactly the paper's search, with nodes.csv"),
         *shared("--seed --posterior-budget --strict"),
         *out("result folder (default: bayesid-demo)", default=Path("bayesid-demo")),
     ],
@@ -327,22 +332,22 @@ def _study(name: str, question: str) -> str:
 
 _STUDY = Command(
     "study",
-    "what the method bears, and whether it tells the truth",
+    "test the method on simulated and real logs",
     ["bayesid study noise --trials 64 --workers 2", "bayesid study noise --scheduler tcp://HOST:8786 --resume"],
     [
         option("name", "see below", choices=STUDIES.keys(), metavar="NAME"),
-        option("--trials N", "how many (default: the study's own)", type=whole),
-        *shared("--seed", "of the first trials"),
+        option("--trials N", "number of trials (default: the study's)", type=whole),
+        *shared("--seed", "of the first trial"),
         *shared("--workers --scheduler"),
-        flag("--resume", "keep the rows that are there"),
-        flag("--floor", "of real: exit code 1 where a figure is worse"),
+        flag("--resume", "keep the trials that are done"),
+        flag("--floor", "real: exit code 1 if a figure is below its floor"),
         *out("folder (default: bayesid-study-NAME)"),
     ],
     more="\n".join(["studies:", *(_study(name, question) for name, question in STUDIES.items())]),
 )
 _COMPLETION = Command(
     "completion",
-    "a script that completes commands and options in your shell",
+    "print a script for completion in your shell",
     ["bayesid completion bash > ~/.local/share/bash-completion/completions/bayesid"],
     [option("shell", "%(choices)s", choices=("bash", "zsh", "tcsh"))],
 )
@@ -361,11 +366,11 @@ BAYESID = Command(
         *(_IDENTIFY, _VALIDATE, _PREDICT, _DISCREPANCY, _PAYLOAD, _TRACK, _REPORT, _FLOOR, _EXCITE, _SIMULATE),
         *(_ROBOT_FILES, _DEMO, _STUDY, _COMPLETION),
     ],
-    more="`bayesid COMMAND --help` says more, with examples.\n\n"
+    more="Help on a command, with examples: `bayesid COMMAND --help`.\n\n"
     "exit codes: 0 done, 1 failed, 2 bad input or a file that would be replaced,\n"
-    "  3 a bad verdict with --strict, 130 interrupted, 143 terminated",
+    "  3 bad verdict with --strict, 130 interrupted, 143 terminated",
 )
-"""The whole command line; each command is run by the function that `bayesid.cli` names."""
+"""The whole command line."""
 
 
 def parse(arguments: Sequence[str]) -> argparse.Namespace:

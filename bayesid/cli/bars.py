@@ -1,4 +1,4 @@
-"""How far a long command has come, on stderr: a bar on a terminal, a line every ten seconds elsewhere."""
+"""Progress of long commands on stderr: a bar on a terminal, else a line every ten seconds."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def stages(options: argparse.Namespace) -> Iterator[Progress]:
 
 @contextmanager
 def counts(options: argparse.Namespace, unit: str) -> Iterator[Counts]:
-    """The progress of a command through many alike; `unit` names them."""
+    """The progress of a command through many items; `unit` names them."""
     if options.quiet:
         yield lambda done, total, failed: None
     elif _on_terminal():
@@ -57,19 +57,19 @@ def _on_terminal() -> bool:
 
 
 class Lines:
-    """Off a terminal: what runs at the moment, in a line every ten seconds, and nothing of what ends before.
+    """Progress without a terminal: a line every ten seconds.
 
     Args:
-        command: with which lines begin.
-        write: what a line is written by.
-        clock: seconds.
+        command: the beginning of each line.
+        write: writes a line.
+        clock: s.
     """
 
     def __init__(
         self, command: str, write: Callable[[str], None] = note, clock: Callable[[], float] = time.monotonic
     ) -> None:
         self._command, self._write, self._clock = command, write, clock
-        self._said, self._began, self._told = "", clock(), 0
+        self._text, self._began, self._written = "", clock(), 0
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
 
@@ -83,24 +83,24 @@ class Lines:
         self._thread.join()
 
     def show(self, stage: str, done: int, total: int) -> None:
-        """How far a stage has come."""
+        """The progress of a stage."""
         steps = ", done" if done == total else f", {done} of {total}" if done else ""
         self.say(f"{stage}{steps}")
 
     def say(self, words: str) -> None:
-        """What runs from now on."""
-        self._said = words
+        """Sets the text of the next line."""
+        self._text = words
 
     def tick(self) -> None:
-        """Writes a line if it is time for one."""
+        """Writes a line if it is due."""
         seconds = self._clock() - self._began
         due = int(seconds / TUNING.between_lines)
-        if due > self._told and self._said:
-            self._told = due
-            self._write(f"{self._command}: {self._said}, {seconds:.0f} s")
+        if due > self._written and self._text:
+            self._written = due
+            self._write(f"{self._command}: {self._text}, {seconds:.0f} s")
 
     def _run(self) -> None:
-        with suppress(OSError, ValueError):  # nobody reads stderr any more, or it is closed
+        with suppress(OSError, ValueError):  # stderr is closed
             while not self._ended.wait(_until(self._clock() - self._began)):
                 self.tick()
 
@@ -111,7 +111,7 @@ def _until(seconds: float) -> float:
 
 
 class _Bar(Bars):
-    """One bar at a time, shown once it has taken a while."""
+    """One bar at a time, shown after `TUNING.patience`."""
 
     def __init__(self, *columns: ProgressColumn) -> None:
         drawn = TextColumn("{task.description}"), BarColumn(), *columns
@@ -122,19 +122,18 @@ class _Bar(Bars):
             return super().__enter__()
 
     def get_renderables(self) -> Iterable[RenderableType]:
-        """What is drawn."""
         yield self.make_tasks_table([task for task in self.tasks if (task.elapsed or 0.0) > TUNING.patience])
 
     def draw(self, stage: str, done: int, total: int | None, **notes: Any) -> None:
-        """A new stage takes the place of the one before."""
+        """Draws a stage; a new one replaces the one before."""
         for task in self.tasks:
             if task.description != stage or (task.finished and done == 0):
                 self.remove_task(task.id)
         if not self.tasks:
             self.add_task(stage, **notes)
         (task,) = self.tasks
-        task.total = total  # `update` cannot say that there is none
-        self.update(task.id, completed=done, refresh=done == total, **notes)  # its end is seen before the next begins
+        task.total = total  # `update` cannot set None
+        self.update(task.id, completed=done, refresh=done == total, **notes)  # shows the end of a stage
 
 
 class _StageBar(_Bar):
@@ -142,7 +141,7 @@ class _StageBar(_Bar):
         super().__init__(TextColumn("{task.fields[steps]}"), TimeElapsedColumn())
 
     def show(self, stage: str, done: int, total: int) -> None:
-        """How far a stage has come; the bar of one that has told no steps yet runs to and fro."""
+        """The progress of a stage; without steps the bar pulses."""
         endless = total == 1 and done == 0
         steps = "done" if done == total else "" if endless else f"{done}/{total}"
         self.draw(stage, done, None if endless else total, steps=steps)
@@ -155,23 +154,23 @@ class _CountBar(_Bar):
         super().__init__(MofNCompleteColumn(), TextColumn("{task.fields[pace]}"), failed)
 
     def show(self, done: int, total: int, failed: int) -> None:
-        """How many are done, and how many of them failed."""
+        """The numbers of items done and failed."""
         self.draw(self._unit, done, total, pace=self._pace(done, total), failed=f"{failed} failed" if failed else "")
 
 
 class _Pace:
-    """The rate since the first call and the time left at it: steps may take minutes."""
+    """The rate since the first call and the time left."""
 
     def __init__(self) -> None:
         self._began, self._first = 0.0, -1
 
     def __call__(self, done: int, total: int) -> str:
         if self._first < 0:
-            self._began, self._first = time.monotonic(), done  # what was done before counts for no rate
+            self._began, self._first = time.monotonic(), done  # items of an earlier run do not count
         seconds, new = time.monotonic() - self._began, done - self._first
         left = timedelta(seconds=(total - done) * seconds // max(new, 1))
         return f"{new / seconds:.3g}/s, {left} left" if new and seconds else ""
 
     def words(self, count: str, done: int, total: int, failed: int) -> str:
-        """The same after a count, with those that failed."""
+        """Count, failures, rate and time left."""
         return ", ".join(filter(None, (count, f"{failed} failed" if failed else "", self(done, total))))

@@ -1,4 +1,4 @@
-"""Options that a bayesid.toml gives to a command without a result, which has its own."""
+"""Options that a bayesid.toml gives to a command; a result folder has its own."""
 
 from __future__ import annotations
 
@@ -18,29 +18,29 @@ class Config:
 
     path: Path
     words: Mapping[str, Sequence[str]]  #: of the command line, by the long option
-    replaced: Sequence[str]  #: names of those that the command line states otherwise
+    replaced: Sequence[str]  #: options that the command line overrides
 
     @property
-    def said(self) -> str:
-        """What is taken from the file."""
+    def summary(self) -> str:
+        """The options taken from the file."""
         words = [word for words in self.words.values() for word in words]
         return f"options of {self.path}: {shlex.join(words) or 'none'}"
 
     @property
     def contradiction(self) -> str:
-        """Which options are not; empty where none is contradicted."""
-        return f"the command line replaces {', '.join(self.replaced)} of {self.path}" if self.replaced else ""
+        """The options that the command line overrides; empty if none."""
+        return f"the command line overrides {', '.join(self.replaced)} of {self.path}" if self.replaced else ""
 
 
 def find_config(
     typed: argparse.Namespace, given: Collection[str], actions: Mapping[str, argparse.Action]
 ) -> Config | None:
-    """What the file of --config, or that of the working folder, adds to what was typed; None without a file.
+    """The options of the --config file, or of that in the working folder; None without a file.
 
     Args:
         typed: options of the command line.
-        given: the long ones among its words.
-        actions: what the command takes, by the option.
+        given: the long options among its words.
+        actions: the command's actions, by option.
 
     Raises:
         InputError: the file cannot be used.
@@ -77,19 +77,19 @@ def _words(name: str, value: Any, action: argparse.Action, folder: Path) -> list
 
 
 def _placed(text: str, folder: Path, action: argparse.Action) -> str:
-    """A path as seen from the working folder; other text as it is."""
+    """A path relative to the working folder; other text unchanged."""
     what, at, file = text.rpartition("@")  # of a payload
     place = folder / file
     return f"{what}{at}{place}" if action.type is Path or at or place.is_file() else text
 
 
 def _same(words: Sequence[str], typed: object, action: argparse.Action, given: Collection[str]) -> bool:
-    """Whether an option of the file says what was typed."""
+    """Whether an option of the file agrees with the command line."""
     if action.nargs == 0:
         return words[0] in given
     texts = [word.partition("=")[2] for word in words]
     try:
         values = [action.type(text) if callable(action.type) else text for text in texts]
-    except (ValueError, argparse.ArgumentTypeError):  # which is not used
+    except (ValueError, argparse.ArgumentTypeError):
         return False
     return (values if isinstance(typed, list) else values[0]) == typed

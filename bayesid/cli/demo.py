@@ -79,14 +79,14 @@ def run_experiment(
     with progress.stage("simulate"):
         motion = exciting_trajectory(model, coefficients, DURATION, seed=seed).motion(t)
         log = simulate(model, theta, motion, rng=np.random.default_rng(seed), noise=noise)
-    terms = ["rigid_body"]  # as in the paper; the catalogue would find nothing to add
+    terms = ["rigid_body"]  # as in the paper
     result = identify(model.robot, log, terms, complete="off", search=search, posterior=posterior, progress=progress)
     true_signs, strong = _truth(result, model.effort(motion, theta))
     estimates, sd_of_estimates = table_rows(result)
     new = random_trajectory(model.robot.n_joints, DURATION, rng=seed + 1).motion(t)
     expected = model.robot.inverse_dynamics(new, theta)
     error = model.robot.inverse_dynamics(new, result.theta) - expected
-    sd = noise * np.sqrt(np.mean(model.effort(motion, theta) ** 2, axis=0))  # of the sensors, whatever the motion
+    sd = noise * np.sqrt(np.mean(model.effort(motion, theta) ** 2, axis=0))
     measured = expected + sd * np.random.default_rng(seed + 1).standard_normal(expected.shape)
     signed = np.ones(len(sd), dtype=bool)
     return Experiment(
@@ -111,13 +111,13 @@ def _truth(result: Identification, effort: Array) -> tuple[Array, Array]:
 
 
 def demo_command(options: argparse.Namespace) -> None:
-    """The experiment, its result folder with the log, and what there is to say of it."""
+    """Runs the experiment, writes its result folder with the log, and prints signs, Table II and torque errors."""
     if options.paper:
         letter_command(options)
         return
     folder = check_new(options, options.out, IDENTIFICATION_FILES, MARKER)
     search = Beam() if options.search == "beam" else Certified()
-    truth = nominal_parameters()  # for the report to show beside the estimates; identification knew nothing of it
+    truth = nominal_parameters()  # shown in the report beside the estimates; not used by the identification
     with stages(options) as progress, collect_incomplete() as incomplete:
         sampling = Sampling(budget=options.posterior_budget, rng=options.seed)
         experiment = run_experiment(options.seed, search=search, posterior=sampling, progress=progress)
@@ -143,11 +143,11 @@ def demo_command(options: argparse.Namespace) -> None:
 
 
 def _signs_lines(experiment: Experiment) -> list[str]:
-    """Signs in the order of time, a line a joint; weak segments in brackets, wrong ones marked."""
+    """Signs in order of time, one line per joint; weak segments in brackets, wrong ones marked."""
     result = experiment.result
     lines = [
         f"KUKA KR5 Sixx: {DURATION} s, {SAMPLES} samples a joint, noise {NOISE:.0%}, signs removed",
-        "signs of the segments, (in brackets: never above 5 % of the joint's maximum), ! = wrong",
+        "signs of the segments; in brackets: |effort| below 5 % of the joint's maximum; !: wrong",
     ]
     for j in range(result.model.robot.n_joints):
         marks = ""
@@ -156,22 +156,22 @@ def _signs_lines(experiment: Experiment) -> list[str]:
             wrong = "!" if result.signs[k] != experiment.true_signs[k] else ""
             marks += f"{sign}{wrong}" if experiment.strong[k] else f"({sign}{wrong})"
         lines.append(f"  joint {j + 1}: {marks}")
-    return [*lines, f"{experiment.wrong} of {int(experiment.strong.sum())} segments above 5 % have the wrong sign", ""]
+    return [*lines, f"{experiment.wrong} of {int(experiment.strong.sum())} segments above 5 % have a wrong sign", ""]
 
 
 def _error_lines(experiment: Experiment, of_measured: Array) -> list[str]:
     return [
-        f"{len(experiment.result.coefficients)} coefficients in all; coefficients.csv holds the others",
+        f"{len(experiment.result.coefficients)} coefficients in total, see coefficients.csv",
         "",
         "torque error on a new trajectory, Newton-Euler with the feasible parameters, joints 1 to 6",
         "  against the true torques:           " + "  ".join(f"{error:.2%}" for error in experiment.torque_error),
         "  against measured ones, with noise:  " + "  ".join(f"{error:.2%}" for error in of_measured),
-        "  (the report shows the second: a real robot has no true torques)",
+        "  (the report shows the second line: true torques are unknown on a real robot)",
     ]
 
 
 def simulate_command(options: argparse.Namespace) -> None:
-    """A log without signs, and beside it the same with its signs."""
+    """Writes a log without signs, and the same log with signs."""
     check_file(options, options.out)
     truth = options.out.with_name(f"{options.out.stem}_signed.csv")
     check_file(options, truth)
@@ -181,11 +181,11 @@ def simulate_command(options: argparse.Namespace) -> None:
     unsigned.save(options.out)
     signed.save(truth)
     words = ["bayesid", "identify", str(options.out), *given_robot(options)]
-    finish(options, last=f"written to {options.out}, with the signs in {truth}; next: {shlex.join(words)}")
+    finish(options, last=f"written to {options.out}, signed log in {truth}; next: {shlex.join(words)}")
 
 
 def study_command(options: argparse.Namespace) -> None:
-    """A folder with the trials' rows, a report and a figure."""
+    """Writes a folder with the trials' rows, a report and a figure."""
     if options.floor and options.trials is not None:
         raise InputError("--floor runs all logs", "--trials", "leave it out")
     from bayesid.studies import load  # takes long to import, and needs pyarrow
@@ -194,7 +194,7 @@ def study_command(options: argparse.Namespace) -> None:
     study, folder = load(options.name, floor=options.floor), options.out or Path(f"bayesid-study-{options.name}")
     check_results(folder)
     if not options.resume:
-        check_taken(options, folder, "--resume to go on, ")
+        check_taken(options, folder, "--resume to continue, ")
     with counts(options, "trials") as show:
         finished = run_study(
             study,
@@ -209,10 +209,10 @@ def study_command(options: argparse.Namespace) -> None:
         text = save_results(finished, folder)
     failed = [f"trial {row['trial']} failed: {row['error']}" for row in finished.failed]
     below, conclusion = len(finished.short), None
-    said = f"{counted(below, 'figure')} below the floor" if below else "No figure is below its floor"
+    summary = f"{counted(below, 'figure')} below the floor" if below else "All figures reach their floors"
     if options.floor:
         state: State = "bad" if below else "good"
-        conclusion = Conclusion(state, sentence(state, said))
-    missed = [f"{options.name}: {said}: see {folder}/report.txt"] * bool(below)
+        conclusion = Conclusion(state, sentence(state, summary))
+    missed = [f"{options.name}: {summary}: see {folder}/report.txt"] * bool(below)
     last = f"written to {folder}/; open {folder}/report.txt"
     finish(options, text, conclusion=conclusion, last=last, warnings=failed, incomplete=missed)

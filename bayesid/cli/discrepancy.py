@@ -1,4 +1,4 @@
-"""`bayesid discrepancy`: what the model of a result lacks to explain another log, or what changed from log to log."""
+"""`bayesid discrepancy`: what a result's model lacks to explain another log, or what changed between logs."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ from bayesid.signs.search.certified import Certified
 
 
 def discrepancy_command(options: argparse.Namespace) -> None:
-    """A folder with the extended model."""
+    """Writes a folder with the extended model."""
     if _is_log(options):
         _compare_logs(options)
     else:
@@ -55,7 +55,7 @@ def discrepancy_command(options: argparse.Namespace) -> None:
 
 
 def _is_log(options: argparse.Namespace) -> bool:
-    """Whether the first argument is the earliest of several logs, and no result."""
+    """Whether the first argument is a log, not a result."""
     first = options.result
     if first.is_dir() and not is_log_folder(first):
         return False
@@ -64,8 +64,8 @@ def _is_log(options: argparse.Namespace) -> bool:
 
 def _compare_with_result(options: argparse.Namespace) -> None:
     if len(options.logs) != 1:
-        given = "no log" if not options.logs else f"{len(options.logs)} logs beside a result"
-        remedy = "give a result and one log, and --holdout for another; or logs alone, with --robot"
+        given = "no log" if not options.logs else f"{len(options.logs)} logs with a result"
+        remedy = "give a result and one log (a second one by --holdout), or logs alone with --robot"
         raise InputError(given, str(options.result), remedy)
     for name in ("robot", "tip", "hold", "gravity", "terms", "constraints", "config"):
         if getattr(options, name) is not None:
@@ -96,13 +96,13 @@ def _compare_logs(options: argparse.Namespace) -> None:
     paths = find_logs([options.result, *options.logs])
     for path in paths:
         if path.is_dir() and not is_log_folder(path):
-            raise InputError("is a folder", str(path), "give a result first and one log, or logs alone")
+            raise InputError("is a folder", str(path), "give a result and one log, or logs alone")
     if options.robot is None:
-        remedy = "give --robot to compare logs, or a result folder first"
+        remedy = "give --robot to compare logs, or a result folder as the first argument"
         raise InputError("is a log, not a result", str(paths[0]), remedy)
     if len(paths) < 2:
-        remedy = "give a later log of the robot too"
-        raise InputError("is one log; a comparison takes two or more", str(paths[0]), remedy)
+        remedy = "add a later log of the robot"
+        raise InputError("is a single log; a comparison needs two or more", str(paths[0]), remedy)
     folder, reading = _folder(options, paths), reading_options(options)
     terms = term_names(argparse.Namespace(terms=TERMS if options.terms is None else options.terms))
     robot = robot_of(options, of_log=True)
@@ -127,12 +127,13 @@ def _compare_logs(options: argparse.Namespace) -> None:
 
 
 def _folder(options: argparse.Namespace, given: Sequence[Path]) -> Path:
-    """Where the result goes; it replaces nothing that it is made from."""
+    """The result folder; it must not hold an input."""
     folder = options.out or Path(f"bayesid-discrepancy-{given[-1].stem}")
     for path in (*given, *([] if options.holdout is None else [options.holdout])):
         if path.resolve() == folder.resolve() or path.resolve().parent == folder.resolve():
-            said = f"holds {path.name}, which the result would replace"
-            raise InputError(said, str(folder), "give --out a new folder")
+            raise InputError(
+                f"holds {path.name}, which the result would replace", str(folder), "give --out a new folder"
+            )
     return check_new(options, folder, IDENTIFICATION_FILES, MARKER)
 
 
@@ -142,7 +143,7 @@ def _search(options: argparse.Namespace, usual: float) -> Certified:
 
 
 def _with_command(options: argparse.Namespace, result: Discrepancy) -> Discrepancy:
-    """The result with what was typed, and what its robot's logs have in common: as the earlier result has it."""
+    """The result with the command line, and with the earlier result's bayesid.toml."""
     again, kept = result.identification, options.result / CONFIG
     config = read_config(kept) if kept.is_file() else config_of(options)
     run_by = replace(again.provenance, command=command_line(), config=config)
@@ -150,7 +151,7 @@ def _with_command(options: argparse.Namespace, result: Discrepancy) -> Discrepan
 
 
 def _save(save: Callable[[Path], object], folder: Path) -> list[str]:
-    """What the folder goes without."""
+    """Saves a result; returns messages on missing files."""
     with collect_incomplete() as incomplete:
         save_or_rescue(save, folder)
     return incomplete
@@ -158,8 +159,10 @@ def _save(save: Callable[[Path], object], folder: Path) -> list[str]:
 
 def _end(options: argparse.Namespace, result: Discrepancy | ChangeReport, folder: Path, incomplete: list[str]) -> None:
     if isinstance(result, Discrepancy):
-        lines, said = in_brief(result), discrepancy_conclusion(result).in_brief()
+        lines, conclusion = in_brief(result), discrepancy_conclusion(result).in_brief()
     else:
-        lines, said = changes_in_brief(result), comparison_conclusion(result)
+        lines, conclusion = changes_in_brief(result), comparison_conclusion(result)
     last = f"open {folder}/discrepancy.html"
-    finish(options, *map(line_of, lines), conclusion=said, last=last, warnings=result.warnings, incomplete=incomplete)
+    finish(
+        options, *map(line_of, lines), conclusion=conclusion, last=last, warnings=result.warnings, incomplete=incomplete
+    )

@@ -1,4 +1,4 @@
-"""`bayesid excite`: a motion to record, for a robot or for a result, or what a log's motion leaves undecided."""
+"""`bayesid excite`: designs a motion for a robot or a result, or assesses the motion of a log."""
 
 from __future__ import annotations
 
@@ -76,21 +76,21 @@ class _Found(_Place):
 
 @dataclass(frozen=True)
 class _Discrepancy:
-    """What matters here of discrepancy.json."""
+    """The part of discrepancy.json that is used."""
 
     found: tuple[_Found, ...]
 
 
 def excite_command(options: argparse.Namespace) -> None:
-    """A design's folder, or a judgement."""
+    """Writes a designed motion, or prints the assessment of a log."""
     if options.result is not None:
         if options.log is not None:
-            raise InputError("asks for a judgement and for a design", "--log", "leave it or --for out")
-        _refuse(options, FOR_ROBOT, "means nothing for a result, which has its own", "leave it or --for out")
+            raise InputError("assesses a log, --for designs a motion", "--log", "give one of both")
+        _refuse(options, FOR_ROBOT, "has no effect with --for: the result has its own", "leave it out")
         text, last = _design_for_result(options)
         finish(options, text, last=last)
         return
-    _refuse(options, FOR_RESULT, "is for the motion after a result", "give --for RESULT_DIR")
+    _refuse(options, FOR_RESULT, "needs a result", "give --for RESULT_DIR")
     if options.robot is None:
         raise InputError("no robot and no result", "excite", "give --robot R, or --for RESULT_DIR")
     robot = robot_of(options, notes=True)
@@ -108,22 +108,22 @@ def excite_command(options: argparse.Namespace) -> None:
     finish(options, judgement_text(judged), conclusion=conclusion, last=last)
 
 
-def _refuse(options: argparse.Namespace, refused: Sequence[str], said: str, remedy: str) -> None:
+def _refuse(options: argparse.Namespace, refused: Sequence[str], reason: str, remedy: str) -> None:
     for name in refused:
         if name in options.given:
-            raise InputError(said, name, remedy)
+            raise InputError(reason, name, remedy)
 
 
 def _judge(robot: Robot, options: argparse.Namespace, progress: Progress) -> ExcitationAssessment:
     with progress.stage("read"):
         log = read(options.log, reading_options(options), robot)
-    with progress.stage("judge"):
+    with progress.stage("assess"):
         settings = {"noise": options.noise, "cutoff": options.cutoff, "rng": options.seed}
         return assess_excitation(robot, log, term_names(options), **settings)
 
 
 def _design(robot: Robot, options: argparse.Namespace, progress: Progress) -> tuple[str, str]:
-    """The design's folder; what there is to say of it, and what was written."""
+    """Writes a design; returns its text and the last line."""
     folder = check_new(options, options.out, DESIGN_FILES, DESIGN_MARKER)
     design = design_for_robot(
         robot,
@@ -146,7 +146,7 @@ def _design(robot: Robot, options: argparse.Namespace, progress: Progress) -> tu
 
 
 def _design_for_result(options: argparse.Namespace) -> tuple[str, str]:
-    """The next motion's folder; what there is to say of it, and the next command."""
+    """Writes the next motion; returns its text and the last line."""
     folder = check_next_folder(options.out)
     check_taken(options, folder)
     with stages(options) as progress:
@@ -180,9 +180,9 @@ def _design_for_result(options: argparse.Namespace) -> tuple[str, str]:
 
 
 def _recorded_motion(folder: Path) -> Motion | None:
-    """The motion of a result's log, as far as the folder holds it; None where it does not."""
+    """The motion of a result's log; None if the folder does not hold it."""
     if not (folder / "findings.npz").exists():
-        warn(f"{folder} holds no findings.npz: the motion of its log is not known")
+        warn(f"{folder} holds no findings.npz: the motion of its log is unknown")
         return None
     samples = read_report_data(folder).samples
     ddq = np.gradient(samples.velocity, samples.t, axis=0)
@@ -190,7 +190,7 @@ def _recorded_motion(folder: Path) -> Motion | None:
 
 
 def _hypotheses(folder: Path) -> Hypotheses:
-    """Hypotheses that a discrepancy's log could not tell apart, and changes of what its model had; none of a result."""
+    """Equivalent hypotheses and changes that a discrepancy found; none of an identification."""
     path = folder / "discrepancy.json"
     if not path.exists():
         return Hypotheses()
@@ -206,19 +206,19 @@ def _hypotheses(folder: Path) -> Hypotheses:
 
 
 def _equivalents(found: _Found) -> dict[str, tuple[int, ...] | None]:
-    """Effects that are equivalent to one, with the joints in which they are where the file says so."""
+    """Effects that are equivalent to one, with their joints if the file has them."""
     places = {one.effect: one.joints for one in reversed(found.alternatives)}
     return {name: places.get(name) for name in found.equivalent}
 
 
 def _robot_with_shapes(options: argparse.Namespace, identified: IdentifiedModel) -> Robot:
-    """The robot whose limits and shapes count: that of a file if one is given."""
+    """The robot with limits and shapes: of --robot if given, else of the result."""
     if options.robot is None:
         return identified.model.robot
     robot = robot_of(options)
     if not robot.same_kinematics(identified.model.robot):
-        said = f"is another robot than that of {options.result} ({identified.model.robot.name})"
-        raise InputError(said, options.robot, "give the robot that the result was identified with, or leave it out")
+        seen = f"is another robot than that of {options.result} ({identified.model.robot.name})"
+        raise InputError(seen, options.robot, "give the result's robot, or leave it out")
     return robot
 
 
@@ -230,9 +230,9 @@ def _limits(options: argparse.Namespace, robot: Robot) -> MotionLimits | None:
 def _clearance(options: argparse.Namespace, robot: Robot, poses: Array) -> CollisionModel | NoShapes:
     radii, tool = numbers(options.capsules, "--capsules"), numbers(options.tool, "--tool")
     if tool is not None and radii is None:
-        raise InputError("is the end of capsules", "--tool", "give --capsules too")
+        raise InputError("needs --capsules", "--tool", "give --capsules too")
     if radii is not None and options.meshes:
-        raise InputError("are of the URDF's shapes, which capsules replace", "--meshes", "leave it or --capsules out")
+        raise InputError("are not used with --capsules", "--meshes", "give one of both")
     capsules = None
     if radii is not None:
         capsules = Capsules(radii[0] if len(radii) == 1 else radii, (0.0, 0.0, 0.0) if tool is None else tool)
@@ -240,18 +240,20 @@ def _clearance(options: argparse.Namespace, robot: Robot, poses: Array) -> Colli
         for name in ("--floor", "--margin", "--meshes"):
             if name in options.given:
                 remedy = "give --capsules R, or --robot with a URDF that has collision shapes"
-                raise InputError("means nothing where the shapes of the links are not known", name, remedy)
+                raise InputError("has no effect: the shapes of the links are unknown", name, remedy)
     return collision_model(robot, poses, capsules, _height(options.floor), options.margin, options.meshes)
 
 
 def _height(text: str) -> float | None:
     """Of the floor, m."""
-    heights = None if text == "none" else numbers(text, "--floor", "give m over the base's origin, or none")
+    heights = (
+        None if text == "none" else numbers(text, "--floor", "give the height over the base's origin in m, or none")
+    )
     return None if heights is None else heights[0]
 
 
 def _poses(options: argparse.Namespace, robot: Robot, recorded: Motion | None) -> Array:
-    """(M, n) where the robot has been."""
+    """(M, n) poses that the robot has reached."""
     start = numbers(options.start, "--start")
     parts = [] if start is None or len(start) != robot.n_joints else [np.array([start])]
     if recorded is not None:
@@ -262,5 +264,5 @@ def _poses(options: argparse.Namespace, robot: Robot, recorded: Motion | None) -
 def _words(text: str | None, option: str) -> tuple[str, ...]:
     words = () if text is None else tuple(word.strip() for word in text.split(",") if word.strip())
     if text is not None and not words:
-        raise InputError("names nothing", option, "give names with commas between, or leave it out")
+        raise InputError("is empty", option, "give names separated by commas, or leave it out")
     return words

@@ -1,4 +1,4 @@
-"""`bayesid floor`: the error that no model of a robot can get below, from two recordings of the same motion."""
+"""`bayesid floor`: the smallest error of any model of a robot, from two recordings of the same motion."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ from bayesid.report.verdicts import graded
 
 _VERDICTS: Mapping[State, str] = {
     "good": "The efforts repeat",
-    "look": "The efforts repeat, with limits",
+    "look": "The efforts repeat only roughly",
     "bad": "The efforts do not repeat",
 }
 
 
 def floor_command(options: argparse.Namespace) -> None:
-    """A table, and a file where one is asked for."""
+    """Prints a table, and writes it to `--out`."""
     if options.out is not None:
         check_file(options, options.out)
     robot, reading = robot_of(options, of_log=True), reading_options(options)
@@ -50,15 +50,15 @@ def floor_command(options: argparse.Namespace) -> None:
     ]
     headings = ["joint", "RMS difference, N m", "floor, N m", "floor / effort", "positions differ by"]
     hidden = [str(j) for j, signed in enumerate(result.signed, start=1) if not signed]
-    compared = f"{result.seconds:.4g} s of both logs, clocks {result.shift:.3f} s apart"
-    said = [f"signs are hidden in joints {', '.join(hidden)}: |effort| is compared"] if hidden else []
+    compared = f"{result.seconds:.4g} s of both logs, clock offset {result.shift:.3f} s"
+    note = [f"signs are hidden in joints {', '.join(hidden)}: |effort| is compared"] if hidden else []
     words = ["bayesid", "identify", str(options.log), str(options.again), *given_robot(options)]
     finish(
         options,
         table(headings, rows),
         compared,
-        *said,
-        "floor: RMS error that no model gets below; compare `bayesid validate`",
+        *note,
+        "floor: smallest RMS error of any model; compare with `bayesid validate`",
         conclusion=conclude(_checks(result), _VERDICTS),
         last="; ".join([*([f"written to {options.out}"] if options.out else []), f"next: {shlex.join(words)}"]),
     )
@@ -71,16 +71,16 @@ def _percent(share: float) -> str:
 def _checks(result: Repeatability) -> list[Check]:
     worst, apart = float(np.nanmax([0.0, *result.relative])), float(result.position.max())
     limits = IDENTIFICATION.suspicious, REGRESSION.poor_fit
-    said = f"the floor is {worst:.1%} of a joint's effort (good: up to {limits[0]:.0%})"
-    remedy = "look for a change between the recordings: payload, temperature, gains"
+    floor = f"the floor is {worst:.1%} of a joint's effort (good: up to {limits[0]:.0%})"
+    remedy = "check what changed between the recordings: payload, temperature, gains"
     moved = f"positions differ by {apart:.1%} of a joint's range (good: up to {TUNING.repeated:.1%})"
     same = Check(
         "Motion",
         "good" if apart <= TUNING.repeated else "look",
         moved,
-        "the true floor is lower: part of the difference is the motion's",
+        "the true floor is lower: part of the difference comes from the motion",
     )
-    return [graded("Repeatability", worst, limits, said, remedy), same]
+    return [graded("Repeatability", worst, limits, floor, remedy), same]
 
 
 def _write(path: Path, result: Repeatability) -> None:

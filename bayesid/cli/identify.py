@@ -54,18 +54,16 @@ from bayesid.study.separate_logs import BatchResult, identify_each
 _PAYLOAD = re.compile(r"(?:(?P<label>[^:~@]*):)?(?P<mass>[^:~@]*)(?:~(?P<sd>[^:~@]*))?@(?P<file>.+)")
 _PAYLOAD_REMEDY = "give tool1@loaded.csv, 2.8@loaded.csv or tool1:2.8~0.005@loaded.csv"
 _SEPARATE: Mapping[State, str] = {
-    "good": "Nothing speaks against these results",
+    "good": "All checks passed",
     "look": "Usable with care",
     "bad": "Do not rely on all of these results yet",
 }
-_WIDEST = {"log10 Bayes factor": 12, "size and sd": 40, "not told from": 20, "ratio to others known to": 14}
-_LIST_REMEDY = (
-    'give tables [[logs]] with file = "loaded.csv" and, if it carries something, payload = "tool1", mass = 2.8'
-)
+_WIDEST = {"log10 Bayes factor": 12, "size and sd": 40, "could also be": 20, "sd of ratio to others": 14}
+_LIST_REMEDY = 'give tables [[logs]] with file = "loaded.csv" and, for a payload, payload = "tool1", mass = 2.8'
 
 
 def identify_command(options: argparse.Namespace) -> None:
-    """One result folder, or one a log with `--each`."""
+    """Writes a result folder, or one per log with `--each`."""
     logs = recordings(options)
     settings: dict[str, Any] = {
         "terms": term_names(options),
@@ -81,10 +79,12 @@ def identify_command(options: argparse.Namespace) -> None:
         _identify_each(options, logs, settings)
         return
     if options.workers is not None or options.scheduler is not None:
-        said = "one identification runs in one process"
-        raise InputError(said, "--workers or --scheduler", "leave it out, or add --each for one result a log")
+        remedy = "leave it out, or add --each for one result per log"
+        raise InputError("one identification runs in one process", "--workers or --scheduler", remedy)
     folder = options.out or _usual_folder(options, logs, "bayesid")
-    if any(folder.resolve() in (one.path.resolve(), one.path.resolve().parent) for one in logs):  # a bag is a folder
+    if any(
+        folder.resolve() in (one.path.resolve(), one.path.resolve().parent) for one in logs
+    ):  # a ROS bag may be a folder
         raise InputError("holds the log, which the result would replace", str(folder), "give --out a new folder")
     check_new(options, folder, IDENTIFICATION_FILES, MARKER)
     robot, reading = robot_of(options, of_log=True), reading_options(options)
@@ -101,17 +101,17 @@ def identify_command(options: argparse.Namespace) -> None:
             save_or_rescue(lambda place: save_identification(result, place, report=shown, progress=progress), folder)
     findings = replace(report_data(result), folder=str(folder))
     checks = verdicts.check_findings(findings)
-    last = f"open {folder}/report.html" if shown else f"written to {folder}/; its page: bayesid report {folder}"
+    last = f"open {folder}/report.html" if shown else f"written to {folder}/; make the report: bayesid report {folder}"
     conclusion, summary = conclude(checks), findings.summary
     lines = (verdicts.proof(summary), verdicts.sampling(summary), *verdicts.gains(summary))
-    told = () if options.quiet else (*lines, *conclusion.actions)  # what is seen below is not told twice
-    later = [said for said in verdicts.unsaid(result.warnings, told) if said not in notes]  # the reader has said those
-    parts, last = _identification_parts(result, summary), f"{last}{' (an earlier one is replaced)' * replaced}"
+    printed = () if options.quiet else (*lines, *conclusion.actions)
+    later = [warning for warning in verdicts.unsaid(result.warnings, printed) if warning not in notes]
+    parts, last = _identification_parts(result, summary), f"{last}{' (an earlier result was replaced)' * replaced}"
     finish(options, *parts, conclusion=conclusion, last=last, warnings=later, incomplete=incomplete)
 
 
 def _usual_folder(options: argparse.Namespace, logs: Sequence[Recording], kind: str) -> Path:
-    """Named after the file that lists the logs, or the first log."""
+    """Default folder, named after the list of logs or the first log."""
     return Path(f"{kind}-{(options.logs[0] if _is_list(options.logs[0]) else logs[0].path).stem}")
 
 
@@ -130,8 +130,8 @@ def _search(options: argparse.Namespace) -> Search:
 def _identify_each(options: argparse.Namespace, logs: Sequence[Recording], settings: Mapping[str, Any]) -> None:
     for one in logs:
         if one.payload:
-            said = f"{one.path} carries a payload, which only a log without it tells from the last link"
-            raise InputError(said, "--each", "leave --each out, or name the log without its payload")
+            seen = f"{one.path} carries a payload, which needs a log without it"
+            raise InputError(seen, "--each", "leave --each out, or give the log without a payload")
     folder = options.out or _usual_folder(options, logs, "bayesid-each")
     check_taken(options, folder)
     robot = robot_of(options, of_log=True)
@@ -148,33 +148,33 @@ def _identify_each(options: argparse.Namespace, logs: Sequence[Recording], setti
             complain(f"{result.log}: {result.error.removeprefix(f'{result.log}: ')}")
     if refused and len(failed) == len(separate.runs):
         raise InputError("none of the logs can be used", str(folder), "see above; nothing was written")
-    verdict = None if failed else _worst_of(separate)  # of logs without a result there is more to say
+    verdict = None if failed else _worst_of(separate)
     finish(options, *_separate_parts(separate), conclusion=verdict, last=f"written to {folder}/")
     if failed:
-        said = f"{len(failed)} of {len(separate.runs)} logs have no result"
+        seen = f"{len(failed)} of {len(separate.runs)} logs have no result"
         if refused:
-            raise InputError(said, str(folder), "see above; the other results are complete")
-        raise BayesidError(f"{folder}: {said}; see above; the other results are complete")
+            raise InputError(seen, str(folder), "see above; the other results are complete")
+        raise BayesidError(f"{folder}: {seen}; see above; the other results are complete")
 
 
 # ---------------------------------------------------------------------------------------------------------------
-# What there is to say
+# Output
 # ---------------------------------------------------------------------------------------------------------------
 def _identification_parts(result: Identification, summary: Summary) -> list[RenderableType]:
     search, hidden = result.search, summary.hidden_joints > 0
     proof, seconds = verdicts.proof(summary), result.timings["search"]
-    settled = f", {result.persistent_share:.1%} of samples settled" if search.certified else ""
+    determined = f"; signs determined for {result.persistent_share:.1%} of the samples" if search.certified else ""
     searched = f" ({summary.n_segments_searched} searched)" if hidden else ""
     return [
         f"{summary.robot}: {summary.n_samples} rows, {summary.n_segments} segments{searched}, "
         f"{summary.n_coefficients} coefficients ({result.n_known} known to {100 * KNOWN:g} %), condition "
         f"number {result.fit.condition:.0f}",
         *_payloads(summary),
-        _verdict(f"search: {search.method}, {search.solves} cone problems, {seconds:.1f} s; ", proof, settled)
+        _verdict(f"search: {search.method}, {search.solves} cone problems, {seconds:.1f} s; ", proof, determined)
         if hidden
         else _verdict("signs: ", proof),
         *_constraints(summary),
-        *(f"beyond the terms asked for: {said}" for said in _beyond(summary)),
+        *(f"additional effects: {line}" for line in _additional(summary)),
         *_table_of(verdicts.EFFECT_HEADINGS, verdicts.effect_rows(summary)),
         *(_verdict("gains: ", check) for check in verdicts.gains(summary)),
         *_table_of(verdicts.GAIN_HEADINGS, verdicts.gain_rows(summary)),
@@ -184,7 +184,7 @@ def _identification_parts(result: Identification, summary: Summary) -> list[Rend
 
 
 def _joints(result: Identification) -> RenderableType:
-    """A row a joint: its segments, how sure signs are that were hidden, and what the model leaves of its effort."""
+    """One row per joint: segments, certainty of hidden signs, relative residual."""
     segments, _, confidence = result.recorded_segments
     signed, shares, left = result.log.signed, result.sure_shares, result.fit.relative_residual
     rows = []
@@ -192,22 +192,22 @@ def _joints(result: Identification) -> RenderableType:
         of_joint = confidence[segments.joint == j]
         signs = ["known", "known"] if known else [f"{of_joint.min():.2f}", f"{shares[j]:.1%}"]
         rows.append([str(j + 1), str(len(of_joint)), *([] if signed.all() else signs), f"{left[j]:.1%}"])
-    of_signs = [] if signed.all() else ["least sure", f"|effort| in motion sure to {100 * SURE:g} %"]
+    of_signs = [] if signed.all() else ["lowest confidence", f"|effort| with a sign {100 * SURE:g} % certain"]
     return table(["joint", "segments", *of_signs, "relative residual"], rows)
 
 
 def _constraints(summary: Summary) -> list[str]:
-    """How many are stated, and the one that contradicts the log most."""
+    """The number of constraints, and the one with the largest cost."""
     if not summary.constraints:
         return []
     dear = max(summary.constraints, key=lambda one: one.nats)
-    costs = f"the dearest, {dear.label}, costs {dear.nats:.1f} nats" if dear.nats > 0.0 else "none is active in the fit"
+    costs = f"largest cost {dear.nats:.1f} nats ({dear.label})" if dear.nats > 0.0 else "none is active in the fit"
     active = [one.label for one in summary.constraints if one.presses]
-    return [f"constraints: {len(summary.constraints)} hold; {costs}{f'; {len(active)} are active' * bool(active)}"]
+    return [f"constraints: {len(summary.constraints)}; {costs}{f'; {len(active)} limit the draws' * bool(active)}"]
 
 
-def _beyond(summary: Summary) -> list[str]:
-    """What entered in short: a table has its names."""
+def _additional(summary: Summary) -> list[str]:
+    """The number of added effects; a table has their names."""
     complete = summary.complete
     if complete is None or not complete.effects:
         return [check.message for check in verdicts.beyond_the_terms(summary)]
@@ -215,11 +215,11 @@ def _beyond(summary: Summary) -> list[str]:
 
 
 def _table_of(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> list[RenderableType]:
-    return [table(headings, rows, left=["beyond the terms", "size and sd"], widest=_WIDEST)] if rows else []
+    return [table(headings, rows, left=["additional effect", "size and sd"], widest=_WIDEST)] if rows else []
 
 
 def _payloads(summary: Summary) -> list[str]:
-    """What each log carried, and what was found of it; nothing where none carried anything."""
+    """Payload of each log, and the estimates; nothing without payloads."""
     payloads = summary.payloads or {}
     carried = [f"{part.source}: {part.n_samples} rows, {part.payload or 'no payload'}" for part in summary.logs]
     found = [
@@ -261,25 +261,25 @@ def _separate_parts(separate: BatchResult) -> list[RenderableType]:
         counts, worst = (str(figures[key]) for key in ("n_samples", "n_segments")), figures["worst_relative_residual"]
         rows.append([str(log), *counts, proven, converged, f"{worst:.1%}", figures["verdict"]])
     headings = ["log", "samples", "segments", "proven", "converged", "worst relative residual", "verdict"]
-    few = "fewer than two results: nothing to compare"
+    few = "fewer than two results: no comparison"
     agreement = few if separate.agreement is None else agreement_text(separate.agreement)
     return [table(headings, rows, left=["log"]), "", agreement]
 
 
 # ---------------------------------------------------------------------------------------------------------------
-# Logs and what the flange carried
+# Logs and payloads
 # ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Recording:
     """One log of an identification."""
 
     path: Path  #: of the log
-    payload: str = ""  #: label of what the flange carried; empty where it carried nothing
-    mass: tuple[float, float] | None = None  #: of that, kg, and its standard deviation; None where it is not known
+    payload: str = ""  #: label of the payload; empty without one
+    mass: tuple[float, float] | None = None  #: of the payload and its standard deviation, kg; None if unknown
 
 
 def recordings(options: argparse.Namespace) -> list[Recording]:
-    """All logs that a command names: those without a payload first, unless a file lists them.
+    """All logs of a command: those without a payload first, unless a file lists them.
 
     Raises:
         InputError: an option or a file cannot be understood, no file matches a pattern, or a log is named twice.
@@ -287,12 +287,12 @@ def recordings(options: argparse.Namespace) -> list[Recording]:
     named = [one for path in options.logs for one in (_listed(path) if _is_list(path) else [Recording(path)])]
     named += map(_of_payload, options.payload)
     found = [replace(one, path=path) for one in named for path in find_logs([one.path])]
-    find_logs([one.path for one in found])  # none twice
+    find_logs([one.path for one in found])  # refuses a log that is named twice
     return found
 
 
 def _is_list(path: Path) -> bool:
-    """Whether an argument is no log but a file that lists logs."""
+    """Whether an argument is a file that lists logs."""
     return path.suffix == ".toml"
 
 
@@ -302,8 +302,8 @@ def _known_masses(logs: Iterable[Recording]) -> dict[str, tuple[float, float]]:
     for one in logs:
         if one.mass is not None and known.setdefault(f"m_{one.payload}", one.mass) != one.mass:
             here, there = (f"{mass:g} +- {sd:g} kg" for mass, sd in (one.mass, known[f"m_{one.payload}"]))
-            said = f"payload {one.payload} has {here} here, and {there} in another log"
-            raise InputError(said, str(one.path), "give it one mass, or other payloads other labels")
+            seen = f"payload {one.payload} has {here} here, and {there} in another log"
+            raise InputError(seen, str(one.path), "give it one mass, or give each payload its own label")
     return known
 
 
@@ -348,7 +348,7 @@ def _check_keys(table: Mapping[str, Any], known: tuple[str, ...], where: str) ->
 
 
 def _recording(path: Path, label: object, mass: list[Any] | None, where: str, remedy: str) -> Recording:
-    """A log with what it carried; a payload without a label is "payload"."""
+    """A log with its payload, whose default label is "payload"."""
     try:
         known = None if mass is None else _mass(mass)
         carried = ("" if mass is None else "payload") if label is None else check_label(label)
@@ -359,11 +359,11 @@ def _recording(path: Path, label: object, mass: list[Any] | None, where: str, re
 
 def _mass(numbers: list[Any]) -> tuple[float, float]:
     """A mass and its sd, kg, of one number or two."""
-    said = f"mass = {', '.join(map(repr, numbers))} is no mass in kg"
+    seen = f"mass = {', '.join(map(repr, numbers))} is no mass in kg"
     if not 1 <= len(numbers) <= 2 or any(isinstance(one, bool) or not isinstance(one, int | float) for one in numbers):
-        raise InputError(said)
+        raise InputError(seen)
     mass = float(numbers[0])
     sd = float(numbers[1]) if len(numbers) == 2 else TUNING.payload_mass_sd * mass
     if not (0.0 < mass < LARGEST and 0.0 < sd < math.inf):
-        raise InputError(f"{said} with its sd, both above 0")
+        raise InputError(f"{seen} with its sd, both above 0")
     return mass, sd

@@ -1,4 +1,4 @@
-"""What the options of several commands stand for: logs, terms, a search, a sampling."""
+"""Options of several commands: logs, robot, prior, sampling, and the end of a command."""
 
 from __future__ import annotations
 
@@ -40,33 +40,33 @@ _UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "deg": math.pi / 180.0, "mrad": 1e-3
 
 
 def command_line() -> str:
-    """What was typed."""
+    """The command line."""
     return printable(shlex.join(["bayesid", *sys.argv[1:]]))
 
 
 def config_of(options: argparse.Namespace) -> dict[str, Any]:
-    """What was stated of the model, by options or by a bayesid.toml, for the bayesid.toml of a result."""
+    """Options of the model from the command line or a bayesid.toml, for the bayesid.toml of a result."""
     configured = {} if options.configured is None else options.configured.words
     stated = [name for name in OF_MODEL if f"--{name}" in {*options.given, *configured}]
     return plain_config({name: getattr(options, name.replace("-", "_")) for name in stated})
 
 
 def robot_of(options: argparse.Namespace, notes: bool = False, of_log: bool = False) -> Robot:
-    """The robot, with the joints that are to be identified, and warnings of what there is to note of it.
+    """The robot with the joints to identify; warns of its notes.
 
     Args:
         options: of the command.
-        notes: whether what there is to note is said.
-        of_log: whether it is the robot of a log, whose positions somebody has counted.
+        notes: whether to print its notes.
+        of_log: whether a log of this robot is read, whose positions depend on its zero pose.
     """
     if options.robot is None:
         remedy = f"give --robot, or `robot` in {CONFIG}; `bayesid robot list` shows the built-in ones"
-        raise InputError("no robot is stated", "--robot", remedy)
+        raise InputError("no robot is given", "--robot", remedy)
     gravity = numbers(options.gravity, "--gravity", "give three numbers, m/s^2, as in 0,0,9.81")
     held = None if options.hold is None else _positions(options.hold)
     robot = load_robot(options.robot, options.tip, held, gravity)
     if robot.origin is not None and robot.origin.urdf is not None and not Path(options.robot).is_file():
-        warn(f"{options.robot} is not built in: it is {robot.origin.urdf}, of an installed package")
+        warn(f"{options.robot} is not built in; using {robot.origin.urdf} of an installed package")
     for note in robot.notes if notes else ():
         warn(note)
     if of_log and (said := alias_note(options.robot)):
@@ -75,7 +75,7 @@ def robot_of(options: argparse.Namespace, notes: bool = False, of_log: bool = Fa
 
 
 def given_robot(options: argparse.Namespace) -> list[str]:
-    """The words of the command line that name the robot."""
+    """The robot's options as words of a command line."""
     given = {name: getattr(options, name) for name in ("robot", "tip", "hold", "gravity")}
     return [word for name, value in given.items() if value is not None for word in (f"--{name}", str(value))]
 
@@ -89,7 +89,7 @@ def _positions(text: str) -> dict[str, float]:
 
 
 def numbers(
-    text: str | None, option: str, remedy: str = "give numbers with commas between"
+    text: str | None, option: str, remedy: str = "give numbers separated by commas"
 ) -> tuple[float, ...] | None:
     """The finite numbers of an option; None where it is not given."""
     try:
@@ -102,7 +102,7 @@ def numbers(
 
 
 def check_file(options: argparse.Namespace, out: Path) -> None:
-    """Checks that a file can be written, in a folder that is there, and takes no other's place.
+    """Checks that a file can be written into an existing folder, and replaces no other.
 
     Raises:
         InputError: it cannot, or there is one and --force was not given.
@@ -111,13 +111,15 @@ def check_file(options: argparse.Namespace, out: Path) -> None:
         raise InputError("is a folder", str(out), "give --out the name of a file")
     check_place(out)
     if not out.parent.is_dir():
-        raise InputError(f"cannot be written (there is no folder {out.parent})", str(out), "make it, or mend --out")
+        raise InputError(
+            f"cannot be written (there is no folder {out.parent})", str(out), "create it, or correct --out"
+        )
     if out.exists():
-        _keep(options, out, "is there already")
+        _keep(options, out, "exists already")
 
 
 def check_new(options: argparse.Namespace, folder: Path, files: Set[str], marker: str) -> Path:
-    """The folder, as `bayesid.files.writing.check_folder` has it, if it takes no other's place.
+    """The folder of `bayesid.files.writing.check_folder`, if it replaces no other.
 
     Raises:
         InputError: it cannot be written, or holds an earlier result and --force was not given.
@@ -128,32 +130,30 @@ def check_new(options: argparse.Namespace, folder: Path, files: Set[str], marker
 
 
 def check_taken(options: argparse.Namespace, folder: Path, go_on: str = "") -> None:
-    """Raises InputError where a folder holds something and --force was not given; `go_on` names what else helps."""
+    """Raises InputError if a folder is not empty and --force was not given; `go_on` is another remedy."""
     if folder.is_dir() and any(folder.iterdir()):
         _keep(options, folder, "holds an earlier result", go_on)
 
 
-def _keep(options: argparse.Namespace, path: Path, said: str, go_on: str = "") -> None:
-    """Nothing is replaced unless it was asked for."""
+def _keep(options: argparse.Namespace, path: Path, reason: str, go_on: str = "") -> None:
     if not options.force:
         names = (path.with_name(f"{path.stem}-{k}{path.suffix}") for k in itertools.count(2))
         free = next(name for name in names if not name.exists())
-        raise InputError(said, str(path), f"give {go_on}--out {shlex.quote(str(free))}, or --force to replace it")
+        raise InputError(reason, str(path), f"give {go_on}--out {shlex.quote(str(free))}, or --force to replace it")
 
 
 def reading_options(options: argparse.Namespace, identified: IdentifiedModel | None = None) -> dict[str, Any]:
-    """Keyword arguments of `bayesid.read_log` as they are given; None where the usual ones, or a result's, count.
+    """Keyword arguments of `bayesid.read_log`; None for defaults, or a result's values.
 
     Raises:
-        InputError: uncertain gains are given beside a result.
+        InputError: uncertain gains are given with a result.
     """
     gains: Any = options.gains
-    with suppress(ValueError):  # uncertain ones stay as they were typed
+    with suppress(ValueError):  # uncertain ones stay text
         gains = None if gains is None else [float(word) for word in gains.split(",")]
     if identified is not None and isinstance(gains, str):
-        remedy = "leave --gains out: the result has its own, or give exact ones"
-        said = f"{gains!r:.60} are no exact numbers: uncertain gains are unknowns of `bayesid identify` alone"
-        raise InputError(said, "--gains", remedy)
+        remedy = "leave it out to use the result's gains, or give exact ones"
+        raise InputError(f"{gains!r:.60} are uncertain: only `bayesid identify` estimates gains", "--gains", remedy)
     return {"gains": gains, "unsigned": options.unsigned, "encoding": options.encoding, **motion_options(options)}
 
 
@@ -172,7 +172,7 @@ def motion_options(options: argparse.Namespace) -> dict[str, Any]:
 
 @contextmanager
 def warned() -> Iterator[None]:
-    """Each warning of a reader is one line."""
+    """Prints each warning in one line."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", UserWarning)
         yield
@@ -181,38 +181,38 @@ def warned() -> Iterator[None]:
 
 
 def read(path: Path, reading: Mapping[str, Any], robot: Robot) -> Log:
-    """A log of a robot, as `reading_options` say."""
+    """A log of a robot, read with `reading_options`."""
     with warned():
         return read_log(path, **reading, robot=robot)
 
 
 def read_for(identified: IdentifiedModel, path: Path, given: Mapping[str, Any]) -> Log:
-    """A log of a result's robot: as the result's own was read, but for `reading_options` that are given."""
+    """A log of a result's robot, read like the result's log except for the given `reading_options`."""
     with warned():
-        return read_alike(read_log, path, told(identified.reading, given), given, robot=identified.model.robot)
+        return read_alike(read_log, path, with_warnings(identified.reading, given), given, robot=identified.model.robot)
 
 
 def read_motion_for(identified: IdentifiedModel, path: Path, given: Mapping[str, Any]) -> RecordedMotion:
-    """A motion of a result's robot, as `read_for` reads a log."""
-    kept = told(identified.motion_reading, given)
+    """A motion of a result's robot, read like `read_for`."""
+    kept = with_warnings(identified.motion_reading, given)
     with warned():
         return read_alike(read_motion, path, kept, given, robot=identified.model.robot)
 
 
-def told(kept: dict[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
-    """What is kept of a result's log, with warnings of that by which a log of its own might be read otherwise."""
+def with_warnings(kept: dict[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
+    """The reading options of a result's log; warns of those that are used or overridden."""
     applied = {name: value for name, value in kept.items() if name != "gains" and given.get(name) is None}
     if applied:
-        warn(f"read as the result's log was: {shlex.join(in_words(applied))}")
+        warn(f"using the reading options of the result's log: {shlex.join(in_words(applied))}")
     for name, value in kept.items():
         if given.get(name) is not None and not _alike(value, given[name]):
-            scale = ", in whose scale the model is" * (name == "gains")
-            warn(f"the log is read by --{name}, not by that of the result{scale}")
+            scale = "; the model has the scale of the result's gains" * (name == "gains")
+            warn(f"--{name} differs from that of the result's log{scale}")
     return kept
 
 
 def _alike(kept: Any, given: Any) -> bool:
-    """Whether an option says what the result's log was read by."""
+    """Whether two values of an option agree."""
     return np.array_equal(kept.value, given) if isinstance(kept, Gains) else bool(kept == given)
 
 
@@ -224,10 +224,10 @@ def finish(
     warnings: Iterable[str] = (),
     incomplete: Iterable[str] = (),
 ) -> None:
-    """Ends a command: warnings, what there is to say, and last the verdict, what to do, and what to open.
+    """Ends a command: prints warnings, results, the verdict with actions, and the last line.
 
     Raises:
-        BayesidError: the result is `incomplete`: it is shown like any other, but the command has failed.
+        BayesidError: the result is `incomplete`; it is printed before.
         RedVerdictError: the verdict is bad, and --strict was given.
     """
     for warning in warnings:
@@ -235,9 +235,9 @@ def finish(
     if not options.quiet:
         show(*parts, *([] if conclusion is None else verdict_parts(conclusion)))
         if last:
-            console().print(printable(last), soft_wrap=True)  # in one line: it holds a command, or a path
-    for said in incomplete:
-        raise BayesidError(said)
+            console().print(printable(last), soft_wrap=True)  # unfolded, since it holds a command or a path
+    for message in incomplete:
+        raise BayesidError(message)
     if conclusion is not None and conclusion.state == "bad" and getattr(options, "strict", False):
         raise RedVerdictError(conclusion.sentence)
 
@@ -246,14 +246,14 @@ def term_names(options: argparse.Namespace) -> list[str]:
     """Names of the model's terms."""
     terms = [name.strip() for name in options.terms.split(",")]
     if RigidBody.name not in terms:
-        raise InputError(f"{RigidBody.name} is missing", "--terms", "add it: a robot has links")
+        raise InputError(f"{RigidBody.name} is missing", "--terms", "add it")
     return terms
 
 
 def prior(
     options: argparse.Namespace, known: Mapping[str, tuple[float, float]] = MappingProxyType({})
 ) -> ParameterPrior:
-    """What is believed before the log; the geometry's tolerance where a command asks for it.
+    """The prior of the parameters, with the geometry's tolerance.
 
     Args:
         options: of the command.
@@ -271,7 +271,7 @@ def prior(
 
 
 def _links(text: str) -> tuple[float, float]:
-    remedy = "give the scales of a link's mass and of its distances in kg and m, as in 30,0.5"
+    remedy = "give mass and size of a typical link in kg and m, as in 30,0.5"
     scales = numbers(text, "--links", remedy) or ()
     if len(scales) != 2:
         raise InputError(f"{text!r} are no scales of links", "--links", remedy)
@@ -285,13 +285,13 @@ def _tolerance(text: str) -> tuple[float, float]:
     except ValueError:
         length = angle = math.nan
     if not (0.0 <= length < math.inf and 0.0 <= angle < math.inf):
-        remedy = "give a length and an angle with their units, as in 1mm,0.1deg; 0mm,0deg for a table that is exact"
+        remedy = "give a length and an angle with their units, as in 1mm,0.1deg; 0mm,0deg for an exact table"
         raise InputError(f"{text!r} is no tolerance", "--kinematic-tolerance", remedy)
     return length, angle
 
 
 def sampling(options: argparse.Namespace) -> Sampling | bool:
-    """How the posterior is sampled, or that it is not; bad options are refused either way."""
-    mode = getattr(options, "mode", 1)  # of `identify` alone
+    """Settings of the sampler; False with --no-posterior."""
+    mode = getattr(options, "mode", 1)
     chosen = Sampling(budget=options.posterior_budget, time_limit=options.time_limit, rng=options.seed, mode=mode)
     return False if options.no_posterior else chosen

@@ -52,7 +52,7 @@ SAMPLES = 667
 DURATION = 13.33
 """s, as there."""
 NOISE = 0.05
-"""Standard deviation relative to each joint's RMS effort; a round number."""
+"""Standard deviation relative to each joint's RMS effort, as in the demo."""
 LEFT = 2577 / 4002
 """Share of the samples that the paper's thresholds leave."""
 SEGMENTS = 35, 45
@@ -68,7 +68,7 @@ _VERDICTS: Mapping[State, str] = {
     "look": "All signs are right, but fewer coefficients are known than in the paper",
     "bad": "This run does not reproduce the paper",
 }
-_NO_CONFIDENCES = "Algorithm 1 gives no proof and no confidences: the report asks for both, `bayesid demo` has them"
+_NO_CONFIDENCES = "Algorithm 1 gives no proof and no confidences, which the report checks; `bayesid demo` has both"
 _SLOW = MotionLimits(velocity=2.0, acceleration=8.0)
 _SINES = 3
 """Sines and cosines a joint. Within these limits two fifths of random motions have the paper's number of segments."""
@@ -181,7 +181,7 @@ def _segments(signals: Signals) -> Segments:
 
 
 def letter_command(options: argparse.Namespace) -> None:
-    """The experiment, its result folder with every node of the tree, and what there is to say of it."""
+    """Runs the experiment, writes its result folder with all nodes of the tree, and prints a summary."""
     if options.search != "beam" and "--search" in options.given:
         raise InputError("--paper runs the paper's search", "--search", "leave it out, or give --search beam")
     folder = check_new(options, options.out, IDENTIFICATION_FILES, MARKER)
@@ -196,16 +196,16 @@ def letter_command(options: argparse.Namespace) -> None:
         options,
         *_lines(experiment),
         coefficient_table(*experiment.table),
-        f"{len(result.coefficients)} coefficients in all; coefficients.csv holds the others",
+        f"{len(result.coefficients)} coefficients in total, see coefficients.csv",
         conclusion=conclusion,
-        last=f"{_NO_CONFIDENCES}\nopen {folder}/report.html; every node is in {folder}/nodes.csv",
+        last=f"{_NO_CONFIDENCES}\nopen {folder}/report.html; all nodes: {folder}/nodes.csv",
         warnings=result.warnings,
         incomplete=incomplete,
     )
 
 
 def _checks(experiment: LetterExperiment) -> list[Check]:
-    """Against what was simulated."""
+    """Checks against the simulated truth."""
     count, known = len(experiment.segments), experiment.known
     right, nodes = count - experiment.wrong, len(experiment.nodes)
     return [
@@ -216,7 +216,7 @@ def _checks(experiment: LetterExperiment) -> list[Check]:
 
 
 def table_rows(result: Identification) -> tuple[Array, Array]:
-    """(27,) what a result says of Table II, and (27,) its standard deviations."""
+    """(27,) a result's estimates of Table II, and (27,) their standard deviations."""
     rows = np.array([row.row for row in TABLE_II]) @ np.linalg.pinv(result.coefficients.projection)
     return rows @ result.beta, np.sqrt(np.einsum("ir,rs,is->i", rows, result.covariance, rows))
 
@@ -227,11 +227,11 @@ def coefficient_table(estimates: Array, sds: Array) -> RenderableType:
     for row, estimate, sd in zip(TABLE_II, estimates, sds, strict=True):
         values = (f"{value:.4f}" for value in (row.nominal, row.published, estimate, sd))
         rows.append([str(row.number), row.expression, *values, f"{sd / abs(row.nominal):.1%}" if row.nominal else "-"])
-    return table(["#", "coefficient", "nominal", "paper", "ours", "sd", "rsd"], rows, left=["coefficient"])
+    return table(["#", "coefficient", "nominal", "paper", "estimate", "sd", "relative sd"], rows, left=["coefficient"])
 
 
 def node_rows(nodes: Sequence[Node]) -> list[dict[str, object]]:
-    """nodes.csv: one row a node, in the order in which the tree grows."""
+    """nodes.csv: one row per node, in the order of the search."""
     return [
         {
             "depth": node.depth,

@@ -1,4 +1,4 @@
-"""What a command line is parsed by: one line on what is wrong, and the nearest name."""
+"""The parser of the command line, with errors of one line that suggest the nearest name."""
 
 from __future__ import annotations
 
@@ -17,38 +17,38 @@ from bayesid.errors import near_names
 from bayesid.files.bounded import check_name, whole_number
 
 Option = tuple[str, dict[str, Any]]
-"""Its name, and what `argparse.ArgumentParser.add_argument` takes besides."""
+"""Name and keyword arguments of `argparse.ArgumentParser.add_argument`."""
 WIDTH = 80
 """Columns of a help."""
 _NUMBERS = re.compile(r"-[\d.][-+\d.e]*(?:,[-+\d.e]+)+")
-"""Several numbers, the first below zero."""
+"""Several numbers, the first one negative."""
 
 
 @dataclass(frozen=True)
 class Command:
-    """A command, or a program of several commands, with its help: what a first user needs, and `--help-all`."""
+    """A command, or a program of several commands, with its help."""
 
     name: str
-    purpose: str  #: what it does, in a few words
+    purpose: str  #: what it does
     examples: Sequence[str]  #: to copy
-    options: Sequence[Option] = ()  #: that a first user needs
-    sections: Mapping[str, Sequence[Option]] = field(default_factory=dict)  #: all others, by the title of their part
-    commands: Sequence[Command] = ()  #: its own
+    options: Sequence[Option] = ()  #: shown by `--help`
+    sections: Mapping[str, Sequence[Option]] = field(default_factory=dict)  #: others by title: `--help-all`
+    commands: Sequence[Command] = ()  #: subcommands
     more: str = ""  #: at the end of its help
     details: str = ""  #: at the end of `--help-all`
-    moved: Mapping[str, str] = field(default_factory=dict)  #: options of other commands: what does that now
+    moved: Mapping[str, str] = field(default_factory=dict)  #: options that moved elsewhere, with a remedy
 
     @property
     def names(self) -> set[str]:
-        """Names of the options, those of its own commands too."""
+        """Names of its options and those of subcommands."""
         options = {name for part in (self.options, *self.sections.values()) for name, _ in part}
         return options.union(*(one.names for one in self.commands))
 
 
 def option(name: str, help: str = "", **settings: Any) -> Option:
-    """An argument, an option `--name` or `--name VALUE`, or `--name a|b`: one of these, the first by default.
+    """An argument `name` or an option `--name`, `--name VALUE` or `--name a|b`, with the first choice by default.
 
-    A number is of its default's type; the help says which default.
+    A number has its default's type, and the help ends with the default.
     """
     name, _, value = name.partition(" ")
     if "|" in value:
@@ -81,11 +81,11 @@ def several(name: str, help: str, **settings: Any) -> Option:
 class _Help(argparse.RawDescriptionHelpFormatter):
     def __init__(self, prog: str) -> None:
         super().__init__(prog, max_help_position=30, width=WIDTH)
-        self._action_max_length = 16  # argparse forgets by how much commands are indented
+        self._action_max_length = 16  # argparse ignores the indentation of commands
 
 
 class Parser(argparse.ArgumentParser):
-    """Says what is wrong in one line, and which name is the nearest.
+    """A parser with errors of one line that suggest the nearest name.
 
     Attributes:
         commands: parsers of the commands, by name.
@@ -104,28 +104,27 @@ class Parser(argparse.ArgumentParser):
     def understand(self, arguments: Sequence[str]) -> argparse.Namespace:
         """The options of one command, its name as `command`; where help is asked for, it exits.
 
-        `given` holds the long options of the command line: a default may be what was given, and may not; `configured`
-        what a `bayesid.toml` adds. Long options are looked up first: argparse would name those that are missing, not
-        the misspelled one.
+        `given` holds the long options of the command line, `configured` the options of a `bayesid.toml`. Long options
+        are checked first: argparse would report missing arguments before a misspelled option.
 
         Raises:
             UsageError: they are bad.
-            InputError: a `bayesid.toml` cannot be used.
+            InputError: a `bayesid.toml` is invalid.
         """
         parser = self
         for word in arguments:
             if word not in parser.commands:
                 if parser.commands and not word.startswith("-"):
-                    return self.parse_args(arguments)  # there is no such command, whatever its options
+                    return self.parse_args(arguments)  # raises: there is no such command
                 break
             parser = parser.commands[word]
         if parser.commands and not arguments[1:] and (not arguments or arguments[0] in self.commands):
-            parser.print_help()  # nothing was asked for
+            parser.print_help()
             parser.exit()
         given: set[str] = set()
         words = takewhile(lambda word: word != "--", arguments)
         for name in [word.partition("=")[0] for word in words if word.startswith("--")]:
-            meant = [known for known in parser.options if known.startswith(name)]  # argparse takes beginnings too
+            meant = [known for known in parser.options if known.startswith(name)]  # argparse accepts abbreviations
             if not meant:
                 moved = parser.command.moved.get(name)
                 near = f"; {moved}" if moved else _suggestion(name, parser.options)
@@ -133,12 +132,12 @@ class Parser(argparse.ArgumentParser):
             given |= {name} if name in meant else set(meant)
         options = parser._with_config(self, _joined(arguments), given)
         for value in vars(options).values():
-            if isinstance(value, Path) and "+" not in value.name:  # between the files of one run
+            if isinstance(value, Path) and "+" not in value.name:  # files of one recording
                 check_name(value)
         return options
 
     def _with_config(self, program: Parser, words: Sequence[str], given: set[str]) -> argparse.Namespace:
-        """What was typed for this command of a program, and where nothing was, what a file says."""
+        """The options of the command line, completed by those of a file."""
         options = program.parse_args(words)
         found = find_config(options, given, self._option_string_actions) if "--config" in self.options else None
         if found is not None:
@@ -151,7 +150,7 @@ class Parser(argparse.ArgumentParser):
         return options
 
     def format_help(self, everything: bool = False) -> str:
-        """The help: what a first user needs, or all options."""
+        """The short help, or all options."""
         formatter = self._get_formatter()
         formatter.add_usage(self.usage, self._actions, self._mutually_exclusive_groups)
         formatter.add_text(self.description)
@@ -168,7 +167,7 @@ class Parser(argparse.ArgumentParser):
         return formatter.format_help()
 
     def error(self, message: str) -> NoReturn:
-        """Says what cannot be understood, and which name may have been meant."""
+        """Raises a UsageError that suggests the nearest name."""
         if choice := re.search(r"invalid choice: '(.*)' \(choose from (.*)\)", message):
             message += _suggestion(choice[1], re.split(r"[', ]+", choice[2].strip("'")))
         raise UsageError(self.prog, f"{message}; see `{self.prog} --help`")
@@ -189,7 +188,6 @@ def make_parser(command: Command, *, files: Any = None) -> Parser:
 
 
 def _usage(command: Command) -> str:
-    """The arguments that have no names, and that there are options."""
     many = {"+": "{0} [{0} ...]", "*": "[{0} ...]", "?": "[{0}]", None: "{0}"}
     places = [(name, settings) for name, settings in command.options if not name.startswith("-")]
     words = [many[settings.get("nargs")].format(settings.get("metavar", name)) for name, settings in places]
@@ -197,7 +195,7 @@ def _usage(command: Command) -> str:
 
 
 def _fill(parser: Parser, kind: str, files: Any) -> None:
-    """Adds the options of a command and, below it, what its `kind` of commands is: a command, or an action of one."""
+    """Adds the options of a command and its subcommands, which are called `kind` in the help."""
     command = parser.command
     sections = {parser: command.options} | {parser.add_argument_group(t): more for t, more in command.sections.items()}
     for section, options in sections.items():
@@ -231,7 +229,7 @@ seed, whole = partial(_whole, least=0), partial(_whole, least=1)
 
 
 def _joined(arguments: Sequence[str]) -> list[str]:
-    """Options in one word with lists of numbers that begin with a minus sign: argparse takes these for options."""
+    """Joins options and lists of numbers that begin with a minus sign, which argparse takes for options."""
     words: list[str] = []
     for word in arguments:
         if words and _NUMBERS.fullmatch(word) and re.fullmatch(r"--[a-z][a-z-]*", words[-1]):

@@ -39,7 +39,7 @@ from bayesid.signs.search.certified import Certified
 
 
 def validate_command(options: argparse.Namespace) -> None:
-    """The model against another log: a table, the result's report, and a folder where one is asked for."""
+    """Validates the model on another log: a table, the result's report, and a folder if `--out` is given."""
     folder = None if options.out is None else check_new(options, options.out, VALIDATION_FILES, MARKER)
     with stages(options) as progress:
         with progress.stage("read"):
@@ -54,10 +54,10 @@ def validate_command(options: argparse.Namespace) -> None:
         if (options.result / FILE).exists() and not result.seen:
             try:
                 last.append(f"open {make_report(options.result, result, progress=progress)}")
-            except InputError as error:  # the figures stand
+            except InputError as error:
                 incomplete.append(str(error))
         elif not result.seen:
-            last.append(f"{options.result} holds no {FILE}: no report is made")
+            last.append(f"{options.result} holds no {FILE}: no report was made")
     conclusion = _validated(result, options.result)
     finish(options, *_validation_parts(result), conclusion=conclusion, last="; ".join(last), incomplete=incomplete)
 
@@ -67,7 +67,7 @@ def _written(folder: Path | None) -> str:
 
 
 def _validated(result: Validation, folder: Path) -> Conclusion | None:
-    """How well the model predicts another log; None beside a result without findings."""
+    """The verdict on another log; None for a result without findings."""
     if result.seen:
         return _unvalidated(result)
     if not (folder / FILE).exists():
@@ -77,13 +77,13 @@ def _validated(result: Validation, folder: Path) -> Conclusion | None:
 
 
 def _unvalidated(result: Validation) -> Conclusion:
-    """What a log says of a model that was identified from it."""
-    said, most = "No validation: the model was identified from this log", np.nanmax([0.0, *result.relative_residual])
+    """The verdict on the log that the model was identified from."""
+    seen, most = "No validation: the model was identified from this log", np.nanmax([0.0, *result.relative_residual])
     if most > REGRESSION.poor_fit:
-        said += f", and leaves {most:.0%} of a joint's effort even of it"
+        seen += f", and the relative residual is up to {most:.0%} even there"
     state: State = "bad" if most > REGRESSION.poor_fit else "look"
     remedy = "give a log that the model has not seen"
-    return Conclusion(state, sentence(state, said), (Check("Validation", state, "", remedy),))
+    return Conclusion(state, sentence(state, seen), (Check("Validation", state, "", remedy),))
 
 
 def _validation_parts(result: Validation) -> list[RenderableType]:
@@ -93,11 +93,11 @@ def _validation_parts(result: Validation) -> list[RenderableType]:
         for j, (error, relative, inside) in enumerate(figures, start=1)
     ]
     headings = ["joint", "RMS error, N m", "relative residual", "in the 95 % band"]
-    return [table(headings, rows), f"the band holds {result.band}"]
+    return [table(headings, rows), f"the band includes {result.band}"]
 
 
 def predict_command(options: argparse.Namespace) -> None:
-    """A file with the efforts of a motion, and how uncertain they are."""
+    """Writes the efforts of a motion with their bands."""
     if options.out.resolve() == options.motion.resolve():
         raise InputError("is the motion itself", str(options.out), "give --out another place")
     check_file(options, options.out)
@@ -114,17 +114,19 @@ def predict_command(options: argparse.Namespace) -> None:
     largest, half = np.abs(result.mean).max(axis=0), np.median(result.upper - result.mean, axis=0)
     figures = zip(result.units, largest, half, strict=True)
     rows = [[str(j), f"{most:.4g}", f"{width:.3g}", unit] for j, (unit, most, width) in enumerate(figures, start=1)]
-    headings = ["joint", "largest effort", "95 % band: +-, in the middle", "unit"]
+    headings = ["joint", "largest effort", "95 % band: +- (median)", "unit"]
     again = shlex.join(["bayesid", "validate", str(options.result), "RECORDED.csv"])
     last = f"written to {options.out}; next, with a recording of the motion: {again}"
     corrected = (
-        ["efforts count as in the robot file, not as in a log before it is corrected"] if read_as_corrected else []
+        ["signs and order of the efforts as in the robot file, not as in an uncorrected log"]
+        if read_as_corrected
+        else []
     )
-    finish(options, table(headings, rows), f"the band holds {result.holds}", *corrected, last=last)
+    finish(options, table(headings, rows), f"the band includes {result.holds}", *corrected, last=last)
 
 
 def report_command(options: argparse.Namespace) -> None:
-    """The report of a result folder, anew."""
+    """Makes the report of a result folder."""
     if options.out is not None and options.out.resolve() != (options.result / REPORT).resolve():
         check_file(options, options.out)
     with stages(options) as progress:
@@ -134,7 +136,7 @@ def report_command(options: argparse.Namespace) -> None:
 
 
 def payload_command(options: argparse.Namespace) -> None:
-    """What the robot carries, from a log with it: a table, and a folder where one is asked for."""
+    """Identifies a payload: a table, and a folder if `--out` is given."""
     folder = None if options.out is None else check_new(options, options.out, PAYLOAD_FILES, PAYLOAD)
     known_mass = None if options.known_mass is None else _mass(options.known_mass)
     budget = QUICK.budget if options.search_budget is None else options.search_budget
@@ -162,8 +164,8 @@ def payload_command(options: argparse.Namespace) -> None:
         *map(line_of, checks),
         "",
         table(HEADINGS, payload_rows(result), left=["payload", "unit"]),
-        f"centre of mass and inertia are in the frame of {result.frame}, inertia about the centre of mass; mass and "
-        "inertia are in the scale of the efforts, their intervals hold what all of these may be off by",
+        f"frame: {result.frame}; inertia about the centre of mass; intervals of mass and inertia include the scale "
+        "error of the efforts",
     ]
     conclusion = conclude(checks).in_brief()
     finish(options, *parts, conclusion=conclusion, last=_written(folder), warnings=result.warnings)

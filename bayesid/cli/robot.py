@@ -1,4 +1,4 @@
-"""`bayesid robot`: robot files made from data sheets, looked at, and listed."""
+"""`bayesid robot`: makes, shows and lists robot files."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _PICTURES = ".png", ".svg", ".pdf"
 
 
 def robot_command(options: argparse.Namespace) -> None:
-    """What is asked for."""
+    """Makes, shows or lists robot files."""
     {"new": _new, "show": _show, "list": _list}[options.action](options)
 
 
@@ -39,7 +39,7 @@ def _new(options: argparse.Namespace) -> None:
     out: Path = options.out
     check_file(options, out)
     if out.suffix != ".toml":
-        raise InputError("does not end in .toml", str(out), "robot files are known by it: give --out FILE.toml")
+        raise InputError("does not end in .toml", str(out), "give --out FILE.toml")
     name = options.name or out.stem
     fill = ""
     if options.table is None:
@@ -51,7 +51,7 @@ def _new(options: argparse.Namespace) -> None:
         table_text, where = _table_of(options.table)
         text = robot_file(table_text, name, options.convention, where)
     replace_file(out, lambda aside: aside.write_text(text, encoding="utf-8"))
-    finish(options, last=f"written to {out}; {fill}look at it: bayesid robot show {out}")
+    finish(options, last=f"written to {out}; {fill}check it: bayesid robot show {out}")
 
 
 def _table_of(source: str) -> tuple[str, str]:
@@ -71,7 +71,7 @@ def _show(options: argparse.Namespace) -> None:
     if out is not None:
         check_file(options, out)
         if out.suffix.lower() not in _PICTURES:
-            raise InputError("is no picture by its name", str(out), f"let it end in {', '.join(_PICTURES)}")
+            raise InputError("is no picture", str(out), f"give a name that ends in {', '.join(_PICTURES)}")
     robot = robot_of(options, notes=True)
     here = pose(robot, None if options.q is None else _positions(options.q, options.degrees, robot))
     if out is not None:
@@ -83,7 +83,7 @@ def _show(options: argparse.Namespace) -> None:
 
 
 def _pose_parts(here: Pose, about: Mapping[str, Any]) -> list[RenderableType]:
-    """Where flange and joints are, how far the arm reaches, and what its file says of it."""
+    """Positions of flange and joints, reach, and the file's notes."""
     robot, n = here.robot, here.robot.n_joints
     points = np.vstack([here.joint_frames[:, :3, 3], here.flange[:3, 3]]).round(9) + 0.0
     names = [*(f"joint {i} {joint.name}".rstrip() for i, joint in enumerate(robot.joints, start=1)), "flange"]
@@ -98,7 +98,7 @@ def _pose_parts(here: Pose, about: Mapping[str, Any]) -> list[RenderableType]:
         f"q = {positions_text(here)}",
         table(["origin of", "x, m", "y, m", "z, m", "", "x, mm", "y, mm", "z, mm"], rows, left=["origin of"]),
         f"gravity in the base frame: {', '.join(f'{g:g}' for g in robot.gravity)} m/s^2",
-        f"reach from axis 1: to the flange {1e3 * reach(robot):.1f} mm{wrist}, stretched and without limits{held}",
+        f"reach from axis 1: to the flange {1e3 * reach(robot):.1f} mm{wrist}, stretched, without joint limits{held}",
         *(f"note: {note}" for note in about.get("notes", [])),
         *([f"source: {about['source']}"] if about else []),
     ]
@@ -108,16 +108,15 @@ def _positions(text: str, degrees: bool | None, robot: Robot) -> Array:
     values = np.array(numbers(text, "--q", "give Q1,Q2,.. as in 0,-1.57,1.57"))
     if len(values) != robot.n_joints:
         said = f"holds {len(values)} positions, {robot.name} has {robot.n_joints} joints"
-        raise InputError(said, "--q", "give one number a joint")
+        raise InputError(said, "--q", "give one number per joint")
     turning = np.array([not joint.prismatic for joint in robot.joints])
     if degrees is None and np.any(np.abs(values[turning]) > TUNING.few_turns):
         said = f"{text!r} looks like degrees"
-        raise InputError(said, "--q", "say so with --degrees, or with --no-degrees that they are in rad")
+        raise InputError(said, "--q", "give --degrees, or --no-degrees if they are in rad")
     return np.where(turning & bool(degrees), np.radians(values), values)
 
 
 def _list(_options: argparse.Namespace) -> None:
     tables = {name: built_in_table(name) for name in BUILT_IN}
     rows = [(name, str(len(one["joints"])), one["description"]) for name, one in tables.items()]
-    said = "where a table is published: bayesid robot show NAME"
-    show(table(["name", "joints", "robot"], rows, left=["name", "robot"]), said)
+    show(table(["name", "joints", "robot"], rows, left=["name", "robot"]), "source of a table: bayesid robot show NAME")

@@ -1,4 +1,4 @@
-"""What a user sees: results on stdout, warnings and errors on stderr, coloured on a terminal unless NO_COLOR is set."""
+"""Output: results on stdout, warnings and errors on stderr, coloured on a terminal unless NO_COLOR is set."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ OPTIONS = {
     "folder": "--out",
     "noise=False": "--without-noise",
 }
-"""The options for arguments of other names that an error may name."""
+"""Options for arguments with other names."""
 _ARGUMENT = re.compile("`([^` ]+)`")
 _WORD = re.compile(r"(?:`[^`]*`|\S)+")
 
@@ -53,7 +53,7 @@ def console(stderr: bool = False) -> Console:
     coloured = on_terminal and not os.environ.get("NO_COLOR")
     return _Console(
         stderr=stderr,
-        width=None if on_terminal else 10_000,  # lines of a file or a pipe are as long as they are
+        width=None if on_terminal else 10_000,  # no folding in files and pipes
         color_system="auto" if coloured else None,
         highlight=False,
         markup=False,
@@ -62,7 +62,7 @@ def console(stderr: bool = False) -> Console:
 
 
 def show(*parts: RenderableType) -> None:
-    """What a command has to say, on stdout: sentences folded, tables and texts of several lines as they are."""
+    """Prints on stdout: sentences folded, tables and texts of several lines unchanged."""
     for part in parts:
         text = Text(part) if isinstance(part, str) else part
         if isinstance(text, Text) and "\n" not in text.plain:
@@ -71,7 +71,7 @@ def show(*parts: RenderableType) -> None:
 
 
 def _folded(text: Text, width: int) -> Text:
-    """A sentence in lines of a width, all but the first indented; words, and commands in backticks, stay whole."""
+    """A sentence folded to a width, later lines indented; words and commands in backticks are not split."""
     indent = " " * (len(text.plain) - len(text.plain.lstrip()) + 2)
     cuts, begin = [], 0
     for word in _WORD.finditer(text.plain):
@@ -111,11 +111,11 @@ def line_of(check: Check) -> Text:
 
 
 def verdict_parts(conclusion: Conclusion) -> list[RenderableType]:
-    """The verdict in its colour, then what to do."""
+    """The verdict in its colour, then the actions."""
     parts: list[RenderableType] = ["", Text(conclusion.sentence, COLOURS[conclusion.state])]
     for one in conclusion.actions:
-        said = in_options(one.message)
-        parts.append(f"  {one.name}{f': {said}' if said else ''}")
+        message = in_options(one.message)
+        parts.append(f"  {one.name}{f': {message}' if message else ''}")
         if one.remedy:
             parts.append(f"    -> {in_options(one.remedy)}")
     if conclusion.others:
@@ -124,7 +124,7 @@ def verdict_parts(conclusion: Conclusion) -> list[RenderableType]:
 
 
 def in_options(text: str) -> str:
-    """A sentence of the library, with options in place of the arguments that it names in backticks."""
+    """A message with options in place of arguments in backticks."""
 
     def option(found: re.Match[str]) -> str:
         name = f"--{found[1].rpartition('.')[2].removesuffix('=True').replace('_', '-')}"
@@ -134,17 +134,17 @@ def in_options(text: str) -> str:
 
 
 def note(message: str) -> None:
-    """What ends a command whose stdout belongs to another program, on stderr."""
+    """A line on stderr."""
     console(stderr=True).print(printable(message), soft_wrap=True)
 
 
 def warn(message: str) -> None:
-    """What the user should know, in one line."""
+    """A warning in one line."""
     _print_message("warning", in_options(message), "bold yellow")
 
 
 def complain(message: str, name: str = "bayesid") -> None:
-    """Why a command ends without what was asked for, in one line."""
+    """An error in one line."""
     _print_message(name, in_options(message), "bold red")
 
 

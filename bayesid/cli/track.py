@@ -1,4 +1,4 @@
-"""`bayesid track`: a recording replayed as a stream, or rows as they come, through a result's model."""
+"""`bayesid track`: tracks a recording or a live stream with a result's model."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Any, BinaryIO, TextIO
 import numpy as np
 
 from bayesid.cli.bars import stages
-from bayesid.cli.options import check_new, finish, read_for, reading_options, told, warned
+from bayesid.cli.options import check_new, finish, read_for, reading_options, warned, with_warnings
 from bayesid.cli.terminal import in_options, line_of, note, table, warn
 from bayesid.cli.tuning import TUNING
 from bayesid.errors import BayesidError, InputError
@@ -56,7 +56,7 @@ _SOURCE = "standard input"
 
 
 def track_command(options: argparse.Namespace) -> None:
-    """A folder and what is in it in short; or rows in, rows out."""
+    """Writes a folder and prints a summary; with --follow answers rows."""
     if options.follow:
         _follow(options)
     else:
@@ -86,7 +86,7 @@ def _replay(options: argparse.Namespace) -> None:
                 offline = identified.validate(log)
             except InputError as error:
                 status = in_options(str(error))
-        if offline is not None and log.signed.any():  # of which another stream is not told
+        if offline is not None and log.signed.any():  # compared with a stream of absolute values
             again = _tracker(options, identified, rate)
             known = known_signs(replay(again, log.rectified(), progress.under("without signs")), offline)
         named = None
@@ -112,18 +112,20 @@ def _replay(options: argparse.Namespace) -> None:
         with progress.stage("write"):
             save_replay(folder, result, streamed, options.plot)
     seen, last = offline is not None and offline.seen, float(log.t[-1])
-    told = stream_conclusion(result.alarms, str(options.result), str(options.log), last, (result.named or {}).keys())
-    said = track_lines(result.smoothing, result.smoothing_status, result.known, seen, signed=bool(log.signed.all()))
+    conclusion = stream_conclusion(
+        result.alarms, str(options.result), str(options.log), last, (result.named or {}).keys()
+    )
+    lines = track_lines(result.smoothing, result.smoothing_status, result.known, seen, signed=bool(log.signed.all()))
     finish(
         options,
-        *map(line_of, said),
+        *map(line_of, lines),
         "",
         table(HEADINGS, track_rows(result.figures, result.smoothing)),
         NOTE,
         "",
         *_alarm_lines(result),
         count_line(result.counts, result.figures, result.lag, result.bad),
-        conclusion=told,
+        conclusion=conclusion,
         last=f"written to {folder}/",
     )
 
@@ -136,7 +138,7 @@ def _tracker(
 
 
 def _name(identified: IdentifiedModel, log: Log, alarm: Alarm) -> Named:
-    from bayesid.discrepancy.workflow import explain_log  # takes long to import, for this option alone
+    from bayesid.discrepancy.workflow import explain_log  # slow to import, and only for this option
 
     rows = log.t >= alarm.time
     dq = None if log.dq is None else log.dq[rows]
@@ -144,7 +146,7 @@ def _name(identified: IdentifiedModel, log: Log, alarm: Alarm) -> Named:
     try:
         found = explain_log(identified, part, posterior=False)
     except BayesidError as error:
-        return Named(f"could not be told from {part.t[-1] - part.t[0]:.2f} s of the log: {in_options(str(error))}")
+        return Named(f"not determined from {part.t[-1] - part.t[0]:.2f} s of the log: {in_options(str(error))}")
     return Named(found.status, tuple((one.effect, one.joints) for one in found.added))
 
 
@@ -153,7 +155,7 @@ def _alarm_lines(result: StreamResult) -> list[str]:
     for k, named in (result.named or {}).items():
         effects = "; ".join(label(effect, joints) for effect, joints in named.effects)
         lines.append(named_line(result.alarms[k], named.status.replace("_", " "), effects))
-    return list(dict.fromkeys(lines))  # of two alarms from one instant on the same has changed
+    return list(dict.fromkeys(lines))
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -161,16 +163,15 @@ def _alarm_lines(result: StreamResult) -> list[str]:
 # ---------------------------------------------------------------------------------------------------------------
 def _follow(options: argparse.Namespace) -> None:
     if str(options.log) != STANDARD_INPUT:
-        raise InputError("is no stream", str(options.log), "give - in place of the log with --follow")
+        raise InputError("is no stream", str(options.log), "give - instead of the log with --follow")
     if options.rate is None:
-        raise InputError("the rate of a stream is not known beforehand", "--follow", "give --rate HZ")
+        raise InputError("needs the sampling rate", "--follow", "give --rate HZ")
     for name in ("plot", "explain"):
         if getattr(options, name):
-            remedy = "leave it out, and track the recording afterwards"
-            raise InputError("takes a whole recording", f"--{name}", remedy)
+            raise InputError("needs a whole recording", f"--{name}", "leave it out, and track the recording later")
     folder = None if options.out is None else check_new(options, options.out, STREAM_FILES, STREAM)
     identified = load(options.result)
-    _tracker(options, identified, options.rate)  # bad options need no rows
+    _tracker(options, identified, options.rate)  # raises for bad options
     try:
         reader = _reader(options, identified)
         tracker = _tracker(options, identified, options.rate, reader.signed.tolist())
@@ -184,9 +185,11 @@ def _follow(options: argparse.Namespace) -> None:
 
 def _reader(options: argparse.Namespace, identified: IdentifiedModel) -> RowReader:
     given = reading_options(options, identified)
-    kept = told({name: one for name, one in identified.reading.items() if name not in ("joints", "topic")}, given)
+    kept = with_warnings(
+        {name: one for name, one in identified.reading.items() if name not in ("joints", "topic")}, given
+    )
     said: dict[str, Any] = {name: kept.get(name) if value is None else value for name, value in given.items()}
-    told_by_result = said["encoding"] is None and identified.encoding is not None
+    kept_encoding = said["encoding"] is None and identified.encoding is not None
     said["encoding"] = said["encoding"] or identified.encoding
     gains, unsigned, degrees, correct = (said.pop(name) for name in ("gains", "unsigned", "degrees", "correct"))
     robot = identified.model.robot
@@ -194,10 +197,10 @@ def _reader(options: argparse.Namespace, identified: IdentifiedModel) -> RowRead
     with warned():
         stream = _Announced(sys.stdin.buffer, robot.n_joints)
         reader = RowReader(stream, _SOURCE, gains, unsigned, degrees, columns, correct)
-    for said_of_it in reader.notes:
-        warn(said_of_it)
-    if told_by_result:
-        warn(f"efforts are decoded as those of the result's log: {Encoding.parse(str(identified.encoding)).said}")
+    for message in reader.notes:
+        warn(message)
+    if kept_encoding:
+        warn(f"using the encoding of the result's log: {Encoding.parse(str(identified.encoding)).said}")
     if reader.n_joints != robot.n_joints:
         other = f"has {reader.n_joints} joints, the model's robot {robot.name} has {robot.n_joints}"
         raise InputError(other, _SOURCE, "give a stream of the same robot")
@@ -205,7 +208,7 @@ def _reader(options: argparse.Namespace, identified: IdentifiedModel) -> RowRead
 
 
 def _follow_into(folder: Path, tracker: SignTracker, reader: RowReader) -> StreamFigures:
-    """The rows go into a file aside as they come, and into their place at the end."""
+    """Writes the rows to a temporary file, which is renamed at the end."""
     gathered = []
 
     def write(place: Path) -> None:
@@ -220,7 +223,7 @@ def _follow_into(folder: Path, tracker: SignTracker, reader: RowReader) -> Strea
             figures=gathered[0],
             alarms=tracker.alarms,
             smoothing=None,
-            smoothing_status="a stream is not known as a whole",
+            smoothing_status="not available for a live stream",
         )
         write_summaries(place, result)
 
@@ -229,11 +232,11 @@ def _follow_into(folder: Path, tracker: SignTracker, reader: RowReader) -> Strea
 
 
 class _NobodyReadsError(Exception):
-    """Whoever read the rows has gone; no `OSError`, which would be taken for one of the folder's files."""
+    """Nobody reads stdout any more; no `OSError`, which would be reported as one of the folder."""
 
 
 class _Announced:
-    """A stream whose header is answered by that of the answers at once: some wait for it before the first row."""
+    """A stream whose header is answered at once: some readers wait for it."""
 
     def __init__(self, stream: BinaryIO, n: int) -> None:
         self._stream, self._names = stream, ",".join(stream_names(n))
@@ -249,9 +252,9 @@ class _Announced:
 
 @one_blas_thread
 def _answer_rows(tracker: SignTracker, reader: RowReader, file: TextIO | None) -> StreamFigures:
-    """A row on stdout for each row of a stream, at once, and its alarms on stderr.
+    """Answers each row of a stream by a row on stdout, and prints alarms on stderr.
 
-    The file gets the rows too, but for those that bring nothing new.
+    The file gets the new rows.
     """
     n = tracker.n_joints
     figures, unread_signs = StreamFigures.of_joints(n), np.zeros(n, dtype=bool)
@@ -275,10 +278,10 @@ def _answer_rows(tracker: SignTracker, reader: RowReader, file: TextIO | None) -
     if len(times) <= TUNING.steps:
         _check_rate(tracker.rate, times)
     if unread_signs.any() and reader.assumed:
-        those = ", ".join(map(str, (np.flatnonzero(unread_signs) + 1).tolist()))
-        warn(f"negative efforts of joints {those} were taken without their signs; --unsigned says which have none")
+        joints = ", ".join(map(str, (np.flatnonzero(unread_signs) + 1).tolist()))
+        warn(f"signs of negative efforts of joints {joints} were ignored; state --unsigned")
     if reader.bad:
-        warn(f"{reader.bad:,} lines were no rows of the stream and were left out")
+        warn(f"{reader.bad:,} unreadable lines were skipped")
     return figures
 
 
@@ -290,17 +293,14 @@ def _answer(line: str) -> None:
 
 
 def _check_rate(rate: float, times: Sequence[float]) -> None:
-    """Whether rows come about as often as their rate says; a few may have come in bursts: no reason to stop."""
+    """Compares the median step of the rows with the rate; a burst of rows is no error."""
     steps = np.diff(times)
     if not (steps > 0.0).any():
         return
     step = float(np.median(steps[steps > 0.0]))
     if len(times) > TUNING.steps and not 1.0 / TUNING.off < step * rate < TUNING.off:
-        said = f"rows are {step:.6g} s apart by their time, at {rate:g} Hz they would be {1.0 / rate:.6g} s"
-        remedy = "give the time's unit in the header, as in t[ms], or the --rate of the rows"
-        raise InputError(said, _SOURCE, remedy)
+        seen = f"time steps are {step:.6g} s, expected {1.0 / rate:.6g} s at {rate:g} Hz"
+        raise InputError(seen, _SOURCE, "give the unit of time in the header, as in t[ms], or correct --rate")
     if contradicts(rate, step):
-        lost = "rows come after gaps, and nothing is known" if step * rate > MONITOR.gap else "lag is not kept"
-        warn(
-            f"rows come at {1.0 / step:.4g} Hz by their time, not at {rate:g} Hz: {lost}; give --rate {1.0 / step:.4g}"
-        )
+        lost = "each row counts as a gap, so signs are unknown" if step * rate > MONITOR.gap else "the lag is wrong"
+        warn(f"the rate of the rows is {1.0 / step:.4g} Hz, not {rate:g} Hz: {lost}; give --rate {1.0 / step:.4g}")

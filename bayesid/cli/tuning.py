@@ -1,4 +1,4 @@
-"""Numbers of the command line that are choices."""
+"""Numbers of the command line."""
 
 from __future__ import annotations
 
@@ -7,22 +7,22 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Tuning:
-    """Their values; the sentence under each says where it is from."""
+    """Values, each with its reason."""
 
     payload_mass_sd: float = 0.001
-    """Standard deviation of a payload's mass where none is given, as a share of it: a common scale's."""
+    """Default standard deviation of a payload's mass over the mass: the accuracy of common scales."""
     poses: int = 300
-    """Poses of a log that the robot is known to have been in without touching itself."""
+    """Poses of a log that are taken as free of collisions, at most; more take longer to check."""
     steps: int = 50
-    """Rows of a stream after which the time between them is compared with the rate."""
+    """Rows of a stream whose median step is compared with the rate: a burst of rows does not matter."""
     off: float = 20.0
-    """Factor between the two from which on the time is not in seconds, or the rate another stream's."""
+    """Ratio of step and rate that is an error: a wrong unit of time is at least a factor of 60."""
     width: int = 78
-    """Characters of a line of sentences where there is no terminal: two less than the usual 80."""
+    """Characters of a line without a terminal: two less than the usual 80."""
     patience: float = 1.0
-    """s; what ends sooner is not worth a progress bar."""
+    """s before a progress bar is shown."""
     between_lines: float = 10.0
-    """s from one line of progress to the next where no terminal shows a bar: six a minute of a log that others read."""
+    """s between lines of progress without a terminal."""
 
 
 TUNING = Tuning()

@@ -73,7 +73,7 @@ class Selection:
 
 def select_effects(case: Case, progress: Progress = SILENT) -> Selection:
     """Effects that explain the log and are borne out by the data that are held back."""
-    with progress.stage("naming effects") as steps:
+    with progress.stage("effect selection") as steps:
         return _selected(case, steps)
 
 

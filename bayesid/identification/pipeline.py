@@ -442,7 +442,7 @@ def _identification(
     sign_solution, asked = averaged.sign_solution, averaged.asked
     if spread is not None and posterior is not None:
         posterior = with_gains(posterior, spread)
-    with run.progress.stage("other readings"):
+    with run.progress.stage("input diagnosis"):
         reading = misread_after(asked.log_data, averaged.fit, probability)
     if run.misread is not None and (reading is None or run.misread.log10_odds > reading.log10_odds):
         reading = run.misread

@@ -1,4 +1,4 @@
-"""A discrepancy in five lines: what was missing, how large, the gap before and after, what is left, what to do."""
+"""A discrepancy in five lines: missing effects, size, gap before and after, what remains, what to do."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ from bayesid.effects.catalogue import noun
 from bayesid.identification.checks import Check
 from bayesid.regression.selection.added_effect import AddedEffect
 from bayesid.report.discrepancy import (
+    above_the_floor,
     below_zero,
     data_in_words,
     effort_in_words,
     equivalents,
     main_number,
-    nothing_missing,
 )
 from bayesid.report.tuning import TUNING
 from bayesid.report.words import counted, in_percent, joints_in_words, label, listed, quantity, rounded, unit_of
 
 
 def in_brief(discrepancy: Discrepancy) -> tuple[Check, ...]:
-    """What was missing, how large it is, the gap before and after, what is left, and what to do."""
+    """Missing effects, the largest one's size, the gap before and after, what remains, and what to do."""
     return (
         _missing(discrepancy),
         *_how_large(discrepancy),
         Check("Gap", "good" if discrepancy.added else "look" if discrepancy.where else "good", _gap(discrepancy)),
-        _left(discrepancy),
+        _remaining(discrepancy),
         Check("Next", "good", _next(discrepancy)),
     )
 
@@ -41,11 +41,11 @@ def _missing(discrepancy: Discrepancy) -> Check:
         unsure = any(_is_open(added) for added in discrepancy.added)
         return Check(name, "look" if unsure else "good", "; ".join(few))
     if discrepancy.unexplained:
-        return Check(name, "bad", "something, but no effect of the catalogue explains it")
+        return Check(name, "bad", "an effect that is not in the catalogue")
     if discrepancy.where:
         joints = joints_in_words(excess.joint for excess in discrepancy.where)
-        return Check(name, "look", f"no effect, but the parameters do not quite fit {joints}")
-    return Check(name, "good", nothing_missing(discrepancy).replace("Nothing is missing", "nothing"))
+        return Check(name, "look", f"no effect; the parameters fit {joints} poorly")
+    return Check(name, "good", f"nothing{above_the_floor(discrepancy)}")
 
 
 def _named_effects(discrepancy: Discrepancy) -> list[str]:
@@ -61,7 +61,7 @@ def _named_effects(discrepancy: Discrepancy) -> list[str]:
             named.append(brief.format(**{symbol: quantity(*number) for symbol, number in readable.items()}))
             continue
         where = _where({joint for added in alike for joint in added.joints})
-        how = "what acts like " if impossible else "a change of " if changed else ""
+        how = "an effect similar to " if impossible else "a change of " if changed else ""
         named.append(f"{how}{label(effect)}{where}{_or(alike)}")
     return named
 
@@ -71,14 +71,14 @@ def _where(joints: Collection[int]) -> str:
 
 
 def _or(alike: Sequence[AddedEffect]) -> str:
-    """What else effects that are named together could be; of several motions that look alike two are named."""
+    """Equivalent effects, two at most."""
     names = list(dict.fromkeys(name for added in alike for name in equivalents(added, label)))
     more = ", .." if len(names) > 2 else ""
     return f" (or {listed(names[:2], 'or')}{more})" if names else ""
 
 
 def _is_open(added: AddedEffect) -> bool:
-    """Whether it is not sure what it is."""
+    """Whether the effect is not identified for certain."""
     return bool(added.probability < TUNING.sure or equivalents(added, noun) or below_zero(added))
 
 
@@ -96,8 +96,8 @@ def _how_large(discrepancy: Discrepancy) -> Iterator[Check]:
         yield Check("Size", "look", f"{excess} (RMS above the noise floor) in joint {worst.joint}")
 
 
-def _left(discrepancy: Discrepancy) -> Check:
-    """What nothing explains: the root of the mean square above the floor's, and joints that got worse."""
+def _remaining(discrepancy: Discrepancy) -> Check:
+    """The unexplained RMS above the noise floor, and joints that got worse."""
     above, worse = [], []
     for joint, ratio in discrepancy.unexplained:
         if set(discrepancy.unexplained_on[joint]) == {GROWN}:
@@ -107,45 +107,45 @@ def _left(discrepancy: Discrepancy) -> Check:
             above.append(f"{rounded(size, 2)} {unit_of(discrepancy, joint)} in joint {joint}")
     said = [f"{listed(above)} above the noise floor, unexplained"] if above else []
     if worse:
-        said.append(f"{joints_in_words(worse)} predicted worse than before on {data_in_words(discrepancy)}")
+        said.append(f"larger error than before in {joints_in_words(worse)} on {data_in_words(discrepancy)}")
     if said:
-        return Check("Left", "bad", "; ".join(said))
+        return Check("Remaining", "bad", "; ".join(said))
     ratios = discrepancy.after / discrepancy.floor.rms
     worst = int(ratios.argmax()) + 1
     remains = f"{effort_in_words(discrepancy, discrepancy.after[worst - 1], worst)} in joint {worst}"
-    return Check("Left", "good", f"at most {rounded(ratios.max())} times the noise floor ({remains})")
+    return Check("Remaining", "good", f"at most {rounded(ratios.max())} times the noise floor ({remains})")
 
 
 def _next(discrepancy: Discrepancy) -> str:
-    """The one thing that helps most."""
+    """The most useful next step."""
     if discrepancy.unexplained:
         joints = joints_in_words(joint for joint, _ in discrepancy.unexplained)
-        return f"look at the residual of {joints} in discrepancy.html"
+        return f"see the residual of {joints} in discrepancy.html"
     for added in discrepancy.added:
         if _is_open(added):
             others = equivalents(added, label)
             named = f"{label(added.effect)}{_where(added.joints)}"
-            what = f"it tells {named} from {others[0]}" if others else f"it shows what acts like {named}"
+            what = f"it distinguishes {named} from {others[0]}" if others else f"it shows whether this is {named}"
             return f"record another log ({added.hypothesis.source.shown_by}): {what}"
     if discrepancy.added:
-        return "use the extended model of this result, after a look at discrepancy.html"
+        return "check discrepancy.html, then use the extended model"
     if discrepancy.where:
-        return "identify again from this log, or from both"
-    return "nothing: the model explains this log as it is"
+        return "identify again from this log or from both logs"
+    return "nothing to do: the model explains this log"
 
 
 def _gap(discrepancy: Discrepancy) -> str:
     """On the holdout: 2.4 -> 0.31 N m in joint 3 (noise floor 0.30 N m)."""
     parts = []
-    for joint in _worth_naming(discrepancy)[: TUNING.joints_named]:
+    for joint in _named_joints(discrepancy)[: TUNING.joints_named]:
         before, j = rounded(float(discrepancy.before[joint - 1])), joint - 1
         after, floor = (effort_in_words(discrepancy, of[j], joint) for of in (discrepancy.after, discrepancy.floor.rms))
         parts.append(f"{before} -> {after} in joint {joint} (noise floor {floor})")
     return f"on {data_in_words(discrepancy)}: {', '.join(parts)}"
 
 
-def _worth_naming(discrepancy: Discrepancy) -> list[int]:
-    """Joints whose gap is worth naming, the largest first: above the floor before, and not named as unexplained."""
+def _named_joints(discrepancy: Discrepancy) -> list[int]:
+    """Joints whose gap is named, the largest first: above the floor before, and not named as unexplained."""
     unexplained = {joint for joint, _ in discrepancy.unexplained}
     acting = {joint for added in discrepancy.added for joint in added.joints}
     above = {excess.joint for excess in discrepancy.where}

@@ -1,4 +1,4 @@
-"""The next command, word for word as far as files and folders are known, else with placeholders in capitals."""
+"""Commands for remedies; unknown files and folders are placeholders in capitals."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from bayesid.report.summary import Summary
 from bayesid.report.tuning import TUNING
 
 ANOTHER_LOG = "ANOTHER_LOG.csv"
-"""Stands for a log that only the user knows."""
+"""Placeholder of a log."""
 
 
 def find_discrepancy(findings: ReportData, log: str = "") -> str:
-    """What names what the model lacks to explain another log."""
+    """The command that finds what the model lacks to explain another log."""
     source, tried = ANOTHER_LOG, findings.prediction
     if log and Path(log).exists():
         source = shlex.quote(log)
@@ -26,12 +26,12 @@ def find_discrepancy(findings: ReportData, log: str = "") -> str:
 
 
 def validate(findings: ReportData) -> str:
-    """What tries the model on another log, in the report."""
+    """The command that validates the model on another log."""
     return f"`bayesid validate {_folder(findings)} {ANOTHER_LOG}`"
 
 
 def excite(summary: Summary) -> str:
-    """What designs a motion."""
+    """The command that designs a motion."""
     options = summary.provenance.options
     words, hold = ["--robot", str(options.get("robot", "ROBOT"))], options.get("hold")
     if "tip" in options:
@@ -42,12 +42,12 @@ def excite(summary: Summary) -> str:
 
 
 def again(summary: Summary, added: str = "", without: Sequence[str] = ()) -> str:
-    """The command that was run, with an option and its value, or without one; empty if none was run.
+    """The command that was run, with an option and its value added or words removed; empty if none was run.
 
-    What it makes takes the earlier result's place.
+    `--force` makes it replace the earlier result.
     """
     words = _words(summary)
-    if added:  # in place of what was given for the option
+    if added:
         option = added.split()[0]
         at = [k for k, word in enumerate(words) if word == option]
         given = {*at, *(k + 1 for k in at)}
@@ -63,7 +63,7 @@ def again(summary: Summary, added: str = "", without: Sequence[str] = ()) -> str
 
 
 def with_more(summary: Summary, check: Check, budget: str) -> Check:
-    """The check; where more of a budget is its remedy, with the command."""
+    """The check; if its remedy is a larger budget, with the command."""
     option, given = f"--{budget}-budget", summary.provenance.options.get(f"{budget}.budget")
     if f"give more {option}" not in check.remedy or not isinstance(given, float):
         return check
@@ -71,12 +71,12 @@ def with_more(summary: Summary, check: Check, budget: str) -> Check:
 
 
 def program(summary: Summary) -> str:
-    """The command that was run, as in identify; empty if none was."""
+    """Name of the command that was run; empty if none was."""
     return next(iter(_words(summary)[1:]), "")
 
 
 def _words(summary: Summary) -> list[str]:
-    """Of the command that was run; none if there was none, or the folder holds no command."""
+    """Words of the command that was run; none if it is unknown."""
     try:
         return shlex.split(summary.provenance.command or "")
     except ValueError:

@@ -1,4 +1,4 @@
-"""Several logs one after the other: what changed, what lacked all along, what moved; and what files hold of it."""
+"""Several logs of one robot in order of time: changes, effects missing in all logs, and the files' content."""
 
 from __future__ import annotations
 
@@ -25,33 +25,33 @@ from bayesid.report.words import counted, form_label, joints_in_words, listed, q
 
 SECTIONS: Mapping[str, str] = {
     CHANGED: "Changed since the first log",
-    ALL_ALONG: "Missing all along",
-    GONE: "Gone since the first log",
-    UNDECIDED: "These logs cannot tell",
+    ALL_ALONG: "Missing in all logs",
+    GONE: "No longer present",
+    UNDECIDED: "Undetermined by these logs",
 }
-"""Headings, in the order in which they are said."""
-_SAYS: Mapping[str, str] = {SHOWN: "shown", ABSENT: "not there", OPEN: "cannot tell"}
+"""Headings, in order."""
+_SAYS: Mapping[str, str] = {SHOWN: "present", ABSENT: "absent", OPEN: "undetermined"}
 
 
 @dataclass(frozen=True)
 class Moved:
-    """A parameter that moved, as people read it."""
+    """A parameter that changed, in units for people."""
 
     place: int  # among all that are tracked
     name: str  # in words, with its joint
     of_links: bool  # whether it is a coefficient of links
     symbol: str  # the sum of parameters that it is
-    unit: str  # in which people read it
+    unit: str  # for people
     value: tuple[float, ...]  # (K,) in that unit, without a payload
     sd: tuple[float, ...]  # (K,)
     z: tuple[float, ...]  # (K,) change since the first log over its sd
-    since: int  # first log (from 1) in which it is another one
-    change: str  # what it changed by until the last of them, in words
+    since: int  # first log (from 1) with a significant change
+    change: str  # up to the last log with one, in words
     text: str  # all in one line
 
 
 def moved_parameters(comparison: ChangeReport) -> list[Moved]:
-    """Those that moved in any log, by joint; coefficients of links last."""
+    """Parameters that changed in any log, by joint; coefficients of links last."""
     line = comparison.timeline
     rows = [_moved(comparison, place) for place in np.flatnonzero(line.moved.any(axis=0)).tolist()]
     return sorted(rows, key=lambda row: (row.of_links, line.tracked[row.place].joint))
@@ -102,21 +102,21 @@ def _people(one: TrackedParameter) -> ReadableUnit:
 
 
 def timeline_rule(comparison: ChangeReport) -> str:
-    """By which rule a parameter has moved."""
+    """The test by which a parameter has changed."""
+    tests = comparison.timeline.n_tested
     return (
-        "A parameter has moved if its change since the first log, in standard deviations of both, is too large for "
-        f"chance at {DISCREPANCY.level:.0%} over all {comparison.timeline.n_tested} changes that were tested (Holm's "
-        "correction)."
+        "A parameter has changed if its change since the first log is significant at "
+        f"{DISCREPANCY.level:.0%} (Holm's correction over {tests} tests)."
     )
 
 
 def columns(comparison: ChangeReport) -> dict[str, list[str]]:
-    """What to say under `CHANGED`, `ALL_ALONG`, `GONE` and `UNDECIDED`, a line each."""
+    """Lines under the headings `CHANGED`, `ALL_ALONG`, `GONE` and `UNDECIDED`."""
     rows = _other_changes(comparison)
     changed = [_came(comparison, one) for one in _new(comparison)]
     changed += [upper(row.text) for row in rows if not row.of_links]
     if links := [row.symbol for row in rows if row.of_links]:
-        why = "Links do not wear: a body came elsewhere, or the model lacks something"
+        why = "Links do not wear: a load was added or moved, or the model lacks an effect"
         changed.append(f"{counted(len(links), 'link coefficient')}: {listed(links)}. {why}")
     undecided: dict[str, list[str]] = {}
     for one in comparison.of(UNDECIDED):
@@ -130,7 +130,7 @@ def columns(comparison: ChangeReport) -> dict[str, list[str]]:
 
 
 def in_brief(comparison: ChangeReport) -> tuple[Check, ...]:
-    """What changed, what all logs have beyond the terms asked for; gap, rest and next step of the last one."""
+    """Changes, additional effects in all logs; gap, rest and next step of the last log."""
     changed = [effect_name(one.effect) for one in _new(comparison)]
     changed += [f"{effect_name(one.effect)} is gone" for one in comparison.of(GONE)]
     rows = _other_changes(comparison)
@@ -139,9 +139,9 @@ def in_brief(comparison: ChangeReport) -> tuple[Check, ...]:
         changed.append(counted(len(links), "link coefficient"))
     along = [effect_name(one.effect) for one in comparison.of(ALL_ALONG)]
     return (
-        Check("Changed", "look" if changed else "good", _few(changed) or "nothing that these logs show"),
-        Check("In all logs", "good", _few(along) or "no effect beyond the terms asked for"),
-        *(one for one in last_in_brief(comparison.found[-1]) if one.name in ("Gap", "Left", "Next")),
+        Check("Changed", "look" if changed else "good", _few(changed) or "no change detected"),
+        Check("In all logs", "good", _few(along) or "no additional effects"),
+        *(one for one in last_in_brief(comparison.found[-1]) if one.name in ("Gap", "Remaining", "Next")),
     )
 
 
@@ -151,11 +151,11 @@ def _few(texts: list[str]) -> str:
 
 
 def comparison_conclusion(comparison: ChangeReport) -> Conclusion:
-    """The verdict: whether something has changed, or was missing."""
+    """The verdict: whether something has changed, or is missing."""
     moved = bool(comparison.of(CHANGED) or comparison.timeline.moved.any() or comparison.of(GONE))
     missing = bool(comparison.of(ALL_ALONG))
-    along = "something was missing all along" if missing else "nothing is known to be missing"
-    said = f"{'Something has changed' if moved else 'Nothing has surely changed'}, {along}"
+    along = "effects are missing in all logs" if missing else "no effect is missing in all logs"
+    said = f"{'The robot has changed' if moved else 'No significant change'}; {along}"
     state: State = "look" if moved or missing else "good"
     return Conclusion(state, sentence(state, said))
 
@@ -165,14 +165,14 @@ def _new(comparison: ChangeReport) -> list[EffectHistory]:
 
 
 def _other_changes(comparison: ChangeReport) -> list[Moved]:
-    """Parameters that moved, but those of what came or went, which are told with that."""
+    """Parameters that changed, without those of effects that came or went."""
     effects = [one.effect for one in (*_new(comparison), *comparison.of(GONE))]
 
-    def told(one: TrackedParameter) -> bool:
+    def of_effect(one: TrackedParameter) -> bool:
         name = one.effect.partition(".")[0]
         return any(effect.effect == name and (not effect.joints or one.joint in effect.joints) for effect in effects)
 
-    return [row for row in moved_parameters(comparison) if not told(comparison.timeline.tracked[row.place])]
+    return [row for row in moved_parameters(comparison) if not of_effect(comparison.timeline.tracked[row.place])]
 
 
 def effect_name(effect: Effect) -> str:
@@ -181,13 +181,13 @@ def effect_name(effect: Effect) -> str:
 
 
 def _came(comparison: ChangeReport, history: EffectHistory) -> str:
-    """An effect that came, with its size, and the logs that have it."""
+    """A new effect, with its size, and the logs that have it."""
     k = max(history.found)
     found = comparison.found[k - 1]
     checks = dict(zip((effect.hypothesis for effect in found.added), discrepancy_checks(found), strict=False))
     check = checks.get(history.found[k].hypothesis)
-    told = upper(effect_name(history.effect)) if check is None else check.message.partition(". ")[0]
-    return told if len(comparison.logs) == 2 else f"{told.rstrip('.')} ({_in_logs(comparison, history)})"
+    text = upper(effect_name(history.effect)) if check is None else check.message.partition(". ")[0]
+    return text if len(comparison.logs) == 2 else f"{text.rstrip('.')} ({_in_logs(comparison, history)})"
 
 
 def _in_logs(comparison: ChangeReport, history: EffectHistory) -> str:
@@ -196,7 +196,7 @@ def _in_logs(comparison: ChangeReport, history: EffectHistory) -> str:
 
 
 def _by_log(comparison: ChangeReport, history: EffectHistory, other: str) -> str:
-    """As in a.csv: shown; b.csv and c.csv: not there. Of logs that show it and of the others."""
+    """Present in a.csv, absent in b.csv and c.csv."""
     named, parts = list(zip(names_of(comparison.logs), history.by_log, strict=True)), []
     for said in (SHOWN, other):
         logs = [name for name, what in named if what.says == said]
@@ -208,12 +208,12 @@ def _why_open(comparison: ChangeReport, history: EffectHistory) -> str:
     if any(what.says == SHOWN for what in history.by_log):
         return _by_log(comparison, history, OPEN)
     held = not history.by_log and any(effect.hypothesis.changes for effect in history.found.values())
-    what = "of another size" if held else "new"
-    return f"{what} by comparison {_in_logs(comparison, history)}, which no log by itself bears out"
+    what = "another size" if held else "new"
+    return f"{what} by comparison {_in_logs(comparison, history)}; no single log confirms it"
 
 
 def _sizes(comparison: ChangeReport, history: EffectHistory) -> str:
-    """An effect's own parameters in the first and the last log that show them; nothing where none is followed."""
+    """An effect's parameters in the first and the last log that show them."""
     line, texts = comparison.timeline, []
     for place, one in enumerate(line.tracked):
         if one.effect == history.effect.name and (not history.joints or one.joint in history.joints):
@@ -227,7 +227,7 @@ def _sizes(comparison: ChangeReport, history: EffectHistory) -> str:
 
 
 def says(what: Standing) -> str:
-    """As in shown (12.3), not there, cannot tell."""
+    """Present (12.3), absent, or undetermined."""
     factor = f" ({rounded(what.log10_bayes_factor)})" if np.isfinite(what.log10_bayes_factor) else ""
     return f"{_SAYS[what.says]}{factor}"
 
@@ -240,7 +240,7 @@ def log_names(comparison: ChangeReport) -> list[str]:
 
 
 def comparison_summary(comparison: ChangeReport) -> dict[str, Any]:
-    """discrepancy.json of several logs: that of the last one, what became of each effect, and the time line."""
+    """discrepancy.json of several logs: that of the last one, each effect's history, and the time line."""
     said, dates = columns(comparison), comparison.dates
     texts = dates.texts if dates.known else [None] * len(comparison.logs)
     more = as_object(

@@ -1,4 +1,4 @@
-"""What a command and a page say first: a verdict in one sentence, and what to do about it, the worst first."""
+"""The verdict of a command or a page in one sentence, and what to do, the worst check first."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from bayesid.report.verdicts import failed, worst
 from bayesid.report.words import listed
 
 _RESULT: Mapping[State, str] = {
-    "good": "Nothing speaks against this result",
+    "good": "All checks passed",
     "look": "Usable with care",
     "bad": "Do not rely on this result yet",
 }
 VALIDATED: Mapping[State, str] = {
     "good": "The model predicts this log",
-    "look": "The model predicts this log, but not as well as its bands say",
+    "look": "The model predicts this log, but the 95 % bands do not fit",
     "bad": "Do not use the model for such motions",
 }
-"""What a validation alone says."""
+"""Verdicts of a validation."""
 
 
 @dataclass(frozen=True)
@@ -28,26 +28,31 @@ class Conclusion:
     """A verdict, and the most important things to do."""
 
     state: State  #: good, to be looked at, or bad
-    sentence: str  #: that says so, in plain words
-    actions: tuple[Check, ...] = ()  #: the checks that say what to do first
-    others: int = 0  #: number of checks that are not good either, and are left to the report
+    sentence: str  #: the verdict in words
+    actions: tuple[Check, ...] = ()  #: the most important checks that are not good
+    others: int = 0  #: number of other checks that are not good; the report lists them
 
     def in_brief(self) -> Conclusion:
-        """The same where what was seen has been said before: what to do, without it."""
+        """The same with the remedies alone, for output that shows the messages already."""
         return replace(self, actions=tuple(replace(one, message="") for one in self.actions if one.remedy), others=0)
 
 
 def conclude(checks: Sequence[Check], says: Mapping[State, str] = _RESULT, of: str = "checks") -> Conclusion:
-    """The verdict of checks, with as many things to do as are worth reading at once.
+    """The verdict of checks, with at most `TUNING.actions` things to do.
 
-    Where something is bad, what is merely to be looked at can wait. What was not done speaks neither for nor against.
+    If a check is bad, only bad ones are listed. Checks that were not done do not affect the verdict.
+
+    Args:
+        checks: all of them.
+        says: a sentence for each state.
+        of: what the checks are called in the sentence.
     """
     reasons, state = failed(checks), worst(checks)
     of_state = [one for one in reasons if one.state == state]
     not_done = [one for one in reasons if one.state == "not done"]
     said = says[state]
     if of_state and len(checks) > 1:
-        which = ("fails", "fail") if state == "bad" else ("needs a look", "need a look")
+        which = ("fails", "fail") if state == "bad" else ("needs attention", "need attention")
         names = listed([one.name for one in of_state])
         said += f": {len(of_state)} of {len(checks)} {of} {which[len(of_state) > 1]} ({names})"
     elif not_done:
@@ -58,7 +63,7 @@ def conclude(checks: Sequence[Check], says: Mapping[State, str] = _RESULT, of: s
 
 
 def first(reasons: Sequence[Check]) -> tuple[Check, ...]:
-    """The first ones of which each says something else to do."""
+    """The first checks with different remedies."""
     by_remedy: dict[str, Check] = {}
     for one in reasons:
         by_remedy.setdefault(one.remedy or one.message, one)
@@ -66,5 +71,5 @@ def first(reasons: Sequence[Check]) -> tuple[Check, ...]:
 
 
 def sentence(state: State, said: str) -> str:
-    """The sentence of a verdict: terminal and page have the same."""
+    """The sentence of a verdict, alike in terminal and page."""
     return f"Verdict: {state}. {said}."

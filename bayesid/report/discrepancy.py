@@ -26,33 +26,33 @@ from bayesid.report.verdicts import failed
 from bayesid.report.words import in_percent, joints_in_words, label, listed, quantity, rounded, unit_of, upper
 
 _WHOSE = {MODELS_RESIDUAL: "earlier model's", REFIT: "refitted model's"}
-"""Own error a floor may be, by where it was taken from."""
+"""Whose error a floor may be, by where it was taken from."""
 CHANGE = "change of "
 """Begins the names of what a parameter has changed by."""
 
 
-def nothing_missing(discrepancy: Discrepancy) -> str:
-    """As much as can be said: below a floor that is a model's own error something may be."""
-    return "Nothing is missing" + (" above the noise floor" if discrepancy.floor.lasting.any() else "")
+def above_the_floor(discrepancy: Discrepancy) -> str:
+    """Words for a noise floor that may contain a model's error: nothing is known below it."""
+    return " above the noise floor" if discrepancy.floor.lasting.any() else ""
 
 
 _VERDICTS: Mapping[str, tuple[State, str]] = {
-    "explained": ("good", "What was missing is found"),
-    "partly_explained": ("look", "Something was found, something is left"),
-    "unexplained": ("bad", "Something is missing, and nothing that was tried explains it"),
+    "explained": ("good", "The missing effects were found"),
+    "partly_explained": ("look", "Missing effects were found; part of the residual is unexplained"),
+    "unexplained": ("bad", "The residual is above the noise floor, and no tested effect explains it"),
 }
 """By status."""
 
 
 def discrepancy_conclusion(discrepancy: Discrepancy) -> Conclusion:
     """The verdict, with what to do first."""
-    state, said = _VERDICTS.get(discrepancy.status, ("good", nothing_missing(discrepancy)))
+    state, said = _VERDICTS.get(discrepancy.status, ("good", f"No effect is missing{above_the_floor(discrepancy)}"))
     reasons = [one for one in failed(discrepancy_checks(discrepancy)) if one.remedy and one.state != "not done"]
     return Conclusion(state, sentence(state, said), first(reasons))
 
 
 def listed_sets(discrepancy: Discrepancy) -> list[WeighedSet]:
-    """The sets that are worth a line."""
+    """The sets with a probability that is listed."""
     return [one for one in discrepancy.sets if one.probability >= TUNING.set_listed]
 
 
@@ -65,7 +65,7 @@ def set_in_words(some: WeighedSet) -> str:
 # A check for each finding
 # ---------------------------------------------------------------------------------------------------------------
 def discrepancy_checks(discrepancy: Discrepancy) -> tuple[Check, ...]:
-    """What was found (good, or to be looked at), what is left (bad), and what the log cannot tell (not done)."""
+    """Effects found (good or look), unexplained joints (bad), and effects that were not testable (not done)."""
     return (
         *(_found(discrepancy, added) for added in discrepancy.added),
         *(_unexplained(discrepancy, joint, ratio) for joint, ratio in discrepancy.unexplained),
@@ -79,8 +79,8 @@ def discrepancy_checks(discrepancy: Discrepancy) -> tuple[Check, ...]:
 def _found(discrepancy: Discrepancy, added: AddedEffect) -> Check:
     name, would = upper(label(added.effect, added.joints)), distinguishing_motions(added)
     if impossible := below_zero(added):
-        message = f"by itself it would make {listed(impossible)} negative: it stands for something else that acts alike"
-        return Check(name, "look", message, f"{would} would show what it is")
+        message = f"alone it would make {listed(impossible)} negative, which is impossible: a similar effect is present"
+        return Check(name, "look", message, f"{would} would identify it")
     changes, detail, n = bool(added.hypothesis.changes), added.hypothesis.source.phrase.detail, len(discrepancy.before)
     parts = [_change(added, n) if changes else _need(added, n)]
     if added.description is not None:
@@ -94,22 +94,22 @@ def _found(discrepancy: Discrepancy, added: AddedEffect) -> Check:
     if unsure:
         shares = added.probability, added.nothing_missing, added.something_else
         sure, nothing, other = map(_percent, shares)
-        parts.append(f"Its probability is {sure}; nothing missing in its place {nothing}, something else {other}.")
+        parts.append(f"Probability: {sure} this effect, {nothing} no effect, {other} another effect.")
     if alike:
-        parts.append(f"This log cannot tell it from {listed(alike, 'or')}.")
-    remedy = f"{would} would tell" if alike else ""
+        parts.append(f"This log cannot distinguish it from {listed(alike, 'or')}.")
+    remedy = f"{would} would distinguish them" if alike else ""
     return Check(name, "look" if unsure or alike else "good", " ".join(parts).removesuffix("."), remedy)
 
 
 def _not_learned(discrepancy: Discrepancy, refused: AddedEffect) -> Check:
     assert refused.description is not None
     learned = f"a function learned in {joints_in_words(refused.joints)} that {refused.description.sentence}"
-    message = f"{learned} was not added: not borne out by {data_in_words(discrepancy)}"
+    message = f"{learned} was not added: {data_in_words(discrepancy)} did not confirm it"
     return Check("Effect without a name", "look", message, f"{distinguishing_motions(refused)} would show it")
 
 
 def below_zero(added: AddedEffect) -> list[str]:
-    """What an effect would make negative that cannot be: the friction that it adds to."""
+    """Friction that an effect would make negative, which is impossible."""
     impossible = []
     for symbol, other in added.hypothesis.source.adds_to.items():
         term, coefficient = owner(other)
@@ -121,13 +121,13 @@ def below_zero(added: AddedEffect) -> list[str]:
 
 
 def equivalents(added: AddedEffect, called: Callable[[str], str]) -> list[str]:
-    """What the log cannot tell from an effect, as they are called; errors of other rows of the table with joints."""
+    """Names of effects that the log cannot distinguish from this one; geometry errors of other links with joints."""
     rows = [f"{called(name)} ({joints_in_words(joints)})" for name, joints in added.elsewhere]
     return [*map(called, added.equivalent), *rows]
 
 
 def distinguishing_motions(added: AddedEffect) -> str:
-    """The motions that would tell an effect from its equivalents."""
+    """Motions that distinguish an effect from its equivalents."""
     names = (*added.equivalent, *(name for name, _ in added.elsewhere))
     kinds = [added.hypothesis.source.shown_by, *(forms()[name].shown_by for name in names)]
     return ", or ".join(dict.fromkeys(kinds))
@@ -138,8 +138,8 @@ def _percent(share: float) -> str:
 
 
 def data_in_words(discrepancy: Discrepancy) -> str:
-    """Those that were held back."""
-    return "the stretches held back" if discrepancy.holdout.startswith("stretches ") else "the holdout"
+    """The data that score."""
+    return "the held-back blocks" if discrepancy.holdout.startswith("stretches ") else "the holdout"
 
 
 def effort_in_words(discrepancy: Discrepancy, value: float, joint: int) -> str:
@@ -150,37 +150,41 @@ def effort_in_words(discrepancy: Discrepancy, value: float, joint: int) -> str:
 def _unexplained(discrepancy: Discrepancy, joint: int, ratio: float) -> Check:
     says, data, reasons = discrepancy.unexplained_on[joint], data_in_words(discrepancy), list[str]()
     if ON_LOG in says or HELD_BACK in says:
-        reasons.append(f"{rounded(ratio, 2)} times the noise floor is left on {'the log' if ON_LOG in says else data}")
+        reasons.append(
+            f"its residual on {'the log' if ON_LOG in says else data} is {rounded(ratio, 2)} times the noise floor"
+        )
         for shown in (excess for excess in discrepancy.where if excess.joint == joint):
             (low, high), unit = shown.range, unit_of(discrepancy, joint, shown.variable)
-            reasons[-1] += f", most over {shown.variable} ({rounded(low, 2)} to {rounded(high, 2)} {unit})"
+            reasons[-1] += f", largest over {shown.variable} ({rounded(low, 2)} to {rounded(high, 2)} {unit})"
     if GROWN in says:
         before, after = rounded(float(discrepancy.before[joint - 1])), discrepancy.after[joint - 1]
-        reasons.append(f"its gap on {data} rises from {before} to {effort_in_words(discrepancy, after, joint)}")
-    message = f"Joint {joint} stays unexplained: {'; '.join(reasons)}"
-    return Check("What is left", "bad", message, "see its residual: no effect of the catalogue has its shape")
+        reasons.append(f"its gap on {data} grows from {before} to {effort_in_words(discrepancy, after, joint)}")
+    message = f"Joint {joint} is unexplained: {'; '.join(reasons)}"
+    return Check(
+        "Unexplained", "bad", message, "see its residual in the report: no effect of the catalogue has this shape"
+    )
 
 
 def _lasting_floor(discrepancy: Discrepancy) -> Iterator[Check]:
-    """In joints 4 and 6 the noise floor is the earlier model's own error, or noise that a filter has smoothed."""
+    """Joints whose noise floor is mostly correlated: a model's error, or filtered noise."""
     floor, whose = discrepancy.floor, dict[str, list[int]]()
     for j in np.flatnonzero(floor.lasting).tolist():
         whose.setdefault(floor.origin[j], []).append(j + 1)
     for origin, joints in whose.items():
-        message = f"In {joints_in_words(joints)} the noise floor is the {_WHOSE[origin]} own error, or smoothed noise"
-        yield Check("Noise floor", "look", message, "a log that repeats its motion shows what is noise")
+        error = f"the {_WHOSE[origin]} error, or filtered noise"
+        message = f"In {joints_in_words(joints)} the noise floor is mostly correlated: {error}"
+        yield Check("Noise floor", "look", message, "record the same motion twice: the difference is the noise")
 
 
 def _preexisting(discrepancy: Discrepancy) -> Iterator[Check]:
-    """What the earlier model has beyond the standard terms, and this log shows by itself too, unchanged."""
+    """Additional effects of the earlier model that this log shows too, unchanged."""
     changed = {added.hypothesis.key for added in discrepancy.added}
     if same := [label(effect, joints) for effect, joints in discrepancy.preexisting if (effect, joints) not in changed]:
-        message = f"{'; '.join(same)}: in the earlier model already, and seen in this log too"
-        yield Check("Not new", "good", message)
+        yield Check("In both logs", "good", f"{'; '.join(same)}: in the earlier model, and confirmed by this log")
 
 
 def testable_groups(discrepancy: Discrepancy) -> list[tuple[str, tuple[int, ...]]]:
-    """Effects that the log could not show, and all joints in which it could not; none: the whole robot."""
+    """Effects that the log could not show, each with the joints; no joints: the whole robot."""
     grouped = groupby(sorted(discrepancy.not_testable), key=lambda pair: pair[0])
     return [(effect, tuple(sorted({j for _, joints in group for j in joints}))) for effect, group in grouped]
 
@@ -192,8 +196,8 @@ def _not_testable(discrepancy: Discrepancy) -> Iterator[Check]:
     if by_joints:
         wheres = [f" in {joints_in_words(joints)}" if joints else "" for joints in by_joints]
         parts = [f"{listed(names, 'or')}{where}" for names, where in zip(by_joints.values(), wheres, strict=True)]
-        message = f"Even of a usual size this log could not show {'; '.join(parts)}"
-        yield Check("What this log cannot tell", "not done", message, "record a motion that would show it")
+        message = f"Of usual size this log could not show {'; '.join(parts)}"
+        yield Check("Not testable", "not done", message, "record the motions that the report names")
 
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -211,7 +215,7 @@ def _for_people(source: Effect, name: str, number: Quantity) -> Quantity:
     return people.factor * (value - people.neutral), people.factor * sd, people.unit
 
 
-def told(added: AddedEffect, name: str) -> str:
+def parameter_text(added: AddedEffect, name: str) -> str:
     """A parameter as people read it: 1.9 +- 0.1 N m, or 9.1 -> 7.3 +- 0.5 N m where the earlier model has it."""
     source, number = added.hypothesis.source, added.parameters[name]
     value, sd, unit = _for_people(source, name, number)
@@ -233,12 +237,12 @@ def _numbers(added: AddedEffect, n: int) -> dict[str, str]:
         if name.startswith(CHANGE) or symbol in source.adds_to.values():
             continue
         total = f"{source.adds_to.get(symbol, symbol)}{name[len(symbol) :]}"
-        texts[symbol.rstrip("_")] = told(added, total if total in added.parameters else name)
+        texts[symbol.rstrip("_")] = parameter_text(added, total if total in added.parameters else name)
     return texts
 
 
 def main_number(added: AddedEffect, n: int) -> str:
-    """The one that says how strong an effect of one joint is, or of the whole robot; nothing where several do."""
+    """The size of an effect of one joint or of the whole robot; empty where several parameters give it."""
     numbers, size = _numbers(added, n), added.hypothesis.source.phrase.size
     if added.readable or len(added.joints) > 1 or added.description is not None:
         return ""
@@ -263,7 +267,7 @@ def _need(added: AddedEffect, n: int) -> str:
 
 
 def _size(added: AddedEffect) -> Quantity | None:
-    """The number whose sign decides between a sentence and its opposite; None where there is none."""
+    """The number whose sign selects a sentence or its opposite; None where there is none."""
     source, size = added.hypothesis.source, added.hypothesis.source.phrase.size
     name = f"{size}{added.joints[0] if added.joints else ''}"
     if name in added.parameters:
@@ -280,13 +284,15 @@ def _plainly(added: AddedEffect, numbers: Mapping[str, str]) -> str:
 
 
 def _change(added: AddedEffect, n: int) -> str:
-    """Coulomb friction, joint 3, has changed: 9.1 -> 7.3 +- 0.5 N m; or may have: others resemble it."""
+    """Coulomb friction, joint 3, has changed: 9.1 -> 7.3 +- 0.5 N m."""
     source, numbers = added.hypothesis.source, _numbers(added, n)
     chosen = {source.phrase.size: numbers[source.phrase.size]} if source.phrase.size in numbers else numbers
     parts = [f"{symbol} " * (len(chosen) > 1) + text for symbol, text in chosen.items()]
     changes = [number for name, number in added.parameters.items() if name.startswith(CHANGE)]
-    unsure = changes and all(abs(change) < 1.96 * sd for change, sd, _ in changes)  # False where the sd is not known
-    said = "was free to change, and has not surely done so" if unsure else "has changed"
+    insignificant = changes and all(
+        abs(change) < 1.96 * sd for change, sd, _ in changes
+    )  # False where the sd is not known
+    said = "has not changed significantly" if insignificant else "has changed"
     return f"{upper(label(source.name, added.joints))}, {said}{f': {listed(parts)}' if parts else ''}."
 
 

@@ -1,4 +1,4 @@
-"""Motions that were designed, for a robot nobody knows and after a result: their folders, and their text."""
+"""Designed motions, for an unknown robot or after a result: their folders and their text."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ from bayesid.report.words import counted, table
 DESIGN_MARKER, NEXT_MARKER = "design.json", "next_motion.json"
 DESIGN_FILES = frozenset({DESIGN_MARKER, "trajectory.csv", "excitation.svg"})
 NEXT_FILES = frozenset({NEXT_MARKER, "next_motion.svg", "predicted.csv"}) | PROGRAM_FOLDERS
-_COUNT = "as in the log, before it was corrected"
-_MODEL_COUNT = "this table, limits and --start count as in the robot file"
-_RESOLVABILITY = "resolvability: twice the log odds against all signs of the joint turned"
+_COUNT = "as in the uncorrected log"
+_MODEL_COUNT = "this table, limits and --start as in the robot file"
+_RESOLVABILITY = "resolvability: twice the log odds against flipping all signs of the joint"
 _STATES: dict[str, State] = {"green": "good", "amber": "look", "red": "bad"}
 _JOINT = ["joint", "starts at", "lowest", "highest", "speed", "acceleration"]
 
@@ -106,7 +106,7 @@ def _reached(motion: Motion) -> dict[str, Array]:
 
 
 def design_text(design: ExcitationDesign) -> str:
-    """A table of the joints, what the design has gained over its start, and what stays undecided."""
+    """A table of the joints, figures at the start and reached, and coefficients that are not determined."""
     before, after, shares, names = design.start, design.reached, design.of_limits, design.coefficients.names
     resolved = [f"{value:.3g}" for value in after.joints.resolvability[: design.motion.n_joints]]
     undecided, noise = [names[i] for i in design.undecided], f"{design.noise:.0%}"
@@ -114,21 +114,21 @@ def design_text(design: ExcitationDesign) -> str:
         f"{design.model.robot.name}: {design.motion.t[-1]:g} s at {design.rate:g} Hz, "
         f"{counted(design.periods, 'period')}, from rest to rest",
         table([*_JOINT, "resolvability"], _joint_rows(design.motion, shares.dq, shares.ddq, resolved)),
-        "positions in rad (m where a joint slides), speed and acceleration as shares of their limits;",
+        "positions in rad (m for sliding joints), speed and acceleration as shares of their limits;",
         f"{_RESOLVABILITY}, at a noise of {noise}",
         f"condition number {before.condition:.1f} at the start, {after.condition:.1f} reached",
-        f"noise that the signs bear: {before.tolerance:.0%} of the RMS at the start, {after.tolerance:.0%} reached",
-        f"easiest to mistake: {_group(after.joints)}",
-        f"{len(undecided)} of {len(names)} coefficients stay undecided at a noise of {noise}: {', '.join(undecided)}"
+        f"noise tolerance of the signs: {before.tolerance:.0%} of the RMS at the start, {after.tolerance:.0%} reached",
+        f"lowest resolvability: {_group(after.joints)}",
+        f"not determined at a noise of {noise}: {len(undecided)} of {len(names)} coefficients, {', '.join(undecided)}"
         if undecided
-        else f"all {len(names)} coefficients are decided at a noise of {noise}",
-        "not checked: collisions with itself or the surroundings, and limits of the efforts; play it slowly first",
+        else f"all {len(names)} coefficients are determined at a noise of {noise}",
+        "not checked: collisions and effort limits; run the motion slowly first",
     ]
     return "\n".join(lines)
 
 
 def _joint_rows(motion: Motion, speed: Array, acceleration: Array, last: Sequence[str]) -> list[list[str]]:
-    """Positions of each joint, the largest shares of its limits, and what else there is to say."""
+    """Positions of each joint, the largest shares of its limits, and a last column."""
     start, low, high = motion.q[0], motion.q.min(axis=0), motion.q.max(axis=0)
     used = [np.abs(values).max(axis=0) for values in (speed, acceleration)]
     return [
@@ -143,7 +143,7 @@ def _group(flips: JointFlips) -> str:
 
 
 def judgement_text(judgement: ExcitationAssessment) -> str:
-    """A table of the joints, the condition number, and what the log leaves undecided."""
+    """A table of the joints, the condition number, and what the log does not determine."""
     one, flips = judgement, judgement.joints
     of_joint = {} if flips is None else dict(zip(flips.groups, flips.resolvability.tolist(), strict=True))
     rows = [
@@ -157,24 +157,24 @@ def judgement_text(judgement: ExcitationAssessment) -> str:
         f"{one.source}: excitation is {one.light}",
         table(["joint", "range", "speed", "acceleration", "still", "resolvability", "doubtful"], rows),
         f"rad, rad/s, rad/s^2; {_RESOLVABILITY};",
-        f"doubtful: energy with the wrong sign, segments one by one; both at a noise of {one.noise:.0%}",
-        f"condition number {one.condition:.1f}, all joints alike; `identify` weighs each by the noise it finds",
-        *([] if flips is None else [f"easiest to mistake: {_group(flips)}"]),
+        f"doubtful: expected energy with a wrong sign; both at a noise of {one.noise:.0%}",
+        f"condition number {one.condition:.1f} with equal noise in all joints; `identify` estimates the noise",
+        *([] if flips is None else [f"lowest resolvability: {_group(flips)}"]),
         *(f"- {remark}" for remark in one.remarks),
     ]
     return "\n".join(lines)
 
 
 def judgement_conclusion(judgement: ExcitationAssessment, design: str) -> Conclusion:
-    """Whether the motion suffices, and a command that designs another where it does not."""
+    """Whether the motion suffices; if not, the command that designs another."""
     state = _STATES[judgement.light]
-    said: dict[State, str] = {
-        "good": "The motion shows what a motion can",
-        "look": "Some coefficients or signs stay undecided",
-        "bad": "A joint, or its signs, cannot be told from this motion",
+    sentences: dict[State, str] = {
+        "good": "The motion excites all that a motion can",
+        "look": "Some coefficients or signs are not determined",
+        "bad": "A joint or its signs cannot be identified from this motion",
     }
     action = Check("Excitation", state, "", f"`{design}` designs another motion")
-    return Conclusion(state, sentence(state, said[state]), () if state == "good" else (action,))
+    return Conclusion(state, sentence(state, sentences[state]), () if state == "good" else (action,))
 
 
 def check_next_folder(folder: str | Path) -> Path:
@@ -206,7 +206,7 @@ def save_next_motion(design: NextExperiment, folder: str | Path) -> Path:
 
 
 def planned(design: NextExperiment) -> PlannedMotion:
-    """The motion as programs take it: its positions count as in the log, before that was corrected."""
+    """The motion for programs: positions as in the uncorrected log."""
     robot, run = design.known.model.robot, design.run
     positions, _ = corrections(design.correct, robot.n_joints)
     joints = [(robot.joints[j], j + 1) for j in np.argsort(positions.order)]
@@ -230,7 +230,7 @@ def planned(design: NextExperiment) -> PlannedMotion:
 
 
 def picture(design: NextExperiment) -> Any:
-    """What `bayesid.report.plot.motions` draws."""
+    """The input of `bayesid.report.plot.motions.planned_motion`."""
     from bayesid.report.plot.motions import MotionPicture, extreme_poses
 
     robot, motion, limits, clearance = design.known.model.robot, design.motion, design.limits, design.clearance
@@ -268,7 +268,7 @@ def predicted_rows(predicted: PredictedKnowledge) -> list[dict[str, object]]:
 
 
 def next_summary(design: NextExperiment, programs: Programs) -> dict[str, Any]:
-    """next_motion.json: what will be known, what no motion tells, limits given and reached, what was not checked."""
+    """next_motion.json: predicted knowledge, what no motion shows, limits given and reached, checks."""
     run, after, limits, clearance = design.run, design.predicted, design.limits, design.clearance
     given = taken(limits, "lower", "upper", "velocity", "acceleration", "jerk", "effort")
     distance = None if clearance is None else clearance.distance(design.motion.q).min()
@@ -301,20 +301,20 @@ def _factors(predicted: PredictedKnowledge) -> list[dict[str, object]]:
 
 
 def next_motion_text(design: NextExperiment) -> str:
-    """What will be known, what no motion tells, how far limits are used, and what was not checked."""
+    """Predicted knowledge, what no motion shows, use of the limits, and checks."""
     run, predicted = design.run, design.predicted
     carried = f", with {run.payload} on the flange" if run.payload else ""
     lines = [
         f"{design.known.model.robot.name}: {run.duration:g} s at {run.rate:g} Hz, from rest to rest{carried}",
         *(_of_rivals(predicted, design.of_random) if design.goal is None else _of_goal(design, design.goal.names)),
-        f"signs that will be certain: {predicted.certain_signs:.1%} of |effort| "
-        f"(after a random motion {design.of_random.certain_signs:.1%})",
-        "the random motion keeps limits of positions, velocities and accelerations, not of efforts and distances",
+        f"certain signs: {predicted.certain_signs:.1%} of |effort| "
+        f"(random motion: {design.of_random.certain_signs:.1%})",
+        "the random motion ignores limits of efforts and distances",
         *(f"- {sentence}" for sentence in design.never),
         "",
         table([*_JOINT, "effort"], _joints(design)),
-        *([] if design.correct is None else [f"programs: positions count {_COUNT} ({design.correct}); {_MODEL_COUNT}"]),
-        "positions in rad (m where a joint slides); the others as shares of their limits, efforts with their band",
+        *([] if design.correct is None else [f"programs: positions {_COUNT} ({design.correct}); {_MODEL_COUNT}"]),
+        "positions in rad (m for sliding joints); others as shares of their limits, efforts with their band",
         *_clearance(design),
         f"checked: {'; '.join(design.checked)}",
         *(f"NOT checked: {sentence}" for sentence in design.unchecked),
@@ -325,29 +325,29 @@ def next_motion_text(design: NextExperiment) -> str:
 def _of_goal(design: NextExperiment, names: Sequence[str]) -> Iterator[str]:
     after, random = design.predicted, design.of_random
     yield (
-        f"coefficients not known to {KNOWN:.0%}: {after.open_now} now, {after.open} after this motion if the "
-        f"model is right, {after.open_lacking} if what it may lack stays as large; {random.open} after a random motion"
+        f"coefficients not known to {KNOWN:.0%}: {after.open_now} now, {after.open} after this motion "
+        f"({after.open_lacking} if the model error stays as large), {random.open} after a random motion"
     )
     chosen = [k for k, name in enumerate(after.names) if name in names]
     if not chosen:
-        yield f"aimed at {len(names)} sums of them; those of which most is learned on the way:"
+        yield f"goal: {len(names)} combinations of coefficients; coefficients that improve most:"
         chosen = list(range(len(after.names)))
     most = sorted(chosen, key=lambda k: after.sd[k] / after.sd_now[k])[: TUNING.next_coefficients]
     sds = after.sd_now, after.sd, random.sd
     rows = [[after.names[k], f"{after.mean[k]:.4g}", *(f"{sd[k]:.2g}" for sd in sds), after.units[k]] for k in most]
-    yield table(["name", "value", "sd now", "sd then", "random motion", "unit"], rows)
+    yield table(["name", "value", "sd now", "sd after", "random motion", "unit"], rows)
 
 
 def _of_rivals(predicted: PredictedKnowledge, random: PredictedKnowledge) -> Iterator[str]:
-    telling, factors = EXCITATION.telling, predicted.log10_bayes_factors
+    threshold, factors = EXCITATION.telling, predicted.log10_bayes_factors
     rows = [
-        [*pair, f"{value:.3g}", "yes" if value >= telling else "no", f"{random.log10_bayes_factors[pair]:.3g}"]
+        [*pair, f"{value:.3g}", "yes" if value >= threshold else "no", f"{random.log10_bayes_factors[pair]:.3g}"]
         for pair, value in factors.items()
     ]
-    yield table(["if true", "against", "log10 Bayes factor", "told apart", "random motion"], rows)
-    yield f"expected with the noise as it is known, of the form that imitates best; told apart from {telling:g} on"
-    if max(factors.values(), default=-np.inf) < telling:
-        yield "this motion is not expected to tell any apart: a longer one may (--duration), or wider --limits"
+    yield table(["if true", "against", "log10 Bayes factor", "distinguished", "random motion"], rows)
+    yield f"expected log10 Bayes factor against the most similar form; {threshold:g} or more distinguishes"
+    if max(factors.values(), default=-np.inf) < threshold:
+        yield "this motion distinguishes none of them: try a longer --duration or wider --limits"
 
 
 def _joints(design: NextExperiment) -> list[list[str]]:
@@ -363,4 +363,4 @@ def _clearance(design: NextExperiment) -> Iterator[str]:
     if (clearance := design.clearance) is not None:
         distances = clearance.distance(design.motion.q)
         least, (one, other) = clearance.nearest(design.motion.q[int(distances.argmin())])
-        yield f"least distance: {least:.3f} m, {one} to {other} (to be kept: {clearance.margin:g} m)"
+        yield f"least distance: {least:.3f} m, {one} to {other} (required: {clearance.margin:g} m)"

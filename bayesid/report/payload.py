@@ -1,4 +1,4 @@
-"""A payload that was read from a log: payload.json, its table, and how far it can be trusted."""
+"""An identified payload: payload.json, its table and its checks."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def save_payload(reading: PayloadEstimate, folder: str | Path) -> Path:
 
 
 def _payload_summary(reading: PayloadEstimate) -> dict[str, Any]:
-    """payload.json: SI units, joints from 1; null where there is nothing to say."""
+    """payload.json: SI units, joints from 1."""
     body, check, known, gains = reading.body, reading.check, reading.known_mass, reading.gains
     doubts = [one for one in payload_checks(reading) if one.state != "good"]
     return as_object(
@@ -73,7 +73,7 @@ def _row(name: str, one: Estimate, unit: str) -> tuple[str, ...]:
 
 
 def payload_checks(reading: PayloadEstimate, result: str = "RESULT") -> tuple[Check, ...]:
-    """How far the payload can be trusted; `result` is the folder of the earlier log's result, for the remedy."""
+    """Checks of a payload; `result` is the folder of the earlier result, for the remedy."""
     return (_gains(reading), _mass(reading), _unchanged(reading, result), _sampling(reading))
 
 
@@ -84,62 +84,64 @@ def _mass(reading: PayloadEstimate) -> Check:
         said = f"{quantity(mass.value, mass.sd, 'kg')} (95 %: {low} to {high}) in the frame of {reading.frame}"
         by_log = f"; by the log alone +- {rounded(reading.mass_sd_by_log, 1)} kg" if reading.common_sd else ""
         return Check("Payload", "good", f"{said}{by_log}")
-    said = f"none that can be told from zero: less than {rounded(mass.interval[1], 2)} kg (95 %)"
+    said = f"not significantly above zero: less than {rounded(mass.interval[1], 2)} kg (95 %)"
     return Check("Payload", "look", said)
 
 
 def _unchanged(reading: PayloadEstimate, result: str) -> Check:
-    name, check = "Besides the payload", reading.check
+    name, check = "Other changes", reading.check
     worst, most = int(check.residual.argmax()), int((check.moved / check.moved_limits).argmax())
     residual = f"residual at most {check.residual[worst]:.2f} times the earlier log's noise (joint {worst + 1}; limit "
-    links = f"chi-square of all the robot's coefficients {check.chi_square:.0f} (limit {check.limit:.0f})"
-    own = f"of those of joint {most + 1} alone {check.moved[most]:.0f} (limit {check.moved_limits[most]:.0f})"
+    links = f"chi-square of all coefficients {check.chi_square:.0f} (limit {check.limit:.0f})"
+    own = f"of joint {most + 1} alone {check.moved[most]:.0f} (limit {check.moved_limits[most]:.0f})"
     seen = f"{residual}{check.MOST_RESIDUAL:g}), {links}, {own}"
     if check.passed:
-        return Check(name, "good", f"no change is seen: {seen}")
+        return Check(name, "good", f"none detected: {seen}")
     command = shlex.join(
         ["bayesid", "discrepancy", result, reading.identification.log.source, *in_words(reading.read_with)]
     )
-    remedy = f"`{command}` names what has changed"
+    remedy = f"`{command}` finds what has changed"
     if check.residual[worst] <= check.MOST_RESIDUAL and check.chi_square <= check.limit:
         which = joints_in_words(check.joints)
-        return Check(name, "look", f"friction or offset of {which} has changed since: {seen}", remedy)
+        return Check(name, "look", f"friction or offset of {which} has changed: {seen}", remedy)
     which = joints_in_words(check.joints) if check.joints else "the links"
-    return Check(name, "bad", f"something else has changed in {which}; the payload may be wrong by it: {seen}", remedy)
+    return Check(name, "bad", f"{which} changed too, so the payload may be wrong: {seen}", remedy)
 
 
 def _sampling(reading: PayloadEstimate) -> Check:
     figures = convergence(reading.posterior.max_rhat, reading.posterior.min_ess)
     if reading.posterior.converged:
         return Check("Sampling", "good", f"converged ({figures})")
-    return Check("Sampling", "look", f"has not converged ({figures})", "give a larger --posterior-budget")
+    return Check("Sampling", "look", f"not converged ({figures})", "give more --posterior-budget")
 
 
 def _gains(reading: PayloadEstimate) -> Check:
-    """What all efforts may be off by, which mass and inertia share; with a known mass, what they are off by."""
+    """The common scale error of all efforts, which mass and inertia share; with a known mass, its estimate."""
     if reading.known_mass is not None:
         return _gains_by_mass(reading)
     off = in_percent(reading.common_sd)
     if reading.common_sd_from == ASSUMED:
-        said = f"not stated, so all torques may be {off} off (sd), and mass and inertia with them"
+        said = f"not stated; a scale error of all torques of {off} (sd) is included in mass and inertia"
         return Check("Gains", "look", said, "weigh the payload and give --known-mass, or state --common-sd")
     if reading.common_sd_from == BY_GAINS:
-        return Check("Gains", "good", f"the result knows their common factor to {off} (sd), as mass and inertia hold")
-    exact = f"all torques may be {off} off (sd), as mass and inertia hold" if reading.common_sd else "exact"
+        return Check("Gains", "good", f"common factor known to {off} (sd), which is included in mass and inertia")
+    exact = (
+        f"a scale error of all torques of {off} (sd) is included in mass and inertia" if reading.common_sd else "exact"
+    )
     return Check("Gains", "good", f"stated: {exact}")
 
 
 def _gains_by_mass(reading: PayloadEstimate) -> Check:
     factor, passed, known = reading.gain_factor, reading.check.passed, reading.identification.identified.gains
     if factor is None:
-        return Check("Gains", "bad", "without a payload that the log shows, its known mass says nothing of them")
+        return Check("Gains", "bad", "no payload was detected, so the known mass does not calibrate the efforts")
     times, which = (1.0 / factor.value, "large") if factor.value < 1.0 else (factor.value, "small")
     low, high = factor.interval
     said = (
-        f"the efforts read are {times:.3f} times too {which}: multiply them by {quantity(factor.value, factor.sd, '')} "
-        f"(95 %: {low:.3f} to {high:.3f})"
+        f"the logged efforts are {times:.3f} times too {which}: multiply them by "
+        f"{quantity(factor.value, factor.sd, '')} (95 %: {low:.3f} to {high:.3f})"
     )
-    said += ", which cannot be told from 1" if low <= 1.0 <= high else ""
+    said += "; not significantly different from 1" if low <= 1.0 <= high else ""
     said += "" if passed else ", if nothing else has changed"
     remedy = ""
     if reading.gains is not None:

@@ -25,22 +25,21 @@ def save(result: object, folder: str | Path, **options: Any) -> Path:
 
     Args:
         result: an identification, a validation, a discrepancy, a comparison of logs, a payload, or a motion that was
-            designed. Predicted efforts and logs have a method `save` of their own.
+            designed. Predicted efforts and logs have their own method `save`.
         folder: where. What each kind holds: docs/result-folder.md.
-        options: `report=False` leaves report.html out, which takes some seconds (`bayesid.make_report` makes it later),
-            and `progress` shows how it is made: of an identification, a discrepancy and a comparison. Of an
-            identification also `with_log=True`, for the log as log.csv, and `validation`, of another log, for the
-            report.
+        options: of an identification, a discrepancy and a comparison `report=False`, which skips report.html
+            (`bayesid.make_report` makes it later), and `progress`. Of an identification also `with_log=True`, which
+            adds log.csv, and `validation`, of another log, for the report.
 
     Returns:
         The folder.
 
     Raises:
         InputError: this is no result, or the folder cannot be written or holds other files than an earlier result.
-        KeyboardInterrupt: with a text that says so where the result stands already.
+        KeyboardInterrupt: its text says whether the result is already written.
 
     Warns:
-        IncompleteWarning: an export or the report could not be written; the rest stands.
+        IncompleteWarning: an export or the report could not be written; all other files are.
 
     Example:
         >>> folder = bayesid.save(result, "saved", report=False)
@@ -55,7 +54,7 @@ def save(result: object, folder: str | Path, **options: Any) -> Path:
         >>> sorted(path.name for path in bayesid.save(design, "design").iterdir())
         ['design.json', 'excitation.svg', 'trajectory.csv']
     """
-    raise InputError(f"{type(result).__name__} is no result", field="result", remedy="give what a function returned")
+    raise InputError(f"{type(result).__name__} is no result", field="result", remedy="give a result of bayesid")
 
 
 save.register(Identification, save_identification)

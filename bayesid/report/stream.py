@@ -1,4 +1,4 @@
-"""A stream: its folder (signed_stream.csv, alarms.json, stream.json, a figure where one is asked for), and its text."""
+"""A tracked stream: its folder (signed_stream.csv, alarms.json, stream.json, an optional figure), and its text."""
 
 from __future__ import annotations
 
@@ -29,27 +29,27 @@ STREAM_FILES = frozenset({STREAM, "signed_stream.csv", "alarms.json", "stream.pn
 
 @dataclass(frozen=True)
 class StreamResult:
-    """What there is to say of a stream."""
+    """The result of a tracked stream."""
 
-    log: str  # where it came from
+    log: str  # its source
     rate: float  # Hz
     lag: float  # s
-    counts: Counts  # what became of the rows
-    bad: int  # rows that were none
+    counts: Counts  # of rows, by what happened to them
+    bad: int  # lines that were no rows
     figures: StreamFigures  # of the stream as a whole
-    alarms: tuple[Alarm, ...]  # as they stood at the end
+    alarms: tuple[Alarm, ...]  # at the end
     smoothing: Agreement | None  # agreement with the smoothing of the whole log; None where there is none
-    smoothing_status: str  # why not, or "done"
+    smoothing_status: str  # "done", or why there is none
     # agreement of a stream that was fed absolute values with the signs of the log; None where it has none
     known: Agreement | None = None
-    named: Mapping[int, Named] | None = None  # by alarm, what `bayesid.find_discrepancy` names; None where nobody asked
+    named: Mapping[int, Named] | None = None  # by alarm, with `--explain`
 
 
 @dataclass(frozen=True)
 class Named:
-    """What a change is by `bayesid.find_discrepancy`."""
+    """A change as `bayesid.find_discrepancy` explains it."""
 
-    status: str  # its status, or why it could not say anything
+    status: str  # its status, or why there is no result
     effects: tuple[tuple[str, tuple[int, ...]], ...] = ()  # names with their joints (from 1)
 
 
@@ -76,8 +76,8 @@ def save_replay(folder: Path, result: StreamResult, streamed: Replay, picture: s
 
     Args:
         folder: where.
-        result: what there is to say of it.
-        streamed: instant by instant.
+        result: of the stream.
+        streamed: samples.
         picture: "png" or "svg" for a figure.
 
     Raises:
@@ -109,7 +109,7 @@ def write_summaries(place: Path, result: StreamResult) -> None:
 
 
 def stream_summary(result: StreamResult) -> dict[str, Any]:
-    """stream.json: SI units, joints in order; null where there is nothing to say."""
+    """stream.json: SI units, joints in order; null where there is no value."""
     figures, quantiles = result.figures, {"median": 0.5, "p99_9": 0.999}
     summary = {
         **taken(result, "rate", "lag", "smoothing_status"),
@@ -129,12 +129,12 @@ def _agreement(one: Agreement | None) -> dict[str, Any] | None:
     return None if one is None else taken(one, *names, sure=one.sure_share)
 
 
-HEADINGS = ("joint", "signs agree", "sure (99 %)", "RMS residual, N m", "external / threshold")
-NOTE = "external / threshold: the most that two samples in a row have of it; beyond 1 it is a contact, or a change"
+HEADINGS = ("joint", "signs agree", "99 % certain", "RMS residual, N m", "external / threshold")
+NOTE = "external / threshold: largest value that two successive samples reach; above 1: contact or change"
 
 
 def track_rows(figures: StreamFigures, smoothing: Agreement | None) -> list[tuple[str, ...]]:
-    """Of a table with `HEADINGS`, a joint each."""
+    """Rows of a table with `HEADINGS`, one per joint."""
     nothing = np.full(len(figures.moving), np.nan)
     agree, sure = (nothing, nothing) if smoothing is None else (smoothing.by_joint, smoothing.sure_by_joint)
     columns = (agree.tolist(), sure.tolist(), figures.rms.tolist(), figures.pushed.tolist())
@@ -147,12 +147,12 @@ def track_rows(figures: StreamFigures, smoothing: Agreement | None) -> list[tupl
 def track_lines(
     smoothing: Agreement | None, status: str, known: Agreement | None, seen: bool = False, *, signed: bool = False
 ) -> list[Check]:
-    """How the stream's signs compare with the smoothing of the whole log and, where it has them, with its own.
+    """Agreement of the stream's signs with the smoothing of the whole log and with the log's known signs.
 
     Args:
         smoothing: agreement with the smoothing; None where there is none.
-        status: why not.
-        known: agreement with the log's signs, of a stream without them.
+        status: why there is none.
+        known: agreement with the log's signs, of a stream of absolute values.
         seen: whether the model was identified from this log.
         signed: whether the efforts of all joints have signs in the log.
     """
@@ -160,64 +160,63 @@ def track_lines(
         said = [Check("Signs", "look", f"not compared with a smoothing of the whole log: {status}")]
     elif smoothing.samples.any():
         where = " (the log that the model was identified from)" if seen else ""
-        said = [Check("Signs", "good", f"{_agreed(smoothing, 'those of a smoothing of the whole log')}{where}")]
+        said = [Check("Signs", "good", f"{_agreed(smoothing, 'the smoothing of the whole log')}{where}")]
     elif signed:
-        said = [Check("Signs", "good", "known in the log: there was none to find")]
+        said = [Check("Signs", "good", "all known in the log")]
     else:
-        said = [Check("Signs", "look", "not compared: there is no sample in motion whose sign both have found")]
+        said = [Check("Signs", "look", "not compared: stream and smoothing share no sample in motion with a sign")]
     if known is not None and known.samples.any():
-        told = _agreed(known, "those in the log, where absolute values alone are fed")
-        said.append(Check("Signs that are known", "good", told))
+        said.append(Check("Known signs", "good", _agreed(known, "the log, for a stream of absolute values")))
     return said
 
 
 def _agreed(one: Agreement, what: str) -> str:
-    sure = f"sure to 99 % of {_percent(one.sure_share)}, of which {_percent(one.share_of_sure)} agree"
-    return f"{_percent(one.share)} of the samples in motion have {what}; {sure}"
+    certain = f"{_percent(one.sure_share)} are at least 99 % certain, of these {_percent(one.share_of_sure)} agree"
+    return f"{_percent(one.share)} of the samples in motion agree with {what}; {certain}"
 
 
 def count_line(counts: Counts, figures: StreamFigures, lag: float, bad: int = 0) -> str:
-    """What became of the rows, and what an update took."""
-    taken_rows = f"{counts.updates:,} rows taken"
+    """Rows by what happened to them, and the time of an update."""
+    processed = f"{counts.updates:,} rows processed"
     if not counts.updates:
-        return taken_rows
+        return processed
     named = {
         "repeated": counts.repeated,
         "late": counts.late,
         "without a number": counts.missing,
-        "no rows at all": bad,
+        "unreadable": bad,
         "efforts without a number": counts.unread,
         f"gap{'s' * (counts.gaps != 1)}": counts.gaps,
-        f"time{'s' * (counts.set_back != 1)} that the clock was set back": counts.set_back,
+        f"clock reset{'s' * (counts.set_back != 1)}": counts.set_back,
     }
-    parts = [taken_rows, *(f"{count:,} {what}" for what, count in named.items() if count)]
+    parts = [processed, *(f"{count:,} {what}" for what, count in named.items() if count)]
     middle, late = (1e6 * figures.times.quantile(share) for share in (0.5, 0.999))
-    took = f"an update took {middle:.0f} microseconds in the middle, {late:.0f} in one of a thousand"
-    return f"{', '.join(parts)}; {took}; {lag:.3g} s behind"
+    took = f"update time {middle:.0f} microseconds (median), {late:.0f} (99.9 % quantile)"
+    return f"{', '.join(parts)}; {took}; delay {lag:.3g} s"
 
 
 def alarm_line(alarm: Alarm) -> str:
-    """When, what, in which joints, by how much, and when it was said."""
+    """Time, kind, joints, size and delay of an alarm."""
     later, amount = alarm.raised - alarm.time, _amount(alarm)
     said = f"{alarm.time:.2f} s: {_kind(alarm)}, {joints_in_words(alarm.joints)}{f' ({amount})' if amount else ''}"
     lasted = f", {alarm.duration:.2f} s long" if alarm.kind == CONTACT and alarm.duration else ""
-    return f"{said}{lasted}{f', said {later:.1f} s later' if later >= TUNING.soon else ''}"
+    return f"{said}{lasted}{f', detected {later:.1f} s later' if later >= TUNING.soon else ''}"
 
 
 def stream_conclusion(
     alarms: Sequence[Alarm], result: str, log: str, last: float, named: Set[int] = frozenset()
 ) -> Conclusion:
-    """Good without an alarm; else what was seen, and how to go on with each that was not named already.
+    """Good without an alarm; else the alarms, and a remedy for each that is not explained.
 
     Args:
         alarms: of the stream.
         result: folder of the model.
         log: that was tracked.
         last: its last instant, s.
-        named: the alarms of which it is known what has changed.
+        named: the alarms that are explained.
     """
     if not alarms:
-        return Conclusion("good", sentence("good", "No contact and no change of the robot was seen"))
+        return Conclusion("good", sentence("good", "No contact and no change detected"))
     kinds = Counter(_kind(alarm) for alarm in alarms)
     seen = listed([f"{count} times {kind}" if count > 1 else kind for kind, count in kinds.items()])
     command = shlex.join(["bayesid", "discrepancy", result, log])
@@ -226,8 +225,8 @@ def stream_conclusion(
         remedy = "check what touched the robot"
         if alarm.kind != CONTACT:
             remedy = (
-                f"`{command}` on the rows from {alarm.time:.2f} to {last:.2f} s, cut out as a log, names what has "
-                "changed; or --explain here"
+                f"track with --explain; or save the rows from {alarm.time:.2f} to {last:.2f} s as a log and run "
+                f"`{command}`"
             )
         if k not in named:
             actions.append(Check(upper(_kind(alarm)), "look", f"at {alarm.time:.2f} s", remedy))
@@ -240,8 +239,8 @@ def _kind(alarm: Alarm) -> str:
 
 
 def named_line(alarm: Alarm, status: str, effects: str) -> str:
-    """What `bayesid.find_discrepancy` names of a change."""
-    return f"what has changed from {alarm.time:.2f} s on: {f'{effects} ({status})' if effects else status}"
+    """A change as `bayesid.find_discrepancy` explains it."""
+    return f"change at {alarm.time:.2f} s: {f'{effects} ({status})' if effects else status}"
 
 
 def _amount(alarm: Alarm) -> str:

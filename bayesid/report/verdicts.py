@@ -1,7 +1,7 @@
-"""Traffic lights: what speaks for an identification, what against it, and what to do about it.
+"""The checks of an identification: what was seen, its state, and what to do.
 
-A check is `good`, to be `looked at`, `bad`, or `not done`. Its limits stand in `tuning.py`. Sentences of what an
-identification warns of stand in `bayesid.identification.checks`.
+A check is `good`, `look`, `bad` or `not done`. Limits are in `tuning.py`. Checks that an identification warns of are in
+`bayesid.identification.checks`.
 """
 
 from __future__ import annotations
@@ -29,10 +29,9 @@ from bayesid.report.words import counted, in_percent, joints_in_words, label, li
 
 
 def graded(name: str, value: float, limits: tuple[float, float], message: str, look: str = "", bad: str = "") -> Check:
-    """A check of a number: good within the first limit, bad beyond the second, to be looked at between.
+    """A check of a number: good within the first limit, bad beyond the second, `look` between.
 
-    Large values are good if the first limit is the larger one. What to do if it is bad is as if it is to be looked at,
-    by default.
+    Large values are good if the first limit is the larger one. The remedy of a bad value is that of `look` by default.
     """
     good, passable = limits
     way = 1.0 if good <= passable else -1.0
@@ -67,19 +66,19 @@ def check_findings(findings: ReportData) -> tuple[Check, ...]:
 
 
 def worst(checks: Iterable[Check]) -> State:
-    """The worst state among them; what was not done speaks neither for nor against."""
+    """The worst state; checks that were not done are ignored."""
     states = {check.state for check in checks}
     return "bad" if "bad" in states else "look" if "look" in states else "good"
 
 
 def failed(checks: Iterable[Check]) -> list[Check]:
-    """Those that are not good, the worst ones first."""
+    """Checks that are not good, the worst ones first."""
     order: tuple[State, ...] = ("bad", "look", "not done")
     return sorted((check for check in checks if check.state in order), key=lambda check: order.index(check.state))
 
 
 def verdict(checks: Sequence[Check]) -> dict[str, object]:
-    """For summary.json: the worst state of the checks, and those that are not good, the worst ones first."""
+    """For summary.json: the worst state, and the checks that are not good, the worst ones first."""
     reasons = [
         {"check": check.name, "state": check.state, "message": check.message, "remedy": check.remedy}
         for check in failed(checks)
@@ -87,28 +86,28 @@ def verdict(checks: Sequence[Check]) -> dict[str, object]:
     return {"state": worst(checks), "reasons": reasons}
 
 
-def unsaid(warnings: Sequence[str], told: Sequence[Check]) -> list[str]:
-    """The warnings that no check tells: neither what was seen, with which each begins, nor what to do about it."""
+def unsaid(warnings: Sequence[str], checks: Iterable[Check]) -> list[str]:
+    """The warnings whose message and remedy no check contains."""
 
-    def tells(check: Check, said: str) -> bool:
-        seen, _, remedy = said.partition("; ")
+    def repeats(check: Check, warning: str) -> bool:
+        seen, _, remedy = warning.partition("; ")
         return seen in check.message or (remedy != "" and remedy == check.remedy)
 
-    return [said for said in warnings if not any(tells(check, said) for check in told)]
+    return [warning for warning in warnings if not any(repeats(check, warning) for check in checks)]
 
 
 # ---------------------------------------------------------------------------------------------------------------
 # The log and its signs
 # ---------------------------------------------------------------------------------------------------------------
 def robot_file(summary: Summary) -> Check:
-    """Whether the log is of another robot than the file's, or read wrongly, or of a geometry that is far off."""
+    """Whether robot file and log agree: robot, joint order, units and geometry."""
     if summary.better_reading is not None:
         return checks.another_robot(summary.better_reading)
     found = () if summary.complete is None else summary.complete.too_narrow
     times = max((one.times or 0.0 for one in found), default=0.0)
     if times >= TUNING.another_robot:
-        said = f"the residual looks like a geometry {times:.0f} times as far off the file's as believed"
-        return Check("Robot file", "bad", said, "check that it is the robot of the log, and its lengths")
+        said = f"the residual suggests geometry errors {times:.0f} times the stated tolerance"
+        return Check("Robot file", "bad", said, "check that the file is of this robot, and its lengths")
     return Check("Robot file", "good", "robot, joint order and units look consistent")
 
 
@@ -123,7 +122,7 @@ def _excitation(findings: ReportData) -> Check:
         found = checks.not_excited(len(silent) or "some", len(findings.coefficients.mean))
         return replace(found, remedy=f"{found.remedy}: {design} designs one")
     message = f"the condition number of the regressor is {condition:.0f}"
-    remedy = f"some coefficients can hardly be separated: {design} designs a better motion"
+    remedy = f"some coefficients are nearly indistinguishable: {design} designs a better motion"
     return graded("Excitation", condition, (TUNING.well_conditioned, TUNING.ill_conditioned), message, remedy)
 
 
@@ -139,10 +138,10 @@ def _segments(findings: ReportData) -> Check:
         return Check(name, "good", "all signs were known")
     doubtful, moving = int((segments.ambiguous & segments.moving).sum()), int(segments.moving.sum())
     message = (
-        f"{share:.1%} of the |effort| has a sign that is sure to {SURE:.0%}; {doubtful} of {moving} segments in motion "
-        f"are ambiguous (confidence below {TUNING.ambiguous:g})"
+        f"the sign is at least {SURE:.0%} certain for {share:.1%} of the |effort|; {doubtful} of {moving} segments in "
+        f"motion are ambiguous (confidence below {TUNING.ambiguous:g})"
     )
-    remedy = "validate on a log with known signs, move these joints faster or loaded, or join several logs"
+    remedy = "move these joints faster or with a load, join several logs, or validate on a log with known signs"
     found = graded(name, share, (TUNING.mostly_sure, TUNING.unsure), message, remedy)
     model_error_probability = [share or 0.0 for share in findings.summary.signs.model_error_probability]
     if max(model_error_probability, default=0.0) < IDENTIFICATION.shown_doubt:
@@ -154,7 +153,7 @@ def _segments(findings: ReportData) -> Check:
 
 
 def sure_share(findings: ReportData) -> float:
-    """Share of the |effort| in motion, each joint alike, whose sign is as good as certain."""
+    """Share of the |effort| in motion whose sign is certain, averaged over joints."""
     samples, shares = findings.samples, findings.summary.signs.sure
     of_samples = sure_shares_of(samples.probability, samples.recorded, samples.used)  # of an earlier version
     return float(np.mean(np.array(shares, dtype=float) if shares else of_samples))
@@ -166,10 +165,10 @@ def _low_pass(summary: Summary) -> list[Check]:
 
 
 def proof(summary: Summary) -> Check:
-    """What is proven about all other assignments of signs."""
+    """What is proven about all other assignments."""
     name, search = "Proof", summary.search
     if not summary.hidden_joints:
-        return Check(name, "good", "all signs were known: no search was needed")
+        return Check(name, "good", "all signs were known")
     posterior_conflict = 0.0 if summary.posterior is None else summary.posterior.posterior_conflict or 0.0
     if posterior_conflict > IDENTIFICATION.posterior_conflict:
         return checks.contradiction(posterior_conflict)
@@ -178,15 +177,17 @@ def proof(summary: Summary) -> Check:
         if not others:
             message = f"proven: every alternative is at least {np.exp(0.5 * within):.0f} times less likely"
             return Check(name, "good", message)
-        agreed = search.persistent_share or 0.0  # confidences allow for what is left
+        agreed = search.persistent_share or 0.0
         odds = np.exp(0.5 * within)
-        also = f"{counted(others, 'other')} at most {odds:.0f} times less likely {'turns' if others == 1 else 'turn'}"
-        message = f"proven: no assignment costs less, but {also} {1.0 - agreed:.1%} of samples"
+        flip = f"{counted(others, 'alternative')} at most {odds:.0f} times less likely flip{'s' * (others == 1)}"
+        message = f"proven: no assignment costs less; {flip} {1.0 - agreed:.1%} of the samples"
         return graded(name, agreed, (TUNING.mostly_sure, 0.0), message, ALTERNATIVES)
     if search.lower_bound is None:
         message = "not proven (a beam search proves nothing)"
         if undecided := (search.beam_nodes or {}).get("undecided", 0):
-            message += f"; its budget ended before {counted(undecided, 'segment')}, whose signs are predicted"
+            message += (
+                f"; the budget ended before {counted(undecided, 'segment')}, whose signs are predicted by the model"
+            )
         remedy = f"leave out --search beam{commands.again(summary, without=('--search', 'beam'))}"
         return Check(name, "look", message, remedy)
     found = checks.not_proven(search.cost or 0.0, search.lower_bound, search.uncertified_because, search.timed_out)
@@ -201,14 +202,14 @@ def sampling(summary: Summary) -> Check:
     posterior = summary.posterior
     if posterior is None:
         remedy = f"leave out --no-posterior{commands.again(summary, without=('--no-posterior',))}"
-        return Check("Sampling", "not done", "not sampled: standard deviations leave physical feasibility out", remedy)
+        return Check("Sampling", "not done", "not sampled: standard deviations ignore physical feasibility", remedy)
     rhat, ess = (posterior.max_rhat, posterior.wanted_rhat), (posterior.min_ess, posterior.wanted_ess)
     found = checks.sampling(posterior.converged, posterior.timed_out, rhat, ess)
     return commands.with_more(summary, found, "posterior")
 
 
 def _modes(findings: ReportData) -> list[Check]:
-    """Whether the log allows other models than the one that is written; nothing without a posterior."""
+    """Whether the posterior has other modes; nothing without a posterior."""
     posterior, of_log = findings.summary.posterior, findings.summary.modes
     if posterior is None:
         return []
@@ -221,7 +222,7 @@ def _modes(findings: ReportData) -> list[Check]:
     values = of_log[other].coefficients.items()
     differs = [f"{label} {value:.3g} instead of {first[label]:.3g}" for label, value in values if value is not None]
     more = f"; in mode {other + 1}: {', '.join(differs)}" if differs else ""
-    state: State = "look" if weights[written] >= TUNING.unsure else "bad"  # confidences and draws hold the others too
+    state: State = "look" if weights[written] >= TUNING.unsure else "bad"  # confidences and draws include all modes
     return [replace(found, state=state, message=found.message + more)]
 
 
@@ -235,33 +236,33 @@ def _fit(findings: ReportData) -> Check:
         found = checks.poor_fit(share.tolist(), hidden=summary.hidden_joints > 0)
         return replace(found, remedy=f"{found.remedy}: {names_it}", value=share.max(), limit=IDENTIFICATION.suspicious)
     shares = f"{share.min():.1%} to {share.max():.1%}"
-    message = f"the model leaves {shares} of a joint's effort, most in joint {int(share.argmax()) + 1}"
+    message = f"relative residual {shares} per joint, largest in joint {int(share.argmax()) + 1}"
     return graded("Fit", share.max(), (IDENTIFICATION.suspicious, REGRESSION.poor_fit), message, names_it)
 
 
 def _names_it(findings: ReportData, log: str = "") -> str:
-    return f"{commands.find_discrepancy(findings, log)} names what the model lacks on another log"
+    return f"{commands.find_discrepancy(findings, log)} finds what the model lacks on another log"
 
 
 def beyond_the_terms(summary: Summary) -> list[Check]:
-    """What came on top of the terms asked for; nothing where nobody asked the catalogue."""
-    complete, name = summary.complete, "Beyond the terms"
+    """Effects added to the requested terms; nothing with `--complete off`."""
+    complete, name = summary.complete, "Additional effects"
     if complete is None:
         return []
     if not complete.may_enter:
-        message = f"none added, as asked; {len(complete.uncertain)} effects widen the uncertainty"
+        message = f"none added (`--complete only-uncertainty`); {len(complete.uncertain)} effects widen the intervals"
         return [Check(name, "not done", message, "leave out --complete to add detected effects")]
     if not complete.effects:
-        return [Check(name, "good", "no additional effects detected")]
+        return [Check(name, "good", "none detected")]
     named = [label(one.form, one.joints) for one in complete.effects]
     return [Check(name, "good", f"added: {'; '.join(named)}; {held_back_error(complete)}")]
 
 
 def held_back_error(complete: CompletionSummary) -> str:
-    """What the effects that entered make of the error on blocks that had no say."""
+    """Error on held-back blocks without and with the added effects."""
     errors = complete.held_back_error
     before, after = (_relative(values, errors.effort) for values in (errors.before, errors.after))
-    return f"held-back torque error {100 * before:.1f} -> {100 * after:.1f} % of the effort"
+    return f"torque error on held-back blocks {100 * before:.1f} -> {100 * after:.1f} % of the effort"
 
 
 def _relative(error: Numbers, effort: Numbers) -> float:
@@ -269,12 +270,12 @@ def _relative(error: Numbers, effort: Numbers) -> float:
     return float(np.sqrt(np.mean(shares**2)))
 
 
-EFFECT_HEADINGS = ("beyond the terms", "log10 Bayes factor", "size and sd", "not told from")
+EFFECT_HEADINGS = ("additional effect", "log10 Bayes factor", "size and sd", "could also be")
 """Of `effect_rows`."""
 
 
 def effect_rows(summary: Summary) -> list[tuple[str, ...]]:
-    """The effects that came on top of the terms: which, its evidence, its numbers, what could stand in its place."""
+    """Added effects: name, Bayes factor, parameters, equivalent effects."""
     return [
         (
             label(effect.form, effect.joints),
@@ -292,7 +293,7 @@ def _number(name: str, number: Mapping[str, Any]) -> str:
 
 
 def gains(summary: Summary) -> list[Check]:
-    """What the log says of gains; nothing where all were exact."""
+    """Estimated gains; nothing where all were exact."""
     of_log = summary.gains
     if of_log is None:
         return []
@@ -310,7 +311,7 @@ def gains(summary: Summary) -> list[Check]:
     unknown_scale = of_log.factor_decided_by == BY_PRIOR
     known = f"the common factor known to {checks.spread_in_words(of_log.factor_sd or 0.0)}"
     if of_log.factor_decided_by == GIVEN:
-        known = "the common factor is that of the exact ones"
+        known = "the common factor is that of the exact gains"
     elif unknown_scale:
         known += " by the prior only"
     elif of_log.factor is not None:
@@ -318,17 +319,17 @@ def gains(summary: Summary) -> list[Check]:
     parts.append(known)
     if of_log.like_friction:
         whose = joints_in_words(of_log.like_friction)
-        parts.append(f"load-dependent friction in {whose} would explain the log as well")
+        parts.append(f"load-dependent friction in {whose} explains the log as well")
     state: State = "look" if unknown_scale or of_log.like_friction else "good"
     return [Check("Gains", state, "; ".join(parts), checks.FACTOR_REMEDY if unknown_scale else "")]
 
 
-GAIN_HEADINGS = ("gain of joint", "stated", "value and sd", "95 % interval", "ratio to others known to", "decided by")
+GAIN_HEADINGS = ("gain of joint", "stated", "value and sd", "95 % interval", "sd of ratio to others", "decided by")
 """Of `gain_rows`."""
 
 
 def gain_rows(summary: Summary) -> list[tuple[str, ...]]:
-    """Gains that were unknowns: as stated, as found, the interval, how well its ratio to others is known, by what."""
+    """Estimated gains: stated, mean and sd, interval, sd of the ratio to the others, what decides it."""
     found = summary.gains
     if found is None:
         return []
@@ -348,12 +349,12 @@ def gain_rows(summary: Summary) -> list[tuple[str, ...]]:
     ]
 
 
-CONSTRAINT_HEADINGS = ("constraint", "price", "draws at its edge", "holds draws back")
+CONSTRAINT_HEADINGS = ("constraint", "cost", "draws at its edge", "limits the draws")
 """Of `constraint_rows`."""
 
 
 def constraint_rows(summary: Summary) -> list[tuple[str, ...]]:
-    """Constraints that were stated: each with what it costs, the draws at its edge, and whether it holds them back."""
+    """Stated constraints: cost, draws at the edge, and whether it limits the draws."""
     return [
         (
             one.label,
@@ -372,46 +373,46 @@ def _price(nats: float) -> str:
 
 
 def intervals(summary: Summary) -> list[Check]:
-    """Which intervals do not allow for what may be there besides; nothing of a command that never asks."""
+    """Intervals that are too narrow if an undetectable effect is present; nothing for commands that do not test it."""
     name = "Intervals"
     if summary.complete is None:
         remedy = f"leave out --complete off{commands.again(summary, without=('--complete', 'off'))}"
         unasked = Check(name, "not done", "not checked (`--complete off`)", remedy)
         return [unasked] if commands.program(summary) in ("", "identify") else []
     if max(share or 0.0 for share in summary.fit.relative_residual) > REGRESSION.poor_fit:
-        return [Check(name, "not done", "not judged: the fit is too poor", "mend the fit first")]
+        return [Check(name, "not done", "not checked: the fit is too poor", "improve the fit first")]
     found = summary.complete.too_narrow
     if not found:
-        return [Check(name, "good", "no effect of the catalogue would look like the links' own coefficients")]
+        return [Check(name, "good", "no effect of the catalogue could be mistaken for link coefficients")]
     parts, remedies = [], []
-    state: State = "not done"  # whether such an effect is there the user knows, and no log tells
+    state: State = "not done"  # only the user knows whether such an effect is present
     for one in found:
-        narrow = f"these intervals are too narrow: {listed(one.coefficients)}"
+        narrow = f"the intervals of {listed(one.coefficients)} are too narrow"
         if one.times is not None:
-            looks = f"the residual looks like a geometry {one.times:.1f} times as far off its table as believed"
-            parts.append(f"{looks}, so {narrow}")
+            looks = f"the residual suggests geometry errors {one.times:.1f} times the stated tolerance"
+            parts.append(f"{looks}: {narrow}")
             state = "look"
             remedies.append("check the robot file's geometry")
         else:
             there = listed([noun(effect) for effect in one.effects], "or")
             whose = joints_in_words(one.joints) if one.joints else "the robot"
-            parts.append(f"not checked for {there} of {whose}, which no log can tell: with it {narrow}")
-            remedies.append("if the robot has one, state what is known of these links by `--nominal`")
+            parts.append(f"if {whose} has {there}, {narrow}; the log cannot show it")
+            remedies.append("if so, state known parameters of these links by `--nominal`")
     return [Check(name, state, "; ".join(parts), " and ".join(dict.fromkeys(remedies)))]
 
 
 def _whiteness(findings: ReportData) -> Check:
-    """Whether enough samples are left once those that a lasting residual ties together count as one."""
+    """Whether the effective samples suffice."""
     noise, count = findings.summary.noise, len(findings.coefficients.mean)
     lasting = (np.array(noise.coloured_sd, dtype=float) / np.array(noise.sd, dtype=float)) ** 2
-    joint, independent = int(lasting.argmax()), float(np.sum(np.array(noise.effective_samples, dtype=float)))
+    joint, effective = int(lasting.argmax()), float(np.sum(np.array(noise.effective_samples, dtype=float)))
     message = (
-        f"up to {lasting.max():.0%} of the residual's variance lasts longer than sensor noise (joint {joint + 1}), so "
-        f"samples count as {independent:,.0f} independent ones for {count} coefficients; intervals allow for it"
+        f"up to {lasting.max():.0%} of the residual variance is correlated in time (joint {joint + 1}): "
+        f"{effective:,.0f} effective samples for {count} coefficients; the intervals account for it"
     )
     limits = float(IDENTIFICATION.samples_a_coefficient * count), float(count)
-    remedy = "intervals of so short a log are not reliable: record a longer one, or join several"
-    return graded("Whiteness of the residual", independent, limits, message, remedy)
+    remedy = "the log is too short for reliable intervals: record a longer one, or join several"
+    return graded("Whiteness of the residual", effective, limits, message, remedy)
 
 
 def _decided(findings: ReportData) -> Check:
@@ -421,12 +422,12 @@ def _decided(findings: ReportData) -> Check:
     if (gains := findings.summary.gains) is not None and gains.sd_of_coefficients:
         sd = np.array(gains.sd_of_coefficients, dtype=float)
         poor = int((sd > TUNING.poorly_known * np.abs(table.mean)).sum())
-        apart = "apart from the factor common to all gains "
+        apart = "apart from the common factor of the gains, "
     message = (
         f"{apart}the data decide {by_data} of {count} coefficients; {poor} are smaller than their standard deviation; "
         f"{len(findings.prior_parameters)} individual parameters are not identifiable"
     )
-    remedy = f"{commands.excite(findings.summary)} designs a motion; or give what you know by --nominal"
+    remedy = f"{commands.excite(findings.summary)} designs a better motion; or state known parameters by --nominal"
     posterior = findings.summary.posterior
     if posterior is not None and posterior.active_bounds:
         found = checks.active_bounds(posterior.active_bounds)
@@ -436,24 +437,24 @@ def _decided(findings: ReportData) -> Check:
 
 
 def validation(findings: ReportData) -> Check:
-    """How well the model predicts a log that it has not seen."""
+    """How well the model predicts another log."""
     name, prediction = "Validation", findings.prediction
     if prediction is None or prediction.seen:
-        seen = "" if prediction is None else f": it was identified from {prediction.source}"
-        message = f"the model has not been tried on a log that it has not seen{seen}"
+        seen = "" if prediction is None else f" ({prediction.source} is the log that it was identified from)"
+        message = f"the model is not validated on another log{seen}"
         return Check(name, "not done", message, f"run {commands.validate(findings)}")
     compared = np.flatnonzero(~np.isnan(prediction.relative_residual))
     lacks = _names_it(findings, prediction.source)
     if not len(compared):
-        return Check(name, "bad", f"{prediction.source} holds no effort in motion to compare with", lacks)
+        return Check(name, "bad", f"{prediction.source} has no effort in motion", lacks)
     share, coverage = prediction.relative_residual[compared], prediction.coverage[compared]
     message = (
-        f"on {prediction.source} it leaves {share.min():.1%} to {share.max():.1%} of a joint's measured effort; "
-        f"{coverage.min():.0%} to {coverage.max():.0%} of the efforts lie in the bands of 95 %"
+        f"relative residual {share.min():.1%} to {share.max():.1%} per joint on {prediction.source}; "
+        f"{coverage.min():.0%} to {coverage.max():.0%} of the efforts lie in the 95 % bands"
     )
     left_out = sorted(set(range(len(prediction.relative_residual))) - set(compared.tolist()))
     if left_out:
-        message += f"; nothing to compare in {joints_in_words(j + 1 for j in left_out)}"
+        message += f"; no effort to compare in {joints_in_words(j + 1 for j in left_out)}"
     if share.max() > REGRESSION.poor_fit:
         return Check(name, "bad", message, f"do not use the model for this motion; {lacks}")
     low, high = TUNING.covered
@@ -463,16 +464,16 @@ def validation(findings: ReportData) -> Check:
         return Check(name, "good", message)
     if alike:
         return Check(name, "look", message, "record a log in which these joints move and have efforts")
-    return Check(name, "look", message, f"other loads, speeds or temperatures than in the log? {lacks}")
+    return Check(name, "look", message, f"compare load, speed and temperature of both logs; {lacks}")
 
 
 def _warnings(others: Sequence[str], corrected: Sequence[str]) -> Check:
-    """Those that say what to do are to be looked at; others, as of what was corrected in the log, are information."""
+    """Warnings with a remedy are `look`; others, as on corrections of the log, are information."""
     name, ask = "Warnings", [said for said in others if "; " in said and said not in corrected]
     if len(ask) > 1:
-        return Check(name, "look", f"{len(ask)} say what to do, listed above", "do what they say", len(ask), 0)
+        return Check(name, "look", f"{len(ask)} need attention, listed above", "follow the advice of each", len(ask), 0)
     if ask:
         message, _, remedy = ask[0].partition("; ")
         return Check(name, "look", message, remedy, 1, 0)
-    message = f"{counted(len(others), 'warning')}, listed above, for information" if others else "none"
+    message = f"{counted(len(others), 'warning')} for information, listed above" if others else "none"
     return Check(name, "good", message, value=0, limit=0)

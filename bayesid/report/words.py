@@ -1,4 +1,4 @@
-"""Numbers, units and names as people read them."""
+"""Numbers, units and names in text."""
 
 from __future__ import annotations
 
@@ -63,8 +63,8 @@ def label(effect: str, joints: Sequence[int] = ()) -> str:
 def form_label(name: str, *remarks: str) -> str:
     """A form of an effect by its name, and remarks on it: cable drag (stiffening, changed)."""
     effect, _, form = name.partition(".")
-    told = [*([form.replace("_", " ")] if form else []), *remarks]
-    return label(effect) + (f" ({', '.join(told)})" if told else "")
+    details = [*([form.replace("_", " ")] if form else []), *remarks]
+    return label(effect) + (f" ({', '.join(details)})" if details else "")
 
 
 def score_label(score: Score) -> str:

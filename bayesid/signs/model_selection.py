@@ -146,7 +146,7 @@ def complete(
     if may_enter and (free := _with_bounds_lifted(rounds.signs, searching, progress)) is not rounds.signs:
         more = _lifting(free, rounds.signs)
         model = reduce(Model.extend, (effect.source for effect in more), plain.model)
-        first = plain = searching.under(model, free.sign_solution, progress.under("bounds lifted"))
+        first = plain = searching.under(model, free.sign_solution, progress.under("without bounds"))
         lifted, averaged = (*lifted, *more), AveragedSigns.alone(plain.sign_solution)
         rounds = _Rounds.under(plain, free)
         rounds.go_through(searching, enter=True, progress=progress)
@@ -161,7 +161,7 @@ def complete(
 
         effects, detected = rounds.effects, rounds.detected
         sign_solution, entered = rounds.averaged(averaged, first), {effect.key for effect in effects}
-        with progress.stage("what the model may lack"):
+        with progress.stage("model error"):
             summed_out, narrow = _summed_out(sign_solution, entered, detected, how.kinematics)
         after, sizes = detected.after if effects else detected.before, _sizes(summed_out)
         model_selection = ModelSelection(
@@ -236,7 +236,7 @@ class _Rounds:
             self._follow(better)
         start = [effect for effect in self.signs.model.effects if effect not in self.plain.model.effects]
         log_data = self.plain.sign_solution.log_data
-        with progress.stage("completing the model"):
+        with progress.stage("model selection"):
             detected = detect_effects(log_data, self.fit, self.probability, [] if self._turned else start, enter=enter)
             detected = self._by_all_signs(detected)
         before, self._last = self._last, detected
@@ -244,7 +244,7 @@ class _Rounds:
             self.detected = detected
         if detected.keys == (set() if before is None else before.keys):
             return False
-        opinion = searching.under(detected.extension.model, self.signs.sign_solution, progress.under("completed model"))
+        opinion = searching.under(detected.extension.model, self.signs.sign_solution, progress.under("selected model"))
         if (
             _worth_it(opinion, self.plain)
             and weight_against(opinion.sign_solution, self.completed.sign_solution) >= 0.5
@@ -260,7 +260,7 @@ class _Rounds:
         """Leaves out of the completed model what how friction turns round near standstill would explain as well."""
         if self.completed is self.plain:
             return
-        with progress.stage("checking the completed model"):
+        with progress.stage("check of the selected model"):
             detected = still_detected(self.plain.sign_solution.log_data, self.fit, self.probability, self.detected)
         if detected.keys != self.detected.keys:
             self._reduced(detected, searching, progress)
@@ -270,7 +270,7 @@ class _Rounds:
         last = self.signs
         if last is self.plain or last.sign_solution.signs.search.certified:
             return
-        self.signs = searching.under(last.model, last.sign_solution, progress.under("likeliest model"))
+        self.signs = searching.under(last.model, last.sign_solution, progress.under("most likely model"))
         if self.completed is last:
             self.completed = self.signs
 
@@ -283,9 +283,7 @@ class _Rounds:
         """Completes the model with fewer effects; signs follow where that hardly changes them."""
         opinion = self.plain
         if detected.keys:
-            left = searching.under(
-                detected.extension.model, self.signs.sign_solution, progress.under("completed model")
-            )
+            left = searching.under(detected.extension.model, self.signs.sign_solution, progress.under("selected model"))
             opinion = left if _worth_it(left, self.plain) else self.plain
         if self.signs is self.completed and not _changed(
             self.plain.sign_solution.log_data, self.probability, opinion.sign_solution.probability
@@ -333,7 +331,7 @@ def _with_bounds_lifted(plain: _Opinion, searching: _Searching, progress: Progre
     with progress.stage(_PROPOSING):
         proposal = _poor_robot(plain).without_bounds()
     while proposal is not None:
-        lifted = _best_of(plain, [proposal], searching, progress.under("bounds lifted"))
+        lifted = _best_of(plain, [proposal], searching, progress.under("without bounds"))
         kept = tuple(effect for effect in proposal.effects if _clearly_negative(effect, lifted.sign_solution))
         if lifted is plain or kept == proposal.effects:
             return lifted

@@ -93,7 +93,7 @@ class SignSearch:
             return searched
         raw = self._normal_equations(fitted)
         problem = self._problem(fitted, raw.scaled(weights), [result])
-        with self.progress.stage("proof by the noise of the fit") as steps:
+        with self.progress.stage("proof with the fitted noise") as steps:
             found = noise_sensitivity(problem, result, steps)
         searched = replace(searched, near=found.near)
         if result.persistent is None:

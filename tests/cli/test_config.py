@@ -81,11 +81,11 @@ def test_later_commands_need_no_option_of_reading(odd, capfd):
     ):
         assert run(*command) == 0, command
         err = capfd.readouterr().err
-        assert ("read as the result's log was" in err) == (command[0] != "excite"), err
-        assert "not by that of the result" not in err
+        assert ("reading options of the result's log" in err) == (command[0] != "excite"), err
+        assert "differs from that of the result" not in err
     assert (odd / "found" / CONFIG).read_text() == (odd / "result" / CONFIG).read_text()
     assert run("validate", "result", "other.csv", "--gains", "2,4,6") == 0
-    assert "read by --gains, not by that of the result" in capfd.readouterr().err
+    assert "--gains differs from that of the result" in capfd.readouterr().err
 
 
 def test_what_is_typed_counts_and_contradictions_are_said(odd, capfd):
@@ -93,7 +93,7 @@ def test_what_is_typed_counts_and_contradictions_are_said(odd, capfd):
     assert run("identify", "odd.csv", *FAST, "--gains", "2,4,6", "--unsigned", "all", "--out", "result") == 0
     err = capfd.readouterr().err
     assert err.startswith(f"options of {CONFIG}: --robot=cell/arm.toml")
-    assert f"warning: the command line replaces --gains of {CONFIG}" in err
+    assert f"warning: the command line overrides --gains of {CONFIG}" in err
     assert "--unsigned" not in err.splitlines()[1]
     assert bayesid.load("result").reading["gains"].value.tolist() == [2.0, 4.0, 6.0]
 
@@ -119,7 +119,7 @@ def test_what_is_replaced_need_not_be_usable(odd, capfd):
     (odd / CONFIG).write_text('cutoff = "low"\n')
     assert run("identify", "nowhere.csv", "--cutoff", 7, "--robot", "cell/arm.toml", "--quiet") == 2
     warned, refused = capfd.readouterr().err.splitlines()
-    assert warned == f"warning: the command line replaces --cutoff of {CONFIG}"
+    assert warned == f"warning: the command line overrides --cutoff of {CONFIG}"
     assert "nowhere.csv" in refused
 
 

@@ -48,7 +48,7 @@ def test_a_payload_is_shown_and_written(place, capfd):
     assert run("payload", "result", "loaded.csv", "--out", "out", "--force") == 0
     out, err = capfd.readouterr()
     assert err == ""
-    for said in ("Payload: 2.0", "link 3", "Besides the payload", "converged", "centre of mass x", "inertia yz"):
+    for said in ("Payload: 2.0", "link 3", "Other changes", "converged", "centre of mass x", "inertia yz"):
         assert said in out
     assert out.endswith("written to out/\n")
     read = written(place)

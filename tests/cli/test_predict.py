@@ -63,7 +63,7 @@ def test_the_file_holds_what_python_gives(made, place, capfd, options, noise):
     assert predicted.holds in out
     assert "written to new/torques.csv" in out
     assert err == ""
-    assert_refused(capfd, command, ["is there already", "--force", "new/torques-2.csv"])
+    assert_refused(capfd, command, ["exists already", "--force", "new/torques-2.csv"])
 
 
 def test_repeated_rows_of_a_file_are_left_out_and_arrays_with_them_are_refused(place, capfd):

@@ -43,7 +43,7 @@ def rows_of(path):
 
 def test_a_table_becomes_a_robot_file(place, capfd):
     assert run("robot", "new", "table.csv", "--convention", "standard", "--name", 'my "KR"', "--out", "kr.toml") == 0
-    assert capfd.readouterr() == ("written to kr.toml; look at it: bayesid robot show kr.toml\n", "")
+    assert capfd.readouterr() == ("written to kr.toml; check it: bayesid robot show kr.toml\n", "")
     table = rows_of(place / "kr.toml")
     rows = [(0.075, -90, 0.335, 0), (0.27, 0, 0, -90), (0.09, 90, 0, 0), (0, -90, -0.2955, 0), (0, 90, 0, 0)]
     expected = [(a, np.deg2rad(alpha), d, np.deg2rad(theta)) for a, alpha, d, theta in [*rows, (0, 180, -0.08, 0)]]
@@ -91,8 +91,8 @@ def test_tables_that_are_none():
 
 def test_the_template_says_what_to_fill_in_and_is_no_robot_before(place, refused, capfd):
     assert run("robot", "new", "--out", "arm.toml") == 0
-    assert "fill it in, then look at it: bayesid robot show arm.toml" in capfd.readouterr().out
-    refused("robot", "new", "--out", "arm.toml", says=["arm.toml: is there already", "--force"])
+    assert "fill it in, then check it: bayesid robot show arm.toml" in capfd.readouterr().out
+    refused("robot", "new", "--out", "arm.toml", says=["arm.toml: exists already", "--force"])
     refused("robot", "show", "arm.toml", says=["arm.toml: not filled in yet: a, alpha, d of joints 1, 2, 3, 4, 5, 6"])
     text = (place / "arm.toml").read_text()
     filled = re.sub(r"\{ a = nan, alpha = nan, d = nan", "{ a = 0.3, alpha = 0.5, d = 0.1", text)
@@ -166,7 +166,7 @@ def test_what_cannot_be_shown(place, refused):
     refused(*show, "kr5", "--q", "1,2", says=["--q: holds 2 positions, kuka_kr5_sixx_r650 has 6 joints"])
     refused(*show, "kr5", "--q", "0,-90,90,0,0,0", says=["looks like degrees", "--degrees"])
     refused(*show, "kr5", "--q", "0,0,0,0,0,x", says=["is no list of numbers"])
-    refused(*show, "kr5", "--out", "arm.gif", says=["arm.gif: is no picture by its name", ".png"])
+    refused(*show, "kr5", "--out", "arm.gif", says=["arm.gif: is no picture", ".png"])
     refused(*show, "kr5", "--out", ".", says=["is a folder"])
     refused(*show, says=["robot"])
     assert run(*show, "kr5", "--q", "0,-90,90,0,0,0", "--no-degrees", "--quiet") == 0

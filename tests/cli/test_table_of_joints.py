@@ -61,7 +61,11 @@ def test_known_signs_are_not_said_to_be_searched(arm_shop, arm_place, capfd):
     for options, searched, columns in (((), False, 3), (("--unsigned", "1,3"), True, 5)):
         assert run(*identify(signed, out=f"out{columns}"), *QUICK[1:], "--complete", "off", *options) == 0
         out = capfd.readouterr().out
-        assert ("searched)" in out, "least sure" in out, "cone problems" in out) == (searched, searched, searched)
+        assert ("searched)" in out, "lowest confidence" in out, "cone problems" in out) == (
+            searched,
+            searched,
+            searched,
+        )
         joints = rows_of(out, 3)
         assert {len(row) for row in joints} == {columns}
         assert ["known" in row for row in joints] == [False, searched, False]

@@ -82,7 +82,7 @@ def test_a_recording_is_signed_as_it_would_have_been_live(place, monkeypatch, ca
     out, err = capfd.readouterr()
     assert err == ""
     assert out.endswith("written to bayesid-track-log/\n")
-    for said in ("signs agree", "RMS residual, N m", "no alarms", "rows taken", "0.04 s behind", "Verdict: good."):
+    for said in ("signs agree", "RMS residual, N m", "no alarms", "rows processed", "delay 0.04 s", "Verdict: good."):
         assert said in unfolded(out)
     stream, alarms, summary = read(place / "bayesid-track-log")
     assert alarms == []
@@ -174,7 +174,7 @@ def test_rows_that_are_followed_are_answered_as_the_recording_is(place, monkeypa
         one["kind"] for one in alarms if one["kind"] != "contact"
     ]
     assert summary["smoothing"] is None
-    assert "rows taken" in err
+    assert "rows processed" in err
 
 
 def test_a_stream_in_disorder_is_counted_and_goes_on(place, monkeypatch, capfd):
@@ -192,7 +192,7 @@ def test_a_stream_in_disorder_is_counted_and_goes_on(place, monkeypatch, capfd):
     expected = {"repeated": 1, "late": 1, "missing": 1, "unread": 1, "gaps": 1, "set_back": 0, "bad": 2}
     assert {name: summary["counts"][name] for name in expected} == expected
     assert len(stream_of(out)) == len(lines) - 3  # the header, a blank line and a remark
-    assert "2 lines were no rows" in err
+    assert "2 unreadable lines" in err
     assert np.all(np.diff(stream[:, 0]) > 0.0)
 
 

@@ -98,7 +98,7 @@ def test_a_stored_model_tells_what_was_missing_preexisting(loaded, sticky, told)
     """Its completion is in the model; a later log bears it out by itself, or does not."""
     result = bayesid.find_discrepancy(loaded.earlier, arm_log(3, sticky=sticky), posterior=False)
     assert result.preexisting == told
-    assert [check.name for check in discrepancy_checks(result)].count("Not new") == len(told)
+    assert [check.name for check in discrepancy_checks(result)].count("In both logs") == len(told)
     listed = [{"effect": effect, "joints": list(joints)} for effect, joints in told]
     assert discrepancy_summary(result)["preexisting"] == listed
 

@@ -86,7 +86,7 @@ def test_commands_read_by_what_is_kept_unless_an_option_is_given(turned, tmp_pat
         command = "predict", "result", "other.csv", "--out", tmp_path / f"{name}.csv", *options
         assert run(*command) == 0
         err = capfd.readouterr().err
-        said = {"kept": "read as the result's log was", "given": "", "other": "read by --correct, not by that"}[name]
+        said = {"kept": "reading options of the result's log", "given": "", "other": "--correct differs"}[name]
         assert said in err if said else err == ""
         torques[name] = np.loadtxt(tmp_path / f"{name}.csv", delimiter=",", skiprows=1)
     np.testing.assert_array_equal(torques["kept"], torques["given"])

@@ -107,12 +107,12 @@ def test_changed_friction_is_marked():
     assert not read.check.passed
     assert read.check.joints == (2,)
     assert "CHANGED: joint 2" in repr(read)
-    (unchanged,) = (one for one in payload_checks(read, "before") if one.name == "Besides the payload")
+    (unchanged,) = (one for one in payload_checks(read, "before") if one.name == "Other changes")
     assert (unchanged.state, "joint 2" in unchanged.message) == ("bad", True)
     assert "`bayesid discrepancy before " in unchanged.remedy
     moved = np.array([1.0, 50.0, 2.0])  # what no mass depends on
     own = replace(read, check=replace(read.check, residual=np.ones(3), chi_square=1.0, moved=moved))
-    (unchanged,) = (one for one in payload_checks(own, "before") if one.name == "Besides the payload")
+    (unchanged,) = (one for one in payload_checks(own, "before") if one.name == "Other changes")
     assert (unchanged.state, "joint 2 alone 50 " in unchanged.message) == ("look", True)
 
 

@@ -90,7 +90,7 @@ FOUND = [
     (
         found(friction(), {"Fc2": (2.3, 0.1, "N m"), "change of Fc2": (-0.19, 0.1, "N m")}, changes=("Fc2",)),
         "good",
-        ["Coulomb friction, joint 2", "not surely", "2.49 -> 2.30 +- 0.10 N m"],
+        ["Coulomb friction, joint 2", "not changed significantly", "2.49 -> 2.30 +- 0.10 N m"],
     ),
     (
         found(friction(), FRICTION, equivalent=["viscous_friction", "torque_offset"]),
@@ -146,7 +146,7 @@ def test_joints_that_stay_unexplained_are_named_with_what_is_left():
     (check,) = discrepancy_checks(result)
     assert check.state == "bad"
     assert holds(check.message, "Joint 2", "5.2", "velocity (-1.2 to 0.75 rad/s)")
-    assert holds(line(result, "Left"), "1.5 N m", "joint 2")
+    assert holds(line(result, "Remaining"), "1.5 N m", "joint 2")
     assert "residual of joint 2" in line(result, "Next")
 
 
@@ -157,16 +157,16 @@ def test_which_data_say_that_a_joint_is_unexplained_is_said():
         (check,) = discrepancy_checks(result)
         grown = "gap grew on held-back data" in says
         assert holds(check.message, "Joint 3", *(("0.313", "0.496 N m") if grown else ("1.6",)))
-        assert ("0.39 N m" in line(result, "Left")) != grown, "0.31 N m times the root of 1.6 squared less one"
+        assert ("0.39 N m" in line(result, "Remaining")) != grown, "0.31 N m times the root of 1.6 squared less one"
 
 
 def test_nothing_missing_is_told_by_the_worst_joint():
     result = make(status="no_discrepancy", **NOTHING, before=np.array([0.292, 0.312, 0.313]))
     assert discrepancy_checks(result) == ()
-    assert [one.name for one in in_brief(result)] == ["Missing", "Gap", "Left", "Next"]
+    assert [one.name for one in in_brief(result)] == ["Missing", "Gap", "Remaining", "Next"]
     assert {one.state for one in in_brief(result)} == {"good"}
     assert line(result, "Missing") == "nothing"
-    assert holds(line(result, "Left"), "1.04", "0.312 N m", "joint 2")
+    assert holds(line(result, "Remaining"), "1.04", "0.312 N m", "joint 2")
     moved = make(status="no_discrepancy", added=(), holdout="stretches 3 and 6 of 8 of log.csv")
     assert holds(line(moved, "Missing"), "no effect", "joint 2")
     assert holds(line(moved, "Gap"), "2.41", "0.312 N m", "0.300")
@@ -178,7 +178,7 @@ def test_a_floor_that_is_a_models_own_error_is_to_be_looked_at():
     result = make(status="no_discrepancy", **NOTHING, floor=floor)
     (check,) = discrepancy_checks(result)
     assert check.state == "look"
-    assert holds(check.message, "joints 1 and 3", "earlier model's own error")
+    assert holds(check.message, "joints 1 and 3", "earlier model's error")
     assert holds(line(result, "Missing"), "above the noise floor")
     refit = floor_of(rms, "refit with standard effects", lasting=[1], white=0.5)
     (check,) = discrepancy_checks(replace(result, floor=refit))
@@ -196,12 +196,12 @@ def partly_explained():
 def test_what_was_found_and_what_is_left_leads():
     result = partly_explained()
     assert holds(line(result, "Missing"), "payload of 2.80 +- 0.04 kg", "change of Coulomb friction", "joint 1")
-    assert holds(line(result, "Left"), "1.5 N m in joint 2", "0.35 N m in joint 3")
+    assert holds(line(result, "Remaining"), "1.5 N m in joint 2", "0.35 N m in joint 3")
     assert [(check.name, check.state) for check in discrepancy_checks(result)[:4]] == [
         ("Payload", "good"),
         ("Coulomb friction, joint 1", "good"),
-        ("What is left", "bad"),
-        ("What is left", "bad"),
+        ("Unexplained", "bad"),
+        ("Unexplained", "bad"),
     ]
 
 
@@ -213,12 +213,12 @@ def test_five_lines_say_it_all():
     impossible = found(DRIFT, OWN | {"Fc2": (-0.3, 0.5, "N m"), "change of Fc2": (-1.8, 0.5, "N m")})
     result = make(added=(impossible, PAYLOAD, weak[0], found(Delay(lag=(0.004,))), alike))
     lines = in_brief(result)
-    assert [one.name for one in lines] == ["Missing", "Size", "Gap", "Left", "Next"]
+    assert [one.name for one in lines] == ["Missing", "Size", "Gap", "Remaining", "Next"]
     assert max(len(one.message.split()) for one in lines) <= 40
     assert lines[0].state == "look"
     said = lines[0].message
     assert said.startswith("Coulomb friction in joint 2 (or torque offset); ")
-    assert "what acts like thermal drift in joint 2" in said
+    assert "an effect similar to thermal drift in joint 2" in said
     assert "2 smaller effects" in said
     assert holds(lines[1].message, "2.25 N m in joint 2", "5.0 %", "rated effort")
     assert ThermalDrift.shown_by in lines[4].message
@@ -229,10 +229,10 @@ def test_five_lines_say_it_all():
 def test_what_has_changed_is_not_called_known():
     changed = found(friction(), {"Fc2": (2.3, 0.1, "N m"), "change of Fc2": (0.4, 0.1, "N m")}, changes=("Fc2",))
     known = (("coulomb_friction", (2,)), ("coulomb_friction", (3,)))
-    (check,) = checks_of(make(added=(changed,), preexisting=known), "Not new")
+    (check,) = checks_of(make(added=(changed,), preexisting=known), "In both logs")
     assert "joint 3" in check.message
     assert "joint 2" not in check.message
-    assert checks_of(make(added=(changed,), preexisting=known[:1]), "Not new") == []
+    assert checks_of(make(added=(changed,), preexisting=known[:1]), "In both logs") == []
 
 
 def numbers_of(kind):

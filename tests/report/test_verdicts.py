@@ -39,7 +39,7 @@ def decided(count):
 
 
 def by_factor(size):
-    """The factor common to all gains makes every sd nine times as large as the value; without it they are `size`."""
+    """The common factor of the gains makes every sd nine times as large as the value; without it they are `size`."""
     table = replace(GOOD.coefficients, by_data=np.ones(8, dtype=bool), sd=9.0 * np.abs(GOOD.coefficients.mean))
     gains = with_gains(sd_of_coefficients=tuple(size * np.abs(table.mean)), factor_decided_by="prior").summary.gains
     return replace(summary(gains=gains), coefficients=table)
@@ -73,11 +73,11 @@ def without_effort(*joints):
     return predicted(**values)
 
 
-def lasting(share, independent):
+def lasting(share, effective):
     """Of joint 2's variance of the residual, and so many samples of each joint that are left then."""
     sd = np.array(GOOD.summary.noise.sd)
     coloured = tuple(sd * np.sqrt((0.0, share)))
-    return with_summary(GOOD, "noise", coloured_sd=coloured, effective_samples=(independent,) * 2)
+    return with_summary(GOOD, "noise", coloured_sd=coloured, effective_samples=(effective,) * 2)
 
 
 def with_gains(**changes):
@@ -123,8 +123,8 @@ CASES = {  # of each check: state, findings, and what the message contains, in t
     "Proof": [
         ("good", GOOD, ""),
         ("good", SIGNED, ""),
-        ("good", search(assignments=4, persistent_share=0.97), "3 others|3.0%"),
-        ("look", search(assignments=4, persistent_share=0.9), "3 others|10.0%"),
+        ("good", search(assignments=4, persistent_share=0.97), "3 alternatives|3.0%"),
+        ("look", search(assignments=4, persistent_share=0.9), "3 alternatives|10.0%"),
         ("look", search(**NO_PROOF), "beam"),
         ("look", search(certified=False, uncertified_because="tikhonov"), "not proven"),
         ("bad", posterior(posterior_conflict=0.83), "83"),
@@ -153,7 +153,7 @@ CASES = {  # of each check: state, findings, and what the message contains, in t
         ("look", fit(relative_residual=[0.11, 0.04]), "4.0|11.0|joint 1"),
         ("bad", fit(relative_residual=[0.04, 0.26]), "26%|joint 2"),
     ],
-    "Beyond the terms": [("good", GOOD, "")],
+    "Additional effects": [("good", GOOD, "")],
     "Gains": [
         ("good", with_gains(), "joints 1 and 2|4.0 %|1.04"),
         ("look", with_gains(decided_by=("data", "prior"), factor_decided_by="prior"), "joint 1|3.0 %|joint 2|prior"),
@@ -168,9 +168,9 @@ CASES = {  # of each check: state, findings, and what the message contains, in t
         ("look", asked(GOOD, FAR_OFF), "3.1|a, b, c, d, e, f and g"),
     ],
     "Whiteness of the residual": [
-        ("good", lasting(0.8, 12.0), "80%|joint 2|24 independent|8 coefficients"),  # intervals allow for it
-        ("look", lasting(0.8, 11.0), "22 independent"),
-        ("bad", lasting(0.8, 3.0), "6 independent"),
+        ("good", lasting(0.8, 12.0), "80%|joint 2|24 effective|8 coefficients"),  # intervals allow for it
+        ("look", lasting(0.8, 11.0), "22 effective"),
+        ("bad", lasting(0.8, 3.0), "6 effective"),
     ],
     "Data or prior": [
         ("good", decided(8), "8|1|3"),
@@ -178,8 +178,8 @@ CASES = {  # of each check: state, findings, and what the message contains, in t
         ("look", decided(4), "4|8"),
         ("bad", decided(3), "3|8"),
         ("bad", posterior(active_bounds=PRESSED), "mass of all links, from above|97"),
-        ("good", by_factor(0.1), "common to all gains|8 of 8|0 are"),
-        ("good", by_factor(2.0), "common to all gains|8 of 8|8 are"),
+        ("good", by_factor(0.1), "common factor of the gains|8 of 8|0 are"),
+        ("good", by_factor(2.0), "common factor of the gains|8 of 8|8 are"),
     ],
     "Validation": [
         ("good", GOOD, "another.csv|3.1|3.2|93|94"),

@@ -35,9 +35,9 @@ from bayesid.report.discrepancy import (
     distinguishing_motions,
     equivalents,
     listed_sets,
+    parameter_text,
     set_in_words,
     testable_groups,
-    told,
 )
 from bayesid.report.pages import rendering as html
 from bayesid.report.plot.discrepancy import (
@@ -52,9 +52,9 @@ from bayesid.report.plot.discrepancy import (
 from bayesid.report.tuning import TUNING
 from bayesid.report.words import best_first, form_label, joints_in_words, label, quantity, score_label, unit_of
 
-_SAID = {ON_LOG: "on the log", HELD_BACK: "on what scores", GROWN: "the gap grew"}
+_SAID = {ON_LOG: "on the log", HELD_BACK: "on the held-out data", GROWN: "gap grew"}
 """Which data say that a joint is unexplained, in a cell."""
-_WORDS = {"good": "found", "look": "look at", "bad": "unexplained", "not done": "not shown"}
+_WORDS = {"good": "found", "look": "look at", "bad": "unexplained", "not done": "not testable"}
 """For the states of checks."""
 
 
@@ -88,7 +88,7 @@ def _gaps(discrepancy: Discrepancy) -> list[Markup]:
     ratios = dict(discrepancy.unexplained)
     rows = []
     for j, joint in enumerate(range(1, len(before) + 1)):
-        lasts = "; most of it lasts: that model's own error, or smoothed noise" if floor.lasting[j] else ""
+        lasts = "; mostly correlated: model error or filtered noise" if floor.lasting[j] else ""
         origin = f"{floor.origin[j]}{'' if floor.sharp[j] else ' (a lower bound)'}{lasts}"
         remark = html.NONE
         if joint in ratios:
@@ -98,8 +98,8 @@ def _gaps(discrepancy: Discrepancy) -> list[Markup]:
         efforts = [html.number(value[j], unit) for value in (before, after, floor.rms, floor.white)]
         rows.append((str(joint), *efforts, html.number(after[j] / floor.rms[j]), origin, remark))
     caption = f"Gap on {discrepancy.holdout}: RMS residual of both models, the noise floor, and the floor's white part."
-    headings = ["Joint", "As it was", "Extended", "Noise floor", "From sample to sample", "Extended / floor"]
-    headings += ["Floor taken from", "Remark"]
+    headings = ["Joint", "Earlier model", "Extended model", "Noise floor", "White noise", "Extended / floor"]
+    headings += ["Floor from", "Remark"]
     alt = "Bars of the gap of each joint, as in the table, in units of its noise floor."
     drawn = html.picture(gap_figure(discrepancy), "gap-figure", "The same in units of each joint's noise floor.", alt)
     return [html.table(caption, headings, rows), html.figures([drawn])]
@@ -108,26 +108,26 @@ def _gaps(discrepancy: Discrepancy) -> list[Markup]:
 def _found(discrepancy: Discrepancy) -> list[Markup]:
     if not discrepancy.added:
         return [html.paragraph("No effect was added.")]
-    caption = "Effects that were added, in this order; Bayes factors and probabilities are given all others."
-    headings = ["Effect", "Joints", "Parameters", "log10 Bayes factor", "Probability", "Nothing missing"]
-    headings += ["Something else", "Could also be", "What would decide"]
+    caption = "Effects that were added, in this order; Bayes factors and probabilities given all others."
+    headings = ["Effect", "Joints", "Parameters", "log10 Bayes factor", "Probability", "No effect"]
+    headings += ["Another effect", "Could also be", "Motion that distinguishes"]
     parts = [html.table(caption, headings, map(_added, discrepancy.added))]
     pictures = []
     for effect in discrepancy.added:
         if effect.hypothesis.curves:
             joint = effect.joints[0]
-            below = f"Joint {joint}: what was learned over the range that the log has seen, with its 95 % band."
+            below = f"Joint {joint}: learned function over the range of the log, with its 95 % band."
             figure = learned_figure(effect, unit_of(discrepancy, joint))
             pictures.append(html.picture(figure, f"learned{joint}", below))
     parts += [html.figures(pictures)] if pictures else []
-    if worth := [row for effect in discrepancy.added for row in _worth(discrepancy, effect)]:
+    if sizes := [row for effect in discrepancy.added for row in _sizes(discrepancy, effect)]:
         caption = (
-            f"What each is worth on {discrepancy.holdout}: its own effort, and the RMS error without it (the others "
-            "identified again) and with it, each in the joint where that is largest."
+            f"Size of each effect on {discrepancy.holdout}: its own effort, and the RMS error without it (the others "
+            "identified again) and with it, each in the joint where it is largest."
         )
-        headings = ["Effect", "Joints", "Largest effort", "RMS effort", "Largest, in %", "Error if ignored"]
+        headings = ["Effect", "Joints", "Largest effort", "RMS effort", "Largest, in %", "Error without it"]
         headings += ["In % of RMS effort", "Error with it", "In % of RMS effort"]
-        parts.append(html.table(caption, headings, worth))
+        parts.append(html.table(caption, headings, sizes))
     sets = [(set_in_words(one), html.probability(one.probability)) for one in listed_sets(discrepancy)]
     if len(sets) > 1:
         caption = "Sets of effects that predict the held-back data equally well, and their probabilities by the log."
@@ -159,13 +159,13 @@ def _parameters(effect: AddedEffect) -> str:
         of_total = {f"{symbol}{j}" for symbol in effect.hypothesis.source.adds_to for j in effect.joints}
         in_total = any(name.startswith(CHANGE) for name in parameters) and not changes
         shown = [name for name in parameters if not name.startswith(CHANGE) and not (in_total and name in of_total)]
-        named = [(name, parameters[name][0], told(effect, name)) for name in shown]
+        named = [(name, parameters[name][0], parameter_text(effect, name)) for name in shown]
     line = Markup('<li><span class="name">{}</span> {}</li>')
     lines = [line.format(name, html.data(value, text)) for name, value, text in named]
     return Markup('<ul class="numbers">{}</ul>').format(Markup("").join(lines)) if lines else ""
 
 
-def _worth(discrepancy: Discrepancy, effect: AddedEffect) -> Iterator[tuple[str, ...]]:
+def _sizes(discrepancy: Discrepancy, effect: AddedEffect) -> Iterator[tuple[str, ...]]:
     size, cost = effect.size, effect.cost
     if size is not None and cost is not None:
         own, left = unit_of(discrepancy, size.joint), unit_of(discrepancy, cost.joint)
@@ -181,11 +181,11 @@ def _worth(discrepancy: Discrepancy, effect: AddedEffect) -> Iterator[tuple[str,
 
 def _where(discrepancy: Discrepancy) -> list[Markup]:
     if not discrepancy.where:
-        plain = "In no joint of the log is the residual surely above the noise floor."
+        plain = "In no joint is the residual significantly above the noise floor."
         if discrepancy.added:
-            plain += " What was added shows in the shape of what is left, and on the data that score."
+            plain += " The added effects show in the shape of the residual and on the held-out data."
         elif discrepancy.unexplained:
-            plain += " The data that score show that something is missing."
+            plain += " The held-out data show that an effect is missing."
         return [html.paragraph(plain)]
     rows, drawn = [], []
     for excess in discrepancy.where:
@@ -194,12 +194,12 @@ def _where(discrepancy: Discrepancy) -> list[Markup]:
         span = Markup("{} to {}").format(html.number(low), html.number(high, unit))
         rows.append((str(excess.joint), size, excess.variable, span))
         below = f"Joint {excess.joint}: measured minus modelled effort over {excess.variable}."
-        alt = f"{below} Of the model as it was, and of the extended one."
+        alt = f"{below} Earlier model and extended model."
         drawn.append(html.picture(residual_figure(discrepancy, excess.joint), f"residual{excess.joint}", below, alt))
-    caption = "Joints in which the model as it was exceeds the noise floor (RMS), and over which variable most."
-    note = "Points are samples, thinned; lines are means with twice their standard error; grey is the noise floor."
-    told_where = html.table(caption, ["Joint", "Excess", "Variable", "Range"], rows)
-    return [told_where, html.figures(drawn), html.paragraph(note, note=True)]
+    caption = "Joints in which the earlier model exceeds the noise floor (RMS), and the variable that shows it most."
+    note = "Points: samples, thinned. Lines: means with twice their standard error. Grey: noise floor."
+    table = html.table(caption, ["Joint", "Excess", "Variable", "Range"], rows)
+    return [table, html.figures(drawn), html.paragraph(note, note=True)]
 
 
 def _efforts(discrepancy: Discrepancy) -> list[Markup]:
@@ -207,12 +207,11 @@ def _efforts(discrepancy: Discrepancy) -> list[Markup]:
     note = "On the log that was compared."
     if unsigned:
         note += (
-            f" The log has no signs in {joints_in_words(unsigned)}: there measured efforts have those of the extended "
-            "model."
+            f" The log has no signs in {joints_in_words(unsigned)}: measured efforts have the extended model's signs."
         )
     pictures = []
     for joint in range(1, len(discrepancy.before) + 1):
-        alt = f"Effort of joint {joint} over time: measured, by the model as it was, and by the extended model."
+        alt = f"Effort of joint {joint} over time: measured, earlier model and extended model."
         figure = effort_figure(discrepancy, joint)
         pictures.append(html.picture(figure, f"effort{joint}", f"Joint {joint}.", alt, "effort"))
     return [html.paragraph(note, note=True), html.figures(pictures)]
@@ -226,29 +225,29 @@ def _candidates(discrepancy: Discrepancy) -> list[Markup]:
     rows = [
         (
             *(str(rank), _name(score.hypothesis), _joints(score.hypothesis.joints), html.number(score.gain / LN10)),
-            f"added as number {places[score.key]}" if score.key in places else _became(discrepancy, score),
+            f"added as number {places[score.key]}" if score.key in places else _outcome(discrepancy, score),
         )
         for rank, score in enumerate(scores, start=1)
         if rank <= TUNING.candidates or score.key in places
     ]
     caption = (
         f"The best {min(TUNING.candidates, len(scores))} of {len(scores)} candidates, and all that were added. The "
-        "log10 Bayes factor is of each by itself, added to the model as it was. To be added an effect needs "
-        f"{needed:g} given the others that were added."
+        "log10 Bayes factor is that of each effect alone, added to the earlier model. An effect is added if its factor "
+        f"given the other added effects is at least {needed:g}."
     )
-    headings = ["Rank", "Effect", "Joints", "log10 Bayes factor", "What became of it"]
-    below = f"The first {len(scores[: TUNING.bars])}, each by itself; blue: added. Dashed: what is needed to be added."
+    headings = ["Rank", "Effect", "Joints", "log10 Bayes factor", "Outcome"]
+    below = f"The first {len(scores[: TUNING.bars])}, each alone; blue: added. Dashed: threshold."
     alt = f"Bars of log10 Bayes factors, as in the table; the largest: {score_label(scores[0])}."
     drawn = html.picture(candidate_figure(discrepancy), "candidates-figure", below, alt)
     return [html.figures([drawn]), html.table(caption, headings, rows)]
 
 
-def _became(discrepancy: Discrepancy, score: Score) -> str:
+def _outcome(discrepancy: Discrepancy, score: Score) -> str:
     if score.key in discrepancy.vetoed:
-        return "left out: see below"
+        return "not added: see below"
     if score.gain >= discrepancy.thresholds.log10_bayes_factor * LN10:
-        return "not needed beside those that were added" if discrepancy.added else "not worth adding"
-    return "this log could not show it" if score.key in discrepancy.not_testable else "too weak"
+        return "not needed with the added effects" if discrepancy.added else "not confirmed"
+    return "not testable with this log" if score.key in discrepancy.not_testable else "too weak"
 
 
 def _left_out(discrepancy: Discrepancy) -> list[Markup]:
@@ -257,26 +256,26 @@ def _left_out(discrepancy: Discrepancy) -> list[Markup]:
         learned = effect.description
         formula = "" if learned is None else f": {effect.formula}, {learned.sentence}"
         names.append(f"{label(effect.effect, effect.joints)}{formula}")
-    why = "They explain the log, but no data that had no say in choosing them, or too little of what was missing."
+    why = "They explain the log, but not the held-out data, or too little of the residual."
     return [html.paragraph(why), html.items(names)] if names else []
 
 
 def _not_testable(discrepancy: Discrepancy) -> list[Markup]:
     groups = testable_groups(discrepancy)
     rows = [(label(effect), _joints(joints), forms()[effect].shown_by) for effect, joints in groups]
-    caption = "Effects that this log could not show even if of a usual size, and motions that would show them."
+    caption = "Effects that this log could not show if they had a usual size, and motions that would show them."
     return [html.table(caption, ["Effect", "Joints", "Motion that would show it"], rows)] if rows else []
 
 
 _PARTS: Mapping[tuple[str, str], Callable[[Discrepancy], list[Markup]]] = {
-    ("findings", "Verdicts"): _verdicts,
+    ("findings", "Checks"): _verdicts,
     ("gap", "The gap"): _gaps,
-    ("found", "What was found"): _found,
-    ("where", "Where the model as it was fails"): _where,
+    ("found", "Effects found"): _found,
+    ("where", "Where the earlier model fails"): _where,
     ("efforts", "Measured and modelled efforts"): _efforts,
     ("candidates", "Candidates"): _candidates,
-    ("left-out", "Left out"): _left_out,
-    ("not-testable", "What this log cannot tell"): _not_testable,
+    ("left-out", "Not added"): _left_out,
+    ("not-testable", "Not testable with this log"): _not_testable,
 }
 """Names, titles and contents of the sections, in their order; those without content are left out."""
 
@@ -319,13 +318,12 @@ def _changes(comparison: ChangeReport) -> html.Section:
         if one.by_log
     ]
     caption = (
-        "What each log says by itself of effects beyond the terms asked for: shown (log10 Bayes factor beside all "
-        "others), not there, or cannot tell."
+        "Additional effects in each log alone: present (log10 Bayes factor given all others), absent, or undetermined."
     )
-    headings = ["Effect", "Joints", *log_names(comparison), "So it was"]
+    headings = ["Effect", "Joints", *log_names(comparison), "Result"]
     more = [html.table(caption, headings, rows)] if rows else []
-    said = html.columns(lists, "Nothing that these logs show.")
-    return html.section("changes", "What changed, what was missing all along", said, *more)
+    said = html.columns(lists, "None.")
+    return html.section("changes", "What changed, and what is missing in all logs", said, *more)
 
 
 def _timeline(comparison: ChangeReport) -> html.Section:
@@ -342,7 +340,7 @@ def _timeline(comparison: ChangeReport) -> html.Section:
         )
         for row in moved
     ]
-    caption = f"Parameters that moved, each log identified by itself under one model. {rule}"
+    caption = f"Parameters that changed; each log is identified alone, with one model. {rule}"
     headings = ["Parameter", *log_names(comparison), "Change", "Change / its sd"]
     tested = np.isfinite(line.p).any(axis=0)
     flat, unseen = (
@@ -350,15 +348,15 @@ def _timeline(comparison: ChangeReport) -> html.Section:
         for which in (tested & ~line.moved.any(axis=0), ~tested)
     )
     stayed = Markup(
-        '<details><summary>{} parameters that did not surely move</summary><p class="note">{}.</p></details>'
+        '<details><summary>{} parameters without a significant change</summary><p class="note">{}.</p></details>'
     )
     return html.section(
         "timeline",
         "Time line",
-        html.table(caption, headings, rows) if rows else html.paragraph(f"No parameter moved. {rule}"),
+        html.table(caption, headings, rows) if rows else html.paragraph(f"No parameter changed. {rule}"),
         html.figures([_timeline_picture(comparison, [row.text for row in moved])]),
         stayed.format(len(flat), html.typeset("; ".join(flat))),
-        *([html.paragraph(f"Too few logs show: {'; '.join(unseen)}.", note=True)] if unseen else []),
+        *([html.paragraph(f"Shown by too few logs: {'; '.join(unseen)}.", note=True)] if unseen else []),
     )
 
 
@@ -366,9 +364,9 @@ def _timeline_picture(comparison: ChangeReport, texts: Sequence[str]) -> html.Pi
     over = "days since the first log" if by_date(comparison) else "the logs in their order"
     few = len(texts) - TUNING.moved
     caption = (
-        f"Parameters that moved, with 95 % intervals, over {over}."
-        f"{f' The {few} that moved least are in the table alone.' if few > 0 else ''} Last: the changes of all others, "
-        "in their standard deviations."
+        f"Parameters that changed, with 95 % intervals, over {over}."
+        f"{f' The {few} that changed least are only in the table.' if few > 0 else ''} Last panel: changes of all "
+        "others, in standard deviations."
     )
-    alt = "; ".join(texts) or "No parameter moved."
+    alt = "; ".join(texts) or "No parameter changed."
     return html.picture(timeline_figure(comparison), "timeline-figure", caption, f"Time line. {alt}")

@@ -1,4 +1,4 @@
-"""An identification as one self-contained page: words, traffic lights, figures and tables; nothing is fetched."""
+"""An identification as one self-contained page: checks, figures and tables; nothing is fetched."""
 
 from __future__ import annotations
 
@@ -52,12 +52,12 @@ _SHOWS = {
     "proof": ("Proof",),
     "posterior": ("Sampling", "Modes"),
     "residuals": ("Fit", "Whiteness of the residual"),
-    "effects": ("Beyond the terms",),
+    "effects": ("Additional effects",),
     "gains": ("Gains",),
     "validation": ("Validation",),
     "warnings": ("Warnings",),
 }
-"""Of which checks each section shows more."""
+"""Sections, and the checks that link to them."""
 
 
 @one_at_a_time
@@ -93,15 +93,14 @@ def _lead(findings: ReportData) -> str:
     n, hidden = findings.n_joints, summary.hidden_joints
     known = int((findings.coefficients.relative_sd < TUNING.well_known).sum())
     signs = (
-        f"The signs were hidden in {'all' if hidden == n else f'{hidden} of {n}'} joints. Of the |effort|, "
-        f"{sure_share(findings):.1%} now has a sign that is sure to {SURE:.0%}. "
+        f"The signs were hidden in {'all' if hidden == n else f'{hidden} of {n}'} joints. The sign is now at least "
+        f"{SURE:.0%} certain for {sure_share(findings):.1%} of the |effort|. "
         if hidden
         else "All signs were known. "
     )
     return (
-        f"{signs}{summary.n_coefficients} dynamic coefficients were found, {known} of them known to "
-        f"{TUNING.well_known:.0%}. "
-        f"The model leaves {share.min():.1%} to {share.max():.1%} of a joint's effort unexplained."
+        f"{signs}{summary.n_coefficients} dynamic coefficients were identified, {known} of them to "
+        f"{TUNING.well_known:.0%} (sd). The relative residual per joint is {share.min():.1%} to {share.max():.1%}."
     )
 
 
@@ -119,14 +118,14 @@ def _about(findings: ReportData) -> list[tuple[str, str]]:
 def _torques(findings: ReportData) -> list[Markup]:
     every = findings.samples.every
     bands = (
-        "A blue band is a segment whose sign is plus, an orange one minus; the paler, the less sure. Hatched bands and "
-        "question marks are ambiguous. Drag over a figure to zoom into a range, double-click to see all."
+        "Blue bands: segments with sign plus; orange: minus; paler bands are less certain. Hatched bands and question "
+        "marks: ambiguous. Drag over a figure to zoom into a range, double-click to see all."
     )
-    signs = f", with the signs that were found, and by the model. {bands}"
-    said = signs if findings.summary.hidden_joints else ", and by the model. A blue band is plus, an orange one minus."
+    signs = f", with the signs found, and of the model. {bands}"
+    curves = signs if findings.summary.hidden_joints else ", and of the model. Blue bands: plus; orange: minus."
     thinned = "" if every == 1 else f" One of {every} samples is shown."
-    drawn = _over_time(findings, torque_panel, "torque", "recorded, signed, and by the model.")
-    return [html.paragraph(f"The efforts as they were recorded{said}{thinned}", note=True), drawn]
+    drawn = _over_time(findings, torque_panel, "torque", "recorded, with signs, and of the model.")
+    return [html.paragraph(f"Efforts as recorded{curves}{thinned}", note=True), drawn]
 
 
 def _over_time(findings: ReportData, panel: Callable[[ReportData, int, int], Panel], group: str, shows: str) -> Markup:
@@ -154,31 +153,31 @@ def _doubts(findings: ReportData) -> list[Markup]:
         for k in largest
     ]
     which = "Segments" if len(rows) == len(doubtful) else f"The {len(rows)} largest of {len(doubtful)} segments"
-    caption = f"{which} in motion whose sign is not sure, by their largest |effort|; the fit averages over both signs."
-    headings = "Joint", "Time", "Likelier sign", "Confidence", "Largest |effort|, of the joint's"
-    told = html.table(caption, headings, rows) if rows else html.paragraph("No segment in motion is ambiguous.")
+    caption = f"{which} in motion with an ambiguous sign, by their largest |effort|; the fit averages over both signs."
+    headings = "Joint", "Time", "Likelier sign", "Confidence", "Largest |effort| / joint's"
+    table = html.table(caption, headings, rows) if rows else html.paragraph("No segment in motion is ambiguous.")
     still = int((segments.ambiguous & ~segments.moving).sum())
     note = f"At standstill {still} of {int((~segments.moving).sum())} segments are ambiguous; they are not fitted."
-    return [told, *([html.paragraph(note, note=True)] if still else [])]
+    return [table, *([html.paragraph(note, note=True)] if still else [])]
 
 
 def _link(of: SegmentTable | Alternatives, k: int, text: str) -> Markup:
-    """A stretch of time that leads to its figure."""
+    """A link from a stretch of time to its figure."""
     link = Markup('<a href="#torque{}" data-from="{:.4f}" data-to="{:.4f}">{}</a>')
     return link.format(int(of.joint[k]) + 1, float(of.start[k]), float(of.end[k]), text)
 
 
 def _effects(findings: ReportData) -> list[Markup]:
     rows = effect_rows(findings.summary)
-    caption = "Effects that evidence and held-back blocks of the log bear out, given all the others."
+    caption = "Additional effects, confirmed by Bayes factor and by held-back blocks; each given all the others."
     return [html.table(caption, list(map(upper, EFFECT_HEADINGS)), rows)] if rows else []
 
 
 def _gains(findings: ReportData) -> list[Markup]:
     rows = gain_rows(findings.summary)
     caption = (
-        "Gains as the log leaves them. Data decide a ratio to all other gains where they leave at most a tenth of the "
-        "variance that was stated. The factor common to all is in the checks."
+        "Estimated gains. Data decide the ratio of a gain to the others if its variance is at most a tenth of the "
+        "stated one. The common factor is in the checks."
     )
     return [html.table(caption, list(map(upper, GAIN_HEADINGS)), rows)] if rows else []
 
@@ -186,7 +185,7 @@ def _gains(findings: ReportData) -> list[Markup]:
 def _constraints(findings: ReportData) -> list[Markup]:
     rows = constraint_rows(findings.summary)
     caption = (
-        "Constraints that were stated. Price: by how much the log is likelier without it, the others kept; above "
+        "Stated constraints. Cost: gain in log-likelihood without this constraint; above "
         f"{IDENTIFICATION.dear_constraint:.1f} nats the log contradicts it. A draw is at the edge within a tenth of "
         "the standard deviation of its distance."
     )
@@ -199,7 +198,7 @@ def _coefficients(findings: ReportData) -> list[Markup]:
     rows = []
     for k, mean in enumerate(found.mean):
         low, high = found.low[k], found.high[k]
-        known = np.isfinite([low, high]).all()  # else the log does not show a coefficient
+        known = np.isfinite([low, high]).all()  # else the coefficient is not excited
         interval = Markup('<span class="interval">{} to {}</span>').format(html.number(low), html.number(high))
         rows.append(
             (
@@ -214,25 +213,25 @@ def _coefficients(findings: ReportData) -> list[Markup]:
             )
         )
     caption = (
-        "Base coefficients: the combinations of link parameters that efforts can show. Bar: mean; line: 95 % interval; "
-        "tick: nominal value, each over the coefficient's size."
+        "Base coefficients: the identifiable combinations of link parameters. Bar: mean; line: 95 % interval; tick: "
+        "nominal value; all scaled by the coefficient's size."
     )
-    headings = ["Built on", "Mean and sd", "Relative sd", "95 % interval", *(["Nominal"] if nominal else [])]
-    headings += ["Decided by", "From -1 to 1", "Expression"]
+    headings = ["Name", "Mean and sd", "Relative sd", "95 % interval", *(["Nominal"] if nominal else [])]
+    headings += ["Decided by", "Scaled", "Expression"]
     names = ", ".join(findings.prior_parameters)
-    by_prior = html.paragraph(f"Single parameters that the prior decides, not the data: {names}.", note=True)
+    by_prior = html.paragraph(
+        f"Individual parameters that are not identifiable (the prior decides them): {names}.", note=True
+    )
     notes = [by_prior] if names else []
     if on_edge := findings.summary.fit.links_on_edge:
         links = f"link{'s' * (len(on_edge) > 1)} {listed([str(link) for link in on_edge])}"
-        said = (
-            f"Do not read single parameters of {links} as measurements: the fit is at the edge of what is physically "
-        )
-        notes.append(html.paragraph(f"{said}possible. Coefficients and predicted efforts are not affected.", note=True))
+        note = f"Do not use individual parameters of {links}: the fit is at the edge of physical feasibility."
+        notes.append(html.paragraph(f"{note} Coefficients and predicted efforts are not affected.", note=True))
     return [html.table(caption, headings, rows), *notes]
 
 
 def _nominal(value: float, mean: float) -> Markup:
-    """A sum of link parameters that is zero but for rounding is written as zero."""
+    """A value that is zero but for rounding is written as zero."""
     return html.data(value, "0") if abs(value) < 1e-9 * abs(mean) else html.number(value)
 
 
@@ -241,8 +240,8 @@ def _percent(share: float) -> str:
 
 
 def _bar(mean: float, low: float, high: float, nominal: float) -> Markup:
-    """A small picture of numbers that stand beside it."""
-    zero = 60.0  # of 120, with 28 for the coefficient's own size
+    """A bar from -2 to 2 sizes of the coefficient, with interval and nominal value."""
+    zero = 60.0  # of a width of 120; the coefficient's size takes 28
 
     def place(value: float) -> float:
         return zero + 28.0 * float(np.clip(value, -2.0, 2.0))
@@ -260,27 +259,27 @@ def _posterior(findings: ReportData) -> list[Markup]:
     if findings.draws is None or posterior is None:
         return [html.paragraph("No posterior was sampled.")]
     drawn = [
-        (forest_figure, "forest", 12, "Intervals of 95 % of the worst-decided coefficients, one an ensemble."),
-        (pair_figure, "pair", 3, "Draws of the three worst-decided against each other."),
-        (trace_figure, "trace", 4, "Densities and draws, sweep after sweep; one colour an ensemble."),
-        (rank_figure, "rank", 4, "Ranks of each ensemble's draws: flat where the ensembles agree."),
+        (forest_figure, "forest", 12, "95 % intervals of the least determined coefficients, one per ensemble."),
+        (pair_figure, "pair", 3, "Draws of the three least determined coefficients."),
+        (trace_figure, "trace", 4, "Densities and traces; one colour per ensemble."),
+        (rank_figure, "rank", 4, "Rank histograms: flat where the ensembles agree."),
     ]
     if len(findings.coefficients.mean) < 2:
         del drawn[1]
     pictures = [html.picture(figure(findings, count), name, caption) for figure, name, count, caption in drawn]
     note = (
         f"{posterior.draws} draws of {posterior.ensembles} ensembles of {posterior.walkers} walkers; "
-        f"{convergence(posterior.max_rhat, posterior.min_ess)}, at worst. Shown are the coefficients that the log "
-        "decides worst, less their mean, over the prior's standard deviation."
+        f"{convergence(posterior.max_rhat, posterior.min_ess)}, at worst. Shown: the least determined coefficients, "
+        "minus their mean, over the prior's standard deviation."
     )
     return [html.paragraph(note, note=True), html.figures(pictures)]
 
 
 def _residuals(findings: ReportData) -> list[Markup]:
     note = (
-        "Recorded effort, with its sign, less the model's. Blue points are samples, thinned; orange lines are means "
-        "with twice their standard errors: where they leave zero, the model lacks something. The autocorrelation of "
-        "white noise lies in the grey band."
+        "Recorded effort, with its sign, minus the model's. Blue points: samples, thinned. Orange lines: means with "
+        "twice their standard errors; where they differ from zero, the model lacks an effect. Grey band: "
+        "autocorrelation of white noise."
     )
     pictures = []
     for joint in range(1, findings.n_joints + 1):
@@ -295,14 +294,14 @@ def _proof(findings: ReportData) -> list[Markup]:
     search, count = findings.summary.search, len(findings.alternatives.cost)
     if not findings.summary.hidden_joints:
         return []
-    caption = "How the signs were searched, and what is proven about them."
+    caption = "Search for the signs, and what is proven."
     parts = [html.table(caption, ["What", "Value"], shown_rows(search))]
     if search.lower_bound is not None:
-        caption = "Costs of the assignments that remain."
+        caption = "Costs of the alternatives that remain."
         parts.append(html.figures([html.picture(alternatives_figure(findings), "alternatives", caption)]))
-    if search.certified and count > 1:  # else the list says nothing about the others
-        caption = f"The cheapest of {count - 1} other assignments that remain; where they differ from the best."
-        headings = ["Number", "Cost above", "Probability", "Other signs", "At"]
+    if search.certified and count > 1:  # else the list is incomplete
+        caption = f"The cheapest of {count - 1} alternatives that remain, and where they differ from the best."
+        headings = ["Number", "Cost above the best", "Probability", "Flipped segments", "At"]
         parts.append(html.table(caption, headings, _others(findings)))
     elif search.certified:
         parts.append(html.paragraph("No other assignment of the strong segments remains."))
@@ -327,8 +326,7 @@ def _others(findings: ReportData) -> Iterator[tuple[str, ...]]:
 def _validation(findings: ReportData) -> list[Markup]:
     prediction = findings.prediction
     if prediction is None:
-        untried = f"This model has not been tried on a log that it has not seen: {commands.validate(findings)}"
-        return [html.paragraph(untried)]
+        return [html.paragraph(f"The model is not validated on another log. Run {commands.validate(findings)}.")]
     seen = Markup("<p><strong>This is no validation: the model was identified from this log.</strong></p>")
     caption = f"{prediction.source}: errors against measured efforts. The band of 95 % accounts for {prediction.band}."
     values = zip(prediction.rms_error, prediction.relative_residual, prediction.coverage, strict=True)
@@ -337,9 +335,9 @@ def _validation(findings: ReportData) -> list[Markup]:
         for joint, (error, share, covered) in enumerate(values, start=1)
     ]
     shows = "on another log: measured, predicted, and the band of 95 %."
-    told = html.table(caption, ["Joint", "RMS error", "Over the RMS effort", "In the 95 % band"], rows)
+    table = html.table(caption, ["Joint", "RMS error", "Relative residual", "In the 95 % band"], rows)
     drawn = _over_time(findings, validation_panel, "validation", shows)
-    return [*([seen] if prediction.seen else []), told, drawn]
+    return [*([seen] if prediction.seen else []), table, drawn]
 
 
 def _run(findings: ReportData) -> list[Markup]:
@@ -355,7 +353,7 @@ def _run(findings: ReportData) -> list[Markup]:
         ("Machine", run.machine),
         *((f"Seconds: {name}", f"{seconds:.1f}") for name, seconds in findings.summary.timings.items()),
     ]
-    caption = "Same options, data and versions, same result; but budgets in seconds depend on the machine."
+    caption = "The same options, data and versions give the same result, unless a time limit ended a stage."
     rows = [(name, Markup("<code>{}</code>").format(value)) for name, value in named if value]
     return [html.table(caption, ["What", "Value"], rows)]
 
@@ -363,22 +361,22 @@ def _run(findings: ReportData) -> list[Markup]:
 _PARTS: Mapping[tuple[str, str], Callable[[ReportData], list[Markup]]] = {
     ("torques", "Efforts and signs"): _torques,
     ("doubts", "Ambiguous segments"): _doubts,
-    ("effects", "Beyond the terms asked for"): _effects,
+    ("effects", "Additional effects"): _effects,
     ("gains", "Gains"): _gains,
     ("constraints", "Constraints"): _constraints,
     ("coefficients", "Coefficients"): _coefficients,
     ("posterior", "Posterior"): _posterior,
     ("residuals", "Residuals"): _residuals,
-    ("proof", "The proof"): _proof,
+    ("proof", "Proof"): _proof,
     ("validation", "Validation on another log"): _validation,
-    ("run", "What was run"): _run,
+    ("run", "Run details"): _run,
 }
 """Names, titles and contents, in their order."""
 
 
 @one_at_a_time
 def identification_view(identification: Identification) -> str:
-    """What its text says, the checks, and the efforts of the joint that fits worst; HTML without a script."""
+    """An identification's text, its checks, and the efforts of the joint that fits worst; HTML without a script."""
     findings = report_data(identification)
     joint = int(identification.fit.relative_residual.argmax()) + 1
     (ax,) = draw(Figure([[torque_panel(findings, joint)]], 3.0, WIDE, key=True))
@@ -387,5 +385,5 @@ def identification_view(identification: Identification) -> str:
         text=repr(identification),
         checks=[(check, check.remedy, _NOTEBOOK[check.state]) for check in check_findings(findings)],
         joint=joint,
-        figure=Markup(svg_of(ax, f"efforts of joint {joint}, recorded and by the model")),
+        figure=Markup(svg_of(ax, f"efforts of joint {joint}, recorded and of the model")),
     )

@@ -1,11 +1,10 @@
 """Figures of results, as matplotlib Axes.
 
-Each takes a result: an identification, its findings (`bayesid.types.ReportData`) or a result folder; `excitation` a
-design, `skeleton` a robot. It draws into the Axes given, `ax` where there is one and `axes` where there are several, or
-into a new Figure, which `ax.figure.savefig(...)` saves; the Axes drawn into come back. `joints` count from 1, all by
-default; `count` is that of coefficients, at most; `key` says whether colours and lines are named. A folder that holds
-no result is an `InputError`; no such joint, too few Axes, or a result without what is to be drawn, is a `ValueError`.
-Nothing is computed here.
+Each function takes a result: an identification, its `bayesid.types.ReportData` or a result folder; `excitation` takes a
+design, `skeleton` a robot. It draws into the given `ax` or `axes`, or into a new Figure that `ax.figure.savefig(...)`
+saves, and returns the Axes. `joints` count from 1, all by default; `count` is the largest number of coefficients; `key`
+adds a legend. A folder that holds no result raises an `InputError`; wrong joints, too few Axes, or a result without
+the data raise a `ValueError`.
 
 Example:
     >>> for ax in bayesid.plot.torques(result):

@@ -19,7 +19,7 @@ from bayesid.report.plot import figure as fig
 from bayesid.report.tuning import TUNING
 from bayesid.report.words import best_first, rounded, score_label, unit_of
 
-_AS_IT_WAS, _EXTENDED = "model as it was", "extended"
+_EARLIER, _EXTENDED = "earlier model", "extended model"
 _BEFORE, _AFTER = fig.ORANGE, fig.BLUE
 
 
@@ -27,7 +27,7 @@ _BEFORE, _AFTER = fig.ORANGE, fig.BLUE
 # One discrepancy
 # ---------------------------------------------------------------------------------------------------------------
 def residual_figure(discrepancy: Discrepancy, joint: int) -> fig.Figure:
-    """What the model leaves of a joint's (from 1) efforts, before and after, over the variable that shows it best.
+    """Residual of a joint (from 1), before and after, over the variable that shows it best.
 
     Points are samples of the log, evenly thinned; lines are means over equally many samples with twice their standard
     error, samples taken as independent; the band is the noise floor.
@@ -38,7 +38,7 @@ def residual_figure(discrepancy: Discrepancy, joint: int) -> fig.Figure:
     value = variables(trial, discrepancy.predicted_before, j)[variable][used]
     floor = float(discrepancy.floor.rms[j])
     panels = []
-    sides = (discrepancy.predicted_before, _BEFORE, _AS_IT_WAS), (discrepancy.predicted_after, _AFTER, _EXTENDED)
+    sides = (discrepancy.predicted_before, _BEFORE, _EARLIER), (discrepancy.predicted_after, _AFTER, _EXTENDED)
     for predicted, colour, title in sides:
         residual = (trial.nearest(predicted) - predicted)[used, j]
         shown = evenly(len(value), TUNING.scatter)
@@ -55,12 +55,12 @@ def residual_figure(discrepancy: Discrepancy, joint: int) -> fig.Figure:
 
 
 def effort_figure(discrepancy: Discrepancy, joint: int) -> fig.Figure:
-    """Measured effort of a joint (from 1), where unsigned with the sign of the extended model, and both models'."""
+    """Measured effort of a joint (from 1), with the extended model's sign where unsigned, and both models' efforts."""
     trial, j = discrepancy.trial, joint - 1
     time = trial.signals.motion.t - trial.signals.motion.origin
     curves = (
         fig.Line(time, trial.nearest(discrepancy.predicted_after)[:, j], fig.INK, "measured", 2.4, 0.55),
-        fig.Line(time, discrepancy.predicted_before[:, j], _BEFORE, _AS_IT_WAS, 1.0),
+        fig.Line(time, discrepancy.predicted_before[:, j], _BEFORE, _EARLIER, 1.0),
         fig.Line(time, discrepancy.predicted_after[:, j], _AFTER, _EXTENDED, 1.0),
     )
     marks = fig.thinned(curves, TUNING.page_curve)
@@ -69,11 +69,11 @@ def effort_figure(discrepancy: Discrepancy, joint: int) -> fig.Figure:
 
 
 def gap_figure(discrepancy: Discrepancy) -> fig.Figure:
-    """RMS of what the model leaves of each joint's efforts, before and after, in units of the noise floor."""
+    """Gap of each joint, before and after, in units of the noise floor."""
     floor, n = discrepancy.floor.rms, len(discrepancy.before)
     place = np.arange(n)
     marks: list[fig.Mark] = []
-    sides = (discrepancy.before, _BEFORE, -0.2, _AS_IT_WAS), (discrepancy.after, _AFTER, 0.2, _EXTENDED)
+    sides = (discrepancy.before, _BEFORE, -0.2, _EARLIER), (discrepancy.after, _AFTER, 0.2, _EXTENDED)
     for gap, colour, shift, name in sides:
         ratio, row = gap / floor, place + shift
         texts = [f"{rounded(float(one))} {unit_of(discrepancy, j)}" for j, one in enumerate(gap, start=1)]
@@ -85,7 +85,7 @@ def gap_figure(discrepancy: Discrepancy) -> fig.Figure:
 
 
 def candidate_figure(discrepancy: Discrepancy) -> fig.Figure:
-    """The best effects by the log10 of their Bayes factors, before anything was added; those that were are blue."""
+    """The best effects by log10 Bayes factor, each added alone; blue: added to the model."""
     best = best_first(discrepancy.scores)[: TUNING.bars]
     added = {(effect.effect, effect.joints) for effect in discrepancy.added}
     gains, row = np.array([score.gain / LN10 for score in best]), np.arange(len(best))
@@ -95,7 +95,7 @@ def candidate_figure(discrepancy: Discrepancy) -> fig.Figure:
     marks: list[fig.Mark] = [
         *([fig.Boxes(ends, (row - 0.35, row + 0.35), colours)] if best else []),
         fig.Words(np.maximum(gains, 0.0), row, [rounded(float(gain)) for gain in gains]),
-        fig.upright(needed, _BEFORE, 1.2, "dashed", f"needed to be added: {needed:g}"),
+        fig.upright(needed, _BEFORE, 1.2, "dashed", f"threshold: {needed:g}"),
         fig.upright(0.0),
     ]
     names = [score_label(score) for score in best]
@@ -103,7 +103,7 @@ def candidate_figure(discrepancy: Discrepancy) -> fig.Figure:
 
 
 def learned_figure(added: AddedEffect, unit: str) -> fig.Figure:
-    """The functions of an effect without a name over the range seen, each with its 95 % band.
+    """The functions of a learned effect over the range of the log, each with its 95 % band.
 
     One of two variables is drawn over the first, at three values of the other.
     """
@@ -126,9 +126,9 @@ def learned_figure(added: AddedEffect, unit: str) -> fig.Figure:
 # Several logs
 # ---------------------------------------------------------------------------------------------------------------
 def timeline_figure(comparison: ChangeReport) -> fig.Figure:
-    """Each parameter that moved, with 95 % intervals, over days since the first log or, without dates, its logs' order.
+    """Each parameter that changed, with 95 % intervals, over days or, without dates, over the order of the logs.
 
-    Those that moved most come first. The last panel has the changes of all others in their standard deviations.
+    Those that changed most come first. The last panel has the changes of all others in standard deviations.
     """
     line, rows = comparison.timeline, moved_parameters(comparison)
     rows = sorted(rows, key=lambda row: -np.nanmax(np.abs(row.z)))[: TUNING.moved]
@@ -141,7 +141,7 @@ def timeline_figure(comparison: ChangeReport) -> fig.Figure:
         for row, name in zip(rows, names, strict=True)
     ]
     if others:
-        title = f"{len(others)} other{'s' * (len(others) > 1)}, none moved surely"
+        title = f"{len(others)} other{'s' * (len(others) > 1)}, no significant change"
         drawn.append((_flat(x, line.z[:, others]), "change / its sd", title))
     room = 0.12 * float(np.ptp(x))
     limits = (float(x.min()) - room, float(x.max()) + room) if room else None
@@ -155,13 +155,13 @@ def timeline_figure(comparison: ChangeReport) -> fig.Figure:
 
 
 def by_date(comparison: ChangeReport) -> bool:
-    """Whether the logs stand at their dates: these are known, in the order of the logs, and not all the same."""
+    """Whether the x axis shows dates: they are known, ascending, and not all the same."""
     dates = comparison.dates
     return dates.known and dates.ascending and bool(dates.days[-1] > 0.0)
 
 
 def instants(comparison: ChangeReport) -> Array:
-    """(K,) where the logs stand: days since the first, or 1, 2, .."""
+    """(K,) days since the first log, or 1, 2, .."""
     return comparison.dates.days if by_date(comparison) else np.arange(1.0, len(comparison.logs) + 1.0)
 
 

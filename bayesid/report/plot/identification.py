@@ -26,7 +26,7 @@ VARIABLES = ("t", "velocity", "position")
 
 
 def findings_of(result: Source) -> ReportData:
-    """What there is to draw.
+    """The data of the figures.
 
     Raises:
         InputError: a folder holds no result.
@@ -52,10 +52,10 @@ def _joint_by_joint(
 # Efforts over time
 # ---------------------------------------------------------------------------------------------------------------
 def torques(result: Source, joints: Sequence[int] | None = None, axes: Any = None, key: bool = True) -> list[Axes]:
-    """Efforts over time: recorded, with signs, and by the model; bands tell the sign of each segment.
+    """Efforts over time: recorded, with signs, and of the model; bands show the sign of each segment.
 
-    Blue bands are plus and orange ones minus, the paler the less sure; hatched ones are ambiguous and bear a question
-    mark. This is the figure of Gaz and De Luca's paper, with confidences.
+    Blue bands are plus and orange ones minus; paler ones are less certain. Hatched bands with a question mark are
+    ambiguous. This is the figure of Gaz and De Luca's paper, with confidences.
 
     Example:
         >>> first, second = bayesid.plot.torques(result, joints=[1, 3])
@@ -78,10 +78,10 @@ def torque_panel(findings: ReportData, joint: int, most: int = TUNING.curve) -> 
 
 
 def validation(result: Source, joints: Sequence[int] | None = None, axes: Any = None, key: bool = True) -> list[Axes]:
-    """Efforts of a log that the model has not seen: measured, predicted, and the band that holds 95 % of them."""
+    """Efforts of another log: measured, predicted, and the 95 % band."""
     findings = findings_of(result)
     if findings.prediction is None:
-        raise ValueError("nothing was validated: use Findings.with_validation(result.validate(log))")
+        raise ValueError("nothing was validated: use `report_data.with_validation(result.validate(log))`")
     return _joint_by_joint(findings, validation_panel, joints, axes, height=2.6, width=fig.WIDE, key=key)
 
 
@@ -110,7 +110,7 @@ def _signs(findings: ReportData, j: int) -> list[fig.Boxes]:
     boxes = []
     for sign, colour, name in ((1, fig.BLUE, "+"), (-1, fig.ORANGE, "\N{MINUS SIGN}")):
         here = np.flatnonzero((table.joint == j) & (table.sign == sign))
-        alpha = 0.05 + 0.29 * (2.0 * table.confidence[here] - 1.0)  # a guess hardly shows, certainty hides no curve
+        alpha = 0.05 + 0.29 * (2.0 * table.confidence[here] - 1.0)  # a guess is nearly white, certainty hides no curve
         letters = [f"{name}?" if table.ambiguous[k] else name for k in here]
         details = [f"{table.confidence[k]:.2f}" for k in here]
         ends = table.start[here], table.end[here]
@@ -128,7 +128,7 @@ def _signs(findings: ReportData, j: int) -> list[fig.Boxes]:
 def residuals(result: Source, variable: str = "t", joints: Sequence[int] | None = None, axes: Any = None) -> list[Axes]:
     """Residuals in motion over a variable, with their means over equally many samples and twice the standard errors.
 
-    Samples are taken as independent for the standard errors. Where the means leave zero, an effect is missing.
+    Standard errors assume independent samples. Where the means differ from zero, an effect is missing.
 
     Example:
         >>> (ax,) = bayesid.plot.residuals(result, "velocity", joints=[2])
@@ -180,7 +180,7 @@ def coefficients(result: Source, ax: Axes | None = None) -> Axes:
     interval where that is larger.
     """
     table = findings_of(result).coefficients
-    place, beyond = np.arange(len(table.mean)), 2.5  # sizes: what is known so badly needs no more room
+    place, beyond = np.arange(len(table.mean)), 2.5  # sizes: longer intervals are cut off
     mean, low, high, nominal = (values.clip(-beyond, beyond) for values in table.bar)
     marks: list[fig.Mark] = []
     for colour, name, chosen in (
@@ -199,9 +199,9 @@ def coefficients(result: Source, ax: Axes | None = None) -> Axes:
 
 
 def alternatives(result: Source, ax: Axes | None = None) -> Axes:
-    """How much more than the best assignment the others cost: those that remain, and all that the proof rules out.
+    """Costs above that of the best assignment: alternatives that remain, and all that the proof excludes.
 
-    A cost that is larger by x makes an assignment exp(-x / 2) times as probable, but for the volume of its cone.
+    A cost that is larger by x makes an assignment exp(-x / 2) times as probable, up to the volume of its cone.
     """
     return draw(alternatives_figure(findings_of(result)), ax)[0]
 
@@ -210,7 +210,7 @@ def alternatives_figure(findings: ReportData) -> fig.Figure:
     """Of `alternatives`."""
     search = findings.summary.search
     if search.lower_bound is None or search.cost is None:
-        raise ValueError("nothing has been proven about the signs")
+        raise ValueError("nothing is proven about the signs")
     above = (findings.alternatives.cost - search.cost)[: TUNING.bars]
     count = max(1, len(above))
     marks: list[fig.Mark] = []

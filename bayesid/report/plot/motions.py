@@ -1,4 +1,4 @@
-"""Motions before a robot runs them: a designed one, and any planned one against limits, with poses and distances."""
+"""Figures of designed motions, and of planned ones with limits, poses and distances."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _LOOKS += [(colour, "dashed") for colour in (BLUE, ORANGE, MAGENTA)]
 def excitation(design: ExcitationDesign, axes: Any = None) -> list[Axes]:
     """Positions, velocities and accelerations as shares of their limits, and expected |effort|, a column a joint.
 
-    Segments are blue; orange are those that are weak: the first to have a wrong sign when the noise grows.
+    Blue: segments. Orange: weak ones, whose signs are the first to be wrong as the noise grows.
 
     Args:
         design: what to show.
@@ -77,7 +77,7 @@ def _draw_expected(ax: Axes, design: ExcitationDesign, joint: int) -> None:
     quality, t = design.reached, design.motion.t
     segments, magnitude = quality.segments, quality.magnitude[:, joint]
     here = np.flatnonzero(segments.joint == joint)
-    for weak, colour, label in ((False, BLUE, "expected |effort|"), (True, ORANGE, "its sign is easily mistaken")):
+    for weak, colour, label in ((False, BLUE, "expected |effort|"), (True, ORANGE, "its sign is uncertain")):
         curve = np.full(len(t), np.nan)
         for k in here[quality.weak[here] == weak]:
             rows = slice(segments.start[k], segments.end[k] + 1)  # to the next one's first sample
@@ -91,12 +91,12 @@ def _draw_expected(ax: Axes, design: ExcitationDesign, joint: int) -> None:
 # ---------------------------------------------------------------------------------------------------------------
 @dataclass(frozen=True)
 class Poses:
-    """Poses of a robot, and the way of its tip."""
+    """Poses of a robot, and the path of its tip."""
 
     #: (K, F, 3) the skeleton in each pose as one line, m, in the base's frame; a row of nan breaks the line
     points: Array
-    labels: tuple[str, ...]  #: K of them, what each pose is
-    tip: Array  #: (N, 3) the way of the tip, m
+    labels: tuple[str, ...]  #: K of them
+    tip: Array  #: (N, 3) path of the tip, m
 
 
 @dataclass(frozen=True)
@@ -112,15 +112,15 @@ class MotionPicture:
     poses: Poses  #: extreme ones
     distance: Array | None = None  #: (N,) least distance to itself and the floor, m; None if nothing was checked
     margin: float | None = None  #: that the distance has to keep, m; None if there is none
-    #: what is said in the place of the distance
+    #: text in place of the distance
     not_checked: str = "Distances to itself and to the floor were not checked."
 
 
 def planned_motion(picture: MotionPicture) -> Figure:
     """Positions, velocities, accelerations and efforts against limits; extreme poses from two sides; distances.
 
-    A row a joint, a column a quantity: curves are blue, limits orange. Above a panel is how much of a limit is used, of
-    positions how much is left; what goes beyond its limit says so in magenta.
+    One row per joint, one column per quantity: curves are blue, limits orange. A text above a panel has the share of
+    the limit that is used, or the distance to a limit of positions; magenta beyond a limit.
     """
     motion, limits, n = picture.motion, picture.limits, picture.motion.n_joints
     effort = np.inf if limits.effort is None else limits.effort

@@ -1,7 +1,7 @@
-"""The posterior's draws of the coefficients that the log decides worst.
+"""The posterior's draws of the least determined coefficients.
 
-In units of the prior's standard deviation, about the posterior's mean: what the data decide well is narrow, what the
-prior decides reaches from -2 to 2.
+In units of the prior's standard deviation, about the posterior's mean: coefficients that the data decide are narrow,
+those that the prior decides reach from -2 to 2.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _SCALE = "over the prior's sd"
 
 
 def forest(result: Source, count: int = 12, ax: Axes | None = None) -> Axes:
-    """95 % intervals of the worst-decided coefficients, one an ensemble; ensembles that disagree have not converged."""
+    """95 % intervals of the least determined coefficients, one per ensemble; they agree after convergence."""
     return draw(forest_figure(findings_of(result), count), ax)[0]
 
 
@@ -44,7 +44,7 @@ def forest_figure(findings: ReportData, count: int) -> fig.Figure:
         marks.append(fig.Dots(middle, rows, fig.INK))
     panel = fig.Panel(
         marks,
-        f"coefficient less its mean, {_SCALE}",
+        f"coefficient minus its mean, {_SCALE}",
         y_limits=(-0.5, len(chosen) - 0.5),
         y_ticks=(np.arange(len(chosen)), _names(findings, chosen)),
         grid="x",
@@ -54,7 +54,7 @@ def forest_figure(findings: ReportData, count: int) -> fig.Figure:
 
 
 def pair(result: Source, count: int = 3, axes: Any = None) -> list[Axes]:
-    """Draws of the worst-decided coefficients against each other: what the log tells only in combination."""
+    """Draws of the least determined coefficients against each other; correlations show unidentifiable combinations."""
     return draw(pair_figure(findings_of(result), count), axes)
 
 
@@ -76,7 +76,7 @@ def pair_figure(findings: ReportData, count: int) -> fig.Figure:
 
 
 def trace(result: Source, count: int = 4, axes: Any = None) -> list[Axes]:
-    """Densities of the worst-decided coefficients, and their draws in the order of sweeps, one colour an ensemble."""
+    """Densities and traces of the least determined coefficients, one colour per ensemble."""
     return draw(trace_figure(findings_of(result), count), axes)
 
 
@@ -96,7 +96,7 @@ def trace_figure(findings: ReportData, count: int) -> fig.Figure:
             traces.append(fig.Line(place, ensemble, colour, width=0.4, alpha=0.5))
         last = k == len(names) - 1
         density_panel = fig.Panel(outlines, _SCALE * last, name, y_ticks=fig.NO_TICKS)
-        rows.append([density_panel, fig.Panel(traces, "draw, in the order of sweeps" * last)])
+        rows.append([density_panel, fig.Panel(traces, "draw, in order of sweeps" * last)])
     return fig.Figure(rows, 0.6 + 1.15 * len(chosen))
 
 

@@ -31,7 +31,7 @@ _EDGE_ON = 0.3
 _DIRECTIONS = np.array([(-1, 1), (1, 1), (1, -1), (-1, -1), (0, 1), (1, 0), (0, -1), (-1, 0)])
 """In which a label may stand from its place."""
 _CAPTION = (
-    "Joints turn the right-handed way about their arrows; a dot in a ring is an arrow towards you, a cross one away. "
+    "Joints turn about their arrows by the right-hand rule; a dot in a ring points towards you, a cross away. "
     "Lengths in mm."
 )
 
@@ -39,9 +39,9 @@ _CAPTION = (
 def skeleton(robot: Robot | str | Path, q: ArrayLike | None = None, axes: Sequence[Axes] | None = None) -> list[Axes]:
     """Links, joints and their axes from the side and from above, with lengths in mm.
 
-    A joint's axis is an arrow, about which it turns the right-handed way; where it points at the viewer it is a ring
-    with a dot, and with a cross where it points away. A link goes from joint to joint as its table does: straight to
-    the next axis, then along it. The arrow g in the corner is gravity.
+    A joint's axis is an arrow, about which the joint turns by the right-hand rule. A ring with a dot points towards the
+    viewer, a ring with a cross away. A link follows the robot's table: straight to the next axis, then along it. The
+    arrow g is gravity.
 
     Args:
         robot: a robot, a built-in name or a file.

@@ -24,7 +24,7 @@ def stream_figure(streamed: Replay) -> MatplotlibFigure:
     """Two panels a joint, one below the other.
 
     The first has the signed effort over the model's with the band of its 95 %, the second the external torque with its
-    threshold. Contacts are blue, a change is an orange line from which on the model is another robot's.
+    threshold. Contacts are blue; an orange line marks a change.
     """
     n = streamed.effort.shape[1]
     panels = [_with_alarms(panel(streamed, j), streamed, j + 1) for j in range(n) for panel in (_efforts, _external)]
@@ -39,7 +39,7 @@ def _efforts(streamed: Replay, j: int) -> fig.Panel:
     predicted, half = streamed.predicted[:, j], NORMAL_95 * streamed.predicted_sd[:, j]
     curves = (
         fig.Band(streamed.t, predicted - half, predicted + half, fig.MAGENTA, "95 % band of the model"),
-        fig.Line(streamed.t, np.nan_to_num(streamed.effort[:, j]), fig.INK, "effort with the stream's signs"),
+        fig.Line(streamed.t, np.nan_to_num(streamed.effort[:, j]), fig.INK, "effort with tracked signs"),
         fig.Line(streamed.t, predicted, fig.MAGENTA, "model", 0.9),
     )
     return fig.Panel(_paused(streamed.t, curves), y_name=f"joint {j + 1}:\neffort, N m")
@@ -75,11 +75,11 @@ def _with_alarms(panel: fig.Panel, streamed: Replay, joint: int) -> fig.Panel:
 
 
 def _change(alarm: Alarm, top: float) -> list[fig.Mark]:
-    """Of a lasting change: from when on it is there, when it was said, and its kind."""
+    """A lasting change: its beginning, its detection and its kind."""
     kind = "unknown change" if alarm.kind == "unknown" else alarm.kind
     return [
-        fig.upright(alarm.raised, fig.ORANGE, 1.6, label="change, when it was said"),
-        fig.Boxes(([alarm.time], [alarm.raised]), None, fig.ORANGE, "change, not yet said", 0.2),
+        fig.upright(alarm.raised, fig.ORANGE, 1.6, label="change detected"),
+        fig.Boxes(([alarm.time], [alarm.raised]), None, fig.ORANGE, "change, before detection", 0.2),
         fig.Words([alarm.raised], [0.85 * top], [kind]),
     ]
 
