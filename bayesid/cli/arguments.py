@@ -148,7 +148,7 @@ _PAYLOAD = Command(
             *shared("--seed --time-limit"),
         ],
     },
-    details="--common-sd by default: 10 % without gains, 0 with exact gains, else as estimated",
+    details="--common-sd by default: 10 % without gains, 0 with exact ones, else estimated",
 )
 _TRACK = Command(
     "track",

@@ -44,7 +44,7 @@ _SHARED = dict(
         option("--posterior-budget S", "work of sampling, about seconds", default=60.0),
         option("--noise REL", "noise over each joint's RMS effort", default=0.05),
         option("--seed K", "of all random numbers", type=seed, default=0),
-        option("--time-limit S", "clock limit of search and of sampling, s", default=600.0),
+        option("--time-limit S", "limit of search and of sampling, s", default=600.0),
         option("--workers K", "processes (default: one per core)", type=whole),
         option("--scheduler ADDRESS", "Dask cluster: tcp://HOST:PORT"),
         option("--payload LABEL", "what the flange carries (default: nothing)", default=""),

@@ -16,17 +16,17 @@ from typing import Any
 from bayesid.errors import InputError, printable
 
 MOST_BYTES = 1 << 23
-"""Of a text that is read as a whole: 8 MiB, for which the parser of TOML takes 20 s. The longest of ours has 2."""
+"""Largest text file, 8 MiB: parsing TOML of this size takes 20 s."""
 MOST_UNPACKED = 1 << 30
-"""Bytes that a compressed or binary file may unpack to, 1 GiB: a million rows of 20 joints with velocities have 0.5."""
-DEEPEST = 32  # tables in tables, lists in lists or elements in elements; ours and those of URDFs have 6 at most
-MOST_DIGITS = 18  # of a whole number in a name or an option: 64 bits hold it
+"""Largest unpacked size of a compressed or binary file, 1 GiB: a million rows of 20 joints with velocities have 0.5."""
+DEEPEST = 32  # nesting of tables, lists or elements; URDFs have 6 levels at most
+MOST_DIGITS = 18  # of a whole number in a name or an option, for 64 bits
 LARGEST = 1e6
-"""Size of a number that a robot's file may hold, in SI units: no robot is so large, fast, strong or geared."""
+"""Largest number in a robot file, in SI units: above any robot's size, speed, effort or gear ratio."""
 
 
 def read_source(path: str | Path, remedy: str, where: str = "") -> str:
-    """The text of a file or a pipe in UTF-8, with or without a mark of it; InputError where it is none, or too long."""
+    """The text of a file or a pipe in UTF-8, with or without a byte order mark; InputError if invalid or too long."""
     where = where or printable(str(path))
     try:
         with Path(path).open("rb") as file:
@@ -36,14 +36,14 @@ def read_source(path: str | Path, remedy: str, where: str = "") -> str:
         return content.decode("utf-8-sig")
     except InputError:
         raise
-    except (OSError, ValueError) as error:  # no name of a file, for one
-        raise InputError(f"cannot be read ({_said(error)})", where, remedy) from None
+    except (OSError, ValueError) as error:
+        raise InputError(f"cannot be read ({_reason(error)})", where, remedy) from None
 
 
 def toml_of(text: str, where: str, remedy: str) -> dict[str, Any]:
-    """What a text in TOML holds; InputError if it is none, too deep, or has a number with too many digits."""
-    deep = InputError(f"has tables or lists in more than {DEEPEST} others", where, remedy)
-    names = re.split(r"[=,\n]", text)  # the parser's time grows with the square of the dots of one
+    """The content of a TOML text; InputError if it is invalid or nested too deeply."""
+    deep = InputError(f"has more than {DEEPEST} levels of tables or lists", where, remedy)
+    names = re.split(r"[=,\n]", text)  # parsing time grows with the square of the dots in a name
     if max(name.count(".") for name in names) > 2 * DEEPEST:
         raise deep
     try:
@@ -53,18 +53,18 @@ def toml_of(text: str, where: str, remedy: str) -> dict[str, Any]:
     except RecursionError:
         pass
     except ValueError as error:
-        raise InputError(f"is not valid TOML ({_said(error)})", where, remedy) from None
+        raise InputError(f"is not valid TOML ({_reason(error)})", where, remedy) from None
     raise deep
 
 
 def xml_of(text: str, where: str) -> ET.Element:
-    """The root of a text in XML; InputError if it is too deep, ParseError if it is none."""
+    """The root of an XML text; InputError if nested too deeply, ParseError if invalid."""
     try:
         return ET.fromstring(text, ET.XMLParser(target=_Shallow(where)))
-    except (ValueError, LookupError) as error:  # of the encoding that it names
+    except (ValueError, LookupError) as error:  # unknown encoding
         if isinstance(error, InputError):
             raise
-        raise ET.ParseError(_said(error)) from None
+        raise ET.ParseError(_reason(error)) from None
 
 
 class _Shallow(ET.TreeBuilder):
@@ -75,7 +75,7 @@ class _Shallow(ET.TreeBuilder):
     def start(self, tag: str, attrs: dict[str, str], /) -> ET.Element:
         self._depth += 1
         if self._depth > DEEPEST:
-            raise InputError(f"has elements in more than {DEEPEST} others", self._where, "give a URDF")
+            raise InputError(f"has more than {DEEPEST} levels of elements", self._where, "give a URDF")
         return super().start(tag, attrs)
 
     def end(self, tag: str, /) -> ET.Element:
@@ -88,24 +88,24 @@ def _depth(content: Any) -> int:
     return 0 if inner is None else 1 + max(map(_depth, inner), default=0)
 
 
-def _said(error: Exception) -> str:
+def _reason(error: Exception) -> str:
     text = error.strerror if isinstance(error, OSError) and error.strerror else str(error) or type(error).__name__
-    return printable(" ".join(text.split()))[:200]  # it may repeat the file
+    return printable(" ".join(text.split()))[:200]  # it may contain the file
 
 
 def whole_number(text: str) -> int | None:
-    """The whole number of a word of digits 0 to 9; None of all else, and of more digits than `MOST_DIGITS`."""
+    """The number in a word of at most `MOST_DIGITS` digits 0 to 9; else None."""
     digits = text.isascii() and text.isdecimal() and len(text) <= MOST_DIGITS
     return int(text) if digits else None
 
 
 def check_name(path: str | Path) -> Path:
-    """The path itself, if a system can have such a file, whether it is there or not; else an InputError."""
+    """The path, whether it exists or not; InputError if the system does not allow such a name."""
     try:
         os.stat(path)
     except (FileNotFoundError, NotADirectoryError, PermissionError):
         pass
     except (OSError, ValueError) as error:
-        said = f"cannot be the name of a file ({_said(error)})"
-        raise InputError(said, printable(str(path))[:200], "give another path") from None
+        seen = f"cannot be a file name ({_reason(error)})"
+        raise InputError(seen, printable(str(path))[:200], "give another path") from None
     return Path(path)

@@ -1,4 +1,4 @@
-"""bayesid.toml: what the logs of a robot have in common, by the names of the command line's long options."""
+"""bayesid.toml: options for all logs of a robot, by the long names of the command line."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ OF_RUN = (
     "quiet",
 )
 """Other options of `bayesid identify`."""
-_REMEDY = "give names of long options without their dashes, as in robot = 'ur10e'"
+_REMEDY = "give long options without dashes, as in robot = 'ur10e'"
 
 
 def read_config(path: Path) -> dict[str, Any]:
     """The options of a file.
 
     Raises:
-        InputError: it cannot be read, or holds something else.
+        InputError: it cannot be read, or is invalid.
     """
     where, known = printable(str(path)), (*OF_READING, *OF_MODEL, *OF_RUN)
     table = toml_of(read_source(path, _REMEDY), where, _REMEDY)
@@ -40,12 +40,12 @@ def read_config(path: Path) -> dict[str, Any]:
             raise InputError(f"unknown key {key!r:.60}", where, f"{near} {_REMEDY}".strip())
         items = list(value.values()) if isinstance(value, dict) else value if isinstance(value, list) else [value]
         if not all(isinstance(item, str | bool | int | float) for item in items):
-            raise InputError(f"{key} is no text, number or list of these", where, _REMEDY)
+            raise InputError(f"{key} is no text, number or list", where, _REMEDY)
     return table
 
 
 def plain_config(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Options as a file holds them: paths of files that are there are absolute, so that it may be copied."""
+    """Options for a file; paths of existing files become absolute, so that the file can be copied."""
     plain: dict[str, Any] = {}
     for name, value in options.items():
         found = isinstance(value, str | Path) and Path(value).is_file()

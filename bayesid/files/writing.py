@@ -1,9 +1,8 @@
-"""Files and folders that are whole or not there: written aside, then renamed into place.
+"""Atomic writing of files and folders: written under a temporary name, then renamed.
 
-An earlier folder is replaced only if it holds nothing but files that its writer names: other people's files are never
-deleted. A process that is killed while it writes leaves a hidden folder or file beside the target (`.NAME-..`); killed
-between the two renames that replace a folder, it leaves the earlier one in there as `old`. Of two processes that
-replace one target the last one wins, as a whole.
+An earlier folder is replaced only if it holds no other files. A process that is killed leaves a hidden folder or file
+(`.NAME-..`); killed between the two renames of a folder, it leaves the earlier folder in there as `old`. If two
+processes write the same target, the last one wins.
 """
 
 from __future__ import annotations
@@ -27,9 +26,9 @@ from bayesid.motion import Motion
 
 
 def replace_file(path: Path, write: Callable[[Path], object]) -> None:
-    """Has `write` fill a file beside the target, then renames it; InputError where it cannot be written.
+    """Calls `write` on a temporary file, then renames it; InputError if it cannot be written.
 
-    Folders above it are made as needed.
+    Parent folders are created.
     """
     aside = path.with_name(f".{path.name}-{os.getpid()}")
     with _input_error(path):
@@ -42,9 +41,9 @@ def replace_file(path: Path, write: Callable[[Path], object]) -> None:
 
 
 def check_folder(folder: str | Path, files: Set[str], marker: str) -> Path:
-    """The folder, if it may be replaced: it is new, empty, or an earlier one, and can be written; else an InputError.
+    """The folder, if it can be written and is new, empty or an earlier result; else an InputError.
 
-    An earlier one holds the file that is its marker, and nothing but the named files.
+    An earlier result holds its marker file, and only the named files.
     """
     folder = check_name(folder)
     remedy = "give `folder` a new folder"
@@ -54,7 +53,7 @@ def check_folder(folder: str | Path, files: Set[str], marker: str) -> Path:
         if foreign:
             raise InputError(f"holds other files ({min(foreign)})", str(folder), remedy)
         if Path.cwd().is_relative_to(folder.resolve()):
-            raise InputError("is the folder you are in", str(folder), remedy)
+            raise InputError("is the working folder", str(folder), remedy)
     elif folder.exists():
         raise InputError("is not a folder", str(folder), remedy)
     check_place(folder)
@@ -62,7 +61,7 @@ def check_folder(folder: str | Path, files: Set[str], marker: str) -> Path:
 
 
 def check_place(path: Path) -> None:
-    """Raises InputError unless something new can be put at a path, folders above it made as needed."""
+    """Raises InputError unless a path can be created, with parent folders."""
     above = next(parent for parent in check_name(path).absolute().parents if parent.exists())
     if not above.is_dir() or not os.access(above, os.W_OK | os.X_OK):
         said = f"cannot be written ({above} is {'write-protected' if above.is_dir() else 'not a folder'})"
@@ -70,9 +69,9 @@ def check_place(path: Path) -> None:
 
 
 def save_folder(folder: str | Path, files: Set[str], marker: str, write: Callable[[Path], None]) -> Path:
-    """Has `write` fill a folder beside the target, then renames it; an error leaves everything as it was.
+    """Calls `write` on a temporary folder, then renames it; an error changes nothing.
 
-    A link stays a link. What may be replaced, `check_folder` says.
+    `check_folder` checks what may be replaced. A link stays a link.
     """
     folder = check_folder(folder, files, marker)
     target = folder.resolve()
@@ -83,7 +82,7 @@ def save_folder(folder: str | Path, files: Set[str], marker: str, write: Callabl
             new, old = Path(work) / "new", Path(work) / "old"
             new.mkdir()
             write(new)
-            check_folder(folder, files, marker)  # it may have taken long
+            check_folder(folder, files, marker)  # again, since writing may take long
             if target.exists():
                 target.rename(old)
             try:
@@ -107,7 +106,7 @@ Kind = TypeVar("Kind")
 
 
 def write_rows(path: Path, header: Sequence[str], rows: Iterable[Iterable[object]]) -> None:
-    """Writes a CSV file; floats to their last digit, unless they come as text."""
+    """Writes a CSV file; floats with all digits."""
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(header)
@@ -115,14 +114,14 @@ def write_rows(path: Path, header: Sequence[str], rows: Iterable[Iterable[object
 
 
 def write_table(path: Path, rows: Sequence[dict[str, object]]) -> None:
-    """Writes a CSV file, one column a key; floats to nine digits."""
+    """Writes a CSV file, one column per key; floats to nine digits."""
     table = ([row[key] for key in rows[0]] for row in rows)
     texts = ([f"{one:.9g}" if isinstance(one, float) else one for one in row] for row in table)
     write_rows(path, list(rows[0]), texts)
 
 
 def save_table(path: Path, rows: Sequence[dict[str, object]]) -> None:
-    """`write_table`, aside first and then renamed; InputError where it cannot be written."""
+    """`write_table`, atomically; InputError if it cannot be written."""
     replace_file(path, lambda aside: write_table(aside, rows))
 
 
@@ -134,10 +133,10 @@ def write_columns(
     digits: str = "",
     sources: Sequence[str] | None = None,
 ) -> None:
-    """Writes time (N,) and values (N, k) as CSV, in bounded memory; time to the last digit, as it may count from 1970.
+    """Writes time (N,) and values (N, k) as CSV, in bounded memory; time with all digits.
 
-    Values may be what gives those of some rows; their format is `digits`, the last one by default. The log that each
-    row is of (N,) comes in a last column.
+    `values` may be a function of a slice of rows; their format is `digits`, all digits by default. `sources` (N,) is a
+    last column with the log of each row.
     """
 
     def rows() -> Iterable[list[object]]:
@@ -165,12 +164,12 @@ def numbered(prefix: str, n: int) -> list[str]:
 
 
 def write_json(path: Path, content: dict[str, Any] | list[dict[str, Any]]) -> None:
-    """Writes a dictionary, or several, as JSON, infinity as null."""
+    """Writes JSON; non-finite numbers become null."""
     path.write_text(json.dumps(plain(content), indent=2) + "\n", encoding="utf-8")
 
 
 def plain(value: Any) -> Any:
-    """A value as JSON can hold it; it has no infinity, and null stands for it."""
+    """A value for JSON; non-finite numbers become None."""
     if isinstance(value, dict):
         return {key: plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
@@ -181,14 +180,14 @@ def plain(value: Any) -> Any:
 
 
 def typed(content: Any, kind: type[Kind]) -> Kind:
-    """What JSON holds, as a type that msgspec knows; what that does not know is left out. ValueError: it is none."""
+    """JSON content as a type of msgspec, without unknown keys; ValueError if it does not fit."""
     return msgspec.convert(content, kind)
 
 
 def read_json(path: Path, kind: type[Kind], remedy: str) -> Kind:
-    """What a JSON file that bayesid wrote holds, as `typed` gives it; InputError where it holds something else."""
+    """The content of a JSON file of bayesid, as `typed` gives it; InputError if it does not fit."""
     try:
         return msgspec.json.decode(path.read_bytes(), type=kind)
-    except (OSError, RecursionError, ValueError) as error:  # a DecodeError and a ValidationError are ValueErrors
-        said = " ".join(printable(str(error)).split())
-        raise InputError(f"does not hold what bayesid writes ({said})", str(path), remedy) from None
+    except (OSError, RecursionError, ValueError) as error:  # msgspec's errors are ValueErrors
+        reason = " ".join(printable(str(error)).split())
+        raise InputError(f"is no file of bayesid ({reason})", str(path), remedy) from None

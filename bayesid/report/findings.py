@@ -1,7 +1,7 @@
-"""What figures and the report of an identification show: computed once, kept in the result folder, drawn anywhere.
+"""The data of an identification's figures and report.
 
-It comes from an identification (`report_data`) or from its folder (`read_report_data`: findings.npz beside summary.json
-and posterior.nc), which gives the same.
+They come from an identification (`report_data`) or from its folder (`read_report_data`: findings.npz, summary.json and
+posterior.nc).
 """
 
 from __future__ import annotations
@@ -31,16 +31,16 @@ from bayesid.report.tuning import TUNING
 class Samples:
     """The log and the model's efforts at N instants, in actuator coordinates."""
 
-    t: Array  #: (N,) s since the recording began; logs that were joined come one after the other
+    t: Array  #: (N,) s since the start of the recording; joined logs follow one another
     position: Array  #: (N, n) rad, or m
     velocity: Array  #: (N, n) rad/s, or m/s
-    recorded: Array  #: (N, n) efforts as they were recorded, absolute values where the sign is hidden, N m
+    recorded: Array  #: (N, n) recorded efforts, absolute values where the sign is hidden, N m
     signed: Array  #: (N, n) the same with their likelier signs, lightly filtered, N m
     predicted: Array  #: (N, n) the model's efforts, N m
     residual: Array  #: (N, n) recorded efforts with their likelier signs less predicted ones, N m
     probability: Array  #: (N, n) P(sign = +)
     used: Mask  #: (N, n) samples in motion, which are fitted
-    every: int  #: of how many samples of the log one stands here
+    every: int  #: one of how many samples of the log is kept
 
 
 @dataclass(frozen=True)
@@ -62,12 +62,12 @@ class Correlation:
 
     lag: Array  #: (L,) s
     value: Array  #: (n, L)
-    bound: Array  #: (n,) within which 95 % of the values of white noise lie
+    bound: Array  #: (n,) 95 % bound of white noise
 
 
 @dataclass(frozen=True)
 class CoefficientTable:
-    """r base coefficients; NaN where something is not known."""
+    """r base coefficients; NaN for unknown values."""
 
     name: tuple[str, ...]  #: (r,) parameter that each is built on
     expression: tuple[str, ...]  #: (r,) in the standard parameters
@@ -76,7 +76,7 @@ class CoefficientTable:
     sd: Array  #: (r,) inf where the log does not excite a coefficient
     low: Array  #: (r,) lower end of the 95 % interval
     high: Array  #: (r,) its upper end
-    prior_sd: Array  #: (r,) what the prior alone knew
+    prior_sd: Array  #: (r,) of the prior alone
     nominal: Array  #: (r,) by the parameters known beforehand
     by_data: Mask  #: (r,) whether the data decide it, not the prior
 
@@ -96,7 +96,7 @@ class CoefficientTable:
 
 @dataclass(frozen=True)
 class Alternatives:
-    """B assignments of signs that the proof could not rule out, the best one first, and where they differ from it."""
+    """B assignments that the proof does not exclude, the best one first, and where they differ from it."""
 
     cost: Array  #: (B,) of each
     mass: Array  #: (B,) posterior probability, NaN where no posterior was sampled
@@ -108,7 +108,7 @@ class Alternatives:
 
 @dataclass(frozen=True)
 class Prediction:
-    """The model on a log that it has not seen, at M instants."""
+    """The model's prediction of another log, at M instants."""
 
     source: str  #: the log
     t: Array  #: (M,) s
@@ -119,14 +119,14 @@ class Prediction:
     rms_error: Array  #: (n,) in motion, N m
     relative_residual: Array  #: (n,) the same over the RMS of the effort
     coverage: Array  #: (n,) share of the unfiltered efforts in motion that lie in the band
-    band: str  #: what the band accounts for
-    seen: bool = False  #: whether the model was identified from this log: then it is no validation
-    read_with: str = ""  #: options of the command line that it was read with, where they are not the result's own
+    band: str  #: what the band includes
+    seen: bool = False  #: whether the model was identified from this log
+    read_with: str = ""  #: reading options that differ from the result's
 
 
 @dataclass(frozen=True)
 class ReportData:
-    """All that is shown of an identification.
+    """The data of an identification's figures and report.
 
     Example:
         >>> findings = result.report_data()
@@ -146,7 +146,7 @@ class ReportData:
     #: (E, D, r) of the coefficients, sweep after sweep of each of E ensembles; None if none were sampled
     draws: Array | None = None
     prediction: Prediction | None = None  #: of another log, or None
-    folder: str = field(default="", compare=False)  #: that holds the result; empty where it is in none
+    folder: str = field(default="", compare=False)  #: result folder; empty without one
 
     def __repr__(self) -> str:
         drawn = "no draws" if self.draws is None else f"draws of {self.n_ensembles} ensembles"
@@ -183,14 +183,14 @@ class ReportData:
         return binned(value, residual)
 
     def scatter(self, joint: int, variable: str, most: int) -> tuple[Array, Array]:
-        """At most so many values of a variable and of the residual, of a joint (from 0) in motion, evenly spread."""
+        """At most `most` values of a variable and of the residual of a joint (from 0) in motion, evenly spread."""
         used = np.flatnonzero(self.samples.used[:, joint])
         rows = used[evenly(len(used), most)] if len(used) else used
         value = getattr(self.samples, variable)[rows]
         return (value if value.ndim == 1 else value[:, joint]), self.samples.residual[rows, joint]
 
     def worst(self, count: int) -> Integers:
-        """Indices of at most so many coefficients: those that the log decides worst, by sd over the prior's sd."""
+        """Indices of at most `count` coefficients, the least determined ones by sd over the prior's sd."""
         table = self.coefficients
         undecided = np.where(np.isfinite(table.prior_sd), table.sd / table.prior_sd, table.relative_sd)
         return np.argsort(-undecided, kind="stable")[:count]
@@ -208,12 +208,12 @@ class ReportData:
         motion = validation.signals.motion
         curves = {name: getattr(validation, name)[rows] for name in ("measured", "predicted", "lower", "upper")}
         t = motion.t[rows] - motion.origin
-        said = {"source": validation.log.source, "t": t, "read_with": shlex.join(in_words(validation.read_with))}
-        return replace(self, prediction=filled(Prediction, validation, **said, **curves))
+        log = {"source": validation.log.source, "t": t, "read_with": shlex.join(in_words(validation.read_with))}
+        return replace(self, prediction=filled(Prediction, validation, **log, **curves))
 
 
 def report_data(identification: Identification) -> ReportData:
-    """What there is to show of an identification."""
+    """The data of an identification's figures and report."""
     sliding = [joint.prismatic for joint in identification.model.robot.joints]
     samples, posterior = _samples(identification), identification.posterior
     by_data = zip(identification.model.parameters, identification.parameter_sd[1], strict=True)
@@ -311,7 +311,7 @@ def _alternatives(identification: Identification) -> Alternatives:
 
 
 FILE = "findings.npz"
-_REMEDY = "give a folder that `bayesid identify` wrote, or identify again to write it anew"
+_REMEDY = "give a folder that `bayesid identify` wrote, or identify again"
 _PARTS: Mapping[str, type] = {
     "samples": Samples,
     "segments": SegmentTable,
@@ -321,7 +321,7 @@ _PARTS: Mapping[str, type] = {
     "prediction": Prediction,
 }
 _BULKY = ("samples", "prediction")
-"""Whose arrays of samples and joints are kept in single precision: nobody sees the rest of a curve's digits."""
+"""Parts kept in single precision, which suffices for curves."""
 _WORDS = ("effort_unit", "position_unit", "prior_parameters")
 
 
@@ -339,10 +339,10 @@ def write_findings(findings: ReportData, path: Path) -> None:
 
 
 def read_report_data(folder: str | Path) -> ReportData:
-    """What a result folder holds to show.
+    """The data of a result folder.
 
     Raises:
-        InputError: the folder is no result, or one of a version that kept less.
+        InputError: the folder holds no result, or that of an earlier version.
     """
     place = Path(folder)
     for name in ("summary.json", FILE):
@@ -360,7 +360,7 @@ def read_report_data(folder: str | Path) -> ReportData:
         raise InputError(f"{Path(error.where).name} {error.what}", str(folder), _REMEDY) from None
     except KeyError as error:
         raise InputError(f"{FILE} lacks {printable(str(error))}", str(folder), _REMEDY) from None
-    except Exception:  # a damaged archive raises whatever its parser stumbles over
+    except Exception:  # a damaged archive raises various errors
         raise InputError(f"{FILE} is damaged", str(folder), _REMEDY) from None
 
 
@@ -388,11 +388,11 @@ def _draws(path: Path) -> Array | None:
 
 
 def binned(value: Array, residual: Array) -> tuple[Array, Array, Array]:
-    """(b,) means of the variable and the residual over equally many samples each, and the latter's standard error.
+    """(b,) means of a variable and a residual over bins of equally many samples, and the latter's standard error.
 
     Args:
         value: (N,) a variable.
-        residual: (N,) what goes with it; samples are taken as independent.
+        residual: (N,) residual; samples are assumed to be independent.
     """
     order = np.array_split(np.argsort(value, kind="stable"), min(TUNING.bins, max(1, len(value) // 2)))
     full = [rows for rows in order if len(rows) > 1]
@@ -402,12 +402,12 @@ def binned(value: Array, residual: Array) -> tuple[Array, Array, Array]:
 
 
 def evenly(count: int, most: int) -> Integers:
-    """Indices of at most so many of `count` samples, evenly spread, both ends among them."""
+    """Indices of at most `most` of `count` samples, evenly spread, with both ends."""
     return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(np.int64))
 
 
 def envelope(values: Array, most: int) -> Integers:
-    """Indices of at most about so many samples of a curve (N,) that look like all of it: each stretch's extremes."""
+    """Indices of about `most` samples of a curve (N,): the extremes of each stretch."""
     if len(values) <= most:
         return np.arange(len(values))
     edges = np.linspace(0, len(values), most // 2 + 1).astype(np.int64)

@@ -1,8 +1,7 @@
-"""Result folders: what `identify`, `validate` and `discrepancy` leave behind.
+"""Result folders of `identify`, `validate` and `discrepancy`.
 
-A folder is written aside and renamed into place; an earlier one is replaced if it holds nothing but files of its kind.
-What was computed comes first, pages once it stands. An export or a page that fails is left out and named, in
-summary.json (`not_written`) and by an `IncompleteWarning`.
+A folder is written under a temporary name and renamed; an earlier one is replaced if it holds no other files. Pages are
+written last. An export or a page that fails is named in summary.json (`not_written`) and by an `IncompleteWarning`.
 """
 
 from __future__ import annotations
@@ -68,27 +67,27 @@ VALIDATION_FILES = frozenset({"summary.json", "signed_log.csv", "prediction.csv"
 
 
 class IncompleteWarning(UserWarning):
-    """A result stands without some of its files."""
+    """A result was written without some of its files."""
 
 
 @contextmanager
 def collect_incomplete() -> Iterator[list[str]]:
-    """What the folders that are saved inside go without: a line each, in place of their warnings.
+    """Collects messages of `IncompleteWarning`s raised inside.
 
-    Other threads' warnings come to nothing meanwhile: for processes that do one thing.
+    Not for use with threads: all other warnings are suppressed meanwhile.
     """
-    said: list[str] = []
+    messages: list[str] = []
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", IncompleteWarning)
-        yield said
-    said += [str(one.message) for one in caught if issubclass(one.category, IncompleteWarning)]
+        yield messages
+    messages += [str(one.message) for one in caught if issubclass(one.category, IncompleteWarning)]
 
 
 def save_or_rescue(save: Callable[[Path], object], folder: Path) -> None:
-    """Saves a result or, where its folder can no longer be written, in a new one among the temporary files.
+    """Saves a result; if its folder cannot be written, in a temporary one.
 
     Raises:
-        InputError: the folder cannot be written; the remedy says where the result stands meanwhile.
+        InputError: the folder cannot be written; the remedy names the temporary one.
     """
     try:
         save(folder)
@@ -99,13 +98,13 @@ def save_or_rescue(save: Callable[[Path], object], folder: Path) -> None:
         except InputError:
             place.rmdir()
             raise error from None
-        remedy = f"{error.remedy}; meanwhile the result stands in {place / folder.name}/"
+        remedy = f"{error.remedy}; the result is saved in {place / folder.name}/"
         raise InputError(error.what, error.where, remedy, error.field) from None
 
 
 @contextmanager
 def _without(path: Path, missing: dict[str, str]) -> Iterator[None]:
-    """Whatever goes wrong in the block, a full disk or a fault of ours, costs this file alone, and is noted."""
+    """An error in the block removes this file, and is noted in `missing`."""
     try:
         yield
     except Exception as error:
@@ -126,17 +125,17 @@ def save_identification(
     Args:
         identification: what to write.
         folder: where.
-        with_log: whether the log itself goes in too, as log.csv.
-        report: whether report.html is made too, which takes some seconds; `make_report` makes it later.
+        with_log: whether to write the log as log.csv.
+        report: whether to write report.html; `make_report` makes it later.
         validation: of another log, for the report.
         progress: called as progress(stage, done, total) at the start, during and at the end of each stage.
 
     Raises:
         InputError: the folder cannot be written, or holds other files than an earlier result.
-        KeyboardInterrupt: with a text that says so where the result stands already.
+        KeyboardInterrupt: its text says whether the result is already written.
 
     Warns:
-        IncompleteWarning: an export or the report could not be written; the rest stands.
+        IncompleteWarning: an export or the report could not be written; all other files are.
     """
 
     def write(place: Path) -> None:
@@ -201,7 +200,7 @@ def _save_result(
     page: Callable[[], str] | None = None,
     validation: Validation | None = None,
 ) -> Path:
-    """As `save_identification`, with what else is written into the folder, and the text of discrepancy.html."""
+    """Like `save_identification`, with a function that writes more files, and one that makes discrepancy.html."""
     missing, findings = dict[str, str](), replace(report_data(identification), folder=str(folder))
     findings = findings if validation is None else findings.with_validation(validation)
 
@@ -219,12 +218,12 @@ def _save_result(
             with _without(folder / name, missing):
                 _write_page(folder / name, text)
         except KeyboardInterrupt:
-            raise KeyboardInterrupt(f"the result stands in {folder}/, without {name}") from None
+            raise KeyboardInterrupt(f"the result is in {folder}/, without {name}") from None
     if missing != written:
         _note_missing(folder, missing)
     if missing:
-        said = "; ".join(f"{name} could not be written ({why})" for name, why in missing.items())
-        warnings.warn(f"{folder}: {said}; all else stands", IncompleteWarning, stacklevel=4)
+        failed = "; ".join(f"{name} could not be written ({why})" for name, why in missing.items())
+        warnings.warn(f"{folder}: {failed}; all other files are complete", IncompleteWarning, stacklevel=4)
     return folder
 
 
@@ -252,16 +251,16 @@ def make_report(
 
     Args:
         folder: a result of `bayesid.save`.
-        validation: of another log; the folder keeps what its report shows of it, in place of an earlier one.
-        out: the file; report.html in the folder by default. A file that is there is replaced.
+        validation: of another log; the folder keeps it in place of an earlier one.
+        out: the file, which is replaced; report.html in the folder by default.
         progress: called as progress(stage, done, total) at the start, during and at the end of each stage.
 
     Returns:
         The file.
 
     Raises:
-        InputError: the folder holds no result, a file cannot be written, or the validation is of a log that the model
-            was identified from and would take the place of one that it has not seen.
+        InputError: the folder holds no result, a file cannot be written, or a validation on the model's own log would
+            replace one on another log.
 
     Example:
         >>> bayesid.make_report("result", check).name
@@ -276,8 +275,8 @@ def make_report(
     if validation is not None:
         kept = findings.prediction
         if validation.seen and kept is not None and not kept.seen:
-            said = f"is a log that the model was identified from, and would take the place of {kept.source}"
-            raise InputError(said, validation.log.source, "give `validation` a log that the model has not seen")
+            seen = f"is the log that the model was identified from, and would replace {kept.source}"
+            raise InputError(seen, validation.log.source, "give `validation` another log")
         findings = findings.with_validation(validation)
         replace_file(Path(folder) / FINDINGS, lambda aside: write_findings(findings, aside))
     _write_page(path, lambda: _report(findings, progress))
@@ -296,7 +295,7 @@ def _report(findings: ReportData, progress: Progress) -> str:
 def _write_identification(
     place: Path, findings: ReportData, identification: Identification, missing: dict[str, str]
 ) -> None:
-    """Into a place beside the folder, which it becomes; the summary last, which says what is missing."""
+    """Writes the files; the summary last, which lists missing ones."""
     write_table(place / "segments.csv", segment_rows(identification))
     _write_signed_log(place / "signed_log.csv", identification.log, identification.signals, identification.probability)
     write_table(place / "coefficients.csv", coefficient_rows(identification))
@@ -317,10 +316,10 @@ def _write_identification(
 
 
 def _config_text(identification: Identification) -> str:
-    """bayesid.toml: what the robot's logs have in common."""
+    """bayesid.toml: options for further logs of the robot."""
     origin = identification.model.robot.origin
     robot = {} if origin is None else plain_config(origin.options)
-    head = "# What the logs of this robot have in common: options of `bayesid identify` for the next log.\n"
+    head = "# Options of `bayesid identify` for further logs of this robot.\n"
     table = {**robot, **identification.provenance.config, **plain_reading(identification.identified.read_with)}
     return head + tomli_w.dumps(table)
 
@@ -366,7 +365,7 @@ def validation_summary(validation: Validation) -> dict[str, Any]:
 
 
 def segment_rows(identification: Identification) -> list[dict[str, object]]:
-    """segments.csv: one row a segment; of several logs the last column names which, and times are on its clock."""
+    """segments.csv: one row per segment; for joined logs the last column names the log, whose clock times refer to."""
     rows = []
     for segment in identification.segments_table():
         row = {**vars(segment), "start": repr(segment.start), "end": repr(segment.end)}
@@ -375,11 +374,7 @@ def segment_rows(identification: Identification) -> list[dict[str, object]]:
 
 
 def coefficient_rows(identification: Identification) -> list[dict[str, object]]:
-    """coefficients.csv: one row a base coefficient, by the posterior if there is one.
-
-    Beside what the design promises: what the prior alone knew, whether data or prior decide, as for parameters, and
-    the value that nominal parameters give, if there are any and they give one.
-    """
+    """coefficients.csv: one row per base coefficient, from the posterior if there is one."""
     return [
         {
             **taken(one, "name", "expression", "mean", "sd"),
@@ -394,7 +389,7 @@ def coefficient_rows(identification: Identification) -> list[dict[str, object]]:
 
 
 def parameter_rows(identification: Identification) -> list[dict[str, object]]:
-    """parameters.csv: one row a standard parameter; without a posterior `sd` only where the data alone decide it."""
+    """parameters.csv: one row per standard parameter; without a posterior `sd` only where the data decide."""
     return [{**vars(one), "sd": _if_known(one.sd)} for one in identification.parameters_table()]
 
 
@@ -403,7 +398,7 @@ def _if_known(value: float) -> object:
 
 
 def inference_data(identification: Identification) -> Any:
-    """The posterior as ArviZ takes it: what posterior.nc holds.
+    """The posterior for ArviZ: the content of posterior.nc.
 
     An `arviz.InferenceData`, from ArviZ 1.0 on an `xarray.DataTree`.
 
@@ -416,7 +411,7 @@ def inference_data(identification: Identification) -> Any:
 
 
 def kept_draws(identification: Identification) -> DataTree:
-    """What posterior.nc holds.
+    """The content of posterior.nc.
 
     Raises:
         ValueError: no posterior was sampled.
@@ -444,11 +439,11 @@ def kept_draws(identification: Identification) -> DataTree:
 
 
 def _write_signed_log(path: Path, log: Log, signals: Signals, probability: Array) -> None:
-    """The log's own rows: efforts with their likelier signs, the probability that the sign is +, and the motion.
+    """Writes the rows of the log: efforts with their likelier signs, P(sign = +), and the motion, in N m and rad.
 
-    They count as in the log, before it was corrected, in N m and rad: `read_log` reads it as it read the log. Columns
-    of a log in degrees say their unit. Velocities are measured ones or, where there are none, the change of the
-    positions. Rows of logs that were joined keep their own times, to the last digit.
+    Joints and signs are those of the uncorrected log, so that `read_log` reads the file like the log. Columns of a log
+    in degrees have a unit. Velocities are measured, or else derived from positions. Rows of joined logs keep their own
+    times.
     """
     dq = np.concatenate([_velocities(log, piece) for piece in log.pieces]) if log.pieces else _velocities(log)
     positions, efforts = corrections(as_corrected(log.read_with), log.n_joints)

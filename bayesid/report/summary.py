@@ -1,7 +1,6 @@
-"""The numbers of an identification, typed: what summary.json holds, and all that pages, notebooks and terminals say.
+"""The numbers of an identification, typed: the content of summary.json, from which pages and terminal output are made.
 
-A quantity is a field here. It is taken from the result by its name, or given where `summarise` makes the part; a page
-shows those that are `Shown` in the table of their part.
+`summarise` takes each field from the result by its name or computes it. A page shows the fields marked `Shown`.
 """
 
 from __future__ import annotations
@@ -33,25 +32,25 @@ Numbers = tuple[Number, ...]
 
 @dataclass(frozen=True)
 class Shown:
-    """Marks a field that pages show: its label, and a format or what makes text of its value."""
+    """Marks a field that pages show: its label, and a format or a function for its text."""
 
     label: str
     text: str | Callable[[Any], str] = "{}"
 
 
 def shown_rows(part: object) -> list[tuple[str, str]]:
-    """Labels and texts of the fields of a summary's part that pages show, where there is something to show."""
+    """Labels and texts of the fields that pages show, without empty ones."""
     rows = []
     for name, hint in get_type_hints(type(part), include_extras=True).items():
         value = getattr(part, name)
-        for told in getattr(hint, "__metadata__", ()) if value not in (None, ()) else ():
-            rows.append((told.label, told.text.format(value) if isinstance(told.text, str) else told.text(value)))
+        for shown in getattr(hint, "__metadata__", ()) if value not in (None, ()) else ():
+            rows.append((shown.label, shown.text.format(value) if isinstance(shown.text, str) else shown.text(value)))
     return rows
 
 
 @dataclass(frozen=True)
 class LogPart:
-    """One of the logs that a log was joined from, and the label of what the flange carried, if anything."""
+    """One of several joined logs, with the label of its payload."""
 
     source: str
     n_samples: int
@@ -60,13 +59,13 @@ class LogPart:
 
 @dataclass(frozen=True)
 class AmbiguousSegment:
-    """A segment whose sign the proof does not settle."""
+    """A segment whose sign the proof does not determine."""
 
     joint: int  # from 1
     start: float  # s, on the clock of its log
-    end: float  # s, its last sample
-    n_samples: int  # in it
-    log: str = ""  # that it is of, where several were joined
+    end: float  # s, last sample
+    n_samples: int
+    log: str = ""  # its log, if several were joined
 
 
 def _counts(nodes: Mapping[str, int]) -> str:
@@ -79,46 +78,44 @@ def _ways(ways: Sequence[Mapping[str, Any]]) -> str:
 
 @dataclass(frozen=True)
 class SearchSummary:
-    """How the signs were searched, and what is proven about them; None where nothing is."""
+    """The search for the signs, and what is proven; None where nothing is."""
 
     method: Annotated[str, Shown("Method")]
     beam_width: int | None  # w of T-PBPR
     cost: Annotated[Number, Shown("Cost of the best assignment", "{:.6g}")]
-    cost_parts: Mapping[str, Number] | None  # data, pull to links, prior; None where nodes were priced otherwise
-    noise_weights: Numbers  # (n,) sd by which rows were scaled, N m, as if only effective samples counted
-    proofs: int  # how often the last word was said: again where the final noise weights change the signs
-    uncertified_because: (
-        str  # why nothing counts as proven although the search has ended: "tikhonov" or "noise"; empty otherwise
-    )
-    # grown, pruned by the bound or by the cone, survived a step, leaves, and segments undecided when time was up
+    cost_parts: Mapping[str, Number] | None  # data, Tikhonov term, prior; None for other costs
+    noise_weights: Numbers  # (n,) sd by which rows were scaled, N m, for effective samples
+    proofs: int  # number of proofs: repeated if the final noise weights change the signs
+    uncertified_because: str  # why a finished search proves nothing: "tikhonov", "noise" or ""
+    # grown, pruned by bound or cone, survivors, leaves, and segments undecided at the time limit
     beam_nodes: Annotated[Mapping[str, int] | None, Shown("Nodes of the beam", _counts)]
     certified: Annotated[bool, Shown("No assignment costs less", lambda proven: "proven" if proven else "not proven")]
     lower_bound: Annotated[Number, Shown("Lower bound on the cost of every assignment", "{:.6g}")]
     gap: Number  # cost less lower bound
     optimality_gap: Number  # of the best cost, all assignments are listed
     assignments: int | None  # number of these, the best among them
-    missed_mass: Number  # posterior mass that the list leaves out, at most, relative to the best one's
-    persistent_share: Annotated[Number, Shown("Samples whose sign is the same in all that remain", "{:.1%}")]
+    missed_mass: Number  # upper bound of the posterior mass of unlisted assignments over that of the best one
+    persistent_share: Annotated[Number, Shown("Samples with a determined sign", "{:.1%}")]
     ambiguous: tuple[AmbiguousSegment, ...] | None  # the segments of the other samples
     seconds: Annotated[float, Shown("Seconds", "{:.1f}")]
     sdp_solves: Annotated[int, Shown("Least-squares problems in the cone")]  # over the feasible parameters
     nodes: Annotated[int, Shown("Partial assignments bounded")]
     rounds: Annotated[int, Shown("Searches", "{}, until no segment's predicted effort crossed zero")]
-    timed_out: bool = False  # whether the time limit on the clock ended a search: a faster machine may give other signs
-    # of the last search: what each way of searching has found, its nominal seconds, and its starts
-    ways: Annotated[tuple[Mapping[str, Any], ...], Shown("Ways of the last search", _ways)] = ()
-    # probability that an assignment which no search has met is the right one; 0 where a proof excludes it
+    timed_out: bool = False  # whether the time limit ended a search: a faster machine may give other signs
+    # of the last search: result of each method, nominal seconds, and starts
+    ways: Annotated[tuple[Mapping[str, Any], ...], Shown("Methods of the last search", _ways)] = ()
+    # probability that an assignment which no search has found is right; 0 with a proof
     unlisted_probability: Annotated[Number, Shown("Probability of a better assignment", "{:.1%}")] = None
 
 
 @dataclass(frozen=True)
 class SignsSummary:
-    """The model under which signs were settled."""
+    """The model under which signs were found."""
 
     model: tuple[str, ...]  # its terms
     weight: Number  # of it, against the model asked for
     model_error_probability: Numbers  # (n,) probability that signs are guesses because the model is not the robot's
-    sure: Numbers = ()  # (n,) share of each |effort| in motion whose sign is sure; empty in results of earlier versions
+    sure: Numbers = ()  # (n,) share of |effort| in motion with a certain sign; empty in results of earlier versions
 
 
 @dataclass(frozen=True)
@@ -144,13 +141,13 @@ class ErrorsSummary:
 
 @dataclass(frozen=True)
 class CompletionSummary:
-    """What the catalogue had to say beyond the terms asked for."""
+    """Model selection: additional effects of the catalogue."""
 
     effects: tuple[EffectSummary, ...]  # that entered the model
-    held_back_error: ErrorsSummary  # on blocks of the log that had no say
+    held_back_error: ErrorsSummary  # on held-back blocks of the log
     uncertain: tuple[str, ...]  # effects that did not enter, but widen the uncertainty
     may_enter: bool = True  # whether effects might enter
-    too_narrow: tuple[TooNarrow, ...] = ()  # coefficients whose intervals do not allow for what may be there besides
+    too_narrow: tuple[TooNarrow, ...] = ()  # intervals that an undetectable effect would make too narrow
 
 
 @dataclass(frozen=True)
@@ -159,7 +156,7 @@ class ModeSummary:
 
     weight: Number  # its share of the mass
     log_evidence_se: Number  # standard error of its log evidence; None where there is but one
-    turned_joints: tuple[int, ...]  # from 1, of whose |effort| over half has another sign than in the heaviest mode
+    turned_joints: tuple[int, ...]  # from 1, with other signs than the heaviest mode for over half of the |effort|
     coefficients: Mapping[str, Number] = field(default_factory=dict)  # whose mean differs most from that mode's
 
 
@@ -167,7 +164,7 @@ class ModeSummary:
 class PosteriorSummary:
     """How the posterior was sampled."""
 
-    converged: bool  # whether R-hat and the effective sample size are as they should be
+    converged: bool  # by R-hat and effective sample size
     max_rhat: Number  # of the coefficients, at worst
     min_ess: Number  # effective sample size, at worst
     max_rhat_of_parameters: Number  # of the standard parameters, at worst
@@ -184,7 +181,7 @@ class PosteriorSummary:
     mode: int = 1  # whose mean the model holds, from 1
     posterior_conflict: Number = None  # share of the worst joint's squared effort with signs that the search excludes
     active_bounds: Mapping[str, Number] = field(default_factory=dict)  # to the share of draws near their edges
-    timed_out: bool = False  # whether the time limit on the clock ended the sampling before it converged
+    timed_out: bool = False  # whether the time limit ended sampling before convergence
     wanted_rhat: Number = None  # up to which the draws count as converged; None in results of earlier versions
     wanted_ess: Number = None  # from which on they do
 
@@ -194,20 +191,20 @@ class NoiseSummary:
     """The noise of the efforts, (n,) each, N m."""
 
     assumed: str  # in words
-    sd: Numbers  # of all of it
-    white_sd: Numbers  # of the sensor's
-    coloured_sd: Numbers  # of what lasts longer
-    correlation_time_s: Numbers  # of that, s
+    sd: Numbers  # total
+    white_sd: Numbers  # white sensor noise
+    coloured_sd: Numbers  # correlated model error
+    correlation_time_s: Numbers  # of the latter, s
     samples_that_count_as_one: Numbers  # integrated autocorrelation time, samples
     effective_samples: Numbers  # samples in motion over it
-    residual_sd: Numbers  # of what the fit leaves
+    residual_sd: Numbers  # of the fit
 
 
 @dataclass(frozen=True)
 class FitSummary:
     """The least-squares fit."""
 
-    relative_residual: Numbers  # (n,) RMS of what it leaves over that of the effort
+    relative_residual: Numbers  # (n,) RMS residual over RMS effort
     condition_number: Number  # of the regressor, rows over their noise, columns of equal length; None if singular
     relative_gap: Number  # that the solver reached
     parameters_moved_inside: bool  # whether the solution was moved into the cone
@@ -218,9 +215,9 @@ class FitSummary:
 
 @dataclass(frozen=True)
 class GainsSummary:
-    """The gains by which readings were made efforts, where they were unknowns."""
+    """Estimated gains."""
 
-    mean: Numbers  # (n,) the likeliest, in `unit`; those by which the result's efforts were made
+    mean: Numbers  # (n,) most likely values, in `unit`; the result's efforts use them
     sd: Numbers  # (n,) their standard deviations
     lower: Numbers  # (n,) lower ends of their 95 % intervals
     upper: Numbers  # (n,) upper ends
@@ -231,8 +228,8 @@ class GainsSummary:
     factor_decided_by: str  # "data", with what is stated of masses or gains, or "prior"
     unit: str  # of them
     stated: str  # as on the command line
-    converged: bool  # whether signs and gains had come to agree
-    like_friction: tuple[int, ...] = ()  # joints, from 1, whose gain the log does not tell from load-dependent friction
+    converged: bool  # whether signs and gains agree
+    like_friction: tuple[int, ...] = ()  # joints, from 1, whose gain is confounded with load-dependent friction
     sd_of_coefficients: Numbers = ()  # (r,) apart from the factor common to all; empty in results of earlier versions
 
 
@@ -241,20 +238,20 @@ class ConstraintSummary:
     """A constraint that was stated."""
 
     label: str  # how it was stated
-    nats: float  # by which the log is likelier without it; 0 where it is not active in the fit
+    nats: float  # gain in log-likelihood without it; 0 if not active in the fit
     at_edge: Number = None  # share of draws at its edge, a tenth of its slack's sd from it; None without a posterior
-    presses: bool = False  # whether it so holds the draws back
+    presses: bool = False  # whether it limits the draws
 
 
 @dataclass(frozen=True)
 class LowPassSummary:
-    """A low-pass that |effort| has passed after the rectifier."""
+    """A low-pass of |effort| after the rectifier."""
 
     cutoff_hz: float  # of a Butterworth low-pass
     order: int  # of it
     zero_phase: bool  # whether it was run forwards and backwards
-    noise_before_sd: Numbers  # (n,) sd of the noise that it took away, N m
-    words: str  # all that, as people say it
+    noise_before_sd: Numbers  # (n,) sd of the removed noise, N m
+    words: str  # in a sentence
 
 
 @dataclass(frozen=True)
@@ -278,9 +275,9 @@ class Summary:
     noise: NoiseSummary  # of the efforts
     fit: FitSummary  # by least squares
     timings: Mapping[str, float]  # stage to seconds
-    warnings: tuple[str, ...]  # what the user should know
+    warnings: tuple[str, ...]
     provenance: Provenance  # what was run on which data
-    complete: CompletionSummary | None = None  # what the catalogue had to say; None where it was not asked
+    complete: CompletionSummary | None = None  # None with `--complete off`
     modes: tuple[ModeSummary, ...] = ()  # of the posterior, the heaviest first; empty where it was not sampled
     better_reading: Misreading | None = None  # of the log, than the one given; None where there is none
     low_pass_after_rectifier: LowPassSummary | None = None  # that |effort| has passed; None where none was found
@@ -289,7 +286,7 @@ class Summary:
     # it, xx, yy, zz, xy, xz, yz, kg m^2, each with `value`, `sd`, `interval`; None where none is carried
     payloads: Mapping[str, Mapping[str, Any]] | None = None
     constraints: tuple[ConstraintSummary, ...] = ()  # that were stated, each with what it costs and holds back
-    corrected: tuple[str, ...] = ()  # those of the warnings that say what was mended or left out
+    corrected: tuple[str, ...] = ()  # warnings about corrected or dropped data
 
     @property
     def hidden_joints(self) -> int:
@@ -298,7 +295,7 @@ class Summary:
 
 
 def as_json(value: Any) -> Any:
-    """A structure as JSON has it; a dataclass' field that may be empty is left out where it is."""
+    """A structure for JSON, without optional fields of dataclasses that are empty."""
     if is_dataclass(value):
         values = [(getattr(value, one.name), one) for one in fields(value)]
         return {one.name: as_json(item) for item, one in values if one.default not in ("", ()) or len(item)}
@@ -310,17 +307,17 @@ def as_json(value: Any) -> Any:
 
 
 def as_object(content: Mapping[str, Any]) -> dict[str, Any]:
-    """A dictionary as JSON has it."""
+    """A dictionary for JSON."""
     return {name: as_json(item) for name, item in content.items()}
 
 
 def taken(source: object, /, *names: str, **more: Any) -> dict[str, Any]:
-    """Attributes by their names, and more."""
+    """Attributes by name, and further entries."""
     return {name: getattr(source, name) for name in names} | more
 
 
 def filled(kind: type[Kind], source: object, /, **given: Any) -> Kind:
-    """A dataclass: each field that is not given is taken from a source by its name."""
+    """A dataclass whose fields are taken from a source by name, unless they are given."""
     names: Any = kind
     return kind(**(taken(source, *(one.name for one in fields(names) if one.name not in given)) | given))
 
@@ -390,7 +387,7 @@ def summarise(identification: Identification) -> Summary:
         constraints=_constraints(identification),
         payloads=_payloads(identification),
     )
-    return typed(as_json(summary), Summary)  # so that it is what a file gives: None for what is not finite
+    return typed(as_json(summary), Summary)  # as read from a file: None for non-finite numbers
 
 
 def log_parts(log: Log) -> tuple[LogPart, ...]:
@@ -399,10 +396,10 @@ def log_parts(log: Log) -> tuple[LogPart, ...]:
 
 
 def _payloads(identification: Identification) -> dict[str, dict[str, Any]] | None:
-    """Bodies by the posterior's draws; without a posterior those of the model's parameters, of unknown sd.
+    """Payloads from the posterior's draws; without a posterior from the model's parameters, with unknown sd.
 
-    The draws are those that were sampled, which are bodies: moved by what the model may lack they need not be. A factor
-    common to all efforts widens them, unless their mass is stated.
+    These draws are feasible; draws widened by model error need not be. The common factor of the efforts widens them
+    unless their mass is stated.
     """
     model, posterior, theta = identification.model, identification.posterior, identification.theta
     every = theta[None] if posterior is None else posterior.draws.theta.reshape(-1, len(theta))

@@ -114,10 +114,10 @@ def test_signs_that_the_log_has_count_where_it_is_said(place, monkeypatch, capfd
     assert set(np.unique(stream[:, 4:7])) <= {0.0, 1.0}
     assert summary["smoothing"]["share"] is None
     assert summary["known_signs"]["share"] > 0.95
-    assert "Signs that are known" in capfd.readouterr().out
+    assert "Known signs" in capfd.readouterr().out
     assert run("track", "result", "signed.csv", "--out", "out", "--unsigned", "all", "--quiet", "--force") == 0
     assert read(place / "out")[2]["known_signs"] is None
-    for options, said in ((("--unsigned", "none"), ""), ((), "without their signs"), (("--unsigned", "all"), "")):
+    for options, said in ((("--unsigned", "none"), ""), ((), "signs of negative efforts"), (("--unsigned", "all"), "")):
         on_input(monkeypatch, (place / "signed.csv").read_bytes())
         assert run(*FOLLOW, "--quiet", *options) == 0
         out, err = capfd.readouterr()

@@ -80,7 +80,7 @@ def test_other_files_are_never_deleted(result, tmp_path, monkeypatch):
         check_result_folder(tmp_path / "0" / "notes.txt" / "r")
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path / "here")
-    with pytest.raises(InputError, match="is the folder you are in"):
+    with pytest.raises(InputError, match="is the working folder"):
         save(result, ".")
 
 
