@@ -151,7 +151,7 @@ def _cells(text: str, layout: Layout, where: str) -> Iterator[list[str]]:
         reader = csv.reader([line.strip() if spaced else line], delimiter=layout.separator, skipinitialspace=spaced)
         cells = [cell.strip() for cell in next(reader)]
         if len(cells) != len(layout.header):
-            said = f"holds {len(cells)} values, the header names {len(layout.header)}"
+            said = f"holds {len(cells)} values, but the header has {len(layout.header)} names"
             remedy = "give every column a value, with commas or semicolons between them"
             raise InputError(said, f"{where}, joint {number}", remedy)
         yield cells

@@ -1,1 +1,1 @@
-"""What a controller recorded: reading, filtering, segments of constant sign."""
+"""Recorded logs: reading, filtering and segments of constant sign."""

@@ -1,6 +1,6 @@
-"""When logs were recorded, as far as they say: by absolute time stamps, else by a date in the name of the file.
+"""Dates of logs: from absolute time stamps, else from the file names.
 
-The time at which a file was last changed is not used: copies and checkouts have another one.
+The modification time of a file is not used: copying changes it.
 """
 
 from __future__ import annotations
@@ -19,18 +19,18 @@ from bayesid.log.log import Log
 STAMPS, NAMES = "time stamps in the logs", "dates in the names of the files"
 ORDER = "the order in which logs were given"
 _EARLIEST, _LATEST = (datetime(year, 1, 1, tzinfo=UTC).timestamp() for year in (2000, 2100))
-"""s since 1970; a log's clock that stands between them is absolute, for no clock that begins at zero comes so far."""
+"""s since 1970. A clock between these times is absolute; clocks that start at zero never get there."""
 _NAMED = re.compile(
     r"(?<!\d)(20\d\d)([-_.]?)(0[1-9]|1[0-2])\2(0[1-9]|[12]\d|3[01])"
     r"(?:[T_ -]?([01]\d|2[0-3])[-:h.]?([0-5]\d)(?:[-:m.]?([0-5]\d))?)?(?!\d)"
-)  # an ISO date, with or without what stands between its parts, and a time of day right behind it
+)  # an ISO date with or without separators, perhaps followed by a time of day
 
 
 @dataclass(frozen=True)
 class Dates:
-    """When K logs were recorded: (K,) in ISO 8601, UTC where a clock says it; and (K,) days since the first.
+    """Dates of K logs: (K,) in ISO 8601 (UTC for clocks), and (K,) days since the first.
 
-    They are "1", "2", .. and 0, 1, .. where nothing is known. The basis is `STAMPS`, `NAMES` or `ORDER`.
+    Unknown dates are "1", "2", .. and 0, 1, ... The basis is `STAMPS`, `NAMES` or `ORDER`.
     """
 
     texts: tuple[str, ...]
@@ -39,17 +39,17 @@ class Dates:
 
     @property
     def known(self) -> bool:
-        """Whether there are any."""
+        """Whether dates were found."""
         return self.basis != ORDER
 
     @property
     def ascending(self) -> bool:
-        """Whether the logs come in the order of their dates."""
+        """Whether the logs are in order of date."""
         return bool(np.all(np.diff(self.days) >= 0.0))
 
 
 def dates_of(logs: Sequence[Log]) -> Dates:
-    """The dates of K logs in the order in which they were given: all by the first rule that gives one for each."""
+    """Dates of K logs in the given order, from the first source that has a date for every log."""
     for basis, rule in ((STAMPS, _stamped), (NAMES, _named)):
         found = [moment for log in logs if (moment := rule(log)) is not None]
         if len(found) == len(logs):
@@ -62,7 +62,7 @@ def dates_of(logs: Sequence[Log]) -> Dates:
 
 
 def _stamped(log: Log) -> datetime | None:
-    """When its clock says that it began; None for a clock that begins anywhere."""
+    """Start by the log's clock; None for a clock that is not absolute."""
     start = float(log.pieces[0].t[0] if log.pieces else log.t[0])
     return datetime.fromtimestamp(start, UTC) if _EARLIEST <= start < _LATEST else None
 

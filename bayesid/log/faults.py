@@ -1,10 +1,9 @@
-"""Readings that no robot gives: lone outliers, dropouts, and channels that are frozen.
+"""Faulty readings: outliers, dropouts and frozen channels.
 
-A channel is looked at by its runs, stretches of equal readings, so that one that is read more rarely than the log is
-written shows its own neighbours. An outlier departs from all of its neighbours by far and comes back at once; what
-departs and stays is a step of friction, what comes back slowly is a motion. A dropout is a run much longer than the
-channel's own, while the joint moves: of zeros, or of the last reading, after which the channel catches up by a jump.
-All thresholds are ratios within one channel, so units and rates do not matter.
+A channel is divided into runs of equal readings, so that a slowly updated channel is compared with its own updates. An
+outlier is far from all its neighbours and returns at once. A lasting step is friction; a slow return is motion. A
+dropout is an unusually long run while the joint moves, either of zeros or of the last reading, followed by a jump. All
+thresholds are ratios within one channel, so units and rates do not matter.
 """
 
 from __future__ import annotations
@@ -23,22 +22,22 @@ from bayesid.motion import STANDSTILL
 
 _NONE = np.empty(0, dtype=np.int64)
 _BEFORE = np.arange(2 * TUNING.neighbours + 1) < TUNING.neighbours
-"""Of a value and its neighbours on either side, those before it."""
+"""Which entries of a window of neighbours precede its centre."""
 
 
 @dataclass(frozen=True)
 class Fault:
-    """What is wrong with one reading of one joint."""
+    """A fault of one reading of one joint."""
 
-    joint: int  #: 0-based; -1 for all of them
-    reading: str  #: "position", "velocity" or "effort"; "row" for all of them
-    kind: str  #: "outlier", "zero", "held", or "foreign" of a velocity that is not the change of the position
-    rows: Integers  #: (K,) the rows in fault, ascending; none where they have been dropped
-    start: Array  #: (M,) when each stretch of them begins, s
-    seconds: float  #: how long they last in all
+    joint: int  #: 0-based; -1 for all joints
+    reading: str  #: "position", "velocity" or "effort"; "row" for all of these
+    kind: str  #: "outlier", "zero", "held", or "foreign": a velocity that is not the derivative of the position
+    rows: Integers  #: (K,) faulty rows, ascending; empty where they were dropped
+    start: Array  #: (M,) start of each stretch, s
+    seconds: float  #: total duration, s
 
     def joined(self, later: Fault) -> Fault:
-        """The same with that of a later recording."""
+        """The fault together with the same fault of a later recording."""
         rows, start = np.concatenate([self.rows, later.rows]), np.concatenate([self.start, later.start])
         return replace(self, rows=rows, start=start, seconds=self.seconds + later.seconds)
 
@@ -49,20 +48,20 @@ class Fault:
             how = "are zero" if self.kind == "zero" else "are frozen in motion"
             return f"all joints: all readings {how} for {lasting}; these rows are dropped"
         if self.kind == "foreign":
-            said = f"its velocity is not the change of its position for {lasting}"
+            said = f"velocity differs from the derivative of the position for {lasting}"
         elif self.kind == "outlier":
             count = f"{len(self.rows)} sample{'s' * (len(self.rows) > 1)}"
-            said = f"{count} of its {self.reading} far off their neighbours, at {when} s"
+            said = f"{count} of the {self.reading} far from neighbouring samples, at {when} s"
         else:
             how = "reads exactly zero" if self.kind == "zero" else "is frozen"
             often = f"{len(self.start)} times, " if len(self.start) > 1 else ""
-            said = f"its {self.reading} {how} in motion, {often}{lasting}"
+            said = f"{self.reading} {how} in motion, {often}{lasting}"
         return f"joint {self.joint + 1}: {said}; these readings are not used"
 
 
 @dataclass(frozen=True)
 class _Runs:
-    """A channel's R stretches of equal readings: values, first rows and at last the number of rows, lengths in s."""
+    """Runs of equal readings: values, first rows (last entry: number of rows) and durations, s."""
 
     value: Array
     first: Integers
@@ -78,12 +77,12 @@ class _Runs:
         return np.flatnonzero(np.repeat(chosen, np.diff(self.first)))
 
     def repeated(self, chosen: Mask) -> Integers:
-        """The rows of some runs but for the first of each, which was still read."""
+        """Rows of the chosen runs without the first row of each."""
         rows = self.rows(chosen)
         return rows[~np.isin(rows, self.first[:-1])]
 
     def long(self, period: float) -> Integers:
-        """Runs that last as long as a dropout, and much longer than others."""
+        """Runs long enough for a dropout and much longer than the others."""
         usual = float(np.quantile(self.seconds, 0.95)) if len(self.value) > 1 else period
         least = max(TUNING.dropout - 0.5 * period, TUNING.unusual * usual)
         return np.flatnonzero((self.seconds >= least) & (np.diff(self.first) >= TUNING.dropout_rows))
@@ -92,7 +91,7 @@ class _Runs:
 def find_faults(
     t: Array, q: Array, effort: Array, dq: Array | None = None, starts: Sequence[int] = (0,)
 ) -> tuple[Fault, ...]:
-    """All faults, by joint, of a log of N rows, of recordings that begin at `starts`; efforts may be absolute."""
+    """All faults of a log of N rows, by joint; recordings begin at `starts`; efforts may be absolute values."""
     found: dict[tuple[int, str, str], Fault] = {}
     for first, stop in pairwise([*starts, len(t)]):
         rows = slice(first, stop)
@@ -124,9 +123,9 @@ def _of_recording(t: Array, q: Array, effort: Array, dq: Array | None) -> list[F
 
 
 def lost_rows(t: Array, q: Array, effort: Array, dq: Array | None = None) -> tuple[Integers, tuple[Fault, ...]]:
-    """Rows as of lost packets, and how to name them: of zeros alone, or that repeat one until positions jump.
+    """Rows of lost packets, and their faults: all zeros, or repeats of one row followed by a jump.
 
-    A robot that rests gives such rows too, but it comes there, and goes on, slowly.
+    A robot at rest repeats rows too, but it stops and starts slowly.
     """
     parts = [part for part in (q, effort, dq) if part is not None]
     zero = ~np.any([part.any(axis=1) for part in parts], axis=0)
@@ -141,7 +140,7 @@ def lost_rows(t: Array, q: Array, effort: Array, dq: Array | None = None) -> tup
     steps, periods = np.abs(np.diff(q, axis=0)), np.diff(t)
     least = np.maximum(TUNING.outlier_steps * np.percentile(steps, 95, axis=0), TUNING.slight * np.ptp(q, axis=0))
     jumps = (steps > least).any(axis=1)
-    beside = periods < 2.0 * np.median(periods)  # else there is a pause, or another log begins
+    beside = periods < 2.0 * np.median(periods)  # otherwise a pause or the start of another log
     rows, faults = [_NONE], []
     for kind, edges in found.items():
         ends = [((first - 1, stop - 1) if kind == "zero" else (stop - 1,)) for first, stop in edges]
@@ -155,12 +154,12 @@ def lost_rows(t: Array, q: Array, effort: Array, dq: Array | None = None) -> tup
 
 
 def _stretches(chosen: Mask) -> Integers:
-    """(K, 2) first rows of stretches, and those behind their last."""
+    """(K, 2) first row of each stretch, and the row after its last."""
     return np.flatnonzero(np.diff(np.concatenate([[False], chosen, [False]]))).reshape(-1, 2)
 
 
 def without(t: Array, reading: Array, known: Mask, smooth: bool = True) -> Array:
-    """(N,) a channel whose unknown readings are interpolated, smoothly or without overshoot; the outer ones stay."""
+    """(N,) a channel with unknown readings interpolated: smoothly, or monotonically; the ends stay."""
     between = ~known & np.logical_or.accumulate(known) & np.logical_or.accumulate(known[::-1])[::-1]
     filled = np.array(reading)
     if between.any():
@@ -181,7 +180,7 @@ def _named(t: Array, joint: int, reading: str, rows_of: dict[str, Integers]) -> 
 
 # ---- Outliers ----
 def _peaks(t: Array, reading: Array) -> Integers:
-    """Rows of an effort or a velocity that are many times their neighbours."""
+    """Rows of an effort or velocity many times larger than their neighbours."""
     runs = _Runs.of(t, reading)
     size = np.abs(runs.value)
     if len(size) <= 2 * TUNING.neighbours:
@@ -193,9 +192,9 @@ def _peaks(t: Array, reading: Array) -> Integers:
 
 
 def _foreign(t: Array, position: Array, velocity: Array, known: Mask) -> Integers:
-    """Rows whose velocity is far from the change of the position around it, while both agree as a rule.
+    """Rows whose velocity is far from the derivative of the position, in a channel where both usually agree.
 
-    Nothing is compared across a pause of the clock, or where positions are not known.
+    No comparison spans a pause of the clock or unknown positions.
     """
     span = TUNING.velocity_rows
     if len(t) <= 4 * span or not np.all(np.diff(t) > 0.0):
@@ -213,12 +212,12 @@ def _foreign(t: Array, position: Array, velocity: Array, known: Mask) -> Integer
     for k in np.flatnonzero(wrong):
         rows[k : k + span + 1] = True
     found = np.flatnonzero(rows)
-    begins = np.flatnonzero(found != np.arange(len(found)))  # what begins with the log is a filter that settles
+    begins = np.flatnonzero(found != np.arange(len(found)))  # a stretch at the start of the log is a settling filter
     return found[begins[0] :] if len(begins) else _NONE
 
 
 def _jumps(t: Array, position: Array) -> Integers:
-    """Rows of a position that lie far off on the same side of what comes before and after."""
+    """Rows of a position that differ from the rows before and after by the same large step."""
     runs = _Runs.of(t, position)
     if len(runs.value) <= 2 * TUNING.neighbours:
         return _NONE
@@ -230,7 +229,7 @@ def _jumps(t: Array, position: Array) -> Integers:
 
 
 def _excursions(t: Array, position: Array) -> Integers:
-    """Rows of a position that leaves by a jump and soon comes back by another to where it would have gone."""
+    """Rows of a position that jumps away and soon jumps back to where it would have been."""
     runs = _Runs.of(t, position)
     if len(runs.value) <= 2 * TUNING.neighbours:
         return _NONE
@@ -248,14 +247,14 @@ def _excursions(t: Array, position: Array) -> Integers:
 
 
 def _ranked(values: Array, chosen: Mask, rank: float) -> Array:
-    """(R,) for each value, that of a rank, from 0, of those chosen around it; the ends are mirrored."""
-    row, those = values[None], chosen[None]  # a plain vector's footprint would be ignored by scipy 1.17
+    """(R,) value of a rank, from 0, among the chosen values around each value; the ends are mirrored."""
+    row, those = values[None], chosen[None]  # scipy 1.17 ignores the footprint for a vector
     ranks = sorted({int(np.floor(rank)), int(np.ceil(rank))})
     return np.mean([scipy.ndimage.rank_filter(row, one, footprint=those, mode="mirror")[0] for one in ranks], axis=0)
 
 
 def _usual_step(values: Array) -> Array:
-    """(R,) the median step among the neighbours of each value, without those from and to itself."""
+    """(R,) median step among the neighbours of each value, without the steps to and from it."""
     steps = np.abs(np.diff(np.pad(values, TUNING.neighbours, mode="reflect")))
     others = np.abs(np.arange(2 * TUNING.neighbours) - (TUNING.neighbours - 0.5)) > 1.0
     ranked = _ranked(steps, others, 0.5 * (2 * TUNING.neighbours - 3))
@@ -268,7 +267,7 @@ def _slight(position: Array) -> float:
 
 # ---- Dropouts ----
 def _stopped(t: Array, position: Array) -> Integers:
-    """Rows of a position that stands still and then catches up, or comes to rest between two rows for good."""
+    """Rows of a position that is frozen and then catches up, or stops abruptly for good."""
     runs, period = _Runs.of(t, position), float(np.median(np.diff(t)))
     count, chosen = len(runs.value), np.zeros(len(runs.value), dtype=bool)
     if count <= 2 * TUNING.neighbours:
@@ -289,7 +288,7 @@ def _stopped(t: Array, position: Array) -> Integers:
 
 
 def _dropouts(t: Array, effort: Array, speed: Array) -> dict[str, Integers]:
-    """Rows of an effort that reads zero, and of one that is frozen, while the joint moves at a speed (N,)."""
+    """Rows of an effort that is zero, and of one that is frozen, while the joint moves at speed (N,)."""
     runs, period = _Runs.of(t, effort), float(np.median(np.diff(t)))
     moving = speed > STANDSTILL * np.percentile(speed, 99)
     zero, held = (np.zeros(len(runs.value), dtype=bool) for _ in range(2))
@@ -300,12 +299,12 @@ def _dropouts(t: Array, effort: Array, speed: Array) -> dict[str, Integers]:
             if runs.value[k] == 0.0:
                 zero[k] = _falls(runs.value, k)
             else:
-                held[k] = len(runs.value) == 1 or effort.min() < runs.value[k] < effort.max()  # else it is clipped
+                held[k] = len(runs.value) == 1 or effort.min() < runs.value[k] < effort.max()  # otherwise clipped
     return {"zero": runs.rows(zero), "held": runs.repeated(held) if len(runs.value) > 1 else runs.rows(held)}
 
 
 def _falls(values: Array, k: int) -> bool:
-    """Whether readings fall to the zero of run k abruptly and rise as abruptly: not in a sensor's dead zone."""
+    """Whether readings fall abruptly to the zero of run k and rise as abruptly; a dead zone does not."""
     size = np.abs(values)
     if not size.any():
         return True

@@ -1,8 +1,7 @@
-"""Drive gains: what makes efforts of what a controller shows, and how well they are known.
+"""Drive gains, which convert readings into efforts, and their uncertainty.
 
-A gain is believed to be log-normal about its value: 12~20% is 12 N m/A with a standard deviation of 0.2 of its
-logarithm. Gains that nobody knows are infinitely uncertain here; what a robot's masses say of them is found where the
-robot is known (`bayesid.regression.gains`).
+A gain has a log-normal prior: 12~20% is 12 N m/A with a standard deviation of 0.2 of its logarithm. An unknown gain has
+infinite uncertainty; `bayesid.regression.gains` estimates it with the robot's masses.
 """
 
 from __future__ import annotations
@@ -22,20 +21,18 @@ from bayesid.files.bounded import read_source
 from bayesid.log.tuning import TUNING
 
 UNKNOWN = "unknown"
-_REMEDY = (
-    f"give one gain a joint, as in 12,16~20%,{UNKNOWN}, or '{UNKNOWN}' for all, or a CSV file with the columns gain,sd"
-)
+_REMEDY = f"give one gain per joint, as in 12,16~20%,{UNKNOWN}, '{UNKNOWN}' for all, or a CSV file with columns gain,sd"
 
 
 @dataclass(frozen=True)
 class Gains:
-    """The gains of n joints by which readings were made efforts.
+    """The gains of n joints.
 
     Attributes:
-        value: (n,) N m (N of a sliding joint) per unit of the reading.
-        sd: (n,) standard deviation of each one's logarithm: 0 where it is exact, inf where nobody knows it.
-        of_torques: whether the readings were called torques already: the gains then are factors without a unit.
-        unit: of the readings, where the log says it: A, mA, %, whatever it is.
+        value: (n,) N m (N of a prismatic joint) per unit of the reading.
+        sd: (n,) standard deviation of the logarithm: 0 if exact, inf if unknown.
+        of_torques: whether the readings are torques; the gains are then factors without a unit.
+        unit: unit of the readings, as in the log: A, mA, %, counts.
 
     Example:
         >>> gains = bayesid.types.Gains(value=[12.0, 16.0, 10.0], sd=[0.2, 0.2, 0.0])
@@ -51,27 +48,29 @@ class Gains:
     def __post_init__(self) -> None:
         value, sd = np.array(self.value, dtype=float), np.array(self.sd, dtype=float)
         if not np.all((np.abs(value) < TUNING.absurd) & (value != 0.0)):
-            raise InputError("a gain is zero or not finite", field="gains", remedy="give one gain per joint, N m/A")
+            raise InputError(
+                "a gain is zero or not finite", field="gains", remedy="give one nonzero gain per joint, N m/A"
+            )
         object.__setattr__(self, "value", frozen(value, (None,), "gains"))
         if sd.shape != self.value.shape or not np.all(sd >= 0.0):
-            raise InputError("the gains' sd are not one number a joint, 0 or more", field="gains", remedy=_REMEDY)
+            raise InputError("the gains' sd must be one number per joint, 0 or more", field="gains", remedy=_REMEDY)
         sd.setflags(write=False)
         object.__setattr__(self, "sd", sd)
 
     @property
     def exact(self) -> Mask:
-        """(n,) whether a gain is taken as exact."""
+        """(n,) whether a gain is exact."""
         exact: Mask = self.sd == 0.0
         return exact
 
     @property
     def unknown(self) -> Mask:
-        """(n,) whether nobody knows a gain."""
+        """(n,) whether a gain is unknown."""
         return np.isinf(self.sd)
 
     @property
     def text(self) -> str:
-        """As on the command line; what `read_log` takes."""
+        """As on the command line and for `read_log`."""
         words = (
             UNKNOWN if math.isinf(sd) else f"{value:.12g}" if sd == 0.0 else f"{value:.12g}~{100.0 * sd:.6g}%"
             for value, sd in zip(self.value.tolist(), self.sd.tolist(), strict=True)
@@ -80,23 +79,23 @@ class Gains:
 
     @property
     def unit_of_gain(self) -> str:
-        """What the values are in, as N m/A."""
+        """Unit of the values, as in N m/A."""
         return "N m per N m as logged" if self.of_torques else f"N m/{self.unit}"
 
     def ordered(self, order: Integers) -> Gains:
-        """Those of the joints with these indices, in their order."""
+        """The gains of the joints with these indices, in this order."""
         return replace(self, value=self.value[order], sd=self.sd[order])
 
     def times(self, factor: Array) -> Gains:
-        """With each value multiplied by its factor (n,)."""
+        """The gains with each value multiplied by its factor (n,)."""
         return replace(self, value=self.value * factor)
 
 
 def gains_of(stated: Gains | Sequence[float] | str | Path, n: int) -> Gains:
-    """Gains of n joints as they were stated, or an InputError where they are none.
+    """Gains of n joints from any of their forms; InputError if they are not valid.
 
     Text is as on the command line: 12,16~20%,unknown, or `unknown` for all, or the name of a CSV file with the columns
-    gain and sd, one row a joint.
+    gain and sd, one row per joint.
     """
     if isinstance(stated, str | Path):
         text = str(stated)
@@ -145,6 +144,6 @@ def _of_file(path: str) -> Gains:
         try:
             pairs.append(_pair(f"{gain}~{sd}" if sd else gain, ""))
         except InputError:
-            seen = f"{gain!r}, {sd!r} are no gain with its sd, in its unit or %"
+            seen = f"{gain!r}, {sd!r} are not a gain and its sd (in the gain's unit or %)"
             raise InputError(seen, f"{path}, line {line}", _REMEDY) from None
     return Gains(*np.transpose(pairs))

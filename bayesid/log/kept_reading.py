@@ -1,4 +1,4 @@
-"""How the log of a result was read, and another log or motion of the same recorder by the same options."""
+"""Reading options of a result's log, and reading other logs or motions by them."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from bayesid.log.gains import Gains
 from bayesid.log.log import Log, RecordedMotion
 
 NAMING = ("columns", "joints", "topic", "encoding")
-"""Options of names and codes, which another file of the recorder may not have."""
+"""Options of names and encodings; another file of the same recorder may need others."""
 OF_MOTION = ("columns", "correct", "degrees", "joints", "topic")
-"""Options that a motion is read by."""
+"""Options that apply to a motion."""
 _KINDS: Mapping[str, type | tuple[type, ...]] = {
     "columns": dict,
     "correct": str,
@@ -29,16 +29,16 @@ _KINDS: Mapping[str, type | tuple[type, ...]] = {
     "topic": str,
     "unsigned": str,
 }
-"""What each option of `OF_READING` is in a result's bayesid.toml."""
+"""Type of each option of `OF_READING` in a result's bayesid.toml."""
 _REMEDY = "give it as `bayesid identify` wrote it"
 Recorded = TypeVar("Recorded", Log, RecordedMotion)
 
 
 def stored_reading(folder: Path, earlier: Mapping[str, Any]) -> dict[str, Any]:
-    """How the log of a result was read, by its bayesid.toml; without one by what model.toml held before there was one.
+    """Options by which a result's log was read: from bayesid.toml, or from model.toml of an older result.
 
     Raises:
-        InputError: the file cannot be used.
+        InputError: the file is not valid.
     """
     path = folder / CONFIG
     table = {name: one for name, one in (read_config(path) if path.exists() else earlier).items() if name in OF_READING}
@@ -50,7 +50,7 @@ def stored_reading(folder: Path, earlier: Mapping[str, Any]) -> dict[str, Any]:
         elif name == "columns" and isinstance(value, str):
             table[name] = parse_columns(value)
         elif not isinstance(value, _KINDS[name]):
-            raise InputError(f"{name} = {value!r:.60} cannot be used", str(path), _REMEDY)
+            raise InputError(f"{name} = {value!r:.60} is not valid", str(path), _REMEDY)
     return table
 
 
@@ -61,13 +61,13 @@ def plain_reading(read_with: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def exact_gains(stated: object) -> Gains | None:
-    """Gains that a log was read with, for another one: a list is of currents, text of exact numbers of torques."""
+    """Gains of an earlier log for another one: a list is for currents, text of exact numbers for torques."""
     if stated is None:
         return None
     words = stated.split(",") if isinstance(stated, str) else stated
     try:
         value = np.array([float(word) for word in words])  # type: ignore[attr-defined]
-    except ValueError:  # uncertain ones, which the result has found
+    except ValueError:  # uncertain gains; the result holds their estimates
         return None
     return Gains(value, np.zeros(len(value)), of_torques=isinstance(stated, str))
 
@@ -75,13 +75,13 @@ def exact_gains(stated: object) -> Gains | None:
 def read_alike(
     reader: Callable[..., Recorded], source: Any, kept: Mapping[str, Any], given: Mapping[str, Any], **more: Any
 ) -> Recorded:
-    """What `read_log` or `read_motion` make of a source by kept options, or by given ones in their place.
+    """What `read_log` or `read_motion` returns for a source by kept options; given options take precedence.
 
-    Kept names of columns or joints and a kept encoding that the source does not have are left out, which a warning
-    says, where it can be read without them.
+    Kept column names, joint names and encodings that do not fit the source are dropped with a warning, if it can be
+    read without them.
 
     Raises:
-        InputError: it cannot be read, or kept degrees may be rad.
+        InputError: the source cannot be read, or its unit of angles is ambiguous.
     """
     said = {name: value for name, value in given.items() if value is not None}
     options = {**kept, **said}
@@ -97,7 +97,7 @@ def read_alike(
         except InputError:
             raise refused from None
         which = " and ".join(naming)
-        warnings.warn(f"{found.source}: {refused.what}: read without the result's {which}", stacklevel=2)
+        warnings.warn(f"{found.source}: {refused.what}; read without the result's {which}", stacklevel=2)
     if options.get("degrees") is True and "degrees" not in said:
         _check_degrees(reader, source, options, found, **more)
     return found
@@ -106,7 +106,7 @@ def read_alike(
 def _check_degrees(
     reader: Callable[..., Recorded], source: Any, options: Mapping[str, Any], found: Recorded, **more: Any
 ) -> None:
-    """InputError where positions without a unit may be rad, though they were degrees in the result's log."""
+    """InputError if positions without a unit may be rad, although the result's log was in degrees."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -119,7 +119,7 @@ def _check_degrees(
 
 
 def in_words(reading: Mapping[str, Any]) -> list[str]:
-    """Options of a reading as words of the command line."""
+    """Reading options as words of the command line."""
     words: list[str] = []
     for name, value in sorted(reading.items()):
         if name == "degrees":
@@ -135,6 +135,6 @@ def in_words(reading: Mapping[str, Any]) -> list[str]:
 
 
 def as_corrected(reading: Mapping[str, Any]) -> str | None:
-    """How joints were corrected; None where they were not."""
+    """The kept correction of joints, or None."""
     text = reading.get("correct")
     return None if text is None else str(text)

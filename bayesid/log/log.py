@@ -1,8 +1,8 @@
-"""Logs: what a controller recorded, checked once on the way in.
+"""Recorded logs, checked on construction.
 
-A CSV holds the header `t,q1..qn[,dq1..dqn],tau1..taun` (s, rad, rad/s, N m), or currents `i1..in` (A) with gains
-(N m/A at the link side). Other columns are ignored, whatever they hold. Efforts are those of the actuators
-(see `bayesid.robot`). Files of other formats hold the same in other words (see `bayesid.log.formats`).
+A CSV file holds the header `t,q1..qn[,dq1..dqn],tau1..taun` (s, rad, rad/s, N m), or currents `i1..in` (A) with gains
+(N m/A at the link side). Other columns are ignored. Efforts belong to the actuators (see `bayesid.robot`). Other file
+formats are described in `bayesid.log.formats`.
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ GIVEN = "the motion"
 
 @dataclass(frozen=True)
 class Piece:
-    """One of the recordings that a log was joined from: its rows from `start_row` up to `stop_row`."""
+    """One recording of a joined log: its rows from `start_row` up to `stop_row`."""
 
     source: str
     start_row: int
     stop_row: int
-    t: Array  #: (stop_row - start_row,) its rows' time on its own clock, s, as recorded: shifted times are rounded ones
-    payload: str = ""  #: label of what the flange carried all along; empty where it carried nothing
+    t: Array  #: (stop_row - start_row,) recorded time of its rows, s; the log's shifted times are rounded
+    payload: str = ""  #: label of the payload; empty without one
 
     def __post_init__(self) -> None:
         if not self.start_row < self.stop_row:
-            raise ValueError("a piece holds no rows")
+            raise ValueError("a piece has no rows")
         if self.payload:
             check_label(self.payload)
         object.__setattr__(self, "source", printable(self.source))
@@ -45,21 +45,20 @@ class Piece:
 
 @dataclass(frozen=True)
 class Log:
-    """A recorded motion with its actuator efforts, as recorded: no filter, no resampling.
+    """A recorded motion with its actuator efforts: no filter, no resampling.
 
     Attributes:
         t: (N,) time, s, non-decreasing.
         q: (N, n) joint positions, rad.
-        effort: (N, n) actuator efforts, N m; absolute values for the joints that are not signed.
+        effort: (N, n) actuator efforts, N m; absolute values for unsigned joints.
         signed: (n,) whether the effort's sign is known.
         dq: (N, n) measured joint velocities, rad/s, or None.
-        source: where it came from, for messages.
-        pieces: the recordings it was joined from, which hold its rows one after the other; empty where it is one.
-        read_with: options of `read_log` that it was read with, where they were not the usual ones.
-        gains: by which its readings were made efforts, where some of them are not exact; None where all are.
-        notes: what was decoded, mended or left out when it was read, a sentence each.
-        encoding: how its readings held their sign, as `read_log` takes it, before they were decoded; None where they
-            did not.
+        source: name of the source, for messages.
+        pieces: the recordings that it was joined from, whose rows follow one another; empty for a single recording.
+        read_with: options of `read_log` that differ from the defaults.
+        gains: gains of the readings if some are uncertain, else None.
+        notes: what was decoded, corrected or left out when it was read, one sentence each.
+        encoding: how the readings held their sign before decoding, as for `read_log`; None if they did not.
 
     Example:
         >>> t = np.arange(200) / 100.0
@@ -98,7 +97,7 @@ class Log:
         if np.any(np.diff(self.t) < 0.0):
             raise ValueError("time runs backwards")
         if self.pieces and [0, *(p.stop_row for p in self.pieces)] != [*(p.start_row for p in self.pieces), len(self)]:
-            raise ValueError("the pieces do not hold the log's rows one after the other")
+            raise ValueError("the pieces do not cover the log's rows in order")
 
     def __len__(self) -> int:
         return len(self.t)
@@ -112,19 +111,19 @@ class Log:
         return f"Log {self.source}: {len(self)} rows in {seconds:.4g} s, {joints}, {velocities}"
 
     def rectified(self) -> Log:
-        """The log as a controller that hides every sign would have written it."""
+        """The log with the absolute values of all efforts."""
         return replace(self, effort=np.abs(self.effort), signed=np.zeros(self.n_joints, dtype=bool))
 
     def rescaled(self, factor: Array) -> Log:
-        """The log with each joint's efforts, and the gain behind them, multiplied by its factor (n,)."""
+        """The log with each joint's efforts and gain multiplied by its factor (n,)."""
         gains = None if self.gains is None else self.gains.times(np.asarray(factor))
         return replace(self, effort=self.effort * np.asarray(factor), gains=gains)
 
     def carrying(self, label: str) -> Log:
-        """The log of a flange that carried a payload all along; where nothing is said it carried nothing.
+        """The log with a payload on the flange; by default a log has none.
 
-        Identified together with a log without payload, each payload has ten parameters of its own (`m_tool1`,
-        `mcx_tool1`, ..), which act in the logs of its label alone: letters, digits and underscores, else an InputError.
+        Each payload has ten parameters of its own (`m_tool1`, `mcx_tool1`, ..), identified together with a log without
+        payload. The label consists of letters, digits and underscores, else an InputError.
 
         Example:
             >>> both = bayesid.read_log([log, other_log.carrying("tool1")])
@@ -135,10 +134,9 @@ class Log:
         return replace(self, pieces=tuple(replace(piece, payload=label) for piece in _pieces(self, 0)))
 
     def save(self, path: str | Path) -> Path:
-        """Writes a CSV file that `read_log` reads, with as many digits as it takes to come back the same.
+        """Writes a CSV file that `read_log` reads, without rounding.
 
-        Nothing in the file says which joints are signed: `read_log` looks for negative efforts, unless `unsigned` says
-        it.
+        The file does not say which joints are signed: `read_log` looks for negative efforts, or takes `unsigned`.
 
         Raises:
             InputError: the file cannot be written.
@@ -156,7 +154,7 @@ class Log:
 
     @property
     def payload(self) -> Labels:
-        """(N,) label of what the flange carried in each row; empty where it carried nothing."""
+        """(N,) label of the payload in each row; empty without one."""
         if not self.pieces:
             return labels("", len(self))
         return np.repeat([piece.payload for piece in self.pieces], [len(piece.t) for piece in self.pieces])
@@ -167,15 +165,14 @@ class Log:
         return len(self.pieces) > 1
 
     def clock(self, t: Array) -> tuple[Integers, Array]:
-        """Instants t (M,) of the log, s, on the clock of the recording that each lies in.
+        """Converts instants t (M,) of the log, s, to the clock of the recording that contains them.
 
         Returns:
-            (M,) the recording's place in `pieces`, 0 in a log that is one, and -1 where nothing was recorded, between
-            recordings and in pauses of one; and (M,) its own time, s, to the microsecond, as the log's clock has it
-            where nothing was recorded.
+            (M,) index in `pieces` (0 for a single recording), or -1 between recordings and in pauses; and (M,) its
+            time, s, rounded to microseconds; the log's own time where the index is -1.
         """
         place, time = np.full(len(t), -1 if self.pooled else 0), np.array(t, dtype=float)
-        slack = 0.01 * self.period  # far more than the rounding of times since 1970, far less than half a period
+        slack = 0.01 * self.period  # well above the rounding of times since 1970, well below half a period
         for k, piece in enumerate(self.pieces if self.pooled else ()):
             first, last = self.t[[piece.start_row, piece.stop_row - 1]]
             inside = (t >= first - slack) & (t <= last + slack)
@@ -197,13 +194,13 @@ class Log:
 
 
 def join_logs(logs: Sequence[Log]) -> Log:
-    """Several logs of the same robot as one, with a pause between them: identification leaves pauses out.
+    """Joins several logs of one robot, with a pause between them; identification leaves pauses out.
 
-    Times start over in each log, and are kept in `pieces`. Where only some have measured velocities, those of the
-    others are the change of their positions.
+    The recorded times are kept in `pieces`. If only some logs have measured velocities, the others get the derivative
+    of their positions.
 
     Raises:
-        InputError: they do not have the same joints or signed joints, or not the same rate.
+        InputError: the logs differ in their joints, signed joints, gains or rate.
     """
     first = logs[0]
     if len(logs) == 1:
@@ -234,49 +231,49 @@ def join_logs(logs: Sequence[Log]) -> Log:
 
 
 def _without_velocities(log: Log, measured: Array | None) -> list[str]:
-    said = f"{log.source}: has no measured velocities, as others have; the change of its positions is used"
+    said = f"{log.source}: has no measured velocities, unlike the other logs; they are derived from its positions"
     return [] if measured is None or log.dq is not None else [said]
 
 
 def _pieces(log: Log, row: int) -> tuple[Piece, ...]:
-    """The log's recordings in a longer log in which it begins at a row."""
+    """The log's recordings with the row at which it begins in a longer log."""
     pieces = log.pieces or (Piece(log.source, 0, len(log), log.t),)
     return tuple(replace(p, start_row=p.start_row + row, stop_row=p.stop_row + row) for p in pieces)
 
 
 def _check_fit(first: Log, log: Log) -> None:
     if log.n_joints != first.n_joints:
-        said = f"has {log.n_joints} joints, {first.source} has {first.n_joints}"
+        said = f"has {log.n_joints} joints, but {first.source} has {first.n_joints}"
         raise InputError(said, log.source, "join logs of one robot")
     if not np.array_equal(log.signed, first.signed):
-        said = f"other joints are signed than in {first.source}"
-        raise InputError(said, log.source, "say which with `unsigned`, or rectify both")
+        said = f"the signed joints differ from those of {first.source}"
+        raise InputError(said, log.source, "name the unsigned joints with `unsigned`")
     gains, expected_gains = ("that are exact" if one.gains is None else one.gains.text for one in (log, first))
     if gains != expected_gains:
-        said = f"was read with gains {gains}, {first.source} with {expected_gains}"
+        said = f"was read with gains {gains}, but {first.source} with {expected_gains}"
         raise InputError(said, log.source, "read both with the same `gains`")
     rate, expected = 1.0 / log.period, 1.0 / first.period
     if abs(rate / expected - 1.0) > TUNING.same_rate:
-        said = f"{rate:.4g} Hz, {first.source} has {expected:.4g} Hz"
-        raise InputError(said, log.source, "bring the logs to the same rate")
+        said = f"has {rate:.4g} Hz, but {first.source} has {expected:.4g} Hz"
+        raise InputError(said, log.source, "resample the logs to the same rate")
 
 
 def check_exact_gains(log: Log) -> None:
-    """InputError for a log with uncertain gains beside an earlier result, whose model is in the scale of its own."""
+    """InputError for a log with uncertain gains beside an earlier result, which fixes the gains."""
     if log.gains is not None:
-        remedy = "read it with the earlier result's own, as in bayesid.read_log(file, gains=result.gains.found)"
+        remedy = "read it with the gains of the earlier result, as in bayesid.read_log(file, gains=result.gains.found)"
         raise InputError(f"was read with uncertain gains {log.gains.text}", log.source, remedy)
 
 
 @dataclass(frozen=True)
 class RecordedMotion:
-    """Positions over time as recorded or planned: no filter, no resampling."""
+    """Recorded or planned positions over time: no filter, no resampling."""
 
     t: Array  #: (N,) time, s, non-decreasing
     q: Array  #: (N, n) joint positions, rad (m for a prismatic joint)
     dq: Array | None = None  #: (N, n) joint velocities, rad/s, or None
-    source: str = GIVEN  #: where it came from, for messages
-    #: (N,) label of what the flange carries, or one for all; empty where it carries nothing
+    source: str = GIVEN  #: name of the source, for messages
+    #: (N,) label of the payload, or one label for all rows; empty without a payload
     payload: Labels = field(default_factory=unlabelled)
 
     def __post_init__(self) -> None:
@@ -288,7 +285,7 @@ class RecordedMotion:
         object.__setattr__(self, "payload", labels(self.payload, q.shape[0]))
 
     def rows(self, kept: Integers) -> RecordedMotion:
-        """Some rows, in ascending order; the motion itself where these are all: long ones are not copied."""
+        """Some rows, in ascending order; without a copy if these are all rows."""
         if len(kept) == len(self.t):
             return self
         dq = None if self.dq is None else self.dq[kept]
@@ -296,5 +293,5 @@ class RecordedMotion:
 
 
 def motion_of_log(log: Log) -> RecordedMotion:
-    """What a log holds beside efforts."""
+    """The positions and velocities of a log."""
     return RecordedMotion(log.t, log.q, log.dq, log.source, log.payload)

@@ -1,4 +1,4 @@
-"""A low-pass that |effort| has passed after the rectifier: in the sensor, in the drive, by whoever wrote the log."""
+"""A low-pass of |effort| after the rectifier: in the sensor, the drive or the logger."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from bayesid.log.tuning import TUNING
 
 @dataclass(frozen=True, order=True)
 class LowPass:
-    """A Butterworth low-pass of efforts, cut-off in Hz; of the first order it is an RC element.
+    """A Butterworth low-pass of efforts, cut-off in Hz; order 1 is an RC element.
 
-    With `zero_phase` it is run forwards and backwards, which delays nothing and doubles its order.
+    With `zero_phase` it runs forwards and backwards: no delay, twice the order.
     """
 
     order: int
@@ -28,7 +28,7 @@ class LowPass:
         return f"{self.cutoff:.3g} Hz (Butterworth, order {self.order}, {way})"
 
     def apply(self, values: Array, rate: float) -> Array:
-        """What becomes of (N, ...) values at a rate, Hz; it is at rest before the first one and after the last."""
+        """Filters (N, ...) values at a rate, Hz; the filter starts at rest."""
         above, below = scipy.signal.butter(self.order, self.cutoff, fs=rate)
         for _ in range(1 + self.zero_phase):
             at_rest = scipy.signal.lfilter_zi(above, below).reshape(-1, *[1] * (values.ndim - 1)) * values[:1]
@@ -37,7 +37,7 @@ class LowPass:
         return values
 
     def autocovariance(self, memory: float, lags: int, rate: float) -> Array:
-        """(lags,) of noise of variance 1 that has passed it; the noise's correlation from sample to sample is given."""
+        """(lags,) autocovariance of filtered noise of variance 1 whose lag-1 correlation is `memory`."""
         reach = int(np.ceil(TUNING.filter_memory * rate / self.cutoff))
         impulse = np.zeros(2 * reach + 1)
         impulse[reach] = 1.0
@@ -51,11 +51,11 @@ class LowPass:
 
 @dataclass(frozen=True)
 class AfterRectifier:
-    """That the |effort| of the unsigned joints has passed a low-pass."""
+    """A low-pass that the |effort| of the unsigned joints has passed."""
 
     low_pass: LowPass
-    read: Array  #: (N, n) |effort| as it was read, resampled, N m
-    noise: Array  #: (n,) sd of the noise before the low-pass that did not pass it, N m
+    read: Array  #: (N, n) |effort| as recorded, resampled, N m
+    noise: Array  #: (n,) sd of the noise at the rectifier, which the low-pass removes, N m
 
     def readings(self, effort: Array, rate: float) -> Array:
         """(N, n, ...) mean readings of efforts, N m, at a rate, Hz."""
@@ -64,7 +64,7 @@ class AfterRectifier:
 
 
 def mean_magnitude(effort: Array, sd: Array | float) -> Array:
-    """E|e + n| of efforts e with normal noise n of a standard deviation: the mean of a folded normal distribution."""
+    """E|e + n| of efforts e with normal noise n of standard deviation sd: mean of a folded normal."""
     ratio = effort / sd
     mean: Array = sd * np.sqrt(2.0 / np.pi) * np.exp(-0.5 * ratio**2) + effort * (2.0 * ndtr(ratio) - 1.0)
     return mean

@@ -1,4 +1,4 @@
-"""Logs and motions from files and from memory: what the numbers of a table mean, and whether they can be."""
+"""Reads logs and motions from files and from memory: units, gains, signs and checks."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ from bayesid.log.velocities import check_speeds
 from bayesid.robot import Robot
 
 LogSource: TypeAlias = Log | str | Path | Variables | Parts | list["LogSource"]
-"""What stands for a log wherever one is asked for; a list for several, which are joined."""
+"""Accepted wherever a log is expected; the logs of a list are joined."""
 
 
 @overload
@@ -75,7 +75,7 @@ def read_log(
 ) -> RecordedMotion: ...
 
 
-def read_log(  # noqa: PLR0913  a source, and what may be said of it
+def read_log(  # noqa: PLR0913  a source and its options
     source: LogSource,
     gains: Sequence[float] | Gains | str | None = None,
     unsigned: str | None = None,
@@ -89,44 +89,41 @@ def read_log(  # noqa: PLR0913  a source, and what may be said of it
     correct: str | None = None,
     effort: bool = True,
 ) -> Log | RecordedMotion:
-    """Reads and checks a log in one of the formats of `bayesid.log.formats`, or one that is in memory.
+    """Reads and checks a log in one of the formats of `bayesid.log.formats`, or from memory.
 
-    What had to be assumed, such as the order of a bag's joints, is said in a `UserWarning`.
+    A `UserWarning` states each assumption, such as the order of a bag's joints.
 
     Args:
-        source: the file, or a folder that is a recording; or a data frame, a structured array or a dict with columns
-            named as in a file, or with `t` (N,), `q` (N, n), `tau` or `i` (N, n), and `dq` (N, n) if measured. Parts of
-            one run, such as positions and currents, in a tuple or as in "positions.csv+currents.csv" are joined by
-            time. Several logs of one robot in a list are joined one after the other, with a pause between them; a
-            `Log` among them stays as it is.
-        gains: n drive gains, N m/A, for a log of currents i1..in; efforts that the format leaves open (those of a ROS
-            bag) are then currents. Gains that are not exact, as in "12~20%,16~20%,10" or "unknown", a CSV file with
-            the columns gain and sd, or `Gains`, become unknowns of the identification; those may correct torques too.
-        unsigned: "all", "none" or 1-based joints as in "1,3"; by default a joint whose effort is never negative.
-        degrees: whether positions and velocities are in degrees where the file does not say their unit. All of them
-            are taken as angles: give those of prismatic joints a unit in the header, as in `q3[m]`. By default they
-            are in rad (m), and refused if more than half of the joints, and two at least, leave two turns either way.
-        topic: of a recording with joint states of several topics; by default the only one with efforts.
-        joints: names from base to tip, where joints have names; by default all, in the order of their numbers, or else
-            in that of the first message.
-        columns: what the file calls t, q, dq, and tau or i, as in {"t": "Zeit [ms]", "q": "Achse{} [Grad]"}: `{}`
-            stands for the joints' numbers, from 0 or from 1, `{2-7}` for those from 2 to 7, and q1, q2, .. are one
-            joint's. Units in brackets count; "none" for dq leaves velocities out. Or as on the command line, or a TOML
-            file. By default the usual names.
-        encoding: how readings that are never negative hold a sign all the same: "twos:16", two's complement of so many
-            bits; "sign-bit:10", the bit that is set below zero; "offset:2048", what stands for zero; "direction:1",
-            what a column of directions holds below zero; or "magnitude", not at all. By default what they show.
-        robot: whose joints are looked for by their names, where the log has such; by default in the log's order.
-        correct: joints to exchange, to turn round or to scale, and zeros, as in "q1=q3,q3=q1,tau2=-tau2,q5=q5+1.5708".
-        effort: False for a motion, to predict efforts of: efforts need not be there, and are left out.
+        source: a file, or a folder that is a recording; a data frame, a structured array or a dict with columns named
+            as in a file, or with `t` (N,), `q` (N, n), `tau` or `i` (N, n), and `dq` (N, n) if measured. The parts of
+            one run, such as positions and currents, in a tuple or as in "positions.csv+currents.csv", are joined by
+            time. A list of logs of one robot is joined end to end, with pauses; a `Log` in it is used unchanged.
+        gains: n drive gains, N m/A, for a log of currents i1..in. Efforts without a unit in the format (a ROS bag) then
+            count as currents. Uncertain gains are estimated by the identification, and may also correct torques:
+            "12~20%,16~20%,10", "unknown", a CSV file with the columns gain and sd, or `Gains`.
+        unsigned: "all", "none" or 1-based joints as in "1,3"; by default the joints whose effort is never negative.
+        degrees: whether positions and velocities without a stated unit are in degrees. It applies to every joint: give
+            prismatic joints a unit in the header, as in `q3[m]`. The default is rad (m), refused if more than half of
+            the joints, and at least two, leave the range of two turns either way.
+        topic: topic of the joint states in a recording with several; by default the only one with efforts.
+        joints: joint names from base to tip, for logs with joint names; by default all joints, in order of their
+            numbers, or in that of the first message.
+        columns: the file's names of t, q, dq, and tau or i, as in {"t": "Zeit [ms]", "q": "Achse{} [Grad]"}. `{}`
+            stands for the joint numbers, from 0 or from 1, `{2-7}` for those from 2 to 7; q1, q2, .. name single
+            joints. Units in brackets are used; "none" for dq ignores velocities. Also text as on the command line, or a
+            TOML file. By default the usual names.
+        encoding: how readings that are never negative hold a sign: "twos:16" (two's complement, 16 bits), "sign-bit:10"
+            (bit 10 is set for negative values), "offset:2048" (reading at zero), "direction:1" (value of a direction
+            column for negative efforts), or "magnitude" (no sign). By default it is detected.
+        robot: its joint names select and order the log's joints, if the log has names; by default the log's order.
+        correct: joints to exchange, flip or scale, and offsets, as in "q1=q3,q3=q1,tau2=-tau2,q5=q5+1.5708".
+        effort: False to read a motion only; efforts may be missing and are ignored.
 
     Returns:
         A `Log`, or positions and velocities over time without efforts.
 
     Raises:
-        InputError: the file, a row, a column or an option cannot be used.
-
-    Example:
+        InputError: the file, a row, a column or an option is not valid. Example:
         >>> t = np.arange(200) / 100.0
         >>> q = np.column_stack([np.sin(t), np.cos(3.0 * t)])
         >>> bayesid.read_log({"t": t, "q": q, "tau": 5.0 * q}).n_joints
@@ -143,7 +140,7 @@ def read_log(  # noqa: PLR0913  a source, and what may be said of it
     if isinstance(source, list):
         return _joined(source, robot, given)
     if isinstance(source, Log):
-        raise InputError("is read already", source.source, "use it as it is, or give its file")
+        raise InputError("is already a Log", source.source, "use it unchanged, or give its file")
     _check_lists(gains=None if isinstance(gains, Gains | str) else gains, joints=joints)
     stated = parse_columns(str(columns)) if isinstance(columns, str | Path) else columns
     options = Options(topic=topic, joints=joints, currents=gains is not None, columns=stated, encoding=encoding)
@@ -155,7 +152,7 @@ def read_log(  # noqa: PLR0913  a source, and what may be said of it
     table = wrapped_in_degrees(table) if degrees is None else table
     q, notes = positions_of(table, angle)
     measured = table.block("tau" if "tau1" in table.columns else "i")
-    decoded = table.encoding is not None and unsigned is None  # then also joints that are never negative
+    decoded = table.encoding is not None and unsigned is None  # a decoded joint is signed even if never negative
     signed = signed_joints(measured, "none" if decoded else unsigned, table.n_joints)
     if not any(TAKEN in one for one in table.mended):
         notes += check_magnitudes(measured, q, signed, table.source, stated=encoding == MAGNITUDE)
@@ -196,20 +193,20 @@ def read_log(  # noqa: PLR0913  a source, and what may be said of it
 
 def _joined(sources: list[LogSource], robot: Robot | None, given: Mapping[str, Any]) -> Log:
     if not sources:
-        raise InputError("names no log", field="source", remedy="give one log or more")
+        raise InputError("is an empty list", field="source", remedy="give at least one log")
     return join_logs([one if isinstance(one, Log) else read_log(one, **given, robot=robot) for one in sources])
 
 
 def _motion_alone(source: Any, robot: Robot | None, given: Mapping[str, Any]) -> RecordedMotion:
     for name in ("gains", "unsigned", "encoding"):
         if given[name] is not None:
-            remedy = "leave it out, or read a log, with `effort=True`"
-            raise InputError("is of efforts, which a motion has none of", field=name, remedy=remedy)
+            remedy = "leave it out, or read a log with `effort=True`"
+            raise InputError("applies to efforts, but a motion has none", field=name, remedy=remedy)
     return read_motion(source, **{name: given[name] for name in OF_MOTION}, robot=robot)
 
 
 def _as_read(stated: Sequence[float] | Gains | str | None, read_by: Gains) -> list[float] | str | None:
-    """Gains as `read_log` takes them: a list of exact ones of currents, else text; None where they were left out."""
+    """Gains in a form that `read_log` takes: a list for exact gains of currents, else text; None if not given."""
     left_out = isinstance(stated, Gains) and read_by.of_torques and not stated.of_torques
     if stated is None or left_out:
         return None
@@ -220,7 +217,7 @@ def _as_read(stated: Sequence[float] | Gains | str | None, read_by: Gains) -> li
 
 
 def _recordings(table: Table) -> list[tuple[str, slice]]:
-    """The recordings that a file holds, with their names and rows; those that are too short are left out."""
+    """Names and rows of the recordings in a file; those that are too short are left out."""
     starts = table.starts
     if len(starts) == 1:
         return [(table.source, slice(None))]
@@ -228,65 +225,67 @@ def _recordings(table: Table) -> list[tuple[str, slice]]:
     long = [slice(*ends) for ends in pairwise([*starts, len(table.t)]) if ends[1] - ends[0] >= TUNING.fewest_rows]
     if not long:
         said = f"holds {len(starts)} recordings of {part.label}, none with {TUNING.fewest_rows} rows"
-        raise InputError(said, table.source, "record longer ones")
+        raise InputError(said, table.source, "record longer logs")
     return [(f"{table.source}, {part.label} {part.values[rows.start]:g}", rows) for rows in long]
 
 
 def _part(values: Array, rows: slice) -> Array:
-    """Some rows of values to which nothing is written from now on; no copy where these are all."""
+    """Some rows of values, made read-only; no copy if these are all rows."""
     values.setflags(write=False)
     return values if rows == slice(None) else values[rows]
 
 
 def as_log(source: LogSource, robot: Robot, kept: Mapping[str, Any] = MappingProxyType({})) -> Log:
-    """A log as it is, and anything else as `read_log` reads it for a robot, by options kept of a result's log."""
+    """A `Log` unchanged; any other source as `read_log` reads it for a robot, by the kept options of a result's log."""
     return source if isinstance(source, Log) else read_alike(read_log, source, kept, {}, robot=robot)
 
 
 def angle_unit(table: Table, degrees: bool | None) -> float:
-    """The unit, rad, of the positions of which the file does not say it."""
+    """Unit, rad, of positions without a stated unit."""
     if degrees is None and (far := far_positions(table)):
         said = f"positions reach {max(far):.4g}: are they degrees?"
         if max(far) * DEGREE > TUNING.many_turns:
-            said = f"positions reach {max(far):.4g}: neither rad nor degrees, are they counts of an encoder?"
-            raise InputError(said, table.source, "give them in rad or degrees (`degrees=False` if they are rad)")
+            said = f"positions reach {max(far):.4g}, too large for rad or degrees (encoder counts?)"
+            raise InputError(said, table.source, "convert them to rad or degrees (`degrees=False` if they are rad)")
         raise InputError(said, table.source, "give `degrees=True`, or `degrees=False` if they are rad")
     return DEGREE if degrees else 1.0
 
 
 def gains_of_table(table: Table, stated: Sequence[float] | Gains | str | None) -> Gains:
-    """The gains by which a table's readings become efforts, or an InputError where they do not suit it."""
+    """The gains that turn a table's readings into efforts; InputError if they do not fit the table."""
     n, where, torques = table.n_joints, table.source, "tau1" in table.columns
     if stated is None:
         if torques:
             return Gains(np.ones(n), np.zeros(n), of_torques=True)
-        remedy = "give `gains` K1,..,Kn in N m/A, or N m per count of raw readings, as in 12~20%,16,10 where they are "
+        remedy = "give `gains` K1,..,Kn in N m/A (N m per count for raw readings), as in 12~20%,16,10 if they are  "
         remedy += "uncertain, or `gains` unknown"
         raise InputError("the log holds currents but no gains are given", where, remedy)
-    if isinstance(stated, Gains) and stated.exact.all():  # of an earlier result
+    if isinstance(stated, Gains) and stated.exact.all():  # from an earlier result
         if torques and not stated.of_torques:
-            warnings.warn(f"{where} holds torques: gains of currents are left out", stacklevel=3)
+            warnings.warn(f"{where} holds torques; gains of currents are ignored", stacklevel=3)
             return Gains(np.ones(n), np.zeros(n), of_torques=True)
         if not torques and stated.of_torques:
-            said = "the log holds currents, the gains are factors on torques"
+            said = "the log holds currents, but the gains are factors on torques"
             raise InputError(said, where, "give the gains of currents with `gains`")
     elif torques and not isinstance(stated, Gains | str):
         pattern = pattern_of(table.columns["tau1"].label)
         remedy = f'drop `gains`, or give `columns` i="{pattern}" if they are currents'
         raise InputError("gains are given but the log holds torques tau1..taun", where, remedy)
     unit = None if torques else split_brackets(table.columns["i1"].label).unit
-    known = unit is None or factor_of("i", unit) is not None  # else the header says another one: %, counts
+    known = unit is None or factor_of("i", unit) is not None  # otherwise another unit: %, counts
     return replace(gains_of(stated, n), of_torques=torques, unit="N m" if torques else "A" if known else str(unit))
 
 
 def _check_lists(**given: object) -> None:
     for name, values in given.items():
         if not isinstance(values, Sequence | np.ndarray | None) or isinstance(values, str):
-            raise InputError(f"{values!r} is no list", field=name, remedy="give one entry a joint, as in [1, 2, 3]")
+            raise InputError(
+                f"{values!r} is not a list", field=name, remedy="give one entry per joint, as in [1, 2, 3]"
+            )
 
 
 def signed_joints(measured: Array, unsigned: str | None, n: int) -> Mask:
-    """(n,) which joints are signed, by readings (N, n), or as a user has said."""
+    """(n,) which joints are signed, from readings (N, n) or as stated."""
     if unsigned is None:
         negative: Mask = np.any(measured < 0.0, axis=0)
         return negative
@@ -330,7 +329,7 @@ def read_motion(
     motion = _recorded(table, q, angle)
     later = np.flatnonzero(np.diff(motion.t, prepend=-np.inf) > 0.0)
     if repeated := len(motion.t) - len(later):
-        notes = [*notes, f"{table.source}: {repeated:,} rows have the time of the row before: left out"]
+        notes = [*notes, f"{table.source}: {repeated:,} rows repeat the time of the row before; they are left out"]
         motion = motion.rows(later)
     for note in (*table.mended, *notes):
         warnings.warn(note, stacklevel=2)
@@ -342,18 +341,18 @@ def read_motion(
 
 
 def motion_of_arrays(t: object, q: object, dq: object | None = None) -> RecordedMotion:
-    """The motion in arrays: (N,) s, (N, n) rad and, if they are given, (N, n) rad/s."""
+    """The motion in arrays: (N,) s, (N, n) rad and, if given, (N, n) rad/s."""
     given = {"t": _numbers(t, "t"), "q": _numbers(q, "q"), **({} if dq is None else {"dq": _numbers(dq, "dq")})}
     shape, columns = given["q"].shape, dict[str, Column]()
     for kind, values in given.items():
         if len(shape) != 2 or values.shape != (shape[:1] if kind == "t" else shape):
-            said = f"{kind} has shape {values.shape} beside q of {shape}"
+            said = f"{kind} has shape {values.shape}, but q has shape {shape}"
             raise InputError(said, GIVEN, "give t (N,), and q and dq (N, n)")
         named = zip(["t"] if kind == "t" else numbered(kind, shape[1]), np.atleast_2d(values.T), strict=True)
         columns |= {name: Column(name, column) for name, column in named}
     table = check(Table(columns, GIVEN, rows_of(GIVEN)))
     if not (np.diff(table.t) > 0.0).all():
-        raise InputError("t does not increase from row to row", GIVEN, "give every instant once")
+        raise InputError("t does not increase from row to row", GIVEN, "give increasing times")
     return _recorded(table, table.block("q"), 1.0)
 
 
@@ -366,4 +365,4 @@ def _numbers(values: object, name: str) -> Array:
     try:
         return np.asarray(values, dtype=float)
     except (TypeError, ValueError):
-        raise InputError(f"{name} holds something else than numbers", GIVEN, "give numbers") from None
+        raise InputError(f"{name} holds values that are not numbers", GIVEN, "give numbers") from None

@@ -1,4 +1,4 @@
-"""Samples of a stream of text: its rows in SI units, by the same names, units and gains as those of a log."""
+"""Rows of a text stream in SI units, with the names, units and gains of a log."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ from bayesid.log.velocities import LiveTurns
 
 
 class Stream(Protocol):
-    """What gives lines of text."""
+    """A source of text lines."""
 
     def readline(self, most: int, /) -> bytes:
-        """The next line, or so many bytes of it; empty at the end."""
+        """The next line, or at most that many bytes of it; empty at the end."""
 
 
 class Row(NamedTuple):
-    """A sample: s; (n,) rad (m); (n,) N m with the signs that were written, nan where none was; (n,) rad/s or None."""
+    """A sample: s; (n,) rad (m); (n,) N m with the recorded signs, nan where unknown; (n,) rad/s or None."""
 
     t: float
     q: Array
@@ -49,19 +49,19 @@ class Row(NamedTuple):
 
 
 class RowReader:
-    """Samples of a stream of text, one after the other: a header, then one row a line.
+    """Samples of a text stream, one by one: a header, then one row per line.
 
-    Arguments are as `bayesid.read_log` takes them; all joints are unsigned by default, as nobody knows what is to come,
-    unless an encoding says where the signs are. Angles that are wrapped are unwrapped as they come.
+    Arguments are as for `bayesid.read_log`. All joints are unsigned by default unless an encoding holds the signs.
+    Wrapped angles are unwrapped as they arrive.
 
     Attributes:
-        signed: (n,) which joints are.
-        assumed: whether nobody has said which.
-        notes: what had to be assumed, a sentence each.
-        bad: rows that were none so far.
+        signed: (n,) which joints are signed.
+        assumed: whether the signed joints were assumed, not stated.
+        notes: assumptions, one sentence each.
+        bad: number of invalid rows so far.
 
     Raises:
-        InputError: it begins with no header of a log, or an option cannot be used.
+        InputError: it does not begin with a log's header, or an option is not valid.
     """
 
     def __init__(
@@ -106,10 +106,10 @@ class RowReader:
         self._turns = LiveTurns(np.array([not slides(one.columns[f"q{j}"].label) for j in range(1, n + 1)]))
 
     def __iter__(self) -> Iterator[Row | None]:
-        """Each sample as soon as its line is there; None in place of a row that is none.
+        """Each sample as soon as its line arrives; None for an invalid row.
 
         Raises:
-            InputError: positions can only be degrees, and nobody has said so.
+            InputError: positions must be in degrees, but no unit is stated.
         """
         for line in self._lines:
             try:
@@ -121,7 +121,7 @@ class RowReader:
                 values = self._decoded(np.array([self._number(cells[one.place], one) for one in self._columns]))
             except InputError:
                 raise
-            except (OverflowError, ValueError):  # and letters that are none
+            except (OverflowError, ValueError):  # and letters
                 self.bad += 1
                 yield None
                 continue
@@ -138,20 +138,20 @@ class RowReader:
         return value
 
     def _places_of_directions(self, names: Sequence[str], stated: str | None) -> list[int]:
-        """Where the directions of all joints' efforts stand, if these count; none where they do not."""
+        """Places of the direction columns of all joints, if they are used; else empty."""
         places = [names.index(f"{DIRECTION}{j}") for j in range(1, self.n_joints + 1) if f"{DIRECTION}{j}" in names]
         if places and stated is None:
-            remedy = f"say what is negative with `encoding`, as in direction:1 or direction:-1, or {MAGNITUDE}"
-            raise InputError("has columns of directions, which nobody knows beforehand", self._source, remedy)
+            remedy = f"give the negative direction with `encoding`, as in direction:1 or direction:-1, or {MAGNITUDE}"
+            raise InputError("has direction columns, whose meaning is not stated", self._source, remedy)
         if not places and self._encoding.kind == "direction":
             remedy = f"name columns direction1, direction2, .., or give `encoding` {MAGNITUDE}"
-            raise InputError("has no columns of directions", self._source, remedy)
+            raise InputError("has no direction columns", self._source, remedy)
         return places if self._encoding.kind == "direction" else []
 
     def _decoded(self, values: Array) -> Array:
-        """A row's numbers with the signs of its efforts; ValueError where they are not of this world.
+        """A row's numbers with the signs of its efforts; ValueError if they are not plausible.
 
-        InputError where efforts that hold a sign in a code are negative already.
+        InputError if encoded efforts are negative already.
         """
         places = self._blocks[self._effort][0]
         if self._directions:
@@ -159,10 +159,10 @@ class RowReader:
         elif self._encoding not in (Encoding(MAGNITUDE), TWOS_64):
             if (values[places] < 0.0).any():
                 said = f"has negative efforts, which cannot hold {self._encoding.said}"
-                raise InputError(said, self._source, f"correct `encoding`; {MAGNITUDE} is none")
+                raise InputError(said, self._source, f"correct `encoding`, or give {MAGNITUDE}")
             values[places] = self._encoding.decoded(values[places])
         if (np.abs(np.delete(values, self._clocks)) >= TUNING.absurd).any():
-            raise ValueError("no numbers of this world")
+            raise ValueError("numbers out of range")
         return values
 
     def _row(self, values: Array) -> Row:
@@ -174,8 +174,8 @@ class RowReader:
         jumped = self._open & (np.abs(DEGREE * np.abs(blocks["q"] - self._before) - 2.0 * np.pi) < TUNING.wrap_slack)
         if jumped.any():
             joint = int(np.argmax(jumped)) + 1
-            remedy = f"say the unit in the header, as in q{joint}[deg]"
-            raise InputError(f"positions of joint {joint} jump by 360, as degrees do", self._source, remedy)
+            remedy = f"write the unit in the header, as in q{joint}[deg]"
+            raise InputError(f"positions of joint {joint} jump by 360, as wrapped degrees do", self._source, remedy)
         self._before, blocks["q"] = blocks["q"], self._turns.unwrapped(t, blocks["q"])
         if self._corrected is not None:
             positions, efforts = self._corrected
@@ -193,12 +193,12 @@ class RowReader:
 def _lines_of(stream: Stream, source: str) -> Iterator[bytes]:
     while line := stream.readline(TUNING.header_bytes):
         if len(line) == TUNING.header_bytes:
-            raise InputError(f"has a line of {TUNING.header_bytes:,} bytes", source, "give one row a line")
+            raise InputError(f"has a line of {TUNING.header_bytes:,} bytes", source, "give one row per line")
         yield line
 
 
 def _look_at(lines: Iterator[bytes], source: str) -> tuple[Layout, Iterator[bytes]]:
-    """How the rows of a stream are to be read, by its header and the units beneath it; and the lines that hold them."""
+    """The layout of a stream's rows, from its header and units; and the lines read for it."""
     head: list[bytes] = []
     layout = Layout("utf-8")
     for line in lines:
@@ -207,9 +207,11 @@ def _look_at(lines: Iterator[bytes], source: str) -> tuple[Layout, Iterator[byte
         try:
             layout = look(b"".join(head), whole=False)
         except (UnicodeDecodeError, csv.Error):
-            raise InputError("is not text", source, "give CSV, one row a line") from None
-        if layout.encoding not in ("utf-8", "utf-8-sig", "cp1252"):  # where a line ends with one byte
-            raise InputError(f"is {layout.encoding.upper()}, which cannot be followed", source, "give it as UTF-8")
+            raise InputError("is not text", source, "give CSV, one row per line") from None
+        if layout.encoding not in ("utf-8", "utf-8-sig", "cp1252"):  # the encodings whose line end is one byte
+            raise InputError(
+                f"is {layout.encoding.upper()}, which cannot be read as a stream", source, "convert it to UTF-8"
+            )
         if layout.first or len(head) == 3:
             break
     return layout, chain(head[layout.rows :], lines)

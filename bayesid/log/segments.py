@@ -1,10 +1,10 @@
-"""Segments: stretches of a joint's effort over which its sign does not change.
+"""Segments: stretches of a joint's effort with one sign.
 
-|effort| touches zero where the sign changes, but a filter rounds that cusp off and noise lifts it, and dry friction
-lets the effort jump through zero between two samples where the joint's velocity reverses. So the cuts are generous:
-every prominent minimum of the lightly filtered |effort|, every upward jump of its slope that is no minimum (a fast
-crossing between unequal efforts), every velocity reversal, every jump of the acceleration and every edge of a
-standstill or of a pause of the log. A cut too many costs a binary unknown, a cut too few samples of the wrong sign.
+|effort| touches zero where the sign changes, but filters round this cusp and noise lifts it. Dry friction lets the
+effort jump through zero between two samples where the velocity reverses. So cuts are generous: every prominent minimum
+of the lightly filtered |effort|; every upward jump of its slope that is not a minimum (a fast crossing between unequal
+efforts); every velocity reversal; every jump of the acceleration; every edge of a standstill or pause. An extra cut
+costs one binary unknown; a missing cut gives samples the wrong sign.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from bayesid.motion import Motion
 
 @dataclass(frozen=True)
 class Segmentation:
-    """Thresholds by which an effort of unknown sign is cut, shares of the 99th percentile of the filtered |effort|.
+    """Thresholds of the segmentation, as shares of the 99th percentile of the filtered |effort|.
 
     Attributes:
-        prominence: by which a minimum must lie below its surroundings to be a cut.
-        threshold: under which samples take no part in search and fit, as in the paper; 0 leaves none out. Their signs
-            follow from the identified model.
+        prominence: depth of a minimum below its surroundings that makes it a cut.
+        threshold: samples below it take no part in search and fit, as in the paper; 0 keeps all. Their signs follow
+            from the identified model.
 
     Raises:
         InputError: a threshold is outside its range.
@@ -41,10 +41,10 @@ class Segmentation:
     def __post_init__(self) -> None:
         if not 0.0 < self.prominence < 1.0:
             remedy = "give a number between 0 and 1"
-            raise InputError(f"{self.prominence:g} cannot be used", field="prominence", remedy=remedy)
+            raise InputError(f"{self.prominence:g} is out of range", field="prominence", remedy=remedy)
         if not 0.0 <= self.threshold < 1.0:
             remedy = "give 0, or a number below 1"
-            raise InputError(f"{self.threshold:g} cannot be used", field="threshold", remedy=remedy)
+            raise InputError(f"{self.threshold:g} is out of range", field="threshold", remedy=remedy)
 
 
 USUAL = Segmentation()
@@ -57,10 +57,10 @@ class Segments:
     joint: Integers  #: (S,) 0-based actuator
     start: Integers  #: (S,) first sample
     end: Integers  #: (S,) sample after the last
-    known: Integers  #: (S,) +1 where the effort is signed already, 0 where the sign is to be found
+    known: Integers  #: (S,) +1 if the effort is signed, 0 if the sign is unknown
     moving: Mask  #: (S,) whether the actuator moves
-    #: (S,) whether the segment takes part in search and fit; if empty, those in motion do. A segment in motion may be
-    #: left out because its effort is small
+    #: (S,) whether the segment takes part in search and fit: by default if moving. One with small effort may be left
+    #: out
     fitted: Mask = field(default_factory=lambda: np.empty(0, dtype=bool))
 
     def __post_init__(self) -> None:
@@ -74,7 +74,7 @@ class Segments:
         return Segments(*(getattr(self, field.name)[chosen] for field in fields(self)))
 
     def split(self, cuts: list[tuple[int, int]]) -> Segments:
-        """The segments cut once more before each given (joint, sample)."""
+        """The segments cut at each given (joint, sample)."""
         rows = []
         for k in range(len(self)):
             inside = sorted({at for j, at in cuts if j == self.joint[k] and self.start[k] < at < self.end[k]})
@@ -83,13 +83,13 @@ class Segments:
         return _from_rows(rows)
 
     def sums(self, values: Array) -> Array:
-        """(S,) sums of samples' values (N, n)."""
+        """(S,) sums of sample values (N, n)."""
         summed = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
         total: Array = summed[self.end, self.joint] - summed[self.start, self.joint]
         return total
 
     def per_sample(self, values: Array | Integers | Mask, n_samples: int, n_joints: int) -> Array:
-        """(N, n) the segments' values (S,) laid out over the samples."""
+        """(N, n) segment values (S,) at each sample."""
         laid = np.zeros((n_samples, n_joints))
         for j, a, b, value in zip(self.joint, self.start, self.end, values, strict=True):
             laid[a:b, j] = value
@@ -97,7 +97,7 @@ class Segments:
 
 
 def find_segments(signals: Signals, actuators: Motion, segmentation: Segmentation = USUAL) -> Segments:
-    """Cuts every joint's effort of a filtered log, whose motion is given in actuator coordinates, into segments."""
+    """Cuts the efforts of a filtered log into segments; the motion is in actuator coordinates."""
     n_samples = len(actuators)
     half_period = max(1, round(signals.rate / (2.0 * signals.effort_cutoff)))
     rows = []
@@ -111,7 +111,7 @@ def find_segments(signals: Signals, actuators: Motion, segmentation: Segmentatio
             )
             edges |= cuts | _slope_jumps(effort, half_period, edges | cuts)
             fitted = moving & (np.abs(effort) >= segmentation.threshold * np.percentile(effort, 99))
-            edges |= _changes(fitted)  # last: they mark no sign change, and must not stand in for a cut that does
+            edges |= _changes(fitted)  # last: these are no sign changes and must not replace one
         bounds = sorted({0, n_samples} | edges)
         known = int(signals.signed[j])
         rows += [(j, a, b, known, bool(moving[a]), bool(fitted[a])) for a, b in pairwise(bounds)]
@@ -132,7 +132,7 @@ def _reversals(speed: Array) -> set[int]:
 
 
 def _jerks(acceleration: Array, span: int) -> set[int]:
-    """Samples at which the acceleration jumps (trapezoidal speeds): inertia lets the effort jump through zero there."""
+    """Samples at which the acceleration jumps (trapezoidal speeds); inertia lets the effort jump through zero there."""
     scale = np.percentile(np.abs(acceleration), 99)
     jump = np.zeros_like(acceleration)
     jump[span:-span] = np.abs(acceleration[2 * span :] - acceleration[: -2 * span])
@@ -145,7 +145,7 @@ def _minima(magnitude: Array, prominence: float) -> set[int]:
 
 
 def _slope_jumps(magnitude: Array, span: int, known: set[int]) -> set[int]:
-    """Low samples at which the slope jumps upwards, farther than `span` from every known cut."""
+    """Low samples at which the slope jumps upwards, more than `span` from every known cut."""
     scale = np.percentile(magnitude, 99)
     jump = np.zeros_like(magnitude)
     jump[span:-span] = magnitude[2 * span :] - 2.0 * magnitude[span:-span] + magnitude[: -2 * span]

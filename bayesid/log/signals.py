@@ -1,8 +1,8 @@
 """From a raw log to evenly sampled, filtered signals.
 
-The controller rectifies before anyone can filter, so absolute values are filtered as they are, and lightly: a filter
-rounds off the cusp at which |effort| touches zero. Least squares needs no quiet efforts, it averages their noise; it
-does need quiet accelerations. So the motion passes a zero-phase low-pass at the cut-off, efforts at twice the cut-off.
+The controller rectifies before any filter, so absolute values are filtered as they are, and lightly: a filter rounds
+the cusp at which |effort| touches zero. Least squares averages noise of the efforts but needs smooth accelerations. So
+the motion passes a zero-phase low-pass at the cut-off, efforts one at twice the cut-off.
 """
 
 from __future__ import annotations
@@ -35,14 +35,12 @@ class Signals:
     signed: Mask  #: (n,) whether the effort's sign is known
     rate: float  #: Hz, of the grid
     cutoff: float  #: of the motion's low-pass, Hz
-    processing: dict[str, object]  #: what was done to the log, for summary.json
-    #: (N, n) False where the log pauses, for half a period of the cut-off around, or where a sensor is blind or in
-    #: fault: nothing is known there
+    processing: dict[str, object]  #: processing of the log, for summary.json
+    #: (N, n) False in pauses, within half a period of the cut-off around them, and where a sensor is blind or faulty
     measured: Mask
-    #: what |effort| has passed before it was logged, of which the efforts here are freed as far as a model tells; None
-    #: where nothing was found
+    #: a detected low-pass of |effort| in the recording chain, which a model removes from the efforts here; else None
     after_rectifier: AfterRectifier | None = None
-    #: readings that no robot gives; what is interpolated in their place is left out like a pause
+    #: faulty readings; they are interpolated and left out like a pause
     faults: tuple[Fault, ...] = ()
 
     def __repr__(self) -> str:
@@ -51,7 +49,7 @@ class Signals:
 
     @property
     def effort_cutoff(self) -> float:
-        """Cut-off of the efforts' light low-pass, Hz."""
+        """Cut-off of the efforts' low-pass, Hz."""
         return _effort_cutoff(self.cutoff, self.rate)
 
     @property
@@ -61,24 +59,24 @@ class Signals:
 
     @property
     def inner(self) -> Mask:
-        """(N, 1) samples far enough from both ends for their accelerations to be trusted: half a cut-off's period."""
+        """(N, 1) samples at least half a cut-off period from both ends, whose accelerations are reliable."""
         margin, t = 0.5 / self.cutoff, self.motion.t
         return ((t >= t[0] + margin) & (t <= t[-1] - margin))[:, None]
 
     def nearest(self, predicted: Array) -> Array:
-        """(N, n) unfiltered efforts, N m: signed where the sign is known, else with that of the prediction (N, n)."""
+        """(N, n) unfiltered efforts, N m, with the known sign, else with that of the prediction (N, n)."""
         return np.where(self.signed, self.raw_effort, np.where(predicted >= 0.0, 1.0, -1.0) * self.magnitude)
 
     def with_known_signs(self, probability: Array) -> Array:
-        """(N, n) P(sign = +): 0 or 1 where the sign is known, else the given one."""
+        """(N, n) P(sign = +): 0 or 1 where the sign is known, else as given."""
         return np.where(self.signed, (self.raw_effort >= 0.0).astype(float), probability)
 
 
 def prepare(log: Log, cutoff: float | None = None) -> Signals:
-    """Drops repeated rows, leaves out faults, resamples, filters and differentiates a log.
+    """Drops repeated rows, excludes faults, resamples, filters and differentiates a log.
 
-    A joint that never moves is taken to stand where it is on average. The cut-off of the zero-phase low-pass, Hz, is
-    chosen by `choose_cutoff` when None.
+    A joint that never moves gets its mean position. Without a cut-off, Hz, of the zero-phase low-pass, `choose_cutoff`
+    chooses it.
 
     Raises:
         InputError: too few distinct rows, or a cut-off beyond the log's Nyquist frequency.
@@ -101,7 +99,7 @@ def prepare(log: Log, cutoff: float | None = None) -> Signals:
         "velocity": "measured" if mended.motion.dq is not None else "differentiated",
     }
     every = max(1, min(-(-len(grid) // TUNING.thinned_from), int(rate / (TUNING.least_over_cutoff * cutoff))))
-    kept = slice(None, None, every)  # a long log has few samples, as far as its cut-off allows
+    kept = slice(None, None, every)  # a long log is thinned as far as its cut-off allows
     if every > 1:
         processing |= {"rate_hz": rate / every, "thinned": f"one sample in {every} of {rate:.6g} Hz"}
     raw_effort, effort = _efforts(even, mended.effort, log.signed, cutoff, kept)
@@ -119,7 +117,7 @@ def prepare(log: Log, cutoff: float | None = None) -> Signals:
 
 
 def _efforts(even: _EvenMotion, recorded: Array, signed: Mask, cutoff: float, kept: slice) -> tuple[Array, Array]:
-    """(N, n) kept efforts on the even grid, N m, as they are and after the light low-pass, from those of K rows."""
+    """(N, n) kept efforts on the even grid, N m, unfiltered and lightly filtered, from those of K rows."""
     raw, filtered = [], []
     for reading, has_sign in zip(recorded.T, signed, strict=True):  # one joint at a time, for memory
         effort = scipy.interpolate.PchipInterpolator(even.t, reading)(even.grid)
@@ -130,15 +128,15 @@ def _efforts(even: _EvenMotion, recorded: Array, signed: Mask, cutoff: float, ke
 
 
 def still_joints(q: Array) -> Mask:
-    """(n,) joints that never move by positions (N, n): they stay within an encoder's noise; () by one's (N,)."""
+    """(n,) joints whose positions (N, n) stay within an encoder's noise; () for one joint's positions (N,)."""
     still: Mask = np.ptp(q, axis=0) <= TUNING.encoder
     return still
 
 
 def filtered_motion(recorded: RecordedMotion, cutoff: float | None = None) -> Motion:
-    """A motion at its own N instants, made as `prepare` makes a log's: low-passed on an even grid, differentiated.
+    """A motion at its own N instants, processed as `prepare` does: low-passed on an even grid, differentiated.
 
-    Of rows with one time the first counts.
+    Of rows with equal times the first counts.
     """
     recorded = recorded.rows(np.flatnonzero(np.diff(recorded.t, prepend=-np.inf) > 0.0))
     even = _on_even_grid(_distinct(recorded)[0])
@@ -153,23 +151,23 @@ def _effort_cutoff(cutoff: float, rate: float) -> float:
 
 
 class _Mended(NamedTuple):
-    """The K rows of a log that bring something new, what is in fault interpolated."""
+    """The K distinct rows of a log, with faults interpolated."""
 
     motion: RecordedMotion
     effort: Array
     faults: tuple[Fault, ...]
-    known: dict[tuple[str, int], Mask]  # (K,) for each reading and joint in fault: the rows that are not
+    known: dict[tuple[str, int], Mask]  # (K,) sound rows, for each faulty reading and joint
 
 
 def _distinct(recorded: RecordedMotion, effort: Array | None = None) -> tuple[RecordedMotion, Integers]:
-    """A motion without repeated rows, and the rows that are kept; (M, n) efforts beside it tell rows apart too."""
+    """A motion without repeated rows, and the kept rows; efforts (M, n) distinguish rows too."""
     dq = recorded.dq
     keep = distinct_rows(recorded.t, [part for part in (recorded.q, effort, dq) if part is not None])
     return recorded.rows(keep), keep
 
 
 def _rows(values: Array, kept: Integers) -> Array:
-    """Some rows, in ascending order; the values themselves where these are all: long logs are not copied."""
+    """Some rows, in ascending order; without a copy if these are all rows."""
     return values if len(kept) == len(values) else values[kept]
 
 
@@ -202,10 +200,9 @@ def _mended(log: Log) -> _Mended:
 
 
 def _known(grid: Array, t: Array, mended: _Mended, margin: float) -> Mask:
-    """(N, n) whether an instant is farther than `margin`, s, from every pause, and its effort is no fault.
+    """(N, n) whether an instant is farther than `margin`, s, from every pause and its effort has no fault.
 
-    A position that is missing for as long as a pause is one, for all joints; for less it is as good interpolated as
-    that between two rows.
+    A position missing for as long as a pause is a pause of all joints. Shorter gaps are interpolated.
     """
     pauses = np.diff(t) > 2 * TUNING.held_periods * np.median(np.diff(t))
     unknown = [(t[k], t[k + 1] + margin) for k in np.flatnonzero(pauses)]
@@ -225,13 +222,13 @@ def _known(grid: Array, t: Array, mended: _Mended, margin: float) -> Mask:
 
 
 def _nearest(grid: Array, t: Array) -> Integers:
-    """(N,) the row of instants t (K,), s, that is nearest to each of the grid's, s; in a pause, the next."""
+    """(N,) nearest row, among instants t (K,), s, to each grid instant, s; in a pause the next row."""
     return np.clip(np.searchsorted(t, grid - 0.5 * np.median(np.diff(t))), 0, len(t) - 1)
 
 
 @dataclass(frozen=True)
 class _EvenMotion:
-    """A motion of K instants t on an even grid (N,), s: one joint at a time, for long ones would fill the memory."""
+    """A motion of K instants t on an even grid (N,), s, one joint at a time to save memory."""
 
     recorded: RecordedMotion
     t: Array
@@ -239,28 +236,28 @@ class _EvenMotion:
     rate: float
 
     def joints(self) -> Iterator[tuple[Array, Array | None]]:
-        """(N,) positions of each joint, rad, and (N,) its measured velocities, rad/s, or None; not filtered."""
+        """(N,) positions of each joint, rad, and its measured velocities (N,), rad/s, or None; unfiltered."""
         measured = repeat(None) if self.recorded.dq is None else self.recorded.dq.T
         for q, dq in zip(self.recorded.q.T, measured, strict=False):
             even = None if dq is None else scipy.interpolate.PchipInterpolator(self.t, dq)(self.grid)
             yield scipy.interpolate.CubicSpline(self.t, q)(self.grid), even
 
     def cutoff(self, asked: float | None) -> float:
-        """The one asked for, or one by the data; InputError if it lies beyond the Nyquist frequency."""
+        """The requested cut-off or a chosen one; InputError beyond the Nyquist frequency."""
         cutoff = choose_cutoff(self.joints(), self.rate) if asked is None else asked
         least = TUNING.fewest_cutoff_periods * self.rate / len(self.grid)
         if not least <= cutoff < self.rate / 2:
             remedy = f"give a value between {least:.2g} and {self.rate / 2:g} Hz, half the log's rate"
-            log = f"a log of {self.rate:g} Hz and {self.t[-1] - self.t[0]:.3g} s"
-            said = f"a cut-off of {cutoff:g} Hz does not suit {log}"
+            log = f"a log of {self.t[-1] - self.t[0]:.3g} s at {self.rate:g} Hz"
+            said = f"a cut-off of {cutoff:g} Hz is out of range for {log}"
             raise InputError(said, field="cutoff", remedy=remedy)
         return cutoff
 
     def smooth(self, cutoff: float, kept: slice = slice(None)) -> Motion:
-        """The low-passed motion at the instants that are kept.
+        """The low-passed motion at the kept instants.
 
-        Derivatives are those of the cubic spline: its error is of fourth order, a central difference loses 10 % at
-        rate / 8.
+        Derivatives are those of a cubic spline, whose error is of fourth order. A central difference loses 10 % at rate
+        / 8.
         """
         spline, columns = scipy.interpolate.CubicSpline, []
         for q, dq in self.joints():
@@ -275,12 +272,12 @@ class _EvenMotion:
 
 def _on_even_grid(recorded: RecordedMotion) -> _EvenMotion:
     t, source = _instants(recorded.t, recorded.q), recorded.source
-    rate = 1.0 / float(f"{np.median(np.diff(t)):.10g}")  # differences of stamps are rounded: 0.010000000000001563
+    rate = 1.0 / float(f"{np.median(np.diff(t)):.10g}")  # stamps give 0.010000000000001563
     size = (t[-1] - t[0]) * rate * (1 + 1e-9) + 1.0
     if size > max(TUNING.grid_always, TUNING.grid_per_row * len(t)):
-        apart = f"{len(t)} instants over {t[-1] - t[0]:.6g} s, {1.0 / rate:.3g} s apart as a rule"
-        remedy = "give each row its own time, or cut the log at its pauses and give its parts as several logs"
-        raise InputError(f"{apart}, lie on {size:.3g} even ones", source, remedy)
+        apart = f"{len(t)} instants over {t[-1] - t[0]:.6g} s, typically {1.0 / rate:.3g} s apart"
+        remedy = "give each row its own time, or cut the log at its pauses and give the parts as several logs"
+        raise InputError(f"{apart}, would need an even grid of {size:.3g} samples", source, remedy)
     grid = t[0] + np.arange(int(size)) / rate
     if len(grid) < TUNING.fewest_rows:
         raise InputError(f"only {len(grid)} distinct instants", source, "record a longer log")
@@ -288,16 +285,16 @@ def _on_even_grid(recorded: RecordedMotion) -> _EvenMotion:
 
 
 def signed_effort(signals: Signals, signs: Array, filtered: bool = True) -> Array:
-    """(N, n) efforts with their signs, through the same light low-pass as the rectified ones, or unfiltered, N m.
+    """(N, n) signed efforts, N m, with or without the light low-pass.
 
-    Signs first, filter second: the cusps of |effort| that a filter would round off are gone.
+    The signs are applied before the filter, so no cusps of |effort| are rounded.
     """
     signed = np.where(signals.signed, signals.raw_effort, signs * signals.raw_effort)
     return lowpass(signed, signals.effort_cutoff, signals.rate) if filtered else signed
 
 
 def lowpass(values: Array, cutoff: float, rate: float) -> Array:
-    """Zero-phase low-pass of (N, ...) even values along the first axis; both ends are extended by point reflection."""
+    """Zero-phase low-pass of (N, ...) even values along the first axis; the ends are extended by point reflection."""
     if cutoff >= 0.45 * rate:
         return values
     padding = min(len(values) - 1, int(3 * rate / cutoff))
@@ -307,8 +304,8 @@ def lowpass(values: Array, cutoff: float, rate: float) -> Array:
 def _lowpass_motion(values: Array, cutoff: float, rate: float) -> Array:
     """`lowpass` of (N,) values with both ends extended by a cubic.
 
-    A point reflection turns the curvature round, so that a log that ends in mid-motion would lose the accelerations of
-    its ends; a least-squares cubic through the last period of the cut-off goes on as the motion does.
+    A point reflection reverses the curvature, so a log that ends in motion would lose its accelerations at the ends. A
+    least-squares cubic through the last cut-off period continues the motion.
     """
     if cutoff >= 0.45 * rate:
         return values
@@ -325,11 +322,11 @@ def _sections(cutoff: float, rate: float) -> Array:
 
 
 def choose_cutoff(joints: Iterable[tuple[Array, Array | None]], rate: float) -> float:
-    """A cut-off that keeps the motion's dynamics: ten times the frequency below which 95 % of the speed's energy lies.
+    """Cut-off that keeps the motion's dynamics: ten times the frequency below which 95 % of the speed's energy lies.
 
-    That is :eq:`motion-cutoff`. Torques hold harmonics of the motion (products of velocities), hence a filter well
-    above the motion's own bandwidth (Gautier, Khalil, "Exciting trajectories", 1992, take five to ten times). Joints
-    have positions (N,), rad, and velocities (N,), rad/s, or None, at a rate, Hz.
+    See :eq:`motion-cutoff`. Torques hold harmonics of the motion (products of velocities), so the cut-off is well above
+    the motion's bandwidth; Gautier and Khalil, "Exciting trajectories", 1992, take five to ten times. Each joint has
+    positions (N,), rad, and velocities (N,), rad/s, or None, at a rate, Hz.
     """
     bandwidth = 0.0
     for q, dq in (joint for joint in joints if not still_joints(joint[0])):
@@ -341,10 +338,10 @@ def choose_cutoff(joints: Iterable[tuple[Array, Array | None]], rate: float) -> 
 
 
 def _instants(t: Array, q: Array) -> Array:
-    """(N,) when the positions were read: the stamps, or evened ones where positions are much smoother in those.
+    """(N,) times of the positions: the stamps, or evened ones if positions are much smoother in these.
 
-    A logger's stamps may jitter while the controller samples evenly. Each position is predicted from its two
-    neighbours, once with either instants; jitter of the stamps alone makes the prediction worse.
+    A logger's stamps may jitter while the controller samples evenly. Each position is predicted from its two neighbours
+    by either times; jitter of the stamps alone makes the prediction worse.
     """
     window = min(TUNING.evened_rows, (len(t) - 1) // 2 * 2 + 1)
     if np.diff(t).max() > TUNING.held_periods * np.median(np.diff(t)):
@@ -356,7 +353,7 @@ def _instants(t: Array, q: Array) -> Array:
 
 
 def _roughness(t: Array, q: Array) -> float:
-    """Mean square error of every position between its neighbours, linearly, in units of the joint's variance."""
+    """Mean squared error of linear prediction of every position from its neighbours, over the joint's variance."""
     share = (t[1:-1] - t[:-2]) / (t[2:] - t[:-2])
     errors = [np.mean((x[1:-1] - (1.0 - share) * x[:-2] - share * x[2:]) ** 2) / max(x.var(), 1e-300) for x in q.T]
     return float(np.mean(errors))

@@ -1,4 +1,4 @@
-"""Sources of logs and motions: files, patterns of files, parts of one run, and what is in memory."""
+"""Sources of logs and motions: files, file patterns, parts of one run, and data in memory."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from bayesid.log.formats.table import check
 from bayesid.robot import Robot
 
 Parts: TypeAlias = tuple["str | Path | Variables", ...]
-"""The files of one run, or what is in memory of it: they are joined by time."""
+"""Files, or data in memory, of one run; they are joined by time."""
 
 
 def table_of(source: str | Path | Variables | Parts, options: Options) -> Table:
-    """The table of a file or of what is in memory; that of parts of one run is joined by time."""
+    """The table of a file or of data in memory; parts of one run are joined by time."""
     parts = source if isinstance(source, tuple) and all(map(_is_part, source)) else _named_parts(source)
     if parts:
         tables = [table_of(one, replace(options, part=True)) for one in parts]
@@ -33,12 +33,12 @@ def table_of(source: str | Path | Variables | Parts, options: Options) -> Table:
         return read_table(Path(source), options)
     for name in ("topic", "joints"):
         if getattr(options, name) is not None:
-            raise InputError(f"is in memory, which has no {name}", type(source).__name__, f"leave {name} out")
+            raise InputError(f"is data in memory, which has no {name}", type(source).__name__, f"leave {name} out")
     return read_variables(source, options)
 
 
 def _named_parts(source: object) -> list[str]:
-    """The files of one run that a name with a `+` between them stands for, each perhaps a pattern."""
+    """The file names, perhaps patterns, in a name with `+` between them."""
     if not isinstance(source, str | Path) or JOINT not in str(source) or os.path.exists(source):
         return []
     names = [name.strip() for name in str(source).split(JOINT) if name.strip()]
@@ -51,28 +51,28 @@ def _is_part(source: object) -> bool:
 
 
 def joint_names(robot: Robot) -> tuple[str, ...]:
-    """Names of a robot's joints from base to tip; none unless each has one."""
+    """Names of a robot's joints from base to tip; empty unless every joint has one."""
     names = tuple(joint.name for joint in robot.joints)
     return names if all(names) else ()
 
 
 def find_logs(patterns: Sequence[str | Path]) -> list[Path]:
-    """The logs that paths and patterns such as "runs/*.csv" name; those of a pattern in alphabetical order.
+    """Log files of paths and patterns such as "runs/*.csv"; those of a pattern in alphabetical order.
 
-    InputError if no file matches a pattern, or a log is named twice.
+    InputError if a pattern matches no file, or a log is given twice.
     """
     named: dict[str, Path] = {}
     for path in chain.from_iterable(map(_matches, patterns)):
         place = os.path.realpath(path)
         if place in named:
-            said = "is named twice" if named[place] == path else f"is the same file as {named[place]}"
-            raise InputError(said, str(path), "name every log once: it would count twice")
+            said = "is given twice" if named[place] == path else f"is the same file as {named[place]}"
+            raise InputError(said, str(path), "give every log once")
         named[place] = path
     return list(named.values())
 
 
 def _matches(pattern: str | Path) -> list[Path]:
-    """The path itself, whether it exists or not, or the logs that match it; not the files of a folder that is a log."""
+    """The path itself, existing or not, or the logs that match it; not the files inside a log folder."""
     if os.path.exists(pattern) or JOINT in str(pattern) or not set("*?[") & set(str(pattern)):
         return [Path(pattern)]
     matches = [Path(match) for match in sorted(glob(str(pattern), recursive=True))]

@@ -1,4 +1,4 @@
-"""Numbers of this package that are choices: what a log may hold, what is a fault, how it is filtered and cut."""
+"""Chosen constants of this package: plausible logs, faults, filters and segments."""
 
 from __future__ import annotations
 
@@ -8,193 +8,193 @@ from math import pi
 
 @dataclass(frozen=True)
 class Tuning:
-    """Many of them were halved and doubled (`python -m bayesid.studies.ablation log`).
+    """Most were halved and doubled (`python -m bayesid.studies.ablation log`).
 
-    Where that was seen to change a decision on UR10e's log, the number's sentence says so.
+    If that changed a decision on UR10e's log, the constant's text says so.
     """
 
     # What a table may hold
     fewest_rows: int = 50
-    """Rows of a log, and distinct instants in it, at least: 0.5 s at 100 Hz, too short to filter."""
+    """Minimum rows, and distinct instants, of a log: 0.5 s at 100 Hz, too short to filter."""
     absurd: float = 1e6
-    """No robot moves or pushes this much in SI units; logs hold 1e282 from uninitialised memory."""
+    """Readings above this, in SI units, are refused: uninitialised memory gives up to 1e282."""
     longest_gap: float = 3600.0
-    """s; a log that pauses longer is two recordings, or its clock was set in between."""
+    """s. A longer gap means two recordings, or a clock that was set."""
     slowest_step: float = 0.5
-    """s; a typical step this long counts something else: controllers log every 1 to 12 ms, a slow bus every 0.1 s."""
+    """s. A longer typical step is not a time in seconds: controllers log every 1 to 12 ms, slow buses every 0.1 s."""
     unsorted: float = 0.01
-    """Share of steps backwards above which a time is out of order, whatever its unit."""
+    """Share of backward steps above which a time column is out of order, whatever its unit."""
     stands: float = 0.75
-    """Share of rows that move at the time of the row before, above which a clock is too coarse."""
+    """Share of moving rows that repeat the previous time, above which the clock is too coarse."""
     few_turns: float = 4.0 * pi
-    """rad; two turns either way, which few joints leave: positions beyond may be degrees."""
+    """rad; two turns either way. Few joints exceed it, so positions beyond may be degrees."""
     many_turns: float = 20.0 * pi
-    """rad; ten turns either way. Positions beyond even in degrees are in neither unit."""
+    """rad; ten turns either way. Positions beyond it even in degrees have neither unit."""
     strongest_effort: float = 1e5
-    """N m; no joint of an arm is as strong: those for payloads of 2 t have some 5e4."""
+    """N m; no arm joint is stronger. Robots for payloads of 2 t reach about 5e4."""
     efforts_as_velocities: float = 0.1
-    """Share by which efforts may differ from velocities that are taken for them."""
+    """Relative difference below which efforts are taken to be velocities."""
     most_uncertain_gain: float = 1.0
-    """Relative standard deviation of a gain beyond which it is unknown."""
+    """Relative standard deviation beyond which a gain must be given as unknown."""
     held_periods: int = 10
-    """A repeated row is kept after so many typical periods without a new one; a log pauses after twice as many."""
+    """A repeated row is kept after this many typical periods; twice as many without a row are a pause."""
 
     least_effort: float = 1e-9
-    """N m; efforts below are memory that nobody has filled: no sensor resolves them."""
+    """N m; smaller efforts are uninitialised memory, below the resolution of any sensor."""
 
     # Velocities beside positions
     speed_window: int = 20
-    """Rows over which velocities are summed before they are compared, so that noise counts little."""
+    """Rows over which velocities are integrated before they are compared, to average noise."""
     same_motion: float = 0.9
-    """Correlation from which on two signals show the same motion: real logs have 0.99 and more, other signals 0."""
+    """Correlation above which two signals show the same motion: real logs have 0.99 and more, other signals 0."""
     another_unit: float = 2.0
-    """Factor between velocities and the change of positions that shows another unit: usual ones differ by 6.3."""
+    """Ratio of velocity to the derivative of position that shows another unit; common ones differ by 6.3 or more."""
     fastest: float = 60.0
-    """rad/s; faster than any joint by its data sheet (wrists of small arms 10 to 20, delta robots 50)."""
+    """rad/s; above the data sheets of all joints (small wrists 10 to 20, delta robots 50)."""
     burst: float = 2.0
-    """Of its 98th percentile, to which a velocity is cut before it is compared, so that single spikes do not count."""
+    """Velocities are clipped at this multiple of their 98th percentile, against spikes."""
     slow_rows: float = 2.0
-    """Rows between two changes of a reading from which on it is published more slowly than the log is written."""
+    """Rows between changes of a reading, above which it updates more slowly than the log."""
     regular: float = 0.8
-    """Share of such distances that are alike, at least: else the robot rests now and then."""
+    """Minimum share of equal distances between changes; with fewer, the robot only rests at times."""
     stuck: float = 0.01
-    """rad that a joint is moved by its velocity while its position stays: ten times what an encoder's noise is."""
+    """rad. A constant position with a larger integrated velocity is an error: ten times `encoder`."""
     smooth: float = 0.1
-    """Of a position's standard deviation, by which it is usually off the middle of its neighbours, at most, so that its
-    change is a motion: of noise alone it is 0.8."""
+    """Median deviation from the mean of the neighbours, over the standard deviation, below which a position is smooth;
+    noise alone has 0.8."""
     wrap_slack: float = 1.0
-    """rad by which a wrapped position may leave a turn, or step where it is wrapped: 60 rad/s at 60 Hz."""
+    """rad; tolerance of a wrapped position at one turn, and of its steps: 60 rad/s at 60 Hz."""
     wrap_steps: float = 4.0
-    """Largest usual steps of a position within which its step is where it was wrapped."""
+    """A step across a wrap may be this multiple of the largest usual step."""
     named_unit: float = 0.03
-    """How far a factor may be from that of a unit to name it."""
+    """Relative tolerance of a ratio to name its unit."""
 
     # Files of one run, and logs of one robot
     in_common: float = 0.5
-    """Share of the shortest part of a run that all parts have in common, at least."""
+    """Minimum share of the shortest part of a run that all parts cover."""
     same_stamp: float = 0.01
-    """Share of a period by which two stamps of one instant may differ: rounding."""
+    """Share of a period by which equal stamps may differ through rounding."""
     joined_pause: float = 3.0
-    """s between two logs that are joined, at least: longer than any filter looks ahead (1.5 periods of a cut-off)."""
+    """s; minimum pause between joined logs, longer than any filter reaches (1.5 cut-off periods)."""
     joined_pause_periods: int = 100
-    """Periods between two logs that are joined, at least: well above those from which on a log pauses."""
+    """Minimum pause between joined logs in periods, well above that of a pause."""
     same_rate: float = 0.2
     """Logs whose rates differ by more than this share are not joined."""
 
     # Text
     header_lines: int = 100
-    """Lines in which a header is looked for: recorders write their settings above it."""
+    """Lines searched for the header; recorders write their settings above it."""
     header_bytes: int = 1 << 20
-    """Bytes in which the header and the first values are, and of the longest line of a stream: more than any has."""
+    """Limit in bytes for the header with the first values, and for a line of a stream."""
     longest_label: int = 500
-    """Letters of a label that is looked into: no column of a log is called so."""
+    """Letters; longer labels are not searched for names."""
     longest_stream: int = 1 << 32
-    """Bytes of a stream that are kept: more than a day of seven joints at 500 Hz has in text."""
+    """Bytes kept of a stream: more than a day of seven joints at 500 Hz."""
     most_objects: int = 100_000
-    """Variables, fields and groups of a binary file; logs have dozens."""
+    """Maximum number of variables, fields and groups of a binary file; logs have dozens."""
 
     complete_rows: float = 0.5
-    """Share of the rows with any value that are complete, at least, to do without the others; topics that were sampled
-    apart have none."""
+    """Minimum share of complete rows for dropping the others; separately sampled topics have none."""
 
     # Readings that hold a sign in a code
     code_bits: int = 7
-    """Bits of a code, at least: a register has 8 or more, and half of one more of a scale is in use."""
+    """Minimum bits of a sign code: registers have at least 8, and one bit may be unused."""
     code_joins: float = 0.5
-    """Share to which decoding must shrink the jumps between both halves of a scale: an absolute value's grow."""
+    """Decoding must shrink the jumps between both halves of a scale to this share; for absolute values they grow."""
     code_crossings: int = 3
-    """Such jumps, at least: an outlier makes two."""
+    """Minimum number of such jumps; one outlier makes two."""
     code_share: float = 0.01
-    """Share of readings in either half of a scale, at least: outliers are rarer."""
+    """Minimum share of readings in each half of a scale; outliers are rarer."""
     count_rounding: float = 0.1
-    """Of a count, by which readings that are multiples of one may be off, as they were rounded."""
+    """Tolerance, in counts, of readings that are rounded multiples of a count."""
     empty_band: float = 0.25
-    """Share of a reading's range that no absolute value leaves out between others."""
+    """Width of an empty band, as a share of a reading's range, that an absolute value never has."""
     band_values: int = 10
-    """Distinct readings on either side of an empty band: a coarse reading has few, a dead zone one."""
+    """Minimum distinct readings on each side of an empty band: coarse readings have few, a dead zone one."""
     off_middle: float = 0.1
-    """Of what readings vary by, by which their median may be off the zero of an offset code, in the median joint."""
+    """Deviation of the median from the zero of an offset code, over the spread, allowed in the median joint."""
     turning: float = 0.2
-    """Of a joint's travel that it must go back and forth to count as turning round."""
+    """Share of a joint's range that it must move back and forth to count as a reversal."""
     near_zero: float = 0.05
-    """Share of its largest reading below which an absolute value comes in most joints: of 18 real logs in each two."""
+    """Share of its maximum below which an absolute value must come in most joints; it does in all 18 real logs."""
     offset: float = 1.0
-    """Offset of a reading over what varies in it, above which it is no absolute value; 18 real logs have 0.33."""
+    """Offset over variation of a reading, above which it is no absolute value; 18 real logs have at most 0.33."""
     least_work: float = 0.15
-    """Mean correlation of efforts and velocities, at least, that shows which direction is the positive one: 18 real
-    logs have 0.16 and more, simulated ones without much friction 0.09 of either sign."""
+    """Minimum mean correlation of efforts and velocities that identifies the positive direction: 18 real logs have at
+    least 0.16, simulated ones with little friction 0.09 of either sign."""
 
     # Faults; all are ratios within one channel
     outlier: float = 5.0
-    """An effort or velocity this many times all but one of its neighbours is an outlier; nine real logs have 3.9."""
+    """An effort or velocity this many times all but one of its neighbours is an outlier; nine real logs reach 3.9."""
     outlier_steps: float = 10.0
-    """A reading that departs from both sides by so many steps of its neighbours is one; nine real logs have 2."""
+    """A reading this many neighbouring steps away from both sides is an outlier; nine real logs reach 2."""
     excursion: float = 0.5
-    """s; what leaves by a jump and comes back by another within it was no motion."""
+    """s. A position that jumps away and back within it is faulty."""
     neighbours: int = 8
-    """Runs on either side that an outlier is compared with: a median past a second outlier. Halved, UR10e's log gets
-    other segments."""
+    """Runs on each side with which an outlier is compared, so that a second outlier does not matter. Halved, UR10e's
+    log gets other segments."""
     weak: float = 0.05
-    """Share of a channel's 99th percentile below which an outlier does no harm: as for samples whose sign counts."""
+    """Share of a channel's 99th percentile below which outliers are ignored; smaller samples have little weight."""
     slight: float = 1e-3
-    """Share of a joint's range below which a jump of its position does no harm."""
+    """Share of a joint's range below which position jumps are ignored."""
     dropout: float = 0.05
-    """s; a shorter run is no dropout: the shortest that transports and drives are known for."""
+    """s; shortest dropout, as known from transports and drives."""
     dropout_rows: int = 4
-    """Rows of a dropout: equal neighbours are no rarity in slow logs."""
+    """Minimum rows of a dropout; equal neighbours are common in slow logs."""
     unusual: float = 4.0
-    """A dropout lasts this many times what all but a twentieth of a channel's runs last."""
+    """A dropout is this many times longer than the 95th percentile of the channel's runs."""
     abrupt: float = 4.0
-    """Steps by which a channel catches up after a dropout, or changes of speed by which it stops."""
+    """Steps of the channel that count as a jump after a dropout, or changes of speed that count as a sudden stop."""
     clearly_moving: float = 0.2
-    """Share of a joint's usual top speed from which on it does not stop between two rows."""
+    """Share of a joint's usual top speed above which it cannot stop between two rows."""
     steady: float = 1e-3
-    """Share by which a speed must vary over a dropout: without noise a steady motion needs a constant effort."""
+    """Relative variation of speed required during a dropout: a noiseless steady motion has a constant effort."""
     past_blind: float = 3.0
-    """Times the least reading above zero, within which a sensor with a dead zone may fall to zero."""
+    """Multiple of the smallest nonzero reading within which a sensor with a dead zone may fall to zero."""
 
     velocity_rows: int = 4
-    """Rows over which a velocity is summed to be compared with the change of the position."""
+    """Rows over which a velocity is integrated for comparison with the change of position."""
     foreign: float = 1.0
-    """Of a joint's top speed, by which a velocity may differ from that change: some drives filter it for 0.5 s."""
+    """Share of a joint's top speed by which a velocity may differ from the derivative; some drives filter it for 0.5
+    s."""
     foreign_share: float = 0.2
-    """Share of rows above which a velocity is no local fault but another signal."""
+    """Share of rows above which a deviating velocity is another signal instead of a local fault."""
 
     # Signals
     filter_order: int = 4
-    """Of the Butterworth filter each way; twice that in all. The field's custom."""
+    """Order of the Butterworth filter in each direction, twice that in total; customary in the field."""
     encoder: float = 1e-3
-    """rad, or m; a joint that never leaves this range shows its encoder's noise."""
+    """rad, or m; a joint that stays within this range shows only encoder noise."""
     slowest_cutoff: float = 5.0
-    """Hz; no cut-off is chosen below it: friction's steps are faster than any motion. Halved or doubled, UR10e's log
-    gets other segments."""
+    """Hz; minimum chosen cut-off, as friction has steps faster than any motion. Halved or doubled, UR10e's log gets
+    other segments."""
     fewest_cutoff_periods: float = 4.0
-    """Periods of the cut-off in a log, at least: half of one at either end is not used."""
+    """Minimum cut-off periods in a log; half a period at each end is unused."""
     grid_always: int = 1_000_000
-    """Samples that an even grid may have whatever the log; they fit any machine."""
+    """Samples that an even grid may always have; they fit the memory of any machine."""
     grid_per_row: int = 20
-    """Samples a row that a larger grid may have: an emptier one comes of stamps in bursts, or of pauses of hours."""
+    """Maximum grid samples per row; emptier grids come from stamps in bursts or pauses of hours."""
     thinned_from: int = 100_000
-    """Samples from which on a long log is thinned, filtered before."""
+    """Samples above which a log is thinned after filtering."""
     least_over_cutoff: float = 6.0
-    """Rate of a thinned log over the motion's cut-off: three times that of the efforts' low-pass."""
+    """Minimum rate of a thinned log over the motion's cut-off: three times the efforts' cut-off."""
     evened_rows: int = 51
-    """Rows over which jittering time stamps are evened out: half a second at 100 Hz."""
+    """Rows over which jittering time stamps are smoothed: half a second at 100 Hz."""
     smoother: float = 0.25
-    """Evened stamps are used where they divide the positions' roughness by four or more."""
+    """Smoothed stamps are used if they reduce the positions' roughness to this share."""
     filter_memory: float = 3.0
-    """Periods of the cut-off after which a low-pass's response has died out: to e^-13 at orders one and two."""
+    """Cut-off periods after which a low-pass response has decayed: to e^-13 at orders one and two."""
 
     # Segments
     slope_jump: float = 0.1
-    """Share of the 99th percentile by which the slope of |effort| must jump to be a cut. Halved or doubled, UR10e's log
+    """Share of the 99th percentile by which the slope of |effort| must jump for a cut. Halved or doubled, UR10e's log
     gets other segments."""
     acceleration_jump: float = 0.5
-    """Share of its 99th percentile by which the acceleration must jump to be a cut. Halved or doubled, UR10e's log gets
+    """Share of its 99th percentile by which the acceleration must jump for a cut. Halved or doubled, UR10e's log gets
     other segments."""
     zero_ceiling: float = 0.35
-    """Share of the 99th percentile of |effort| above which no minimum is a zero in disguise. Halved or doubled, UR10e's
-    log gets other segments."""
+    """Share of the 99th percentile of |effort| above which a minimum is no sign change. Halved or doubled, UR10e's log
+    gets other segments."""
 
 
 TUNING = Tuning()

@@ -1,4 +1,4 @@
-"""Positions and velocities of a table against each other: units that cannot be, velocities that are none, turns."""
+"""Positions against velocities of a table: wrong units, foreign velocities, wrapped angles."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ _TURN = 2.0 * np.pi
 
 
 def unwrapped(q: Array, turning: Sequence[int], starts: Sequence[int]) -> tuple[Array, dict[int, int]]:
-    """Positions (N, n), rad, without the jumps by a whole turn of joints that were wrapped; how many each had.
+    """Positions (N, n), rad, with jumps by whole turns removed, and the number of jumps of each wrapped joint.
 
-    A joint is wrapped where it jumps by about a turn, and is continuous without that. Recordings begin at `starts`.
+    A joint is wrapped if it jumps by about a turn and is continuous otherwise. Recordings begin at `starts`.
     """
     counted: dict[int, int] = {}
     for j in turning:
@@ -39,9 +39,9 @@ def unwrapped(q: Array, turning: Sequence[int], starts: Sequence[int]) -> tuple[
 
 
 class LiveTurns:
-    """Positions of n joints as they come, without jumps by a whole turn of those that turn.
+    """Unwraps the positions of n joints row by row.
 
-    A jump by about a turn is one where no joint moves so fast, or where the joint was wrapped before.
+    A step of about a turn is a wrap if no joint moves so fast, or if the joint wrapped before.
     """
 
     def __init__(self, turning: Mask) -> None:
@@ -49,7 +49,7 @@ class LiveTurns:
         self._last, self._t, self._turns = np.full(len(turning), np.nan), -np.inf, np.zeros(len(turning))
 
     def unwrapped(self, t: float, q: Array) -> Array:
-        """(n,) positions, rad, of a row at t, s; rows that come late change nothing."""
+        """(n,) positions, rad, of a row at t, s; a late row does not change the state."""
         step = np.nan_to_num(q - self._last)
         turns = np.rint(step / _TURN) * (np.abs(step - _TURN * np.rint(step / _TURN)) < TUNING.wrap_slack)
         sure = self._wrapped | (np.abs(step) > TUNING.fastest * max(0.0, t - self._t))
@@ -61,9 +61,9 @@ class LiveTurns:
 
 
 def slow_rows(readings: Array, starts: Sequence[int]) -> tuple[Mask, float]:
-    """(N,) rows that bring new readings (N, n), and the usual number of rows between them.
+    """(N,) rows with new readings (N, n), and the typical number of rows between them.
 
-    All rows and 1 where readings change as often as not, or a robot only rests now and then.
+    Returns all rows and 1 if readings change in about every second row or more, or the robot only rests at times.
     """
     fresh = np.ones(len(readings), dtype=bool)
     fresh[1:] = (np.diff(readings, axis=0) != 0.0).any(axis=1)
@@ -76,7 +76,7 @@ def slow_rows(readings: Array, starts: Sequence[int]) -> tuple[Mask, float]:
 
 
 def derived(t: Array, q: Array) -> Array:
-    """(N, n) velocities of positions (N, n) by cubic splines, rad/s; rows that repeat others bring nothing new."""
+    """(N, n) velocities of positions (N, n) by cubic splines, rad/s; repeated rows are ignored."""
     rows = distinct_rows(t, [q])
     if len(rows) < 2:
         return np.zeros_like(q)
@@ -85,20 +85,20 @@ def derived(t: Array, q: Array) -> Array:
 
 
 def check_speeds(t: Array, q: Array, source: str) -> None:
-    """InputError unless half of the joints, or all but one, are no faster than any is."""
+    """InputError if more than half of the joints, and at least two, are faster than any robot."""
     span = _over_window(t)
     passes = span > 0.0
     speeds = (np.abs(_over_window(joint)[passes]) / span[passes] for joint in q.T)
     fast = np.array([np.quantile(speed, 0.9) > TUNING.fastest for speed in speeds])
     if fast.sum() > max(1, q.shape[1] // 2):
-        remedy = "say the units of time and positions in the header, as in t[min] or q1[deg]"
+        remedy = "write the units of time and positions in the header, as in t[min] or q1[deg]"
         raise InputError(f"most joints are faster than {TUNING.fastest:g} rad/s", source, remedy)
 
 
 def foreign_velocities(t: Array, q: Array, dq: Array, starts: Sequence[int], source: str) -> Mask:
-    """(n,) joints that move, but whose velocities are not the change of their positions; recordings begin at `starts`.
+    """(n,) moving joints whose velocities are not the derivative of their positions; recordings begin at `starts`.
 
-    InputError where velocities are another multiple of it, or change without it: units, or positions, are wrong.
+    InputError if velocities are a multiple of it, or the position stays constant: units or positions are wrong.
     """
     foreign, width = np.zeros(q.shape[1], dtype=bool), min(TUNING.speed_window, len(t) - 1)
     cut = pauses(t)
@@ -111,36 +111,36 @@ def foreign_velocities(t: Array, q: Array, dq: Array, starts: Sequence[int], sou
         turned = np.append(0.0, np.cumsum(0.5 * (speed[1:] + speed[:-1]) * steps))
         change, velocity = (part[starting + width] - part[starting] for part in (q[:, j], turned))
         if not change.any() and (moved := float(np.ptp(turned))) > TUNING.stuck:
-            said = f"the position of joint {j + 1} is constant, while its velocity moves it by {moved:.3g} rad"
-            remedy = "check its encoder, or leave the velocities out with `columns` dq=none if the joint stands still"
+            said = f"the position of joint {j + 1} is constant, but its velocity integrates to {moved:.3g} rad"
+            remedy = "check the encoder; if the joint does not move, ignore velocities with `columns` dq=none"
             raise InputError(said, source, remedy)
         if not change.any() or np.ptp(q[:, j]) <= TUNING.encoder:
             continue
         factor = _multiple(change, velocity)
-        factor = _multiple(*_as_a_rule(change, velocity)) if factor is None else factor
+        factor = _multiple(*_without_outliers(change, velocity)) if factor is None else factor
         if factor is None:
             foreign[j] = _is_smooth(q[:, j])
             continue
         if not 1.0 / TUNING.another_unit < factor < TUNING.another_unit:
-            said = f"the velocity of joint {j + 1} is {factor:.3g} times the change of its position"
-            remedy = "say the units of time, positions and velocities in the header, as in t[ms] or dq1[rpm]"
+            said = f"the velocity of joint {j + 1} is {factor:.3g} times the derivative of its position"
+            remedy = "write the units of time, positions and velocities in the header, as in t[ms] or dq1[rpm]"
             if abs(factor * DEGREE - 1.0) < TUNING.named_unit:
                 remedy = "if velocities are in degrees/s, name them dq1[deg/s] and so on"
             elif abs(factor / DEGREE - 1.0) < TUNING.named_unit:
                 remedy = "if positions are in degrees, name them q1[deg] and so on"
-            raise InputError(said, source, f"{remedy}, or leave the velocities out with `columns` dq=none")
+            raise InputError(said, source, f"{remedy}, or ignore velocities with `columns` dq=none")
     return foreign
 
 
 def _multiple(change: Array, velocity: Array) -> float | None:
-    """How many times the change of the position in each window the velocity moves it; None where it does not."""
+    """Ratio of the integrated velocity to the change of position over windows; None if they do not correlate."""
     power, other, both = float(change @ change), float(velocity @ velocity), float(change @ velocity)
     alike = abs(both) >= TUNING.same_motion * np.sqrt(power * other)
     return both / power if alike and power * other > 0.0 else None
 
 
-def _as_a_rule(change: Array, velocity: Array) -> tuple[Array, Array]:
-    """Windows in motion without those, few, whose velocities are farthest from a median multiple: local faults."""
+def _without_outliers(change: Array, velocity: Array) -> tuple[Array, Array]:
+    """Windows in motion, without the share whose ratio is farthest from the median."""
     moved = [np.abs(one) > TUNING.weak * np.quantile(np.abs(one), 0.99) for one in (change, velocity)]
     change, velocity = (one[(moved[0] | moved[1]) & (change != 0.0)] for one in (change, velocity))
     if not len(change):
@@ -151,7 +151,7 @@ def _as_a_rule(change: Array, velocity: Array) -> tuple[Array, Array]:
 
 
 def pauses(t: Array) -> Mask:
-    """(N - 1,) steps of a clock that are so long that nothing is known of the time between."""
+    """(N - 1,) steps of a clock that are too long to interpolate."""
     steps = np.diff(t)
     if not (steps > 0.0).any():
         return np.zeros(len(steps), dtype=bool)
@@ -160,7 +160,7 @@ def pauses(t: Array) -> Mask:
 
 
 def _is_smooth(position: Array) -> bool:
-    """Whether each position lies near the middle of its neighbours: else its change is noise."""
+    """Whether positions lie near the mean of their neighbours, so that their changes are not noise."""
     off = position[1:-1] - 0.5 * (position[:-2] + position[2:])
     return float(np.median(np.abs(off))) < TUNING.smooth * float(np.std(position))
 

@@ -72,7 +72,7 @@ def test_repeated_rows_of_a_file_are_left_out_and_arrays_with_them_are_refused(p
     np.savetxt("twice.csv", np.repeat(values, 2, axis=0), delimiter=",", header="t,q1,q2", comments="", fmt="%.17g")
     for name in ("motion", "twice"):
         assert run("predict", "result", f"{name}.csv", "--out", f"of_{name}.csv") == 0
-        assert ("500 rows have the time of the row before" in capfd.readouterr().err) == (name == "twice")
+        assert ("500 rows repeat the time of the row before" in capfd.readouterr().err) == (name == "twice")
     np.testing.assert_array_equal(table(place / "of_twice.csv")[1], table(place / "of_motion.csv")[1])
     t, q = np.repeat(values[:, 0], 2), np.repeat(values[:, 1:], 2, axis=0)
     for given in ((t, q), (t, q, 0.0 * q, 0.0 * q)):

@@ -74,7 +74,7 @@ TABLES = {
     "a,alpha,d\n0,0,0": ": column theta is missing (a, alpha, d)",
     "a[deg],alpha,d,theta\n0,0,0,0": ": column a[deg] is in 'deg'; give it in mm, cm or m",
     "a,alpha,d,theta\n0,0,0,0\n0,x,0,0": ", joint 2: column alpha holds 'x', not a number",
-    "a,alpha,d,theta\n0,0,0,0\n0,0,0": ", joint 2: holds 3 values, the header names 4",
+    "a,alpha,d,theta\n0,0,0,0\n0,0,0": ", joint 2: holds 3 values, but the header has 4",
     "a,alpha,d,theta,r\n0,0,0,0,0": ": has two columns for a: a and r",
     "a,alpha,d,theta,type\n0,0,0,0,round": ", joint 1: unknown joint type 'round'",
     "a,alpha,d,theta\n": ": holds no joint",

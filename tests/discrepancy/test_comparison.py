@@ -155,7 +155,7 @@ def test_bad_input_is_one_line_and_exit_code_2(place, tmp_path, capsys):
     for logs, robot, said in (
         ([FIRST], True, "is one log"),
         ([FIRST, SECOND], False, "give --robot"),
-        ([FIRST, FIRST], True, "is named twice"),
+        ([FIRST, FIRST], True, "is given twice"),
         ([FIRST, "copy.csv"], True, "the same recording"),
         ([FIRST, "two.csv"], True, "has 2 joints"),
         (["result", FIRST, SECOND], False, "2 logs beside a result"),

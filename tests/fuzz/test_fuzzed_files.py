@@ -251,7 +251,7 @@ def test_standard_input_and_devices(monkeypatch):
     monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(b"t,q1\n0,0\n")))
     with pytest.raises(InputError, match=r"^standard input, row 1: column tau1"):
         read_log("-")
-    with pytest.raises(InputError, match="is a device, no file"):
+    with pytest.raises(InputError, match="is a device, not a file"):
         read_log("/dev/zero")
 
 

@@ -174,13 +174,13 @@ def test_what_is_no_motion_is_refused():
     t, q = np.arange(60) / 100.0, np.sin(np.arange(180.0)).reshape(60, 3)
     for given, says in (
         ((t, q[:, :2]), "the motion has 2 joints, the model's robot arm3 has 3"),
-        ((t[1:], q), r"t has shape \(59,\) beside q of \(60, 3\)"),
+        ((t[1:], q), r"t has shape \(59,\), but q has shape \(60, 3\)"),
         ((t, q, q[1:]), r"dq has shape \(59, 3\)"),
         ((t, np.where(np.arange(60)[:, None] == 7, np.nan, q)), "row 8: column q1 holds nan"),
         ((t[::-1], q, q, q), "time runs backwards"),
         ((t, q, q, q[1:]), "ddq has shape"),
         (([], np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3))), "holds no instant"),
-        ((["a"], q), "t holds something else than numbers"),
+        ((["a"], q), "t holds values that are not numbers"),
         ((t[:20], q[:20]), "holds 20 rows"),
         (3.0, "float is no motion"),
         ((t,), "1 arrays are no motion"),

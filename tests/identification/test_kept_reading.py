@@ -120,7 +120,7 @@ def test_exact_gains_and_which_joints_are_unsigned_are_kept(tmp_path):
     assert tried.relative_residual.max() < 0.1
     assert tried.log.signed.tolist() == [True, False]
     torques = write(tmp_path / "torques.csv", t, q, effort)
-    with pytest.warns(UserWarning, match="gains of currents are left out"):
+    with pytest.warns(UserWarning, match="gains of currents are ignored"):
         assert stored.validate(torques).relative_residual.max() < 0.1
 
 

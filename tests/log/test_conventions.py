@@ -88,7 +88,7 @@ def test_data_sets_of_lerobot(tmp_path, fixed):
     parquet.write_table(lerobot([120, 20, 70], fixed, velocity=DQ, effort=TAU), tmp_path / "a.parquet")
     log, said = read(tmp_path / "a.parquet")
     assert log.n_joints == N + 1
-    for word in ("as LeRobot has it", "it states no units", "rad, rad/s and N m", "not action{}"):
+    for word in ("as in LeRobot", "units are not stated", "rad, rad/s and N m", "not action{}"):
         assert word in said
     arm = {"q": "observation.state{1-3}", "dq": "observation.velocity{1-3}", "tau": "observation.effort{1-3}"}
     log, _ = read(tmp_path / "a.parquet", columns=arm)

@@ -67,7 +67,7 @@ def test_64_bits_are_decoded_as_whole_numbers_alone(tmp_path):
         assert log.signed.all()
         assert "two's complement of 64 bits" in heard
     np.testing.assert_allclose(read(path, GAINS, encoding="twos:64")[0].effort, TAU, atol=1e-9)
-    assert "64 bits" in refusal(log_of(whole.astype(float)), GAINS)
+    assert "64-bit" in refusal(log_of(whole.astype(float)), GAINS)
     assert "64 bits" in refusal(path, GAINS, encoding="twos:16")
 
 

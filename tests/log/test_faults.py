@@ -67,7 +67,7 @@ def test_outliers_are_named_with_joint_and_time(log, reading):
     pair = [rows[0], rows[0] + 1]
     assert named(changed(log, reading, pair, 1, 10.0 * getattr(log, reading)[pair, 1]))[0][3] == pair
     line = str(prepare(bad).faults[0])
-    assert line.startswith(f"joint 2: 3 samples of its {what} far off their neighbours, at {log.t[rows[0]]:.3f}, ")
+    assert line.startswith(f"joint 2: 3 samples of the {what} far from neighbouring samples, at {log.t[rows[0]]:.3f}, ")
 
 
 def test_an_outlier_leaves_no_trace_in_the_signals(log):
@@ -100,9 +100,7 @@ def test_dropouts(log):
     assert named(zero) == [(3, "effort", "zero", list(range(412, 419)))]
     held = changed(log, "effort", ROWS, 0, log.effort[411, 0])
     assert named(held) == [(1, "effort", "held", list(range(412, 419)))]
-    assert str(prepare(held).faults[0]).startswith(
-        "joint 1: its effort is frozen in motion, 0.07 s in all, from 4.120 s"
-    )
+    assert str(prepare(held).faults[0]).startswith("joint 1: effort is frozen in motion, 0.07 s in all, from 4.120 s")
     held = changed(log, "q", ROWS, 0, log.q[411, 0])
     assert named(held) == [(1, "position", "held", list(range(412, 419)))]
     assert np.abs(prepare(held).motion.q - prepare(log).motion.q).max() < 1e-3 * np.ptp(log.q[:, 0])
@@ -165,7 +163,7 @@ def test_signs_elsewhere_stay_right_where_a_joint_has_no_effort_at_all(log):
     right, strong = arm.right(result)
     assert right[:, :2][strong[:, :2]].mean() > 0.995
     assert (result.probability[:, 2] == 0.5).all(), "nothing is known of its signs"
-    assert result.warnings[0].startswith("joint 3: its effort reads exactly zero in motion, ")
+    assert result.warnings[0].startswith("joint 3: effort reads exactly zero in motion, ")
     assert "joint 3 shows no effort in motion: Fv3, Fc3, offset3" in " ".join(result.warnings)
     assert "does not excite" not in " ".join(result.warnings)
     assert not result.model_error_probability.any()

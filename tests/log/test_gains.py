@@ -34,7 +34,7 @@ def test_a_file_has_a_gain_and_its_sd_a_joint(tmp_path):
     path.write_text("gain,sd\n12,20%\nunknown,\n")
     assert gains_of(path, 2).sd.tolist() == [0.2, np.inf]
     for content, says in {
-        "gain,sd\n12,2.4\nsixteen,1\n": "gains.csv, line 3: 'sixteen', '1' are no gain",
+        "gain,sd\n12,2.4\nsixteen,1\n": "gains.csv, line 3: 'sixteen', '1' are not a gain",
         "K\n12\n": "has no columns gain, sd",
     }.items():
         path.write_text(content)
@@ -76,10 +76,10 @@ def test_torques_take_uncertain_factors_but_no_exact_gains():
 def test_gains_of_an_earlier_result_read_what_they_belong_to():
     of_torques = bayesid.types.Gains([1.1, 0.9], [0.0, 0.0], of_torques=True)
     np.testing.assert_allclose(read_log(TORQUES, gains=of_torques).effort, np.abs(Q) * [1.1, 0.9])
-    with pytest.raises(InputError, match="the log holds currents, the gains are factors on torques"):
+    with pytest.raises(InputError, match="the log holds currents, but the gains are factors on torques"):
         read_log(CURRENTS, gains=of_torques)
     of_currents = bayesid.types.Gains([12.0, 16.0], [0.0, 0.0])
-    with pytest.warns(UserWarning, match="holds torques: gains of currents are left out"):
+    with pytest.warns(UserWarning, match="holds torques; gains of currents are ignored"):
         assert read_log(TORQUES, gains=of_currents).effort == pytest.approx(np.abs(Q))
 
 

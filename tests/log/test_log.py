@@ -69,7 +69,7 @@ def test_bad_value_is_named_with_its_row_and_column(table, save):
 
 
 def test_table_that_cannot_be_used(table, save):
-    assert "row 7: holds 3 values, the he" in refusal(save([*table[:6], table[6][:3], *table[7:]]))
+    assert "row 7: holds 3 values, but the he" in refusal(save([*table[:6], table[6][:3], *table[7:]]))
     for old, new, said in (
         ("t", "clock", "column t is missing"),
         ("q2", "q3", "column q2 is missing"),
@@ -84,7 +84,7 @@ def test_table_that_cannot_be_used(table, save):
     for rows in (0, 1, 49):
         assert f"holds {rows} rows, too few" in refusal(save(table[: rows + 1]))
     for names, value, said in (
-        (["q1", "q2"], "0.3", "all columns of positions are constant"),
+        (["q1", "q2"], "0.3", "all positions are constant"),
         (["tau1", "tau2"], "0", "all efforts are zero in every row"),
         (["t"], "3.5", "time never advances"),
     ):
@@ -136,7 +136,7 @@ def test_log_checks_its_arrays():
         ({"q": np.full((8, 2), np.nan)}, "not finite"),
         ({"signed": [True]}, "signed has shape"),
         ({"effort": -np.ones((8, 2))}, "cannot be negative"),
-        ({"pieces": (Piece("a", 0, 4, np.arange(4.0)),)}, "one after the other"),
+        ({"pieces": (Piece("a", 0, 4, np.arange(4.0)),)}, "in order"),
     ):
         with pytest.raises(ValueError, match=said):
             Log(**good | change)
@@ -175,9 +175,9 @@ def test_logs_join_with_a_pause_between_them_and_keep_their_own_times():
 
 def test_logs_that_do_not_belong_together():
     for other, said in (
-        ({"joints": 3, "signed": (False,) * 3}, "has 3 joints, log has 2"),
-        ({"signed": (True, False)}, "other joints are signed"),
-        ({"period": 0.004}, "250 Hz, log has 100 Hz"),
+        ({"joints": 3, "signed": (False,) * 3}, "has 3 joints, but log has 2"),
+        ({"signed": (True, False)}, "the signed joints differ"),
+        ({"period": 0.004}, "has 250 Hz, but log has 100 Hz"),
     ):
         with pytest.raises(InputError, match=f"b.csv: {said}"):
             join_logs([recorded(), recorded(**other, name="b.csv")])
@@ -189,7 +189,7 @@ def test_a_list_is_several_logs(tmp_path):
     joined = read_log([first.save(tmp_path / "first.csv"), second.rectified()], unsigned="all")
     np.testing.assert_array_equal(joined.effort, np.abs(np.concatenate([first.effort, second.effort])))
     assert [len(piece.t) for piece in joined.pieces] == [90, 70]
-    for wrong, said in (([], "`source`: names no log"), (first, "90: is read already")):
+    for wrong, said in (([], "`source`: is an empty list"), (first, "90: is already a Log")):
         with pytest.raises(InputError, match=said):
             read_log(wrong)
 
@@ -234,11 +234,11 @@ def test_patterns_that_match_nothing_or_a_log_twice(shelf):
             find_logs(["runs/a.csv", pattern])
         assert str(caught.value).startswith(f"{pattern}: matches no file; ")
     for patterns, said in (
-        (["runs/a.csv", "runs/b.csv", "runs/a.csv"], "runs/a.csv: is named twice"),
-        (["runs/*.csv", "runs/a.csv"], "runs/a.csv: is named twice"),
+        (["runs/a.csv", "runs/b.csv", "runs/a.csv"], "runs/a.csv: is given twice"),
+        (["runs/*.csv", "runs/a.csv"], "runs/a.csv: is given twice"),
         (["runs/a.csv", "runs/deep/../a.csv"], "runs/deep/../a.csv: is the same file as runs/a.csv"),
         (["runs/a.csv", "link.csv"], "link.csv: is the same file as runs/a.csv"),
     ):
         with pytest.raises(InputError) as caught:
             find_logs(patterns)
-        assert str(caught.value).startswith(f"{said}; name every log once")
+        assert str(caught.value).startswith(f"{said}; give every log once")

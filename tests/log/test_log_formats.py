@@ -17,7 +17,7 @@ ROWS = 64
 N = 3
 J = ["base_yaw", "arm_lift", "wrist_roll"]
 
-pytestmark = pytest.mark.filterwarnings("ignore:.*joints are taken in the order")
+pytestmark = pytest.mark.filterwarnings("ignore:.*assumed joint order from base to tip")
 
 
 @pytest.fixture
@@ -59,7 +59,7 @@ def test_parquet_that_cannot_be_used(tmp_path, recorded):
     said = refusal(save_parquet(path, flat(without(recorded, "q")) | {"q": lists}))
     assert "column q: holds lists of 1 to 3 values" in said
     lacking = refusal(save_parquet(path, without(flat(recorded), "tau2")))
-    assert "log.parquet: column tau2 is missing; add it; q1..q3 are there" in lacking
+    assert "log.parquet: column tau2 is missing; add it; the file has q1..q3" in lacking
     path.write_bytes(path.read_bytes()[:-20])
     assert "log.parquet: is damaged (" in refusal(path)
 
@@ -87,7 +87,7 @@ def test_matlab(tmp_path, recorded, write, form):
         ({"q": None}, "there is no t with a q among t, dq, tau; save t (N x 1), q (N x n)"),
         ({"tau": None}, "column tau1 (or i1 with gains) is missing"),
         ({"q": np.ones((ROWS - 1, 3))}, "variable q has shape (63, 3) for 64 instants"),
-        ({"q": np.ones((ROWS, ROWS))}, "variable q is square: its rows or its columns may be instants"),
+        ({"q": np.ones((ROWS, ROWS))}, "variable q is square, so its rows or its columns may be instants"),
         ({"t": np.ones((ROWS, 2))}, "variable t has shape (64, 2)"),
         ({"q2": np.arange(ROWS)}, "variables q and q2 may be the same"),
         ({"time": np.arange(ROWS)}, "variables t and time may be the same"),
@@ -118,7 +118,7 @@ def bag():
 @pytest.mark.parametrize("storage", ["sqlite3", "mcap"])
 def test_a_bag(tmp_path, recorded, bag, storage):
     path = bag.write(tmp_path / "bag", {"/joint_states": bag.states(recorded, J), "/talk": []}, storage)
-    with pytest.warns(UserWarning, match="the order base_yaw, arm_lift, wrist_roll; if that is not from base to tip"):
+    with pytest.warns(UserWarning, match="from base to tip: base_yaw, arm_lift, wrist_roll; if it is another"):
         assert_same(read_log(path), recorded, atol=1e-15)
     [file] = [one for one in path.iterdir() if one.suffix != ".yaml"]
     with warnings.catch_warnings():
@@ -141,7 +141,7 @@ def test_numbers_tell_the_order_of_joints_and_unknown_velocities_are_left_out(tm
 
 def test_stamps_that_are_zero(tmp_path, recorded, bag):
     path = bag.write(tmp_path / "bag", {"/states": bag.states(recorded, J, stamped=False)})
-    with pytest.warns(UserWarning, match="the stamps are zero; time is when the bag received the messages"):
+    with pytest.warns(UserWarning, match="the stamps are zero; times of receipt are used"):
         log = read_log(path)
     assert_same(log, recorded | {"t": recorded["t"] + 1e-3}, atol=1e-12)
     simulated = recorded | {"t": recorded["t"] - recorded["t"][0]}
@@ -153,11 +153,11 @@ def test_which_topic(tmp_path, recorded, bag):
     states, commands = bag.states(recorded, J), bag.states(without(recorded, "tau"), J)
     path = bag.write(tmp_path / "bag", {"/commands": commands, "/states": states})
     assert_same(read_log(path), recorded, atol=1e-15)
-    assert "topic /commands, message 1: holds no effort of each joint; " in refusal(path, topic="/commands")
-    assert "--topic: '/other' is no topic of joint states; give /commands, /states" in refusal(path, topic="/other")
+    assert "topic /commands, message 1: lacks efforts of some joints; " in refusal(path, topic="/commands")
+    assert "--topic: '/other' is not a topic of joint states; give /commands, /states" in refusal(path, topic="/other")
     scaled = recorded | {"tau": 2.0 * recorded["tau"]}
     path = bag.write(tmp_path / "two", {"/left": states, "/right": bag.states(scaled, J)})
-    assert "2 of the topics /left, /right have efforts; say which with --topic" in refusal(path)
+    assert "2 of the topics /left, /right have efforts; choose one with --topic" in refusal(path)
     assert_same(read_log(path, topic="/right"), scaled, atol=1e-15)
     path = bag.write(tmp_path / "no", {"/left": commands, "/right": commands})
     assert "none of the topics /left, /right has efforts; record one with efforts" in refusal(path)
@@ -167,9 +167,9 @@ def test_a_topic_of_several_publishers(tmp_path, recorded, bag):
     gripper = [bag.state(t + 5e-4, ["finger1", "finger2"], [0.1, t], [], []) for t in recorded["t"]]
     states = sorted([*bag.states(recorded, J), *gripper], key=lambda one: one[0])
     path = bag.write(tmp_path / "bag", {"/states": states})
-    assert "there are messages of base_yaw, arm_lift, wrist_roll, and of finger1, finger2; say which" in refusal(path)
+    assert "there are messages of base_yaw, arm_lift, wrist_roll, and of finger1, finger2; give" in refusal(path)
     assert_same(read_log(path, joints=J), recorded, atol=1e-15)
-    expected = "no message holds all of the joints elbow; give --joints those of base_yaw, arm_lift, wrist_roll, fing"
+    expected = "no message holds all of the joints elbow; give --joints from base_yaw, arm_lift, wrist_roll, fing"
     assert expected in refusal(path, joints=["elbow"])
     assert "--joints: a joint is named twice; " in refusal(path, joints=["base_yaw", "base_yaw"])
 
@@ -182,8 +182,8 @@ def test_bags_that_cannot_be_read(tmp_path, recorded, bag, monkeypatch):
     states = bag.states(recorded, J)
     for k, (q, tau, said) in enumerate(
         (
-            ([0.1], [1.0] * 3, "message 3: holds no position of each joint; "),
-            ([0.1] * 3, [1.0] * 2, "message 3: holds no effort of each joint; "),
+            ([0.1], [1.0] * 3, "message 3: lacks positions of some joints; "),
+            ([0.1] * 3, [1.0] * 2, "message 3: lacks efforts of some joints; "),
             ([0.1, np.inf, 0.2], [1.0] * 3, "message 3: column q2 (arm_lift) holds inf; "),
         )
     ):
@@ -240,14 +240,14 @@ def test_kuka_that_cannot_be_used(tmp_path, recorded):
     for change, said in (
         ({f"AIPos.A{j}": None for j in (1, 2, 3)}, "column q1 is missing among RIst.X (not used), IPOC (t), "),
         ({f"MACur.A{j}": None for j in (1, 2, 3)}, "column tau1 (or i1 with gains) is missing among RIst.X "),
-        ({"MACur.A2": None}, "column MACur.A2 is missing; add it; AIPos.A1..AIPos.A3 are there"),
+        ({"MACur.A2": None}, "column MACur.A2 is missing; add it; the file has AIPos.A1..AIPos.A3"),
         ({"IPOC": None}, "column t is missing among RIst.X (not used), AIPos.A{} (q), "),
-        ({"aipos_a2": 1.0}, "row 1: columns AIPos.A2 and aipos_a2 may both be q"),
-        ({f"R2.AIPos.A{j}": 1.0 for j in (1, 2, 3)}, "AIPos.A1 and R2.AIPos.A1 may both be q"),
+        ({"aipos_a2": 1.0}, "row 1: columns AIPos.A2 and aipos_a2 could both be q"),
+        ({f"R2.AIPos.A{j}": 1.0 for j in (1, 2, 3)}, "AIPos.A1 and R2.AIPos.A1 could both be q"),
         (
             {f"{name}.A{j}": 1.0 for name in ("Torque", "GearTorque") for j in (1, 2, 3)}
             | {f"MACur.A{j}": None for j in (1, 2, 3)},
-            "row 1: columns Torque.A1 and GearTorque.A1 may both be tau",
+            "row 1: columns Torque.A1 and GearTorque.A1 could both be tau",
         ),
         ({"AxisVel.A1": None, "AxisVel.A1[%]": 1.0}, "column AxisVel.A1 is missing; add it"),
         ({"IPOC": None, "Time": 4.0}, "column Time spans 252 s with steps of 4 s: milliseconds?; name the column Time"),

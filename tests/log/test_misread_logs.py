@@ -58,7 +58,7 @@ def test_an_offset_that_no_register_has_is_refused_and_can_be_stated():
     assert "--encoding" in said
     gains = np.array(GAINS) * 1000.0
     np.testing.assert_allclose(read_log(log_of(volts), gains, encoding="offset:2.5").effort, TAU, atol=1e-9)
-    with pytest.raises(ValueError, match="is no encoding"):
+    with pytest.raises(ValueError, match="is not an encoding"):
         read_log(log_of(volts), gains, encoding="offset")
 
 
@@ -66,7 +66,7 @@ def test_directions_in_columns_of_their_own(tmp_path):
     ways = flat({"direction": np.sign(COUNTS) + (COUNTS == 0)})
     log, heard = read(save(tmp_path / "log.csv", flat({"t": T, "q": Q, "tau": np.abs(TAU)}) | ways))
     np.testing.assert_allclose(log.effort, TAU, atol=1e-9)
-    assert "the column of the direction" in heard
+    assert "the direction column" in heard
     bits = flat({"dir": (COUNTS < 0) * 1.0})
     log, _ = read(flat({"t": T, "q": Q, "tau": np.abs(TAU)}) | bits, encoding="direction:1")
     np.testing.assert_allclose(log.effort, TAU, atol=1e-9)
@@ -185,7 +185,7 @@ def test_clocks_that_pause_or_are_too_coarse():
     assert "time jumps 1 time" in read({"t": late, "q": Q, "tau": TAU})[1]
     stands = np.where((T > 3.0) & (T < 4.0), 3.0, T)
     log, heard = read({"t": stands, "q": Q, "tau": TAU})
-    assert "rows have the time of the row before" in heard
+    assert "rows repeat the time of the row before" in heard
     prepare(log)
     said = refusal({"t": np.floor(T), "q": Q, "tau": TAU})
     assert "12 instants in 1,200 rows" in said
@@ -215,7 +215,7 @@ def test_columns_that_were_never_read():
     tau[:, 1], dq[:, 2] = np.nan, np.nan
     log, heard = read({"t": T, "q": Q, "dq": dq, "tau": tau})
     assert "tau2 holds no number in any row" in heard
-    assert "dq3: velocities are left out" in heard
+    assert "dq3 holds no number in any row; velocities are ignored" in heard
     assert log.dq is None
     np.testing.assert_array_equal(log.effort, TAU * [1.0, 0.0, 1.0])
     assert not prepare(log).measured[:, 1].any()
@@ -227,13 +227,13 @@ def test_no_signal_is_refused():
         assert said in refusal({"t": T, "q": Q, "tau": effort})
     slow = np.arange(len(T)) // 10 * 10
     log, heard = read({"t": T, "q": Q, "tau": TAU[slow]})
-    assert "efforts only change every 10 rows" in heard
+    assert "efforts change only every 10 rows" in heard
     np.testing.assert_array_equal(log.effort, TAU[::10])
     log, heard = read({"t": T, "q": Q[slow], "tau": TAU})
-    assert "positions only change every 10 rows" in heard
+    assert "positions change only every 10 rows" in heard
     np.testing.assert_allclose(log.q[:-10], Q[:-10], atol=0.02)
     log, heard = read({"t": T, "q": Q, "dq": DQ[slow], "tau": TAU})
-    assert "velocities only change every 10 rows" in heard
+    assert "velocities change only every 10 rows" in heard
     np.testing.assert_allclose(log.dq[:-10], DQ[:-10], atol=0.2)
 
 

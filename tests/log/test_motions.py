@@ -45,7 +45,7 @@ def test_a_motion_needs_no_efforts(tmp_path, columns):
     motion = bayesid.read_log(path, effort=False, topic="/a", joints=["j3", "j1"])
     np.testing.assert_allclose(motion.q, columns["q"][:, [2, 0]], atol=1e-15)
     assert motion.dq is None
-    with pytest.raises(InputError, match="`gains`: is of efforts, which a motion has none of"):
+    with pytest.raises(InputError, match="`gains`: applies to efforts, but a motion has none"):
         bayesid.read_log(path, gains="12,16,10", effort=False)
 
 

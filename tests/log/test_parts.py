@@ -44,7 +44,7 @@ def test_positions_and_efforts_in_two_files(places):
     assert "q.csv+" in log.source
     assert "joined by time: 899 rows at the stamps of " in said
     assert "tau.csv (100 Hz); positions of " in said
-    assert "q.csv (125 Hz) by a spline; 101 rows that others do not cover are left out" in said
+    assert "q.csv (125 Hz) by a spline; 101 rows outside the other files' time ranges are left out" in said
     fast, slow = np.arange(1250) / 125.0, 1.003 + np.arange(1000) / 100.0
     given = {"t": fast, "q": motion(fast)}
     for parts in (tuple(places), (given, {"t": slow, "tau": efforts(slow)}), (given, places[1])):
@@ -54,7 +54,7 @@ def test_positions_and_efforts_in_two_files(places):
 
 
 def test_a_file_a_joint_without_numbers(tmp_path):
-    """As KUKA's trace has it: the place of the file is the joint's number; a pattern stands for all of them."""
+    """As KUKA's trace has it: the place of the file is the joint's number; a pattern stands for all of these."""
     t = np.arange(400) / 250.0
     for j in range(N):
         table = {"Zeit": t, "Istposition [Grad]": np.rad2deg(motion(t)[:, j]), "Istmoment [Nm]": efforts(t)[:, j]}
@@ -74,7 +74,7 @@ def test_efforts_at_other_stamps_are_taken_from_the_nearest(tmp_path):
     second = save(tmp_path / "b.csv", {"t": other, "tau2": efforts(other)[:, 1]})
     log, said = read(f"{first}+{second}")
     np.testing.assert_array_equal(log.effort[:, 1], efforts(other)[1:, 1])
-    assert "b.csv at its nearest stamps, 4 ms off at most" in said
+    assert "b.csv from its nearest stamps, at most 4 ms away" in said
 
 
 def test_rows_in_a_pause_of_the_positions_are_left_out(tmp_path):
@@ -93,24 +93,24 @@ def test_rows_in_a_pause_of_the_positions_are_left_out(tmp_path):
 def test_parts_that_do_not_make_a_log(places, tmp_path, capfd):
     q, tau = places
     assert cli.main(["identify", *map(str, places), "--robot", "kr5"]) == 2
-    assert "; if another file of the run holds them, give both as FILE+OTHER\n" in capfd.readouterr().err
-    for late, said in ((1000.0, "have nothing in common: "), (9.0, "they have 1.99 s in common: ")):
+    assert "; if another file of the run has them, give both as FILE+OTHER\n" in capfd.readouterr().err
+    for late, said in ((1000.0, "have nothing in common: "), (9.0, "the files have 1.99 s in common: ")):
         t = np.arange(1100) / 100.0
         first = save(tmp_path / "first.csv", columns(t, q=motion(t)))
         line = refusal(f"{first}+{save(tmp_path / 'late.csv', columns(t + late, tau=efforts(t)))}")
         assert said in line
-        assert line.endswith("; give the parts of one run, all with times on the same clock")
+        assert line.endswith("; give parts of one run, with times on the same clock")
     t = np.arange(1250) / 125.0
     more = save(tmp_path / "more.csv", columns(t, q=motion(t)))
     assert "q1 is in " in refusal(f"{q}+{more}+{tau}")
-    assert "no part holds efforts tau1.. or i1..; add the file that does" in refusal(f"{q}+")
-    assert "no part holds positions q1..; add the file that does" in refusal(f"{tau}+")
+    assert "no part holds efforts tau1.. or i1..; add the file with them" in refusal(f"{q}+")
+    assert "no part holds positions q1..; add the file with them" in refusal(f"{tau}+")
     assert "no such file" in refusal(f"{q}+nowhere.csv")
     one = save(tmp_path / "one.csv", columns(t, tau=efforts(t)[:, :1]))
-    assert "tau2 is in no part; add its file: there are positions of 2 joints" in refusal(f"{q}+{one}")
-    assert "no column is called Last{} in any part" in refusal(f"{q}+{tau}", columns={"i": "Last{}"})
+    assert "tau2 is in no part; add its file; there are positions of 2 joints" in refusal(f"{q}+{one}")
+    assert "no part has a column Last{}" in refusal(f"{q}+{tau}", columns={"i": "Last{}"})
     timeless = save(tmp_path / "timeless.csv", {"x": t, "tau1": t, "tau2": t})
-    assert "column t is missing among x, tau{}; say which it is with --columns t=" in refusal(f"{q}+{timeless}")
+    assert "column t is missing among x, tau{}; name it with --columns t=" in refusal(f"{q}+{timeless}")
 
 
 @pytest.mark.real

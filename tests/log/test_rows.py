@@ -67,7 +67,7 @@ def test_directions_count_where_it_is_known_which_is_negative():
         np.testing.assert_array_equal([row.effort for row in rows], COUNTS)
         assert "--encoding" in refusal(directed)
         assert not rows_of(directed, "magnitude")[1].signed.any()
-    assert "no columns of directions" in refusal(columns, "direction:1")
+    assert "no direction columns" in refusal(columns, "direction:1")
 
 
 @pytest.mark.parametrize("degrees", [True, False])

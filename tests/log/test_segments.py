@@ -150,5 +150,5 @@ def test_samples_under_the_threshold_are_set_apart(threshold):
 
 def test_shares_that_cannot_be_are_refused():
     for name, share in (("prominence", 0.0), ("prominence", 1.0), ("threshold", -0.1), ("threshold", np.nan)):
-        with pytest.raises(InputError, match=f"`{name}`: {share:g} cannot be used"):
+        with pytest.raises(InputError, match=f"`{name}`: {share:g} is out of range"):
             Segmentation(**{name: share})

@@ -156,7 +156,7 @@ def test_no_grid_is_larger_than_what_was_recorded_needs():
 
     k, t = np.arange(900), np.arange(500) * 0.01
     for odd in (*((k // 10) * 0.1 + (k % 10) * step for step in (1e-9, 1e-12)), np.concatenate([t, 1e9 + t])):
-        with pytest.raises(InputError, match=r"odd.csv: \d+ instants over .*, lie on .* even ones; give each"):
+        with pytest.raises(InputError, match=r"odd.csv: \d+ instants over .* even grid of .* samples; give each"):
             prepare(log(odd))
     assert len(prepare(log(np.concatenate([t, 300.0 + t]))).motion) == 30_500
 

@@ -174,24 +174,24 @@ def test_files_of_another_kind_are_named(tmp_path, kind):
 WHOLE_SECONDS = clocked("%Y-%m-%d %H:%M:%S", ",")
 REFUSED = {
     "header again": (joined([*LINES[:150], LINES[0], *LINES[150:]]), ["row 151", "header again"]),
-    "thousands": (changed(51, "dq2", '"1,234.5"'), ["row 51", "separators of thousands"]),
+    "thousands": (changed(51, "dq2", '"1,234.5"'), ["row 51", "thousands separators"]),
     "backwards": (joined([LINES[0], *LINES[:0:-1]]), ["row 3", "time runs backwards"]),
-    "no header": (joined(LINES[1:]), ["row 1", "holds numbers, not the names"]),
+    "no header": (joined(LINES[1:]), ["row 1", "holds numbers instead of column names"]),
     "ms": (text(flat(IN_MS)), ["milliseconds?", "t[ms]", "--columns"]),
     "ns": (text(flat(scaled(RECORDED, t=1e9))), ["nanoseconds?", "t[ns]"]),
     "whole seconds": (WHOLE_SECONDS, ["column t has 4 instants in 300 rows", "t[10ms]"]),
     "degrees": (text(flat(scaled(NO_DQ, q=30.0 * DEGREES))), ["are they degrees?", "--degrees"]),
     "degrees and ms": (text(flat(scaled(RECORDED, q=DEGREES, dq=DEGREES, t=1e3))), ['t="t[ms]"', "--degrees too"]),
-    "counts": (text(flat(scaled(RECORDED, q=2e4))), ["neither rad nor degrees", "counts of an encoder"]),
+    "counts": (text(flat(scaled(RECORDED, q=2e4))), ["too large for rad or degrees", "encoder counts"]),
     "degrees/s": (text(flat(scaled(RECORDED, dq=DEGREES))), ["velocity of joint 1 is 57.3 times", "degrees/s"]),
     "small angles in degrees": (
         text(flat(scaled(RECORDED, q=0.1 * DEGREES, dq=0.1))),
-        ["0.0175 times the change of its position", "q1[deg]"],
+        ["0.0175 times the derivative of its position", "q1[deg]"],
     ),
-    "minutes": (text(flat(scaled(RECORDED, t=1.0 / 60.0))), ["say the units of time, positions"]),
+    "minutes": (text(flat(scaled(RECORDED, t=1.0 / 60.0))), ["write the units of time, positions"]),
     "velocity turned": (text(flat(scaled(RECORDED, dq=-1.0))), ["velocity of joint 1 is -1 times"]),
     "frantic": (text(flat(scaled(NO_DQ, t=1e-3))), ["most joints are faster than 60 rad/s", "units of time"]),
-    "glacial": (text(flat(scaled(RECORDED, t=1e14))), ["no joint log is so slow"]),
+    "glacial": (text(flat(scaled(RECORDED, t=1e14))), ["too slow for a joint log in s"]),
     "percent": (text(flat(RECORDED, tau="tau{} [%]")), ["tau1 [%]", "Nm", "gains"]),
     "mA for A": (text(flat(scaled(RECORDED, tau=1e4))), ["effort of joint 1 reaches", "unit"]),
     "decimal commas unquoted": (text(flat(RECORDED), ",", ",").replace('"', ""), ["decimal commas"]),
@@ -200,13 +200,13 @@ REFUSED = {
     "counted from 0 and 1": (text(flat(NO_DQ) | {"q0": RECORDED["t"]}), ["q0..q3 count from 0, tau1..tau3 from 1"]),
     "two times": (
         text(without(flat(RECORDED), "t") | {"time": RECORDED["t"], "timestamp": RECORDED["t"]}),
-        ["time and timestamp may both be the time", "--columns t="],
+        ["time and timestamp could both be the time", "--columns t="],
     ),
     "measured ones beside plain names": (
         text(flat(RECORDED) | {f"actual_q_{j}": RECORDED["q"][:, j] for j in range(RECORDED["q"].shape[1])}),
-        ["q1 and actual_q_", "may both be q", '--columns q="actual_q_{}"'],
+        ["q1 and actual_q_", "could both be q", '--columns q="actual_q_{}"'],
     ),
-    "one joint missing": (text(without(flat(NO_DQ), "q2")), ["column q2 is missing", "q1..q3 are there"]),
+    "one joint missing": (text(without(flat(NO_DQ), "q2")), ["column q2 is missing", "the file has q1..q3"]),
     "no time": (text(without(flat(RECORDED), "t")), ["q{} (q), dq{} (dq), tau{} (tau)", '--columns t="NAME"']),
     "a wild clock": (
         text(without(flat(RECORDED), "t") | {"clock": RECORDED["t"]}),
@@ -259,7 +259,7 @@ def test_what_efforts_and_times_are_meant(tmp_path):
     names = {"t": "Time stamp /s", "q": "Axis {} act. pos", "dq": "Axis {} act. vel", "tau": "|M{}| Nm"}
     path = save(tmp_path / "log.csv", flat(RECORDED | {"tau": np.abs(RECORDED["tau"])}, **names))
     wrong = without(names, "dq") | {"tau": names["dq"]}
-    assert "the efforts are the joints' velocities" in refusal(path, columns=wrong)
+    assert "the efforts equal the joints' velocities" in refusal(path, columns=wrong)
     path = save(tmp_path / "log.csv", flat(RECORDED | {"t": np.arange(ROWS)}, t="sample"))
     assert 't="sample"' in refusal(path)
     assert "rows?" in refusal(path, columns={"t": "sample"})

@@ -1,9 +1,8 @@
 """Parquet files through pyarrow, and MATLAB files: version 5 and older through scipy, 7.3 (HDF5) through h5py.
 
-Either hold variables as `bayesid.log.formats.memory` reads them: `t` (N,), `q` (N, n) or (n, N), `tau` or `i` alike,
-`dq` if velocities were measured, or vectors `q1..qn` and so on; in MATLAB also as the fields of one struct, in Parquet
-also in lists of all joints, as LeRobot writes them. What a file says of its own sizes is checked before a library
-takes memory by it.
+They hold variables as in `bayesid.log.formats.memory`: `t` (N,), `q` (N, n) or (n, N), `tau` or `i` alike, `dq` if
+measured, or vectors `q1..qn` and so on. MATLAB files may hold them as the fields of one struct, Parquet files as lists
+of all joints (LeRobot). Sizes stated in a file are checked before a library allocates memory for them.
 """
 
 from __future__ import annotations
@@ -33,7 +32,7 @@ _NEEDED = "save t (N x 1), q (N x n) and tau or i (N x n), or one struct that ho
 
 
 class ParquetFile(Format):
-    """Columns named as in a CSV log; a time may be a timestamp or a duration."""
+    """Columns named as in a CSV log; time may be a timestamp or a duration."""
 
     name = "a Parquet file"
     magic = (b"PAR1",)
@@ -77,13 +76,13 @@ class MatlabFile(Format):
             load = _load_hdf5 if file.read(10) == b"MATLAB 7.3" else _load_matlab
         try:
             variables = load(path)
-        except Exception as error:  # a damaged file raises whatever the parser stumbles over
+        except Exception as error:  # a damaged file may raise any error
             said = f"cannot be read as a MATLAB file ({type(error).__name__})"
             raise InputError(said, str(path), "save it again with save(..., '-v7')") from None
         found = _log_of(variables, str(path), named=bool(options.columns))
         for kind in WORDS if not options.columns else ():
             if len(same := [name for name in found if kind_of(name) == kind]) > 1:
-                raise InputError(f"variables {' and '.join(same)} may be the same", str(path), "save one of them only")
+                raise InputError(f"variables {' and '.join(same)} may be the same", str(path), "save only one of them")
         return table_of(found, str(path), options)
 
 
@@ -96,7 +95,7 @@ def _may_be_numbers(kind: pyarrow.DataType) -> bool:
 
 
 def _check_parquet(file: parquet.ParquetFile, names: Sequence[str], where: str) -> None:
-    """Refuses columns that unpack to too much, by their number of values."""
+    """Refuses columns that unpack to too many values."""
     metadata, size = file.metadata, 0
     for k in range(metadata.num_row_groups):
         group = metadata.row_group(k)
@@ -105,11 +104,11 @@ def _check_parquet(file: parquet.ParquetFile, names: Sequence[str], where: str) 
         size += sum(max(8 * chunk.num_values, 8 * group.num_rows, chunk.total_uncompressed_size) for chunk in used)
     if size > bounded.MOST_UNPACKED or metadata.num_rows < 0:
         said = f"its columns unpack to more than {bounded.MOST_UNPACKED >> 30} GiB"
-        raise InputError(said, where, "cut it into shorter logs and give all of them")
+        raise InputError(said, where, "cut it into shorter logs and give them all")
 
 
 def _vectors(column: pyarrow.ChunkedArray, path: Path, name: str) -> dict[str, Any]:
-    """(N,) values, those of decimals as floats; of lists each place is a column, from 1: state1, state2, ..."""
+    """(N,) values, decimals as floats; each place of a list is a column, from 1: state1, state2, ..."""
     from pyarrow import compute, float64, types
 
     if not types.is_nested(column.type):
@@ -117,7 +116,7 @@ def _vectors(column: pyarrow.ChunkedArray, path: Path, name: str) -> dict[str, A
     widths = np.unique(compute.list_value_length(column).to_numpy())
     if len(widths) > 1:
         said = f"holds lists of {widths.min():g} to {widths.max():g} values"
-        raise InputError(said, f"{path}, column {name}", "write the same number in every row")
+        raise InputError(said, f"{path}, column {name}", "write lists of one length in every row")
     width = int(widths[0]) if len(widths) and np.isfinite(widths[0]) else 0
     return {f"{name}{k + 1}": compute.list_element(column, k).to_numpy() for k in range(width)}
 
@@ -132,7 +131,7 @@ def _load_matlab(path: Path) -> dict[str, Any]:
 
 
 def _load_hdf5(path: Path) -> dict[str, Any]:
-    """The same of version 7.3, whose arrays are transposed, structs groups, and objects under "#refs#"."""
+    """The variables of a version 7.3 file: arrays are transposed, structs are groups, objects are under "#refs#"."""
     import h5py
 
     def plain(item: Any) -> Any:
@@ -149,7 +148,7 @@ def _load_hdf5(path: Path) -> dict[str, Any]:
 
 
 def _log_of(variables: Mapping[str, Any], where: str, named: bool) -> Mapping[str, Any]:
-    """What holds the log: the variables, or the only struct with a time and positions, or any if they are named."""
+    """The variables of the log: all, or the only struct with a time and positions, or any that are named."""
     if _is_log(variables):
         return variables
     candidates = {name: value for name, value in variables.items() if isinstance(value, Mapping)}
@@ -157,7 +156,7 @@ def _log_of(variables: Mapping[str, Any], where: str, named: bool) -> Mapping[st
     if named and not structs:
         return next(iter(candidates.values())) if len(candidates) == 1 else variables
     if len(structs) > 1:
-        raise InputError(f"structs {' and '.join(structs)} both hold a log", where, "save one of them by itself")
+        raise InputError(f"structs {' and '.join(structs)} both hold a log", where, "save only one of them")
     if not structs:
         names = ", ".join(name for name in variables if not name.startswith("__"))
         raise InputError(f"there is no t with a q among {names or 'no variables'}", where, _NEEDED)
@@ -171,24 +170,24 @@ def _is_log(variables: Mapping[str, Any]) -> bool:
 
 
 _HEADER, _TAG = 128, 8
-"""Bytes of a MAT-file's header, and of the tag before each of its elements (MAT-File Format, MathWorks)."""
+"""Bytes of a MAT-file's header, and of the tag of each element (MAT-File Format, MathWorks)."""
 _MATRIX, _COMPRESSED = 14, 15  # types of elements
 _WHOLE = 1, 2, 3  # classes of matrices whose entries are elements: cells, structs and objects
 
 
 def _check_matlab(content: bytes) -> None:
-    """Refuses, by ValueError, a MAT-file that unpacks to too much, or whose matrices nest or claim too much."""
+    """ValueError for a MAT-file that unpacks to too much, or with matrices that are too deep or too large."""
     order = {b"IM": "<", b"MI": ">"}.get(content[126:128])
-    if order is None:  # version 4, which packs nothing
+    if order is None:  # version 4 is not compressed
         return
     left, objects = bounded.MOST_UNPACKED, 0
-    waiting = [(content[_HEADER:], 0)]  # with the number of matrices around
+    waiting = [(content[_HEADER:], 0)]  # with the depth of nesting
     while waiting:
         elements, depth = waiting.pop()
         for kind, inner in _elements(elements, order):
             objects += 1
             if depth > bounded.DEEPEST or objects > TUNING.most_objects:
-                raise ValueError("holds too much in one another")
+                raise ValueError("is nested too deeply")
             if kind == _COMPRESSED:
                 unpacking = zlib.decompressobj()
                 unpacked = unpacking.decompress(inner, left)
@@ -205,7 +204,7 @@ def _elements(content: bytes, order: str) -> Iterator[tuple[int, bytes]]:
     start = 0
     while start + _TAG <= len(content):
         kind, size = struct.unpack_from(f"{order}II", content, start)
-        if kind >> 16:  # a small one, its content in its tag
+        if kind >> 16:  # a small element is stored in its tag
             yield kind & 0xFFFF, content[start + 4 : start + _TAG]
             start += _TAG
             continue
@@ -217,9 +216,9 @@ def _elements(content: bytes, order: str) -> Iterator[tuple[int, bytes]]:
 
 
 def _check_matrix(content: bytes, order: str) -> None:
-    """A matrix of elements has no more of them than its bytes can hold."""
+    """ValueError if a matrix claims more elements than its bytes can hold."""
     (_, flags), (_, sizes), *_ = [*_elements(content, order), (0, b""), (0, b"")]
     if flags and struct.unpack_from(f"{order}I", flags)[0] & 0xFF in _WHOLE:
         count = math.prod(map(abs, struct.unpack(f"{order}{len(sizes) // 4}i", sizes[: len(sizes) // 4 * 4])))
         if _TAG * count > len(content):
-            raise ValueError("holds fewer entries than it says")
+            raise ValueError("holds fewer entries than stated")

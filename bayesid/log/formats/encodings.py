@@ -1,9 +1,9 @@
-"""Readings of drives that are no absolute values although none is negative: the sign is in a code.
+"""Decoding of readings that are never negative but hold a sign.
 
-Registers of 8, 16 or 32 bits without a sign hold -1 as their largest number (two's complement); servo buses set a bit
-for one direction; converters put zero at the middle of their scale; and some loggers write a direction in a column of
-its own. A code shows itself where the reading changes sign: what jumps by half the scale as recorded is continuous as
-decoded. Without a jump, a zero at the middle of the scale shows in readings that never come near zero.
+Unsigned registers of 8, 16 or 32 bits hold -1 as their largest number (two's complement). Servo buses set a bit for one
+direction. Converters put zero at the middle of their scale. Some loggers write a column of directions. A code is
+detected at sign changes: jumps by half the scale as recorded are continuous when decoded. Without jumps, a zero at the
+middle of the scale is detected by readings that never come near zero.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from bayesid.log.tuning import TUNING
 
 MAGNITUDE = "magnitude"
 CODES = "twos:16, sign-bit:10, offset:2048 or direction:1"
-"""How a code is stated, by example."""
-TAKEN, DOUBT = "taken as |effort|, as `encoding` says, but", "signs and model may be wrong"
-"""What is said of readings that cannot be what a user has said."""
+"""Examples of stated encodings."""
+TAKEN, DOUBT = "taken as |effort| as stated by `encoding`, but", "signs and model may be wrong"
+"""Message about readings that do not look like the stated |effort|."""
 WIDE = 2.0**63
-"""From which on a number of 64 bits is negative in two's complement; no reading of an effort is so large."""
+"""A 64-bit number from here on is negative in two's complement; no effort reading is so large."""
 _TEXT = re.compile(r"(magnitude)|(twos|sign-bit):([0-9]{1,2})|(offset|direction):([0-9.eE+-]{1,20})")
 
 
@@ -36,10 +36,10 @@ class Encoding:
     """How readings hold their sign.
 
     Attributes:
-        kind: "magnitude" where they do not; "twos", two's complement; "sign-bit"; "offset", zero in the middle; or
-            "direction", in a column of its own.
-        number: bits of two's complement; the bit, from 0, that is set below zero; the reading that stands for zero; or
-            the direction that stands for negative.
+        kind: "magnitude" if they do not; "twos", two's complement; "sign-bit"; "offset", zero in the middle; or
+            "direction", a separate column.
+        number: bits of the two's complement; bit, from 0, that is set for negative values; reading at zero; or
+            direction of negative values.
     """
 
     kind: str
@@ -47,7 +47,7 @@ class Encoding:
 
     @classmethod
     def parse(cls, text: str) -> Encoding:
-        """As it is stated: as one of `CODES`, or as magnitude."""
+        """An encoding from text: one of `CODES`, or magnitude."""
         found = _TEXT.fullmatch(text.strip())
         try:
             if found is not None and found[1]:
@@ -58,7 +58,7 @@ class Encoding:
         kind = "" if found is None else found[2] or found[4]
         least, most = {"twos": (4, 64), "sign-bit": (3, 52)}.get(kind, (-np.inf, np.inf))
         if found is None or not np.isfinite(number) or not least <= number <= most:
-            raise InputError(f"{text!r:.60} is no encoding", field="encoding", remedy=f"give magnitude, {CODES}")
+            raise InputError(f"{text!r:.60} is not an encoding", field="encoding", remedy=f"give magnitude, {CODES}")
         return cls(kind, number)
 
     def __str__(self) -> str:
@@ -71,7 +71,7 @@ class Encoding:
             "twos": f"two's complement of {self.number:g} bits",
             "sign-bit": f"a sign in bit {self.number:g}",
             "offset": f"zero at {self.number:.12g}",
-            "direction": f"a sign in the column of the direction ({self.number:g} is negative)",
+            "direction": f"a sign in the direction column ({self.number:g} is negative)",
         }[self.kind]
 
     def directed(self, readings: Array, direction: Array) -> Array:
@@ -79,7 +79,7 @@ class Encoding:
         return np.where(direction < 0.0 if self.number < 0.0 else direction == self.number, -readings, readings)
 
     def decoded(self, counts: Array) -> Array:
-        """Signed readings of any shape, in counts; those of a direction need its column and stay as they are."""
+        """Signed readings of any shape, in counts; unchanged for a direction, which needs its column."""
         if self.kind == "twos":
             return counts - 2.0**self.number * (counts >= 2.0 ** (self.number - 1.0))
         if self.kind == "sign-bit":
@@ -93,14 +93,14 @@ TWOS_64 = Encoding("twos", 64)
 
 
 def decode(table: Table, stated: str | None = None) -> Table:
-    """A table whose readings have signs where they hold them; what was decoded is noted, and how.
+    """A table with decoded signs; a note says what was decoded.
 
     Args:
-        table: as a file has it, with columns dir1.. where it names directions.
-        stated: an encoding, if a user has said it.
+        table: as read, with columns dir1.. for directions.
+        stated: an encoding stated by the user.
 
     Raises:
-        InputError: readings hold their sign in a code that is not sure, or cannot be the stated one.
+        InputError: readings seem to hold a sign in an ambiguous code, or do not fit the stated one.
     """
     plain = {name: one for name, one in table.columns.items() if kind_part(name) != DIRECTION}
     efforts = {name: one for name, one in plain.items() if kind_part(name) in ("tau", "i") and name != "t"}
@@ -112,8 +112,8 @@ def decode(table: Table, stated: str | None = None) -> Table:
     if table.encoding is not None:
         return _of_64_bits(table, first, chosen)
     if ((values >= WIDE) & (values <= 2.0 * WIDE)).any():
-        said = f"readings such as {first} reach {values.max():.6g}, rounded from numbers of 64 bits that hold a sign"
-        raise InputError(said, table.source, "log them as whole numbers, or with their sign")
+        said = f"readings such as {first} reach {values.max():.6g}, a rounded 64-bit number with a sign"
+        raise InputError(said, table.source, "log them as integers, or with a sign")
     if not np.isfinite(values).all() or (values < 0.0).any():
         if chosen is not None and chosen.kind != MAGNITUDE and np.isfinite(values).all():
             raise InputError("holds negative efforts already", table.source, "leave `encoding` out")
@@ -126,16 +126,14 @@ def decode(table: Table, stated: str | None = None) -> Table:
         chosen, signed = _by_direction(table, values, np.column_stack([one.values for one in directions]), chosen)
     elif chosen is not None and chosen.kind == "direction":
         remedy = "leave `encoding` out, or name the columns direction1, direction2, .."
-        raise InputError("has no columns of directions", table.source, remedy)
+        raise InputError("has no direction columns", table.source, remedy)
     elif chosen is not None:
         signed = chosen.decoded(values)
         _check_stated(chosen, values, signed, table.source)
     else:
         hidden = _hidden(values)
         if hidden.encoding is None and hidden.seen:
-            raise InputError(
-                hidden.seen, table.source, f"say how they hold a sign with `encoding`, as in {hidden.codes}"
-            )
+            raise InputError(hidden.seen, table.source, f"state the code with `encoding`, as in {hidden.codes}")
         chosen, signed = hidden.encoding, hidden.signed
     if chosen is None:
         return table
@@ -149,7 +147,7 @@ def _decoded(table: Table, label: str, one: Encoding) -> str:
 
 
 def _of_64_bits(table: Table, label: str, stated: Encoding | None) -> Table:
-    """A table whose readings a reader had to decode, as no float holds them."""
+    """A table whose readings the reader has already decoded, as floats cannot hold them."""
     held = Encoding.parse(str(table.encoding))
     if stated not in (None, held):
         raise InputError(f"readings such as {label} hold {held.said}", table.source, "leave `encoding` out")
@@ -161,20 +159,21 @@ def _has(given: Mapping[str, Column], name: str) -> bool:
 
 
 def _check_stated(one: Encoding, values: Array, signed: Array, source: str) -> None:
-    """Refuses a code by which readings (N, n) are all positive or all negative, or jump where they are continuous."""
+    """InputError for a code that makes all readings (N, n) positive or all negative, or discontinuous."""
     said = f"readings from {values.min():.6g} to {values.max():.6g} cannot hold {one.said}"
     if not (signed < 0.0).any() or not (signed > 0.0).any():
         side = "below" if not (signed < 0.0).any() else "above"
         raise InputError(f"{said}: none is {side} zero", source, "correct `encoding`, or leave it out")
     if one.kind != "offset" and (jumps := _joined_jumps(one, values)) > 1.0 and np.isfinite(jumps):
-        raise InputError(f"{said}: decoded, they jump where they are continuous", source, "correct `encoding`")
+        raise InputError(f"{said}: decoding makes them discontinuous", source, "correct `encoding`")
 
 
 # ---- A code in the reading ----
 class _Hidden(NamedTuple):
-    """What readings show of a sign that they hold.
+    """Evidence of a sign code in readings.
 
-    The code if it is sure, and the readings (N, n) by it; what was seen of any, and codes that it may be, in words.
+    The code if it is certain, and the decoded readings (N, n); a description of the evidence, and the possible codes as
+    text.
     """
 
     encoding: Encoding | None
@@ -184,7 +183,7 @@ class _Hidden(NamedTuple):
 
 
 def _hidden(values: Array) -> _Hidden:
-    """What readings (N, n), none of them negative, show."""
+    """Evidence in readings (N, n), none of them negative."""
     steps = np.array([_count(column) for column in values.T])
     counts = values / np.where(steps > 0.0, steps, 1.0)
     if steps.all():
@@ -205,14 +204,14 @@ def _hidden(values: Array) -> _Hidden:
 
 
 def _codes_of_bands(low: float, high: float, most: float) -> str:
-    """Codes whose upper half of the scale holds one of two bands, and whose lower half the other."""
+    """Codes that would put two bands in opposite halves of their scale."""
     bits = int(np.ceil(np.log2(max(most, 1.0) + 1.0)))
     half = 2.0 ** (bits - 1)
     return f"twos:{bits} or sign-bit:{bits - 1}" if TUNING.code_bits <= bits <= 52 and low < half <= high else CODES
 
 
 def _count(column: Array) -> float:
-    """The size of a count: 1 of whole numbers; 0 where readings are no multiples of any."""
+    """Size of a count: 1 for integers, 0 if readings are not multiples of one."""
     if np.array_equal(column, np.rint(column)):
         return 1.0
     distinct = np.unique(column)
@@ -225,9 +224,9 @@ def _count(column: Array) -> float:
 
 
 def _joined_jumps(one: Encoding, counts: Array) -> float:
-    """Size of the steps between both halves of the scale, decoded, as a share of what they are as recorded.
+    """Steps between both halves of the scale when decoded, over the same steps as recorded.
 
-    The ninth decile of it; infinite where both halves are not in use.
+    The ninth decile; infinite if only one half is used.
     """
     half = 2.0 ** (one.number - (one.kind == "twos"))
     upper = counts >= half
@@ -239,7 +238,7 @@ def _joined_jumps(one: Encoding, counts: Array) -> float:
 
 
 def _two_bands(values: Array) -> tuple[int, tuple[float, float, float, float]] | None:
-    """A joint whose readings leave out a band that is as wide as no other, and the ends of those beneath and above."""
+    """A joint with the widest empty band in its readings, and the ends of the bands below and above."""
     for joint, column in enumerate(values.T):
         ordered = np.sort(column)
         gaps = np.diff(ordered)
@@ -253,7 +252,7 @@ def _two_bands(values: Array) -> tuple[int, tuple[float, float, float, float]] |
 
 
 def _middle(counts: Array) -> float | None:
-    """The power of two about which whole numbers of most joints lie, none of which comes near zero."""
+    """The power of two around which the integers of most joints lie, if none comes near zero."""
     moving = np.ptp(counts, axis=0) > 0.0
     inner = counts[:, moving]
     if inner.shape[1] < 2 or not far_from_zero(inner).all():
@@ -261,20 +260,20 @@ def _middle(counts: Array) -> float | None:
     low, middle, high = np.percentile(inner, [1, 50, 99], axis=0)
     zero = 2.0 ** np.rint(np.log2(max(float(np.median(middle)), 1.0)))
     between = (low < zero) & (zero < high)
-    off = float(np.median(np.abs(middle - zero) / np.maximum(high - low, 1.0)))  # another zero is none of a code's
+    off = float(np.median(np.abs(middle - zero) / np.maximum(high - low, 1.0)))  # the zero of a code is a power of two
     fits = np.log2(zero) >= TUNING.code_bits - 1 and inner.max() < 2.0 * zero and 2 * between.sum() > len(between)
     fits = fits and off < TUNING.off_middle
     return float(zero) if fits and between.sum() >= 2 else None
 
 
 def far_from_zero(effort: Array) -> Mask:
-    """(n,) whether readings (N, n), none of them negative, never come near zero, as an absolute value does."""
+    """(n,) whether nonnegative readings (N, n) never come near zero."""
     far: Mask = effort.min(axis=0) > TUNING.near_zero * effort.max(axis=0)
     return far
 
 
 def offset_share(effort: Array) -> Array:
-    """(n,) the offset of readings (N, n) over what varies in them."""
+    """(n,) offset of readings (N, n) over their variation."""
     low, high = np.percentile(effort, [1, 99], axis=0)
     share: Array = low / np.maximum(high - low, TINY)
     return share
@@ -284,7 +283,7 @@ def offset_share(effort: Array) -> Array:
 def _by_direction(
     table: Table, values: Array, direction: Array, stated: Encoding | None
 ) -> tuple[Encoding | None, Array]:
-    """The encoding, and readings (N, n) with the signs of directions; as they are where directions say nothing."""
+    """The encoding and the readings (N, n) with the signs of directions; unchanged if directions are not used."""
     kinds = np.unique(direction).tolist()
     if len(kinds) < 2 and stated is None:
         return None, values
@@ -293,27 +292,25 @@ def _by_direction(
         one = Encoding("direction", kinds[0])
         return one, one.directed(values, direction)
     if len(kinds) > 2:
-        said = f"columns of directions hold {', '.join(f'{one:g}' for one in kinds[:5])}"
-        raise InputError(said, table.source, "give them as -1 and 1")
+        said = f"direction columns hold {', '.join(f'{one:g}' for one in kinds[:5])}"
+        raise InputError(said, table.source, "write them as -1 and 1")
     if stated is None:
         work = _work(table, np.where(direction == kinds[1], -values, values))
         if work is None or abs(work) < TUNING.least_work:
-            remedy = (
-                f"say which with `encoding` direction:{kinds[1]:g} ({kinds[1]:g} is negative) or direction:{kinds[0]:g}"
-            )
-            said = f"directions of efforts are {kinds[0]:g} and {kinds[1]:g}, either of which may be negative"
+            remedy = f"give `encoding` direction:{kinds[1]:g} ({kinds[1]:g} is negative) or direction:{kinds[0]:g}"
+            said = f"direction columns hold {kinds[0]:g} and {kinds[1]:g}; it is not clear which is negative"
             raise InputError(said, table.source, remedy)
         stated = Encoding("direction", kinds[int(work > 0.0)])
     elif stated.number not in kinds:
-        said = f"columns of directions hold {' and '.join(f'{one:g}' for one in kinds)}, not {stated.number:g}"
+        said = f"direction columns hold {' and '.join(f'{one:g}' for one in kinds)}, not {stated.number:g}"
         raise InputError(said, table.source, "correct `encoding`")
     return stated, stated.directed(values, direction)
 
 
 def _work(table: Table, effort: Array) -> float | None:
-    """Mean correlation of efforts (N, n) with velocities: above zero, as drives lose work to friction.
+    """Mean correlation of efforts (N, n) with velocities; positive because drives lose work to friction.
 
-    None where positions are missing, or the work of all joints together has another sign.
+    None without positions, or if the total work has the other sign.
     """
     if not all(f"q{j + 1}" in table.columns for j in range(effort.shape[1])):
         return None

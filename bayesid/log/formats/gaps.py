@@ -1,4 +1,4 @@
-"""Rows in which a table lacks values: cells left blank, or nan, and what several topics have sampled apart."""
+"""Rows with missing values: blank cells, nan, and separately sampled topics."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from bayesid.log.tuning import TUNING
 
 
 def without_gaps(table: Table, options: Options) -> Table:
-    """A table whose rows are complete: others are left out and counted, or joined by time where they alternate.
+    """A table of complete rows: the others are dropped and counted, or joined by time if they alternate.
 
     InputError where too few rows are complete.
     """
@@ -29,7 +29,7 @@ def without_gaps(table: Table, options: Options) -> Table:
     some: Mask = np.any(~every[:, [name != "t" for name in missing]], axis=1)
     if (share := complete.sum() / max(1, some.sum())) >= TUNING.complete_rows:
         left = int(len(complete) - complete.sum())
-        note = f"{table.source}: {left:,} of {len(complete):,} rows lack a value and are left out"
+        note = f"{table.source}: {left:,} of {len(complete):,} rows lack a value; they are left out"
         return replace(_rows(table, complete), mended=(*table.mended, note))
     if options.part:
         raise _lacking(table, missing, share)
@@ -42,7 +42,7 @@ def without_gaps(table: Table, options: Options) -> Table:
 
 
 def _without_dead(table: Table) -> Table:
-    """A table without velocities that were never read; an effort that never was, though others were, is zero."""
+    """A table without never-read velocities; a never-read effort among others is set to zero."""
     dead = {name for name, one in table.columns.items() if len(one.values) and np.isnan(one.values).all()}
     efforts = [name for name in table.columns if kind_part(name) in EFFORTS]
     zero = [name for name in efforts if name in dead] if not dead.issuperset(efforts) else []
@@ -50,10 +50,10 @@ def _without_dead(table: Table) -> Table:
     columns = {name: one for name, one in table.columns.items() if name not in unread}
     columns |= {name: replace(columns[name], values=np.zeros(len(table.t))) for name in zero}
     labels = {name: table.columns[name].label for name in dead}
-    said = [f"column {labels[name]} holds no number in any row: taken as zero" for name in zero]
+    said = [f"column {labels[name]} holds no number in any row; taken as zero" for name in zero]
     if unread:
         without = ", ".join(labels[name] for name in unread if name in dead)
-        said.append(f"no number in any row of {without}: velocities are left out")
+        said.append(f"{without} holds no number in any row; velocities are ignored")
     return replace(table, columns=columns, mended=(*table.mended, *(f"{table.source}: {one}" for one in said)))
 
 
@@ -71,7 +71,7 @@ def _rows(table: Table, kept: Mask) -> Table:
 
 
 def _part(table: Table, missing: dict[str, Mask]) -> Table | None:
-    """The rows in which all columns of a kind have values, with the time; None where there are no such columns."""
+    """The rows, with time, in which all columns of a kind have values; None without such columns."""
     if not missing:
         return None
     there = ~np.any(list(missing.values()), axis=0) & ~np.isnan(table.columns["t"].values)
@@ -85,5 +85,5 @@ def _lacking(table: Table, missing: dict[str, Mask], share: float) -> InputError
     column, gone = table.columns[worst], missing[worst]
     said = f"column {column.label} holds no number in {gone.mean():.0%} of the rows"
     if gone.mean() < 0.5:
-        said = f"only {share:.0%} of the rows have a value in each column"
-    return InputError(said, table.place(int(np.argmax(gone))), "give the values")
+        said = f"only {share:.0%} of the rows are complete"
+    return InputError(said, table.place(int(np.argmax(gone))), "fill in the values")

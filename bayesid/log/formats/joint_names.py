@@ -1,7 +1,7 @@
-"""Columns that are called after joints, as PlotJuggler has them: `/joint_states/elbow_joint/position`.
+"""Columns named after joints, as PlotJuggler writes them: `/joint_states/elbow_joint/position`.
 
-Which joint is which is told by the names that the robot, or a user, has for them; where there are none such, joints
-come in the order of their columns.
+The names of the robot, or those given by the user, order the joints. Without such names joints are in the order of
+their columns.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _SEPARATORS = re.compile(r"[/.\[\]]+")
 
 
 class _Named(NamedTuple):
-    """A column: of what, of which joint, and of which topic."""
+    """A column with its kind, joint and topic."""
 
     place: int
     label: str
@@ -34,7 +34,7 @@ class _Named(NamedTuple):
 
 
 class ByName(NamedTuple):
-    """The columns of joints that are named, from base to tip, and their names; whether that order is only assumed."""
+    """Columns of named joints from base to tip, the names, and whether the order is assumed."""
 
     columns: tuple[SourceColumn, ...] = ()
     names: tuple[str, ...] = ()
@@ -42,29 +42,31 @@ class ByName(NamedTuple):
 
 
 def shared_names(wanted: Sequence[str], there: Sequence[str]) -> tuple[str, ...]:
-    """Of names that are there, those of all wanted joints, each perhaps with something before it; none if one lacks."""
+    """The present names that match all wanted joints, each perhaps with a prefix; empty if one is missing."""
     found = [_alike(name, there) for name in wanted]
     return tuple(map(str, found)) if None not in found and len(set(found)) == len(found) else ()
 
 
 def names_of_robot(robot_joints: Sequence[str], there: Sequence[str], where: str) -> tuple[str, ...]:
-    """The same of a robot's joints; InputError where some are there, but not all: nobody knows where others belong."""
+    """The same for a robot's joints; InputError if only some are present."""
     found, chosen = {name: _alike(name, there) for name in robot_joints}, shared_names(robot_joints, there)
     if chosen or not any(found.values()):
         return chosen
     missing = [name for name, one in found.items() if one is None]
     others = [name for name in there if name not in found.values()]
     shared = ", ".join(name for name, one in found.items() if one is not None)
-    said = f"joints {shared} are the robot's, but not {', '.join(missing or robot_joints)} among {', '.join(there)}"
+    said = (
+        f"joints {shared} match the robot's, but {', '.join(missing or robot_joints)} are not among {', '.join(there)}"
+    )
     remedy = "give `joints`, the log's names from base to tip"
     if len(missing) == len(others) == 1:
         names = ",".join(one or others[0] for one in found.values())
-        remedy = f"if {others[0]} is {missing[0]}, give `joints` {names}; else those of the log from base to tip"
+        remedy = f"if {others[0]} is {missing[0]}, give `joints` {names}; otherwise the log's names from base to tip"
     raise InputError(said, where, remedy)
 
 
 def _alike(name: str, there: Sequence[str]) -> str | None:
-    """The only name that is the same, or ends so."""
+    """The only name that is equal or has this ending."""
     found = [one for one in there if one == name] or [
         one for one in there if name and re.search(rf"(?:^|[/_.]){re.escape(name)}$", one)
     ]
@@ -72,28 +74,28 @@ def _alike(name: str, there: Sequence[str]) -> str | None:
 
 
 def are_numbered(names: Sequence[str]) -> bool:
-    """Whether names differ by numbers only: these then give the order."""
+    """Whether names differ only by numbers, which then give the order."""
     return len({re.sub("[0-9]+", "#", name) for name in names}) == 1
 
 
 def in_order(names: Sequence[str]) -> tuple[str, ...]:
-    """The names by their numbers, if they differ by these only; else as they are."""
+    """The names in order of their numbers, if they differ only by these; else unchanged."""
     digits = re.compile(rf"[0-9]{{1,{MOST_DIGITS}}}")
     numbered = are_numbered(names)
     return tuple(sorted(names, key=lambda name: [*map(int, digits.findall(name))])) if numbered else tuple(names)
 
 
 def columns_by_name(header: Sequence[str], where: str, options: Options, *, alone: bool) -> ByName:
-    """The columns of joints by their names; none where the header does not call them so.
+    """Columns of joints by name; empty if the header does not name joints.
 
     Args:
         header: labels of all columns.
-        where: what to name in an error.
-        options: with names from base to tip that a user has given, or those of the robot.
-        alone: whether nothing else in the header can be positions, so that any names will do.
+        where: location for errors.
+        options: with joint names from base to tip, given by the user or from the robot.
+        alone: whether no other column can be a position, so that any names are accepted.
 
     Raises:
-        InputError: a name that a user has given is not there, or several topics hold all of them.
+        InputError: a given name does not exist, or several topics hold all of them.
     """
     wanted = options.joints or options.robot_joints
     known = [one for place, label in enumerate(header) if (one := _read(place, label, wanted or ())) is not None]
@@ -101,7 +103,7 @@ def columns_by_name(header: Sequence[str], where: str, options: Options, *, alon
     chosen, assumed = shared_names(wanted or (), names), False
     if not chosen and options.joints is not None and wanted:
         missing = next((name for name in wanted if name not in names), wanted[0])
-        raise InputError(f"no column of positions names joint {missing}", where, f"give `joints` of {', '.join(names)}")
+        raise InputError(f"no position column names joint {missing}", where, f"give `joints` of {', '.join(names)}")
     if not chosen:
         if alone and options.joints is None:
             names_of_robot(options.robot_joints, names, where)
@@ -114,8 +116,8 @@ def columns_by_name(header: Sequence[str], where: str, options: Options, *, alon
     for kind in ("q", *([] if options.motion or effort is None else [effort]), "dq"):
         topics = _topics(known, kind, chosen)
         if topic is None and len(topics) > 1:
-            said = f"topics {' and '.join(sorted(topics))} both hold positions of all joints"
-            raise InputError(said, where, "leave the columns of one of them out")
+            said = f"topics {' and '.join(sorted(topics))} hold positions of all joints"
+            raise InputError(said, where, "remove the columns of one of them")
         topic = topic if topic in topics else next(iter(topics), topic)
         if topics:
             found = topics[topic if topic in topics else next(iter(topics))]
@@ -132,7 +134,7 @@ def _effort(known: Sequence[_Named], names: Sequence[str], options: Options) -> 
 
 
 def _topics(known: Sequence[_Named], kind: str, names: Sequence[str]) -> dict[str, Mapping[str, _Named]]:
-    """The topics that have a kind of all names, with the columns by name; a later one of the same name is left out."""
+    """Topics with a kind for all names, and their columns by name; a later column of the same name is ignored."""
     found: dict[str, dict[str, _Named]] = {}
     for one in known:
         if one.kind == kind and one.name in names:
@@ -141,7 +143,7 @@ def _topics(known: Sequence[_Named], kind: str, names: Sequence[str]) -> dict[st
 
 
 def _read(place: int, label: str, wanted: Sequence[str]) -> _Named | None:
-    """What a label says of which joint: by a wanted name, or in a path as TOPIC/NAME/KIND or TOPIC/KIND/NAME."""
+    """Kind and joint of a label: by a wanted name, or as TOPIC/NAME/KIND or TOPIC/KIND/NAME."""
     if is_wanted(label):
         return None
     plain, unit = split_brackets(label)
@@ -172,7 +174,7 @@ def _named(place: int, label: str, kind: str, name: str, topic: str, unit: str |
 
 # ---- Names in cells ----
 def name_places(header: Sequence[str], columns: Sequence[SourceColumn]) -> list[int]:
-    """Places of the columns that hold the joints' names, as `name_0` beside `position_0`; none where some lack."""
+    """Places of the columns with joint names, as `name_0` beside `position_0`; empty if some are missing."""
     numbers = [_last_number(one.label) for one in columns if re.fullmatch("q[0-9]+", one.name)]
     found = {_last_number(label): place for place, label in enumerate(header) if _NAMES.search(label)}
     places = [found.get(number, -1) for number in numbers]
@@ -182,21 +184,21 @@ def name_places(header: Sequence[str], columns: Sequence[SourceColumn]) -> list[
 def by_cells(
     columns: Mapping[str, Column], cells: Sequence[Sequence[str]], where: str, options: Options
 ) -> tuple[dict[str, Column], ByName]:
-    """Columns of joints in one order, by each row's names: the robot's, a user's, or the first row's."""
+    """Columns of joints in one order, by each row's names: the robot's, the user's, or the first row's."""
     first = list(cells[0])
-    if len(set(first)) < len(first):  # of no joints, then
+    if len(set(first)) < len(first):  # these are not joint names
         return dict(columns), ByName()
     chosen = (
         shared_names(options.joints, first) if options.joints else names_of_robot(options.robot_joints, first, where)
     )
     if options.joints is not None and not chosen:
-        raise InputError("names other joints", where, f"give `joints` of {', '.join(first)}")
+        raise InputError("has other joint names", where, f"give `joints` of {', '.join(first)}")
     names = chosen or in_order(first)
     try:
         order = np.array([[row.index(name) for name in names] for row in map(list, cells)])
     except ValueError:
         said = f"not all rows name the joints {', '.join(names)}"
-        raise InputError(said, where, "cut the rows of other publishers out") from None
+        raise InputError(said, where, "remove the rows of other publishers") from None
     made = {name: one for name, one in columns.items() if not re.fullmatch("(q|dq|tau|i)[0-9]+", name)}
     for kind in ("q", "dq", "tau", "i"):
         if f"{kind}1" not in columns:
@@ -208,8 +210,8 @@ def by_cells(
 
 
 def order_note(where: str, names: Sequence[str]) -> str:
-    """What is to be said of an order that is only assumed."""
-    return f"{where}: joints are taken in the order {', '.join(names)}; if that is not from base to tip, give `joints`"
+    """Message about an assumed order of joints."""
+    return f"{where}: assumed joint order from base to tip: {', '.join(names)}; if it is another, give `joints`"
 
 
 def _last_number(label: str) -> int | None:

@@ -1,4 +1,4 @@
-"""What the labels of columns say: the names `t,q1..qn,dq1..,tau1..,i1..` of a log, and the usual other ones.
+"""Labels of columns: the names `t,q1..qn,dq1..,tau1..,i1..` of a log, and other usual names.
 
 `q1[deg]`, `q1 (deg)` and `q1_deg` are q1 in degrees.
 """
@@ -29,7 +29,7 @@ UNITS: dict[str, dict[str, float]] = {
     | {f"m{unit}": 1e-3 for unit in _NEWTON_METRES}
     | {"kNm": 1e3, "Ncm": 1e-2, "Nmm": 1e-3, "N mm": 1e-3, "N": 1.0},
     "i": {"A": 1.0, "mA": 1e-3},
-}  # SI units in one of the units that a column of a kind may be in; capitals do not matter
+}  # SI value of each accepted unit of a kind; case is ignored
 _FACTORS = {kind: {unit.casefold(): factor for unit, factor in units.items()} for kind, units in UNITS.items()}
 _BRACKETED = re.compile(r"(?P<name>.*?)\s*(?:\[(?P<square>[^][]+)\]|\((?P<round>[^()]+)\))")
 _NUMBER = re.compile(r"[0-9]+|\{[^}]*\}")
@@ -46,58 +46,58 @@ WORDS = {
     "axis_torque",
     "i": "i current actual_current joint_current presentload motor_current strom motorstrom iststrom torque_ref macur",
 }
-"""What columns of a kind are called, beside a joint's number, in logs of UR (RTDE's `actual_q_0`), Franka (libfranka's
-`tau_J`), ROS, MATLAB, simulators (Isaac Lab's `applied_torque` is behind its actuator model's limits), ABB's TestSignal
-(`torque_ref`, the motor's, which a gear ratio for gain turns into the joint's), KUKA's trace (`Istposition`) and RSI
-(`AIPos.A1`, `IPOC`), and in German; of currents and torques only what is measured. A _ stands for any separator. What
-whole recorders write, units and all, is in `bayesid.log.formats.stated`."""
+"""Usual names of columns, beside a joint number, in logs of UR (RTDE's `actual_q_0`), Franka (libfranka's `tau_J`),
+ROS, MATLAB, simulators (Isaac Lab's `applied_torque` includes actuator limits), ABB's TestSignal (`torque_ref` of the
+motor; the gear ratio is its gain), KUKA's trace (`Istposition`) and RSI (`AIPos.A1`, `IPOC`), and in German. Only
+measured currents and torques are listed. A _ stands for any separator. `bayesid.log.formats.stated` lists whole
+recorders with their units."""
 _MEASURED = r"(?:ist(?:wert)?|actual|act|meas|measured|present|feedback|fbk|real|mess(?:wert)?|sensed)"
 _QUALIFIED = re.compile(rf"(?:{_MEASURED})?(?P<of>[a-z]+?)(?:{_MEASURED})?")
-"""What a usual name may begin or end with where it is measured, as in `PosIst`, `present_position` or `q_meas`."""
+"""A usual name may begin or end with a word for measured, as `PosIst`, `present_position` or `q_meas`."""
 _WANTED = re.compile(
     r"(?<![^\W_])(target|cmd|commands?|commanded|desired?|des|setpoints?|soll(wert)?|ref(erences?)?|goals?|demand(ed)?|"
     r"planned|plan|dmd|(d{0,2}(q|theta)|tau|tau_?j|[vai])_d)(?![^\W_])",
     re.IGNORECASE,
 )
-"""What is wanted, not measured: words of many makers, and `_d` behind a symbol, as in libfranka's `tau_J_d`."""
+"""Desired values, not measured ones: words of many makers, and `_d` after a symbol, as libfranka's `tau_J_d`."""
 _CAMEL = re.compile(r"(?<=[a-z])(?=[A-Z])")
 _KIND_OF = {word.replace("_", ""): kind for kind, words in WORDS.items() for word in words.split()}
 _OWN_UNITS = {"ipoc": 1e-3, "axisvel": DEGREE} | dict.fromkeys(("aipos", "aspos", "a", "axispos", "posist"), DEGREE)
-"""SI units in one of the unit in which RSI writes what is called so, where the label states none."""
+"""SI value of the unit of RSI's columns, used if the label states none."""
 _OWN = re.compile(r"t|(?:q|dq|tau|i)[1-9][0-9]*")
 _JOINT_ZERO = re.compile(r"(?:q|dq|tau|i)0")
-OTHER = 3  # least rank of what is not called as in a CSV log
+OTHER = 3  # lowest rank of names other than those of a CSV log
 _USUAL, _QUALIFIED_RANK, _RANKS = 4, 5, {"ipoc": OTHER, "aipos": OTHER, "a": 5, "aspos": 6}
-"""Ranks of other words: RSI's count before the usual ones, plain axes and commanded positions where nothing else is."""
+"""Ranks of other words: RSI's come before the usual ones; plain axes and commanded positions come last."""
 _AXIS = re.compile("A[1-9]", re.IGNORECASE)  # a position of RSI
 _AXIS_LETTER = re.compile(r"(?<=[\W_])[AJaj](?=[0-9]+\W*$)|(?i:((?<=pos)|(?<=vel)|(?<=torque)|(?<=macur))A(?=[0-9]+$))")
-"""A letter before a joint's number that says no more, as in `Torque_A1`, `pos.j1` or `AIPosA1`."""
+"""A letter before a joint's number without meaning, as in `Torque_A1`, `pos.j1` or `AIPosA1`."""
 _PREFIX = re.compile("[/.]|[_ ](?=(?:AIPos|ASPos|AxisVel|GearTorque|AxisTorque|MACur|IPOC))", re.IGNORECASE)
-"""Behind what stands before a name."""
+"""End of a prefix before a name."""
 _LAST_NUMBER = re.compile(rf"[0-9]{{1,{MOST_DIGITS}}}(?=[^0-9]*$)")
 
 
 def factor_of(kind: str, unit: str) -> float | None:
-    """SI units in one of a unit of a kind; None where it is none of it. A time may be in "8 ms", which counts rows."""
+    """SI value of a unit of a kind; None if it is not one. A time may be in "8 ms", which counts rows."""
     count = _COUNT.fullmatch(unit.strip()) if kind == "t" else None
     factor = _FACTORS[kind].get((unit if count is None else count["unit"]).strip().casefold())
     return factor if factor is None or count is None else float(count["count"]) * factor
 
 
 def is_wanted(label: str) -> bool:
-    """Whether a column holds what a controller was told, as `q_d[0]` or `target_q_0`: never what was measured."""
+    """Whether a column holds desired values, as `q_d[0]` or `target_q_0`, instead of measured ones."""
     spaced = re.sub("[0-9]+", "", _CAMEL.sub("_", label))
-    return _WANTED.search(spaced) is not None and "torqueref" not in _plain(spaced)  # of ABB, and measured
+    return _WANTED.search(spaced) is not None and "torqueref" not in _plain(spaced)  # ABB's name for a measured torque
 
 
 def is_measured(label: str) -> bool:
-    """Whether a label says of itself that it is measured, as `actual_q_1` does."""
+    """Whether a label says that it is measured, as `actual_q_1`."""
     words = re.split(r"[\W_]+", _CAMEL.sub("_", split_brackets(label).name).casefold())
     return any(re.fullmatch(_MEASURED, word) for word in words)
 
 
 def _kind_of_word(word: str) -> str | None:
-    """The kind of a word without separators, perhaps with one more that says that it is measured."""
+    """The kind of a word without separators, perhaps with a word for measured."""
     if word in _KIND_OF:
         return _KIND_OF[word]
     found = _QUALIFIED.fullmatch(word)
@@ -105,19 +105,19 @@ def _kind_of_word(word: str) -> str | None:
 
 
 def is_unit(text: str) -> bool:
-    """Whether a text is the unit of any column of a log."""
+    """Whether a text is the unit of a log column."""
     return any(text.strip().casefold() in units for units in _FACTORS.values())
 
 
 class Label(NamedTuple):
-    """A name and what is said of its unit, if anything is."""
+    """A name and its unit, if stated."""
 
     name: str
     unit: str | None
 
 
 def split_brackets(label: str) -> Label:
-    """A label without the unit in brackets behind it: "q1 [deg]" is q1 in "deg", but "q[1]" or "q[{}]" has none."""
+    """A label without its unit in brackets: "q1 [deg]" is q1 in "deg", but "q[1]" and "q[{}]" have none."""
     match = None if len(label) > TUNING.longest_label else _BRACKETED.fullmatch(label)
     unit = None if match is None else match["square"] or match["round"]
     if match is None or unit is None or not match["name"] or _NUMBER.fullmatch(unit.strip()):
@@ -126,46 +126,46 @@ def split_brackets(label: str) -> Label:
 
 
 def slides(label: str) -> bool:
-    """Whether a position is in a unit of length: its joint slides."""
+    """Whether a position has a unit of length: its joint is prismatic."""
     unit = split_brackets(label).unit
     return unit is not None and unit.strip().casefold() in map(str.casefold, _LENGTHS)
 
 
 class Reading(NamedTuple):
-    """What a column's label says."""
+    """The meaning of a column's label."""
 
-    place: int  #: of the column, from 0
+    place: int  #: index of the column, from 0
     label: str  #: of the column
     kind: str  #: "t", "q", "dq", "tau" or "i"
-    word: str  #: by which the kind is known, in small letters and without separators
-    prefix: str  #: what stands before the word, such as a topic
-    number: int  #: of the joint, as the label has it; -1 of a time
-    #: 0 for a name of a CSV log, 1 for one with a unit, 2 for a joint 0, `OTHER` and more for all others; where
-    #: several could be meant, the least counts
+    word: str  #: that determines the kind, in lower case and without separators
+    prefix: str  #: text before the word, such as a topic
+    number: int  #: number of the joint in the label; -1 for a time
+    #: 0 for a name of a CSV log, 1 for one with a unit, 2 for a joint 0, `OTHER` and more for others; the lowest rank
+    #: is used
     rank: int
-    factor: float | None  #: SI units in one of the unit, if one is stated
+    factor: float | None  #: SI value of the unit, if stated
 
 
 def read_labels(header: Sequence[str]) -> list[Reading]:
-    """What the labels say that are of a log."""
+    """The labels that name a log's columns."""
     readings = (_reading(place, label) for place, label in enumerate(header) if len(label) <= TUNING.longest_label)
     return [reading for reading in readings if reading is not None]
 
 
 def time_among(labels: Sequence[str]) -> str | None:
-    """The label of the time, by its own name or else by another one; None where there is none, or more than one."""
+    """The label of the time, by its own name or by another one; None if there is none, or more than one."""
     times = [reading for reading in read_labels(labels) if reading.kind == "t"]
     best = [reading for reading in times if reading.rank == min(one.rank for one in times)]
     return best[0].label if len(best) == 1 else None
 
 
 def kind_of(label: str) -> str | None:
-    """What a variable holds, of all joints, by its name without a number; None if it is none of a log's."""
+    """The kind of a variable of all joints, by its name without a number; None if unknown."""
     return None if is_wanted(label) else _kind_of_word(_plain(split_brackets(label).name))
 
 
 def kind_at_end(label: str) -> str | None:
-    """What a column holds by its last word, before which the joint's own name may stand: `elbow/position`."""
+    """The kind of a column by its last word, perhaps after a joint's name: `elbow/position`."""
     return None if is_wanted(label) else _kind_of_word(_plain(last_word(label)))
 
 
@@ -175,29 +175,31 @@ def last_word(label: str) -> str:
 
 
 def unknown_unit(label: str, kind: str) -> str | None:
-    """The unit of a column of a kind where only the unit is not known; None of all others."""
+    """The unit of a column of a kind if only the unit is unknown, else None."""
     name, unit = split_brackets(label)
     reading = None if unit is None else _with_unit(0, label, name, None)
     return None if reading is None or reading.kind != kind or factor_of(kind, unit or "") is not None else unit
 
 
 def pattern_of(label: str) -> str:
-    """A label with {} in place of its last number, as for `--columns`."""
+    """A label with {} instead of its last number, as for `--columns`."""
     number = _LAST_NUMBER.search(split_brackets(label).name)
     return label if number is None else f"{label[: number.start()]}{{}}{label[number.end() :]}"
 
 
 def kind_part(name: str) -> str:
-    """The kind in the name of a log's column: q of q1."""
+    """The kind in a column's name: q for q1."""
     return name.rstrip("0123456789")
 
 
 def _reading(place: int, label: str) -> Reading | None:
-    """What a label says, its unit in brackets, or behind a "_"; None if it is none of a log's, or its unit unknown."""
+    """Meaning of a label, with its unit in brackets or after a "_"; None if unknown."""
     if is_wanted(label):
         return None
     name, unit = split_brackets(label)
-    paths = [name[match.end() :] for match in _PREFIX.finditer(name)]  # of topics: the shortest end that says it
+    paths = [
+        name[match.end() :] for match in _PREFIX.finditer(name)
+    ]  # of topics: the shortest ending that has a meaning
     names = [(one, unit) for one in (name, *reversed(paths))]
     if unit is None:
         names += [(label[: match.start()], label[match.end() :]) for match in re.finditer("_", label)]
@@ -208,9 +210,9 @@ def _reading(place: int, label: str) -> Reading | None:
 def _with_unit(place: int, label: str, name: str, unit: str | None, any_current: bool = False) -> Reading | None:
     numbers = [whole_number(digits) for digits in re.findall("[0-9]+", name)]
     word = _plain(re.sub("[0-9]+", "", _AXIS_LETTER.sub("", name)))
-    whole = label.startswith(name)  # the end of a topic is no name of a CSV log
+    whole = label.startswith(name)  # the end of a topic is not a name of a CSV log
     kind = "q" if whole and _AXIS.fullmatch(name) else _kind_of_word(word)
-    if kind is None or len(numbers) != (kind != "t") or name == "T":  # which is a temperature
+    if kind is None or len(numbers) != (kind != "t") or name == "T":  # T is a temperature
         return None
     number = numbers[0] if numbers else -1
     if number is None:

@@ -1,4 +1,4 @@
-"""Logs in the memory of a program: data frames, structured arrays, and arrays by name."""
+"""Logs in memory: data frames, structured arrays, and arrays by name."""
 
 from __future__ import annotations
 
@@ -31,22 +31,22 @@ _Vector = NDArray[Any]
 
 
 def table_of(variables: Mapping[str, Any], source: str, options: Options) -> Table:
-    """The columns of a log: of `t` (N,), `q` (N, n) or (n, N) or `q1..qn` (N,) each, and so on; others are left out.
+    """The columns of a log: `t` (N,), `q` (N, n) or (n, N) or `q1..qn` (N,) each, and so on; others are ignored.
 
-    Columns that a user names as `q="q{}"` are those of a matrix q. An InputError, which names the source, says what is
-    missing, holds no numbers, or has another length than the time.
+    With `q="q{}"` the user names the columns of a matrix q. An InputError says what is missing, is not a number, or
+    differs in length from the time.
     """
     return table_of_vectors(_vectors(variables, source, options.columns or {}), source, options)
 
 
 def table_of_vectors(vectors: Mapping[str, _Vector], source: str, options: Options) -> Table:
-    """The same of vectors (N,) by the labels of columns."""
+    """The same for vectors (N,) by column labels."""
     chosen, notes, joints = choose(list(vectors), source, options)
     n_rows = len(vectors[chosen[0].label])
     for one in chosen:
         if len(vectors[one.label]) != n_rows:
             said = f"{one.label} has {len(vectors[one.label])} values, {chosen[0].label} has {n_rows}"
-            raise InputError(said, source, "give all of them one value an instant")
+            raise InputError(said, source, "give all of them one value per instant")
     read = {one.name: _column(one, vectors[one.label], source) for one in chosen}
     wide = [one for one in chosen if kind_part(one.name) in EFFORTS and _is_wide(vectors[one.label])]
     read |= {one.name: replace(read[one.name], values=of_64_bits(vectors[one.label])) for one in wide}
@@ -54,12 +54,12 @@ def table_of_vectors(vectors: Mapping[str, _Vector], source: str, options: Optio
 
 
 def _is_wide(values: _Vector) -> bool:
-    """Whether whole numbers are so large that they can only be a two's complement of 64 bits."""
+    """Whether integers are so large that they must be 64-bit two's complement."""
     return values.dtype == np.uint64 and bool((values >= np.uint64(WIDE)).any())
 
 
 def _vectors(variables: Mapping[str, Any], where: str, columns: Mapping[str, str]) -> dict[str, _Vector]:
-    """The columns, (N,) each, of vectors and matrices, by their labels: q1, q2, .. of q."""
+    """Columns (N,) of vectors and matrices, by label: q1, q2, .. of q."""
     names = list(variables)
     time = time_among(names)
     if "t" in columns:
@@ -77,13 +77,13 @@ def _vectors(variables: Mapping[str, Any], where: str, columns: Mapping[str, str
         for label, vector in _split(array, name, n_rows if name != time else None, where).items():
             if label in vectors:
                 said = f"variables {origins[label]} and {name} may be the same"
-                raise InputError(said, where, "give one of them only")
+                raise InputError(said, where, "give only one of them")
             vectors[label], origins[label] = vector, name
     return vectors
 
 
 def _split(array: _Vector, name: str, n_rows: int | None, where: str) -> dict[str, _Vector]:
-    """The columns of one variable; none if it is nothing of a log."""
+    """Columns of one variable; empty if it is not part of a log."""
     numbers = array.dtype.kind in "iuf" and array.ndim > 0
     if kind_of(name) in (None, "t"):
         vector = array[:, 0] if array.ndim == 2 and array.shape[1] == 1 else array
@@ -95,11 +95,11 @@ def _split(array: _Vector, name: str, n_rows: int | None, where: str) -> dict[st
     if n_rows is not None or array.ndim != 2:
         count = n_rows or len(array)
         if matrix.shape == (count, count):
-            said = f"variable {name} is square: its rows or its columns may be instants"
-            raise InputError(said, where, "cut the log")
+            said = f"variable {name} is square, so its rows or its columns may be instants"
+            raise InputError(said, where, "shorten the log by a row")
         if matrix.ndim != 2 or count not in matrix.shape:
             said = f"variable {name} has shape {array.shape} for {count} instants"
-            raise InputError(said, where, "give it a row an instant")
+            raise InputError(said, where, "give it one row per instant")
         matrix = matrix if matrix.shape[0] == count else matrix.T
     label, unit = split_brackets(name)
     behind = "" if unit is None else f" [{unit}]"
@@ -107,7 +107,7 @@ def _split(array: _Vector, name: str, n_rows: int | None, where: str) -> dict[st
 
 
 def _array(value: Any) -> _Vector:
-    """Anything as an array; what is none, such as rows of several lengths, as one without a dimension."""
+    """Anything as an array; without a dimension if impossible, such as rows of unequal length."""
     try:
         return np.asarray(value)
     except (TypeError, ValueError):
@@ -124,7 +124,7 @@ def _column(one: SourceColumn, values: _Vector, where: str) -> Column:
         if isinstance(value, str) or not np.isscalar(value):
             plain = value.item() if isinstance(value, np.generic) else value
             said = f"column {label} holds {plain!r:.40}, not a number"
-            raise InputError(said, rows_of(where)(row), "give it as floats, or give the path of the file itself")
+            raise InputError(said, rows_of(where)(row), "give it as floats, or give the path of the file")
     try:
         return Column(label, values.astype(float, casting="unsafe" if kind in "Obiuf" else "safe"), one.unit)
     except (TypeError, ValueError):
@@ -133,7 +133,7 @@ def _column(one: SourceColumn, values: _Vector, where: str) -> Column:
 
 @runtime_checkable
 class Frame(Protocol):
-    """A data frame, of pandas or of another library: columns by their names."""
+    """A data frame of pandas or another library."""
 
     @property
     def columns(self) -> Any:
@@ -148,7 +148,7 @@ Variables: TypeAlias = Mapping[str, Any] | NDArray[Any] | Frame
 
 
 def read_variables(source: object, options: Options) -> Table:
-    """What a program's variables hold of a log, its numbers checked; InputError where it is no log."""
+    """The checked table of a program's variables; InputError if they are not a log."""
     table = table_of(_by_name(source), type(source).__name__, options)
     table = without_gaps(with_fractions(table), options)
     return check(decode(table, options.encoding), options.columns)
@@ -162,18 +162,18 @@ def _by_name(source: Any) -> dict[str, Any]:
         return {name: source[name] for name in source.dtype.names}
     if isinstance(source, Frame) and not isinstance(source, type):
         return _of_frame(source)
-    said = "an array without names" if isinstance(source, np.ndarray) else f"no log: {kind}"
+    said = "an array without names" if isinstance(source, np.ndarray) else f"not a log: {kind}"
     remedy = "give a path, a Log, a data frame, a structured array, or a dict of arrays t, q and tau or i"
-    raise InputError(f"is {said}", "log", f"{remedy}; bayesid.read_log makes several one")
+    raise InputError(f"is {said}", "log", f"{remedy}; bayesid.read_log joins several logs")
 
 
 def _of_frame(frame: Frame) -> dict[str, Any]:
-    """Columns by their names, those of several levels joined; an index that is the time counts as a column."""
+    """Columns by name, with joined levels; a time index counts as a column."""
     labels = list(frame.columns)
     names = ["_".join(map(str, label)) if isinstance(label, tuple) else str(label) for label in labels]
     for name in names:
         if names.count(name) > 1:
-            raise InputError(f"column {name} appears twice", type(frame).__name__, "give every column its own name")
+            raise InputError(f"column {name} appears twice", type(frame).__name__, "give every column a unique name")
     columns = {name: np.asarray(frame[label]) for name, label in zip(names, labels, strict=True)}
     index = getattr(frame, "index", None)
     of_index = getattr(index, "name", None)

@@ -1,7 +1,7 @@
-"""Which columns make a log: `t,q1..qn[,dq1..dqn],tau1..taun`, or `i1..in`, each perhaps with its unit.
+"""Columns that make a log: `t,q1..qn[,dq1..dqn],tau1..taun`, or `i1..in`, each perhaps with its unit.
 
-What a user or a recorder's convention says comes first, then these names, then the usual other ones (`WORDS`), with
-joints from 0 or from 1. Where bayesid's own names make a whole log, no others are looked at.
+Names given by the user or known from a recorder come first, then these names, then other usual ones (`WORDS`), with
+joints from 0 or from 1. If bayesid's own names make a whole log, no others are used.
 """
 
 from __future__ import annotations
@@ -49,20 +49,20 @@ _QUANTITY = re.compile(
 _FRACTIONS = {"nanosec": 1e-9, "nsec": 1e-9, "nsecs": 1e-9, "nanosecs": 1e-9, "nanoseconds": 1e-9} | dict.fromkeys(
     ("usec", "usecs", "microsec", "microseconds"), 1e-6
 )
-"""Seconds in one of what may stand beside a column of whole seconds."""
+"""SI value of a column that complements one of whole seconds."""
 _DIRECTION = re.compile(
     r"(?<![^\W_0-9])(dir|direction|sign|sgn|signum|richtung|drehrichtung|vorzeichen|polarity)(?![^\W_0-9])",
     re.IGNORECASE,
 )
 _CAMEL = re.compile(r"(?<=[a-z])(?=[A-Z])")
-_Family = Mapping[int, Reading]  # columns of one kind that are called alike, by the numbers in their labels
+_Family = Mapping[int, Reading]  # columns of one kind with equal names, by the numbers in their labels
 
 
 def choose(header: Sequence[str], where: str, options: Options) -> Chosen:
-    """The columns of a header that make a log: time, positions, efforts and, if measured, velocities of all joints.
+    """Columns of a header that make a log: time, positions, efforts and, if measured, velocities of all joints.
 
-    Columns that the options do not name go by their own names. An InputError says, of `where`, which is missing or
-    appears twice, or that it stays open which is meant.
+    Columns that the options do not name are found by their own names. An InputError says which column is missing,
+    appears twice or is ambiguous.
     """
     columns = options.named
     if options.part:
@@ -98,7 +98,7 @@ def choose(header: Sequence[str], where: str, options: Options) -> Chosen:
     words = {one.word for family in families for one in family.values() if one.rank >= OTHER}
     note = _note(header, chosen, convention) if words or convention is not None else ""
     if "aspos" in words:  # of RSI
-        note += f"{'; ' if note else ''}positions are commanded ones (ASPos); the axes lag behind them"
+        note += f"{'; ' if note else ''}positions are commanded ones (ASPos), which the axes follow with a lag"
     notes = (*((f"{where}: {note}",) if note and not named.columns else ()), *notes)
     return Chosen(chosen, notes, () if named.assumed else named.names)
 
@@ -106,7 +106,7 @@ def choose(header: Sequence[str], where: str, options: Options) -> Chosen:
 def _by_name(
     header: Sequence[str], columns: Mapping[str, str], found: Mapping[str, SourceColumn], where: str, options: Options
 ) -> ByName:
-    """Columns that are called after joints, where neither names of a log nor a user say which they are."""
+    """Columns named after joints, if neither a log's names nor the user define them."""
     if {"q", *EFFORTS} & {*map(kind_part, found), *map(kind_part, columns)}:
         return ByName()
     positions = [one for one in read_labels(header) if one.kind == "q"]
@@ -121,7 +121,7 @@ def _time(header: Sequence[str]) -> list[SourceColumn]:
 
 
 def _split_time(header: Sequence[str], found: Mapping[str, SourceColumn]) -> list[SourceColumn]:
-    """Columns of whole seconds, and of what is to be added, where a time has both and no other is there."""
+    """Columns of whole seconds and of fractions, if a time has both and there is no other."""
     words = {place: last_word(label.replace("_", ".")).casefold() for place, label in enumerate(header)}
     whole = [place for place, word in words.items() if word in ("sec", "secs", "seconds")]
     rest = [(place, _FRACTIONS[word]) for place, word in words.items() if word in _FRACTIONS]
@@ -134,7 +134,7 @@ def _split_time(header: Sequence[str], found: Mapping[str, SourceColumn]) -> lis
 
 
 def _directions(header: Sequence[str], chosen: Sequence[SourceColumn]) -> tuple[SourceColumn, ...]:
-    """Columns that hold the directions of all joints' efforts, by the numbers of these; none where one lacks."""
+    """Columns with the directions of all joints' efforts, by number; empty if one is missing."""
     efforts = [one for one in chosen if kind_part(one.name) in EFFORTS]
     numbers = [_last_number(one.label) for one in efforts]
     found: dict[int, SourceColumn] = {}
@@ -156,9 +156,9 @@ def _last_number(label: str) -> int | None:
 
 
 def _part(found: Mapping[str, SourceColumn], header: Sequence[str], where: str) -> Chosen:
-    """What a header holds of a log: the time, and whatever else; columns without a number are those of one joint."""
+    """Columns of a part of a run: time and anything else; columns without a number belong to one joint."""
     if "t" not in found:
-        raise InputError(f"column t is missing{described(header)}", where, f'say which it is with {OPTION} t="NAME"')
+        raise InputError(f"column t is missing{described(header)}", where, f'name it with {OPTION} t="NAME"')
     chosen = list(found.values())
     for kind in WORDS.keys() - set(map(kind_part, found)):
         labels = [label for label in header if kind_of(label) == kind]
@@ -171,7 +171,7 @@ def _part(found: Mapping[str, SourceColumn], header: Sequence[str], where: str) 
 
 
 def _note(header: Sequence[str], chosen: Sequence[SourceColumn], convention: Convention | None) -> str:
-    """What was taken for what; nothing where nothing else could have been meant, and the names say it themselves."""
+    """Message about chosen columns; empty if their names are unambiguous."""
     taken = {source.label for source in chosen}
     others = (label for label in header if label not in taken and _QUANTITY.search(label.replace("_", " ")))
     left = [pattern for pattern, count in Counter(map(pattern_of, others)).items() if count >= 2]
@@ -180,7 +180,7 @@ def _note(header: Sequence[str], chosen: Sequence[SourceColumn], convention: Con
     used = dict.fromkeys((kind_part(one.name), pattern_of(one.label)) for one in chosen if one.name != "part")
     said = ", ".join(f"{kind} is {label}" for kind, label in used)
     beside = f", not {', '.join(left[:6])}{' and others' if len(left) > 6 else ''}" if left else ""
-    by = "" if convention is None else f"as {convention.name} has it, "
+    by = "" if convention is None else f"as in {convention.name}, "
     says = f"; {convention.says}" if convention is not None and convention.says else ""
     return f"{by}{said}{beside}{says}"
 
@@ -188,10 +188,10 @@ def _note(header: Sequence[str], chosen: Sequence[SourceColumn], convention: Con
 def _families(
     header: Sequence[str], columns: Mapping[str, str], stated: Mapping[str, SourceColumn], where: str, options: Options
 ) -> list[_Family]:
-    """Of each kind that a log needs, and that nobody has stated as a whole, the columns to be used.
+    """For each needed kind that is not stated as a whole, the columns to use.
 
-    Those with a log's own names come first; where these and the stated ones make a whole log, no others are looked at
-    but for kinds of which some joints' columns are named.
+    A log's own names come first. If these and the stated ones make a whole log, others are used only for kinds with
+    single named joints.
     """
     kinds = set(map(kind_part, stated))
     named = {kind: {_joint(name) for name in stated if kind_part(name) == kind} for kind in kinds - columns.keys()}
@@ -215,7 +215,7 @@ def _families(
 
 
 def _own_family(readings: Sequence[Reading], kind: str, where: str) -> _Family:
-    """The columns named as in a CSV log; those with a unit after their name count where no other has the name."""
+    """Columns named as in a CSV log; those with a unit in the name count if no other has the name."""
     own = [one for one in readings if one.kind == kind and one.rank < OTHER]
     plain = {one.number for one in own if one.rank == 0}
     family: dict[int, Reading] = {}
@@ -230,7 +230,7 @@ def _own_family(readings: Sequence[Reading], kind: str, where: str) -> _Family:
 
 
 def _other_family(readings: Sequence[Reading], kind: str, where: str, prefix: str) -> _Family:
-    """The columns of a kind that go by one other word, of several that of the least rank, and behind a prefix."""
+    """Columns of a kind with one other word, of the lowest rank, after a prefix."""
     others = [one for one in readings if one.kind == kind and one.rank >= OTHER]
     others = [one for one in others if one.rank == min(other.rank for other in others)]
     if prefix and len({one.word for one in others}) == 1 and len({one.number for one in others}) < len(others):
@@ -241,17 +241,17 @@ def _other_family(readings: Sequence[Reading], kind: str, where: str, prefix: st
         if beside is not None:
             first, second = sorted((one, beside))
             meant = "the time" if kind == "t" else kind
-            said = f"columns {first.label} and {second.label} may both be {meant}"
-            raise InputError(said, where, f'say which with {OPTION} {kind}="{pattern_of(first.label)}"')
+            said = f"columns {first.label} and {second.label} could both be {meant}"
+            raise InputError(said, where, f'choose one with {OPTION} {kind}="{pattern_of(first.label)}"')
         family[one.number] = one
     return family
 
 
 def _others_beside(readings: Sequence[Reading], kind: str, joints: Set[int]) -> _Family:
-    """The columns of a kind that go by one other word, beside those of joints that are named; empty where it is open.
+    """Columns of a kind with one other word, beside those of named joints; empty if ambiguous.
 
-    Joints 1, 2, .. named one by one may be all that are meant; and without the first joint's column nobody knows
-    whether the others count from 0 or from 1.
+    Single named joints 1, 2, .. may be all joints. Without the first joint's column it is open whether the others count
+    from 0 or from 1.
     """
     if len(joints) > 1 and max(joints) == len(joints):
         return {}
@@ -263,7 +263,7 @@ def _others_beside(readings: Sequence[Reading], kind: str, joints: Set[int]) -> 
 
 
 def _check_measured(families: Sequence[_Family], header: Sequence[str], where: str) -> None:
-    """Raises InputError where plain names stand beside others that say that they are the measured ones."""
+    """InputError if plain names occur beside names that say that they are measured."""
     readings = read_labels(header)
     for family in families:
         plain = next(iter(family.values()))
@@ -271,8 +271,8 @@ def _check_measured(families: Sequence[_Family], header: Sequence[str], where: s
         if plain.rank >= OTHER or plain.kind == "t" or len({one.number for one in measured}) < len(family):
             continue
         first = next((one for one in measured if one.number == plain.number), measured[0])
-        said = f"columns {plain.label} and {first.label} may both be {plain.kind}"
-        raise InputError(said, where, f'say which with {OPTION} {plain.kind}="{pattern_of(first.label)}"')
+        said = f"columns {plain.label} and {first.label} could both be {plain.kind}"
+        raise InputError(said, where, f'choose one with {OPTION} {plain.kind}="{pattern_of(first.label)}"')
 
 
 def _check_start(families: Sequence[_Family], where: str) -> None:
@@ -285,7 +285,7 @@ def _check_start(families: Sequence[_Family], where: str) -> None:
     ranges = ",".join(f'{kind}="{pattern}"'.replace("{}", f"{{1-{n}}}") for kind, pattern in patterns.items())
     spans = [f"{one[min(one)].label}..{one[max(one)].label}" for one in (from_zero[0], from_one[0])]
     said = f"{spans[0]} count from 0, {spans[1]} from 1"
-    raise InputError(said, where, f"say which belong together with {OPTION}, as in {ranges}")
+    raise InputError(said, where, f"state which belong together with {OPTION}, as in {ranges}")
 
 
 def _complete(
@@ -310,7 +310,7 @@ def _complete(
             if f"{kind}{j}" not in found:
                 label, there = _label(found, kind, j), f"{_label(found, 'q', 1)}..{_label(found, 'q', n)}"
                 label = f"tau{j} (or {label} with gains)" if label == f"i{j}" else label
-                remedy = f"add it; {there} are there (or say which are meant with {OPTION})"
+                remedy = f"add it; the file has {there} (or name the columns with {OPTION})"
                 raise InputError(f"column {label} is missing", where, remedy)
             chosen.append(found[f"{kind}{j}"])
         if _highest(kind, found) > n:
@@ -327,7 +327,7 @@ def _check_units(header: Sequence[str], where: str, kind: str) -> None:
             remedy = f"give it in {', '.join(list(UNITS[kind])[:7])}"
             if kind == "tau":
                 remedy += f', or give gains that turn it into N m: `gains` with {OPTION} i="{pattern_of(label)}"'
-            raise InputError(f"column {label} is in {unit}, which is no known unit of {kind}", where, remedy)
+            raise InputError(f"column {label} is in {unit}, an unknown unit of {kind}", where, remedy)
 
 
 def _highest(kind: str, names: Mapping[str, SourceColumn]) -> int:
@@ -339,7 +339,7 @@ def _joint(name: str) -> int:
 
 
 def _label(found: Mapping[str, SourceColumn], kind: str, joint: int) -> str:
-    """What the file calls a joint's column, or would call it, by the columns beside it."""
+    """The file's name of a joint's column, or the expected one by the columns beside it."""
     if f"{kind}{joint}" in found:
         return found[f"{kind}{joint}"].label
     beside = next(name for name in found if kind_part(name) == kind)

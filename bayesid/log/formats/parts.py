@@ -1,7 +1,7 @@
-"""One run that was recorded in several files: joined by time, at the stamps of its efforts.
+"""One run recorded in several files, joined by time at the stamps of its efforts.
 
-|effort| has cusps where its sign changes, so it is never interpolated; positions are smooth, and are brought to its
-stamps by a cubic spline. Files are of one run and on one clock by the word of the user, who puts a `+` between them.
+|effort| has cusps at sign changes, so it is never interpolated. Positions are smooth and are interpolated by a cubic
+spline. The user states with `+` that the files are of one run and on one clock.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from bayesid.log.formats.table import Column, Table, distinct_rows
 from bayesid.log.tuning import TUNING
 
 JOINT = "+"  # between the files of one run
-_TOGETHER = "give the parts of one run, all with times on the same clock"
+_TOGETHER = "give parts of one run, with times on the same clock"
 
 
 def join_parts(tables: Sequence[Table], columns: Mapping[str, str] | None, *, motion: bool = False) -> Table:
-    """The files of one run as one table; InputError where a column is missing or twice, or too little in common."""
+    """One table of the files of one run; InputError if a column is missing or double, or the overlap is too short."""
     parts = _numbered(tables)
     source = JOINT.join(table.source for table in tables)
     _check_names(parts, columns or {}, source, motion=motion)
@@ -43,7 +43,7 @@ def join_parts(tables: Sequence[Table], columns: Mapping[str, str] | None, *, mo
     stamps = f"the stamps of {base.source} ({1.0 / _period(base.t):.4g} Hz)"
     said = [f"{source}: joined by time: {len(instants):,} rows at {stamps}", *dict.fromkeys(said)]
     if left := len(base.t) - len(kept):
-        said.append(f"{left:,} rows that others do not cover are left out")
+        said.append(f"{left:,} rows outside the other files' time ranges are left out")
     notes = (*(note for table in tables for note in table.notes), "; ".join(said))
     whole, mended = _in_order(joined, source, motion=motion), tuple(one for table in tables for one in table.mended)
     encoding = next((table.encoding for table in tables if table.encoding is not None), None)
@@ -60,7 +60,7 @@ def _period(t: Array) -> float:
 
 
 def _numbered(tables: Sequence[Table]) -> list[Table]:
-    """The tables; columns of a joint without a number count as that of the file's place among those with such ones."""
+    """The tables; a joint column without a number gets the file's place among those with such columns."""
     counts = Counter[str]()
     numbered = []
     for table in tables:
@@ -71,26 +71,26 @@ def _numbered(tables: Sequence[Table]) -> list[Table]:
 
 
 def _check_names(parts: Sequence[Table], stated: Mapping[str, str], source: str, *, motion: bool) -> None:
-    """Every column is in one part only, and what the user has named is there."""
+    """InputError unless every column is in one part only, and every stated column exists."""
     owners: dict[str, str] = {}
     for part in parts:
         for name in (name for name in part.columns if name != "t"):
             if name in owners:
                 said = f"{name} is in {owners[name]} and in {part.source}"
-                raise InputError(said, source, f"leave one of them out, or say with {OPTION} which is meant")
+                raise InputError(said, source, f"remove one of them, or choose one with {OPTION}")
             owners[name] = part.source
     there = {*owners, *map(kind_part, owners), "t"}
     for key, pattern in stated.items():
         if key not in there:
-            said = f"no column is called {pattern} in any part"
-            raise InputError(said, source, f"give {OPTION} a name that is there")
+            said = f"no part has a column {pattern}"
+            raise InputError(said, source, f"give {OPTION} an existing name")
     for kinds, what in ((("q",), "positions q1.."), (() if motion else EFFORTS, "efforts tau1.. or i1..")):
         if kinds and not there & set(kinds):
-            raise InputError(f"no part holds {what}", source, f"add the file that does, or name them with {OPTION}")
+            raise InputError(f"no part holds {what}", source, f"add the file with them, or name them with {OPTION}")
 
 
 def _in_order(joined: Mapping[str, Column], source: str, *, motion: bool) -> dict[str, Column]:
-    """The columns of a whole log: positions of joints 1 to n, and efforts, and velocities if there are any, of each."""
+    """Columns of a whole log: positions of joints 1 to n, and efforts, and velocities if any, of each."""
     n = sum(kind_part(name) == "q" for name in joined)
     kinds = {kind_part(name) for name in joined} - {"t", "q"}
     effort = [] if motion else [next(kind for kind in EFFORTS if kind in kinds)]
@@ -98,25 +98,25 @@ def _in_order(joined: Mapping[str, Column], source: str, *, motion: bool) -> dic
     for kind in wanted:
         for j in range(1, n + 1):
             if f"{kind}{j}" not in joined:
-                raise InputError(f"{kind}{j} is in no part", source, f"add its file: there are positions of {n} joints")
+                raise InputError(f"{kind}{j} is in no part", source, f"add its file; there are positions of {n} joints")
     names = ["t", *(f"{kind}{j}" for kind in wanted for j in range(1, n + 1))]
     return {name: joined[name] for name in names}
 
 
 def _common(parts: Sequence[Table], base: Table) -> Integers:
-    """Rows of the base at which all parts know something; InputError where they have too little time in common."""
+    """Rows of the base that all parts cover; InputError if their common time is too short."""
     start, stop = max(part.t[0] for part in parts), min(part.t[-1] for part in parts)
     shortest = min(part.t[-1] - part.t[0] for part in parts)
     if stop - start < TUNING.in_common * shortest:
         spans = ", ".join(f"{part.source} {part.t[0]:.9g} to {part.t[-1]:.9g} s" for part in parts)
         common = f"{stop - start:.4g} s" if stop > start else "nothing"
-        raise InputError(f"they have {common} in common: {spans}", JOINT.join(p.source for p in parts), _TOGETHER)
+        raise InputError(f"the files have {common} in common: {spans}", JOINT.join(p.source for p in parts), _TOGETHER)
     kept: Integers = np.flatnonzero(np.all([_covered(part, base.t) for part in parts], axis=0))
     return kept
 
 
 def _covered(part: Table, t: Array) -> Mask:
-    """(N,) whether a part has readings around an instant: not before it begins, behind its end or in a pause."""
+    """(N,) whether a part covers an instant: between its ends and outside its pauses."""
     slack = TUNING.same_stamp * _period(part.t)
     after = np.clip(np.searchsorted(part.t, t - slack), 1, len(part.t) - 1)
     inside: Mask = (t >= part.t[0] - slack) & (t <= part.t[-1] + slack)
@@ -124,7 +124,7 @@ def _covered(part: Table, t: Array) -> Mask:
 
 
 def _brought(part: Table, base: Table, instants: Array, kept: Integers) -> tuple[dict[str, Array], str]:
-    """A part's columns at the instants, and how they came there; nothing is said where the stamps are the same."""
+    """A part's columns at the instants, and a message on how; empty if the stamps are equal."""
     everything = _block(part, ("q", "dq", *EFFORTS))
     if len(part.t) == len(base.t) and np.abs(part.t - base.t).max() <= TUNING.same_stamp * _period(base.t):
         return {name: values[kept] for name, values in everything.items()}, ""
@@ -141,5 +141,5 @@ def _brought(part: Table, base: Table, instants: Array, kept: Integers) -> tuple
         nearest = after - (instants - part.t[after - 1] < part.t[after] - instants)
         values |= {name: column[nearest] for name, column in efforts.items()}
         off = float(np.abs(part.t[nearest] - instants).max())
-        said.append(f"efforts of {part.source} at its nearest stamps, {1e3 * off:.3g} ms off at most")
+        said.append(f"efforts of {part.source} from its nearest stamps, at most {1e3 * off:.3g} ms away")
     return values, ", ".join(said)

@@ -25,13 +25,13 @@ from bayesid.log.formats.table import Column, Options, Table, seconds
 
 _TYPE = "sensor_msgs/msg/JointState"
 _MCAP, _ZSTD, _SQLITE = b"\x89MCAP0\r\n", b"\x28\xb5\x2f\xfd", b"SQLite format 3\0"
-"""First bytes of such files and frames."""
+"""First bytes of the files."""
 _RECORD, _CHUNK, _CHUNK_HEAD = struct.Struct("<BQ"), 6, struct.Struct("<QQQII")
-"""Of an MCAP file: kind and size of a record, the kind of chunks, and what these begin with, to the codec's letters."""
+"""MCAP: kind and size of a record, the kind of chunks, and the start of a chunk up to its codec."""
 
 
 class _Message(NamedTuple):
-    """A joint state: when it came and was measured (0: not said), ns; names, and what is known of the joints."""
+    """A joint state: times of receipt and measurement (0: unknown), ns; names, and values of the joints."""
 
     received: int
     stamp: int
@@ -44,8 +44,8 @@ class _Message(NamedTuple):
 class RosBag(Format):
     """Joint states of one topic.
 
-    By default the topic is the only one, or the only one with efforts, and the joints are all, by their numbers or else
-    as the first message has them.
+    The default topic is the only one, or the only one with efforts. The default joints are all, in order of their
+    numbers, or else of the first message.
     """
 
     name = "a ROS bag"
@@ -53,12 +53,12 @@ class RosBag(Format):
     options = frozenset({"topic", "joints"})
 
     def recognises(self, path: Path, head: bytes) -> bool:
-        """Whether it is a bag's folder, or a file of one."""
+        """Whether it is a bag's folder, or one of its files."""
         files = (file for ending in ("mcap", "db3") for file in path.glob(f"*.{ending}"))
         return self.is_folder(path) or head.startswith(self.magic) or any(files)
 
     def is_folder(self, path: Path) -> bool:
-        """Whether a folder is a bag: its metadata say so."""
+        """Whether a folder is a bag: it has metadata."""
         return (path / "metadata.yaml").is_file()
 
     def read(self, path: Path, options: Options) -> Table:
@@ -76,8 +76,8 @@ class RosBag(Format):
         if not messages:
             known = dict.fromkeys(name for message in topics[topic] for name in message.names)
             said = f"no message holds all of the joints {', '.join(names)}"
-            raise InputError(said, where, f"give `joints` those of {', '.join(known)}")
-        stamped = any(message.stamp for message in messages)  # not all: the clock of a simulation begins at zero
+            raise InputError(said, where, f"give `joints` from {', '.join(known)}")
+        stamped = any(message.stamp for message in messages)  # any: a simulation's clock begins at zero
         times = seconds([message.stamp if stamped else message.received for message in messages])
         columns = {"t": Column("t", times, 1.0)}
         blocks = {"q": _block(messages, "position", names)}
@@ -86,7 +86,7 @@ class RosBag(Format):
         for kind, block in blocks.items():
             missing = [k for k, row in enumerate(block) if row is None]
             if missing:
-                said = f"holds no {'position' if kind == 'q' else 'effort'} of each joint"
+                said = f"lacks {'positions' if kind == 'q' else 'efforts'} of some joints"
                 remedy = "record joint states with positions and efforts of all joints"
                 raise InputError(said, f"{where}, message {missing[0] + 1}", remedy)
         velocity = _block(messages, "velocity", names)
@@ -97,10 +97,10 @@ class RosBag(Format):
                 columns[f"{kind}{j + 1}"] = Column(f"{kind}{j + 1} ({names[j]})", values)
         notes = []
         if options.joints is None and not shared and not are_numbered(names):
-            order = f"joints are taken in the order {', '.join(names)}"
-            notes.append(f"{order}; if that is not from base to tip, give `joints`")
+            order = f"assumed joint order from base to tip: {', '.join(names)}"
+            notes.append(f"{order}; if it is another, give `joints`")
         if not stamped:
-            notes.append("the stamps are zero; time is when the bag received the messages, which jitters more")
+            notes.append("the stamps are zero; times of receipt are used, which have more jitter")
         notes = [f"{where}: {note}" for note in notes]
         return Table(columns, str(path), lambda row: f"{where}, message {row + 1}", tuple(notes), joints=shared)
 
@@ -111,7 +111,7 @@ def _topics(path: Path) -> dict[str, list[_Message]]:
         from rosbags.typesys import Stores, get_typestore
     except ImportError:
         raise InputError("bags need the library rosbags", str(path), "pip install 'bayesid[ros]'") from None
-    decode = get_typestore(Stores.LATEST).deserialize_cdr  # Humble's bags hold no definitions; this one never changed
+    decode = get_typestore(Stores.LATEST).deserialize_cdr  # Humble's bags hold no definitions; JointState never changed
     topics: dict[str, list[_Message]] = {}
     try:
         _check_bag(path)
@@ -124,7 +124,7 @@ def _topics(path: Path) -> dict[str, list[_Message]]:
                 topics.setdefault(connection.topic, []).append(_Message(received, stamp, tuple(state.name), *values))
     except OSError:
         raise
-    except Exception as error:  # a damaged bag raises whatever the parser stumbles over
+    except Exception as error:  # a damaged bag may raise any error
         reason = " ".join(str(error).split()) or type(error).__name__
         remedy = "repair it: `ros2 bag reindex`, or `mcap recover`"
         raise InputError(f"cannot be read as a bag ({reason})", str(path), remedy) from None
@@ -137,14 +137,14 @@ def _choose_topic(topics: dict[str, list[_Message]], topic: str | None, where: s
     if topic is not None:
         if topic not in topics:
             remedy = f"give {', '.join(topics)}"
-            raise InputError(f"{topic!r} is no topic of joint states", field="topic", remedy=remedy)
+            raise InputError(f"{topic!r} is not a topic of joint states", field="topic", remedy=remedy)
         return topic
     if len(topics) == 1:
         return next(iter(topics))
     chosen = [name for name, messages in topics.items() if any(len(message.effort) for message in messages)]
     if len(chosen) != 1:
         said = f"{len(chosen) or 'none'} of the topics {', '.join(topics)} {'have' if chosen else 'has'} efforts"
-        raise InputError(said, where, "say which with `topic`" if chosen else "record one with efforts")
+        raise InputError(said, where, "choose one with `topic`" if chosen else "record one with efforts")
     return chosen[0]
 
 
@@ -157,12 +157,12 @@ def _names(messages: Sequence[_Message], joints: Sequence[str] | None, where: st
     for message in messages:
         if set(message.names) != set(first):
             said = f"there are messages of {', '.join(first)}, and of {', '.join(message.names)}"
-            raise InputError(said, where, "say which joints with `joints`, from base to tip")
+            raise InputError(said, where, "give `joints` from base to tip")
     return in_order(first)
 
 
 def _block(messages: Sequence[_Message], field: str, names: Sequence[str]) -> list[Array | None]:
-    """Of each message, the (n,) values of a field in the order of the names; None where joints lack a value."""
+    """(n,) values of a field in the order of the names, for each message; None if joints lack a value."""
     rows: list[Array | None] = []
     for message in messages:
         values = getattr(message, field)
@@ -171,9 +171,9 @@ def _block(messages: Sequence[_Message], field: str, names: Sequence[str]) -> li
     return rows
 
 
-# ---- What bags say of their own sizes, checked before a library takes memory by it ----
+# ---- Stated sizes, checked before a library allocates memory ----
 def _check_bag(path: Path) -> None:
-    """Refuses, by ValueError, a bag (folder or file) of which a packed file, chunk or message unpacks to too much."""
+    """ValueError for a bag (folder or file) with a file, chunk or message that unpacks to too much."""
     for file in sorted(path.iterdir()) if path.is_dir() else [path]:
         with file.open("rb") as content:
             head = content.read(len(_SQLITE))
@@ -190,7 +190,7 @@ def _check_bag(path: Path) -> None:
 
 
 def _chunks(path: Path) -> Iterator[tuple[bytes, str]]:
-    """The packed chunks of an MCAP file (mcap.dev/spec, 'Chunk'), each with its codec."""
+    """Compressed chunks of an MCAP file (mcap.dev/spec, 'Chunk'), each with its codec."""
     with path.open("rb") as file:
         file.seek(len(_MCAP))
         while len(head := file.read(_RECORD.size)) == _RECORD.size:

@@ -1,4 +1,4 @@
-"""Packets of KUKA's Robot Sensor Interface as they come from the controller: `<Rob>` elements in XML, one a cycle."""
+"""Packets of KUKA's Robot Sensor Interface: XML elements `<Rob>`, one per cycle."""
 
 from __future__ import annotations
 
@@ -35,14 +35,14 @@ class RsiStream(Format):
             raise InputError(f"is longer than {MOST_UNPACKED >> 30} GiB", str(path), "cut it into shorter logs")
         packets = [_numbers(found[1]) for found in _PACKET.finditer(path.read_text("utf-8", "replace"))]
         if not packets:
-            raise InputError("holds no whole packet of RSI", str(path), "record <Rob> ... </Rob> with AIPos and MACur")
+            raise InputError("holds no complete RSI packet", str(path), "record <Rob> ... </Rob> with AIPos and MACur")
         names = list(dict.fromkeys(name for packet in packets for name in packet))
         table = {name: np.array([packet.get(name, np.nan) for packet in packets]) for name in names}
         return table_of_vectors(table, str(path), options)
 
 
 def _numbers(packet: str) -> dict[str, float]:
-    """Numbers of a packet by names as AIPos.A1; what is none is left out."""
+    """Numbers of a packet by names such as AIPos.A1; other values are ignored."""
     found: dict[str, float] = {}
     for name, attributes, text in _ELEMENT.findall(packet):
         pairs = [(f"{name}.{key}", value) for key, value in _ATTRIBUTE.findall(attributes)]

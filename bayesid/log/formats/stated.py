@@ -1,9 +1,8 @@
-"""Which columns make a log by the word of a user, `t="Zeit [ms]"`, `q="Achse{} [Grad]"`, `q2=elbow`, or of a recorder.
+"""Columns stated by the user, as `t="Zeit [ms]"`, `q="Achse{} [Grad]"`, `q2=elbow`, or known from a recorder.
 
-`{}` stands for the numbers of the joints, from 0 or from 1 as the file has them, `{2-7}` for those from 2 to 7. A unit
-in brackets is looked for in the header, and counts by itself where the header has none. Without brackets a unit of two
-letters or more at the name's end counts, as in `lage1_deg`. What well-known recorders call their columns says as much
-as a user could, and is known by labels that nobody else's header holds.
+`{}` stands for the joint numbers, from 0 or from 1 as in the file, `{2-7}` for those from 2 to 7. A unit in brackets is
+compared with the header, and used if the header has none. Without brackets a unit of two letters or more at the end of
+the name counts, as in `lage1_deg`. Well-known recorders are recognised by labels that only they use.
 """
 
 from __future__ import annotations
@@ -21,21 +20,21 @@ from bayesid.log.formats.table import SourceColumn
 
 OPTION = "`columns`"
 EXAMPLE = 't="Zeit [ms]",q="Achse{} [Grad]",i="Strom{} [A]"'
-UNNAMED = "NAME{}"  # what stands for columns of which there are none
+UNNAMED = "NAME{}"  # placeholder for missing columns
 EFFORTS = "tau", "i"
 _KEY = re.compile(r"t|(q|dq|tau|i)([1-9][0-9]{0,2})?")
 _PLACEHOLDER = re.compile(r"\{(?:(?P<first>[0-9]{1,3})-(?P<last>[0-9]{1,3}))?\}")
 _NEXT = re.compile(r",\s*(?=(?:t|(?:q|dq|tau|i)[0-9]*)\s*=)")
 _EFFORT = re.compile(r"tau|torque|moment|eff|force|curr|amp|strom|kraft|last|load|\bN ?m\b", re.IGNORECASE)
-"""What names of efforts hold in many languages; velocities, which are no efforts, times and, beneath, currents and the
-counts of a drive, which gains turn into efforts as well."""
+"""Parts of names of efforts in many languages; below, those of velocities, times and currents (with drive counts, which
+gains turn into efforts)."""
 _VELOCITY = re.compile(r"vel|speed|geschw|drehzahl|vitesse|rpm|(rad|deg|°)/s", re.IGNORECASE)
 _TIME = re.compile("time|zeit|temps|tiempo|stamp|clock", re.IGNORECASE)
 _CURRENT = re.compile("curr|strom|amp|load|count|raw|adc", re.IGNORECASE)
 
 
 class _Match(NamedTuple):
-    """A column that a pattern fits: its place, the number in its name, from 1 in a range, and its unit as text."""
+    """A column that fits a pattern: its index, the number in its name (from 1 in a range), and its unit as text."""
 
     place: int
     number: int | None
@@ -43,7 +42,7 @@ class _Match(NamedTuple):
 
 
 def parse_columns(text: str) -> dict[str, str]:
-    """What the command line says of columns, as in `t="Zeit [ms]",q="Achse{}"`, or the TOML file that says it."""
+    """Columns from command-line text such as `t="Zeit [ms]",q="Achse{}"`, or from a TOML file with it."""
     if "=" not in text:
         where, remedy = f"{OPTION} {text}", f"give {EXAMPLE}, or a TOML file with such lines"
         return check_columns(toml_of(read_source(text, remedy, where), where, remedy))
@@ -62,40 +61,42 @@ def _pairs(text: str) -> list[tuple[str, str]]:
 
 
 def check_columns(columns: Mapping[str, str]) -> dict[str, str]:
-    """The columns themselves, if each is one of a log and has a name, or an InputError."""
+    """The columns, if each is one of a log and has a name; else an InputError."""
     for key, pattern in columns.items():
         if not isinstance(key, str) or not _KEY.fullmatch(key):
-            remedy = f"give t, q, dq, tau or i, or one joint's as q1: {EXAMPLE}"
-            raise InputError(f"{key!r} is no column of a log", field="columns", remedy=remedy)
+            remedy = f"give t, q, dq, tau or i, or a single joint such as q1: {EXAMPLE}"
+            raise InputError(f"{key!r} is not a column of a log", field="columns", remedy=remedy)
         if not isinstance(pattern, str) or not pattern.strip():
             raise InputError(f"{key} has no name of a column", field="columns", remedy=f"give it as in {EXAMPLE}")
         if len(_PLACEHOLDER.findall(pattern)) > 1:
-            remedy = f"put one {{}} into it, as in {EXAMPLE}"
-            raise InputError(f"{pattern} has more than one number", field="columns", remedy=remedy)
+            remedy = f"use {{}} once, as in {EXAMPLE}"
+            raise InputError(f"{pattern} has more than one joint number", field="columns", remedy=remedy)
     if set(map(kind_part, columns)) >= set(EFFORTS):
-        raise InputError("tau and i are both given", field="columns", remedy="give torques or currents")
+        raise InputError("tau and i are both given", field="columns", remedy="give only torques or only currents")
     return dict(columns)
 
 
 def stated_columns(header: Sequence[str], columns: Mapping[str, str], where: str, found: str) -> list[SourceColumn]:
-    """The columns of a header that a user has named, their joints counted from 1; `found` is for messages."""
+    """Columns of a header that the user named, with joints from 1; `found` is for messages."""
     chosen: dict[str, SourceColumn] = {}
-    for key in sorted(check_columns(columns), key=lambda key: key != kind_part(key)):  # a joint's own counts
+    for key in sorted(
+        check_columns(columns), key=lambda key: key != kind_part(key)
+    ):  # a single joint's name takes precedence
         kind, pattern = kind_part(key), columns[key]
         matches = [match for place, label in enumerate(header) if (match := _match(kind, pattern, label, place))]
         if not matches:
-            raise InputError(f"no column is called {pattern}{found}", where, f"give {OPTION} a name that is there")
+            raise InputError(f"no column is called {pattern}{found}", where, f"give {OPTION} an existing name")
         names = [key]
         if kind != "t" and key == kind:
             from_zero = any(match.number == 0 for match in matches)
             names = [f"{kind}{1 if match.number is None else match.number + from_zero}" for match in matches]
         if len(set(names)) < len(matches):
             both = " and ".join(header[match.place] for match in matches)
-            raise InputError(f"columns {both} are both {pattern}", where, f"give {OPTION} the name of one of them")
+            raise InputError(f"columns {both} both match {pattern}", where, f"give {OPTION} the name of one of them")
         for name, match in zip(names, matches, strict=True):
             label, factor = header[match.place], None if match.unit is None else factor_of(kind, match.unit)
             if match.unit is not None and factor is None and kind != "i":  # gains turn any unit of currents into N m
-                said = f"column {label} is in {match.unit}, which is no known unit of {kind}"
+                said = f"column {label} is in {match.unit}, an unknown unit of {kind}"
                 raise InputError(said, where, f"give it in {', '.join(UNITS[kind])}")
             chosen[name] = SourceColumn(name, match.place, label, factor)
     return list(chosen.values())
@@ -107,11 +108,11 @@ def fits(kind: str, pattern: str, header: Sequence[str]) -> bool:
 
 
 def _match(kind: str, pattern: str, label: str, place: int) -> _Match | None:
-    """The column of a label, if a pattern fits it, and its unit too where both have one."""
+    """The column of a label and its unit, if it fits a pattern and the units agree."""
     wanted, seen = split_brackets(pattern.strip()), split_brackets(label)
     whole = _expression(pattern.strip()).fullmatch(label)
     unit, agree = seen.unit or wanted.unit, True
-    if wanted.unit is not None and seen.unit is not None:  # the same, such as deg and Grad
+    if wanted.unit is not None and seen.unit is not None:  # equal units such as deg and Grad
         agree = factor_of(kind, wanted.unit) == factor_of(kind, seen.unit) is not None
     match = whole or (_expression(wanted.name).fullmatch(seen.name) if agree else None)
     if match is None:
@@ -126,7 +127,7 @@ def _match(kind: str, pattern: str, label: str, place: int) -> _Match | None:
 
 
 def _unit_at_end(kind: str, label: str) -> str | None:
-    """The unit behind the last separator of a label, deg of `lage1_deg`; a single letter may mean anything."""
+    """The unit after the last separator of a label, deg of `lage1_deg`; single letters are ambiguous."""
     words = re.split(r"[\s_.-]+", label.strip())
     ends = ["_".join(words[-count:]) for count in (2, 1) if len(words) > count]
     return next((end for end in ends if len(end) > 1 and factor_of(kind, end) is not None), None)
@@ -142,7 +143,7 @@ def _fixed(text: str) -> str:
 
 
 def described(header: Sequence[str], found: Mapping[str, SourceColumn] | None = None) -> str:
-    """The columns of a header, those that differ by a number as one, and what each is taken for where that is known."""
+    """Columns of a header with numbered ones merged, and the meaning of each if known."""
     kinds = {} if found is None else {source.label: kind_part(source.name) for source in found.values()}
     patterns = {pattern_of(label): kinds.get(label, "not used") for label in reversed(header) if label}
     shown = [pattern if found is None else f"{pattern} ({kind})" for pattern, kind in patterns.items()][::-1]
@@ -150,7 +151,7 @@ def described(header: Sequence[str], found: Mapping[str, SourceColumn] | None = 
 
 
 def suggestion(header: Sequence[str], found: Mapping[str, SourceColumn], given: Mapping[str, str]) -> str:
-    """What to do about missing columns: the option that names those found or given, and what else might be meant."""
+    """What to do about missing columns: the option with those found or given, and likely candidates."""
     left = [label for label in header if label and label not in {source.label for source in found.values()}]
     effort = next((kind for kind in ("tau", "i") if f"{kind}1" in found), None)
     parts: list[tuple[str, str]] = []
@@ -164,12 +165,12 @@ def suggestion(header: Sequence[str], found: Mapping[str, SourceColumn], given: 
         parts += part
     named = ",".join(f'{key}="{pattern}"' for key, pattern in dict(parts).items())
     gains = "give `gains`, and " if any(kind_part(key) == "i" for key, _ in parts) else ""
-    elsewhere = "; if another file of the run holds them, give both as FILE+OTHER" if UNNAMED in named else ""
-    return f"{gains}say which columns are meant with {OPTION} {named}{elsewhere}"
+    elsewhere = "; if another file of the run has them, give both as FILE+OTHER" if UNNAMED in named else ""
+    return f"{gains}name the columns with {OPTION} {named}{elsewhere}"
 
 
 def _as_found(known: Sequence[SourceColumn], header: Sequence[str]) -> list[tuple[str, str]]:
-    """What reads the columns of a kind that are known: one pattern if it fits them and no others."""
+    """Patterns that match the known columns of a kind: one if it fits them and no others."""
     pattern = pattern_of(known[0].label)
     if [pattern_of(label) for label in header].count(pattern) == len(known):
         return [(kind_part(known[0].name), pattern)]
@@ -177,19 +178,19 @@ def _as_found(known: Sequence[SourceColumn], header: Sequence[str]) -> list[tupl
 
 
 def _guessed(kinds: Sequence[str], labels: Sequence[str], n_joints: int | None) -> list[tuple[str, str]]:
-    """What may be of one of some kinds: a single column for the time, else columns of several joints."""
+    """Candidates for some kinds: a single column for the time, else columns of several joints."""
     counts = Counter(map(pattern_of, labels))
     alone = "t" in kinds
     fitting = [pattern for pattern, count in counts.items() if (count < 2) == alone]
     kind, pattern = next(iter(_likely(kinds, fitting)), (kinds[0], "NAME" if alone else UNNAMED))
     for by_end, named in () if alone else _by_end(kinds, labels, n_joints):
-        if len(named) > counts[pattern]:  # each joint has a name of its own
+        if len(named) > counts[pattern]:  # each joint has its own name
             return [(f"{by_end}{joint}", label) for joint, label in enumerate(named, start=1)]
     return [(kind, pattern)]
 
 
 def _by_end(kinds: Sequence[str], labels: Sequence[str], n_joints: int | None) -> list[tuple[str, list[str]]]:
-    """Labels that end in the same word: in one of some kinds, or in any, if there are as many as joints."""
+    """Labels with the same last word: of some kinds, or any word if there are as many as joints."""
     known = [(kind, [label for label in labels if kind_at_end(label) == kind]) for kind in kinds]
     ends: dict[str, list[str]] = {}
     for label in labels:
@@ -203,7 +204,7 @@ def _kind_of(kinds: Sequence[str], name: str) -> str:
 
 
 def _likely(kinds: Sequence[str], patterns: Sequence[str]) -> list[tuple[str, str]]:
-    """Which pattern may be of which kind: those with a unit of it first, then those without any, efforts by a word."""
+    """Likely patterns of each kind: those with its unit first, then those without a unit, efforts by a word."""
     units = {pattern: split_brackets(pattern).unit for pattern in patterns}
     stated = [(kind, one) for kind in kinds for one, unit in units.items() if unit and factor_of(kind, unit)]
     open_ones = [one for one, unit in units.items() if unit is None]
@@ -218,20 +219,20 @@ def _likely(kinds: Sequence[str], patterns: Sequence[str]) -> list[tuple[str, st
 # ---- Recorders ----
 @dataclass(frozen=True)
 class Convention:
-    """How one recorder writes a log."""
+    """The way a recorder writes a log."""
 
-    name: str  #: of the recorder, for messages
-    marks: tuple[str, ...]  #: labels by which its headers are known: they hold all of them
-    #: patterns as a user gives them, without s, rad and rad/s: somebody may have put degrees there
+    name: str  #: recorder, for messages
+    marks: tuple[str, ...]  #: labels that all its headers contain
+    #: patterns as for `columns`; s, rad and rad/s are left out, as files may be in degrees
     columns: str
-    part: str | None = None  #: the label of the number of the recording that a row is of, where files hold several
-    lacking: str = ""  #: what to do where there are no efforts
-    says: str = ""  #: what the recorder leaves open, for the note
+    part: str | None = None  #: label of the recording's number, in files with several recordings
+    lacking: str = ""  #: what to do if efforts are missing
+    says: str = ""  #: what is ambiguous, for the note
 
     def stated(
         self, header: Sequence[str], given: Mapping[str, str], *, currents: bool, motion: bool
     ) -> dict[str, str]:
-        """Its patterns that are in a header, and what a user has given, which counts; no efforts beside a motion."""
+        """The patterns that occur in a header, overridden by those of the user; no efforts for a motion."""
         there = {kind: pattern for kind, pattern in _pairs(self.columns) if fits(kind, pattern, header)}
         leave = {kind_part(key) for key in given}
         if leave & set(EFFORTS):
@@ -261,7 +262,7 @@ CONVENTIONS = (
         marks=("field.header.stamp", "field.position0"),
         columns="t=field.header.stamp [ns],q=field.position{},dq=field.velocity{},tau=field.effort{} [Nm]",
         lacking="record a topic with efforts",
-        says="joints in the order of field.name0.., often alphabetical: if it is not from base to tip, say q1.. and "
+        says="joints in the order of field.name0.., often alphabetical: if it is not from base to tip, give q1.. and "
         "tau1.. with `columns`",
     ),
     Convention(  # the same of franka_msgs/FrankaState
@@ -282,12 +283,12 @@ CONVENTIONS = (
         columns="t=timestamp,q=observation.state{},dq=observation.velocity{},tau=observation.effort{}",
         part="episode_index",
         lacking="record observation.effort too; action holds commands, no efforts",
-        says="it states no units, so rad, rad/s and N m are taken; `columns` says others, or leaves a gripper out",
+        says="units are not stated; rad, rad/s and N m are assumed; set others, or leave a gripper out, by `columns`",
     ),
 )
 
 
 def convention_of(header: Sequence[str]) -> Convention | None:
-    """The convention that a header follows; None where it is none that is known."""
+    """The convention of a header, or None."""
     labels = set(header)
     return next((convention for convention in CONVENTIONS if labels.issuperset(convention.marks)), None)

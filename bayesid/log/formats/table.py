@@ -1,4 +1,4 @@
-"""The columns of a log as a file holds them."""
+"""The columns of a log as in its file."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ DIRECTION = "dir"  # kind of the columns that hold the directions of efforts bes
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """What a user may say about a file beside its path; None where nothing is said."""
+    """Options of reading beside the path; None where not given."""
 
     topic: str | None = None  #: the one to read, of several
     joints: Sequence[str] | None = None  #: names from base to tip
-    robot_joints: Sequence[str] = ()  #: the same of the robot, which count where the source has them all
-    n_joints: int = 0  #: of the robot; 0 where that is not known
+    robot_joints: Sequence[str] = ()  #: names of the robot's joints, used if the source has them all
+    n_joints: int = 0  #: number of joints of the robot; 0 if unknown
     currents: bool = False  #: whether efforts without a unit are currents, A
-    columns: Mapping[str, str] | None = None  #: what the log's columns are called, see `bayesid.log.formats.stated`
-    motion: bool = False  #: whether the motion is all that is wanted: efforts are left out
+    columns: Mapping[str, str] | None = None  #: names of the log's columns, see `bayesid.log.formats.stated`
+    motion: bool = False  #: whether only the motion is read, without efforts
     encoding: str | None = None  #: how efforts hold their sign, see `bayesid.log.formats.encodings`
-    part: bool = False  #: whether the source is one of several of a run, so that it need not hold a whole log
+    part: bool = False  #: whether the source is one part of a run, which need not hold a whole log
 
     @property
     def velocities(self) -> bool:
@@ -48,28 +48,28 @@ class Options:
 class Column:
     """One column."""
 
-    label: str  #: what the file calls it, for messages
+    label: str  #: name in the file, for messages
     values: Array  #: (N,) as the file has them
-    unit: float | None = None  #: how many SI units one of the file's is; None where the file does not say
+    unit: float | None = None  #: SI value of the file's unit; None if not stated
 
     def si(self, unit: float) -> Array:
-        """(N,) values in SI units, by a unit where the file does not say one."""
+        """(N,) values in SI units; `unit` applies if the file states none."""
         return self.values * (unit if self.unit is None else self.unit)
 
 
 @dataclass(frozen=True)
 class SourceColumn:
-    """A column of a file, at a place counted from 0, that a log needs under a name; label and unit as in `Column`."""
+    """A column of a file, by index from 0, and its name in the log; label and unit as in `Column`."""
 
     name: str
     place: int
     label: str
     unit: float | None = None
-    clock: bool = False  # whether it is a time written as one of day, or a date
+    clock: bool = False  # whether it is a time of day or a date
 
 
 class Chosen(NamedTuple):
-    """The columns of a file that make a log, and what should be known of the choice, a sentence each."""
+    """The columns of a file that make a log, and notes about the choice, one sentence each."""
 
     columns: tuple[SourceColumn, ...]
     notes: tuple[str, ...] = ()
@@ -78,17 +78,17 @@ class Chosen(NamedTuple):
 
 @dataclass(frozen=True)
 class Table:
-    """What a file holds of a log: a time, and columns for joints 1 to n without a gap; a part of a run any of these."""
+    """Columns of a log from a file: a time, and joints 1 to n without a gap; a part of a run may hold any of these."""
 
     #: of t; q1..qn; tau1..taun (N m) or i1..in (A); dq1..dqn if velocities were measured; and part where the file
     #: holds several recordings, one after the other: the number of the one that a row is of
     columns: Mapping[str, Column]
-    source: str  #: the file, for messages
-    place: Callable[[int], str]  #: what a message calls a row, counted from 0
-    notes: tuple[str, ...] = ()  #: what had to be assumed, a sentence each
-    mended: tuple[str, ...] = ()  #: what was decoded or left out, a sentence each
-    joints: tuple[str, ...] = ()  #: names from base to tip by which columns were chosen; none where they have none
-    encoding: str | None = None  #: how efforts held their sign before they were decoded; None where they did not
+    source: str  #: name of the file, for messages
+    place: Callable[[int], str]  #: location of a row, counted from 0, for messages
+    notes: tuple[str, ...] = ()  #: assumptions, one sentence each
+    mended: tuple[str, ...] = ()  #: what was decoded or left out, one sentence each
+    joints: tuple[str, ...] = ()  #: joint names by which columns were chosen, from base to tip; may be empty
+    encoding: str | None = None  #: how efforts held their sign before decoding, or None
 
     @property
     def t(self) -> Array:
@@ -101,24 +101,24 @@ class Table:
         return next(j for j in range(len(self.columns)) if f"q{j + 1}" not in self.columns)
 
     def block(self, kind: str, unit: float = 1.0) -> Array:
-        """(N, n) the columns of a kind that is there, "q", "dq", "tau" or "i", by a unit where the file says none."""
+        """(N, n) columns of a kind, "q", "dq", "tau" or "i"; `unit` applies if the file states none."""
         columns = (self.columns[f"{kind}{j + 1}"] for j in range(self.n_joints))
         return np.column_stack([column.si(unit) for column in columns])
 
     @property
     def starts(self) -> list[int]:
-        """The first rows of the recordings that the file holds."""
+        """First rows of the recordings in the file."""
         if "part" not in self.columns:
             return [0]
         return [0, *(np.flatnonzero(np.diff(self.columns["part"].values) != 0.0) + 1).tolist()]
 
 
 def check(table: Table, given: Mapping[str, str] | None = None) -> Table:
-    """The table itself, if its rows are enough, its numbers of this world and its time in order, or an InputError."""
+    """The table itself if it has enough rows, plausible numbers and increasing times; else an InputError."""
     t = table.columns["t"]
     if len(t.values) < TUNING.fewest_rows:
         said = f"holds {len(t.values)} rows, too few to identify anything"
-        raise InputError(said, table.source, f"record at least {TUNING.fewest_rows} rows, better thousands")
+        raise InputError(said, table.source, f"record at least {TUNING.fewest_rows} rows, preferably thousands")
     _check_numbers(table)
     _check_resolution(table)
     _check_unit_of_time(table, given or {})
@@ -137,7 +137,7 @@ def check(table: Table, given: Mapping[str, str] | None = None) -> Table:
 
 
 def with_fractions(table: Table) -> Table:
-    """A table whose time is whole seconds and, in a column of its own, what is to be added to them."""
+    """A table whose time column is joined with its fractions in another column."""
     if FRACTION not in table.columns:
         return table
     whole, rest = table.columns["t"], table.columns[FRACTION]
@@ -147,9 +147,9 @@ def with_fractions(table: Table) -> Table:
 
 
 def far_positions(table: Table) -> list[float]:
-    """How far joints go, rad, that leave two turns; none unless these are more than half, and two at least.
+    """Ranges, rad, of joints beyond two turns; empty unless these are more than half and at least two.
 
-    Only positions whose unit the file does not say are looked at.
+    Only positions without a stated unit are considered.
     """
     positions = [column for name, column in table.columns.items() if name.startswith("q")]
     reach = [float(np.abs(column.values).max()) for column in positions if column.unit is None]
@@ -158,7 +158,7 @@ def far_positions(table: Table) -> list[float]:
 
 
 def _check_unit_of_time(table: Table, given: Mapping[str, str]) -> None:
-    """A time whose unit is not stated is in s: its typical step shows whether it can be."""
+    """InputError if a time without a stated unit has steps that cannot be seconds."""
     t = table.columns["t"]
     with np.errstate(over="ignore"):
         steps = np.diff(t.values)
@@ -171,7 +171,7 @@ def _check_unit_of_time(table: Table, given: Mapping[str, str]) -> None:
     likely = [(word, unit) for word, (unit, factor) in parts.items() if step * factor < TUNING.slowest_step]
     said = f"column {t.label} spans {t.values[-1] - t.values[0]:.6g} s with steps of {step:.6g} s"
     if not likely:
-        raise InputError(f"{said}: no joint log is so slow", table.source, f"give {t.label} in s")
+        raise InputError(f"{said}: too slow for a joint log in s", table.source, f"give {t.label} in s")
     word, unit = likely[0]
     stated = f"{t.label}[{unit}]"
     columns = ",".join(f'{key}="{pattern}"' for key, pattern in {**given, "t": stated}.items())
@@ -184,13 +184,13 @@ def _check_unit_of_time(table: Table, given: Mapping[str, str]) -> None:
 
 
 def _check_resolution(table: Table) -> None:
-    """A clock that stands still while the joints move is too coarse to say when each row was read."""
+    """InputError if the clock stands still while joints move."""
     t, positions = table.t, [column.values for name, column in table.columns.items() if name.startswith("q")]
     moved = np.any([q[1:] != q[:-1] for q in positions], axis=0)
     if np.mean(moved & (np.diff(t) == 0.0)) > TUNING.stands and np.ptp(t) > 0.0:
         label, rows = table.columns["t"].label, len(t)
         instants, counts = np.unique(t, return_counts=True)
-        said = f"column {label} has {len(instants):,} instants in {rows:,} rows, while positions change between"
+        said = f"column {label} has {len(instants):,} instants in {rows:,} rows, but positions change in between"
         period = f"{1e3 * np.median(np.diff(instants)) / counts.max():.4g}ms"
         remedy = "record the time with fractions of seconds"
         raise InputError(said, table.source, f"{remedy}, or give a column that counts rows, as {label}[{period}]")
@@ -208,27 +208,27 @@ def _check_numbers(table: Table) -> None:
 
 
 def seconds(nanoseconds: ArrayLike) -> Array:
-    """Whole numbers (N,) in s, as exact as a float allows: it cannot hold the nanoseconds since 1970."""
+    """Integers (N,), ns, in s, to float precision: a float cannot hold nanoseconds since 1970."""
     whole, rest = np.divmod(np.asarray(nanoseconds, dtype=np.int64), 1_000_000_000)
     return whole + rest / 1_000_000_000
 
 
 def of_64_bits(readings: ArrayLike) -> Array:
-    """Whole numbers (N,) without a sign, of which no float holds all 64 bits, as their two's complement.
+    """Unsigned 64-bit integers (N,) as their two's complement; floats cannot hold all 64 bits.
 
-    OverflowError or ValueError where they are none.
+    OverflowError or ValueError if they are not such integers.
     """
     whole: Array = np.asarray(readings, dtype=np.uint64).view(np.int64).astype(float)
     return whole
 
 
 def rows_of(source: str) -> Callable[[int], str]:
-    """What messages call the rows of a file that has no lines."""
+    """Names rows of a file without lines, for messages."""
     return lambda row: f"{source}, row {row + 1}"
 
 
 def distinct_rows(t: Array, readings: Sequence[Array]) -> Integers:
-    """Rows that bring something new: a later time (N,), s, and a changed reading of some (N, k)."""
+    """Rows with a later time (N,), s, and a changed reading of some (N, k)."""
     fresh = np.zeros(len(t), dtype=bool)
     fresh[:1] = True
     for column in (column for block in readings for column in block.T):

@@ -1,6 +1,6 @@
-"""Tables as text: a header with the names of a log's columns, then a row an instant, in any usual way to write it.
+"""Tables as text: a header with the names of a log's columns, then one row per instant.
 
-Separators, decimal commas, encodings, quotes and a second row with units are found by looking.
+Separators, decimal commas, encodings, quotes and a second row with units are detected.
 """
 
 from __future__ import annotations
@@ -33,24 +33,24 @@ _DAY = re.compile(r"(\d{1,4})([./-])(\d{1,2})\2(\d{1,4})[T ,]+(.+)")
 _TIME = re.compile(
     r"(?:(?P<hours>\d{1,2}):)?(?P<minutes>\d{1,4}):(?P<seconds>\d{1,2}(?:[.,:]\d+)?)\s*(?P<half>[AP]M)?", re.IGNORECASE
 )
-_SEPARATORS = ",", ";", "\t", "|", " "  # what may be between two columns; spaces count in any number
+_SEPARATORS = ",", ";", "\t", "|", " "  # column separators; any number of spaces counts as one
 _WESTERN = re.compile(rb"[\t-\r\x20-\x7e\x80\x82-\x8c\x8e\x91-\x9c\x9e-\xfe]*")
-"""Bytes of a text in cp1252, the encoding of Western Windows: no control characters, none that it does not have."""
-_COMMENTS = "#", "%"  # what a line of remarks among the values begins with
+"""Bytes of cp1252 text (Western Windows), without control and undefined characters."""
+_COMMENTS = "#", "%"  # first character of a comment line
 _THOUSANDS = re.compile(r"[-+]?\d{1,3}(?:[.,'\u00a0\u202f ]\d{3})+(?:[.,]\d*)?")
-"""What is no number, but would be one without the separators of its thousands."""
+"""Numbers with thousands separators, which are refused."""
 _NO_VALUE = "#", "nan", "NaN", "NULL", "null", "None", "N/A", "n/a", "-", "?"
-"""How a cell without a value begins: errors of spreadsheets, and words for nothing."""
+"""Beginnings of cells without a value: spreadsheet errors and words for nothing."""
 _SIGNED_LOG = "t", "tau1", "p1", "q1", "log"
-"""Names in a `signed_log.csv` of several logs: the last column says which log a row is of."""
+"""Columns of a `signed_log.csv` of several logs; the last one numbers the log of a row."""
 _BOMS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
 
 
 def clock_seconds(cell: str) -> float:
-    """A date and time in s since 1970, UTC where no zone is given; of a time of day since midnight; else a ValueError.
+    """A date and time in s since 1970 (UTC by default), or a time of day in s since midnight; else a ValueError.
 
-    Dates are those of ISO 8601, or days, months and years with points (3.2.2026) or with slashes, where either of the
-    first two may be the month: a log is about differences. "12:03.4" is 12 minutes and 3.4 s, as spreadsheets have it.
+    Dates are ISO 8601, or day, month and year with points (3.2.2026) or with slashes, where day and month may be
+    swapped: only differences matter. "12:03.4" is 12 minutes and 3.4 s, as in spreadsheets.
     """
     cell = cell.strip().strip('"')
     day = _DAY.fullmatch(cell)
@@ -71,10 +71,10 @@ def _iso(date: str, time: str | None = None) -> float:
 
 
 def _since_midnight(time: str) -> float:
-    """Hours, minutes and seconds, or minutes and seconds; fractions behind a point, a comma or a third colon."""
+    """Hours, minutes and seconds, or minutes and seconds; fractions after a point, a comma or a third colon."""
     found = _TIME.fullmatch(time.strip())
     if found is None:
-        raise ValueError(f"{time!r} is no time")
+        raise ValueError(f"{time!r} is not a time")
     seconds = float(re.sub("[,:]", ".", found["seconds"]))
     hours = int(found["hours"] or 0)
     if found["half"]:
@@ -83,7 +83,7 @@ def _since_midnight(time: str) -> float:
 
 
 class CsvFile(Format):
-    """What no other format recognises."""
+    """Any file that no other format recognises."""
 
     name = "a CSV table"
     options = frozenset({"columns", "joints"})
@@ -103,10 +103,10 @@ class CsvFile(Format):
                 raise InputError(f"is {self.name}, which has no joints", str(path), "leave `joints` out")
             values = _read_values(path, layout, selected.columns)
         except (UnicodeDecodeError, csv.Error) as error:
-            controls = rb"[\0-\x08\x0e-\x1f]"  # bytes that stand in no text
+            controls = rb"[\0-\x08\x0e-\x1f]"  # bytes that never occur in text
             if isinstance(error, UnicodeDecodeError) and not re.search(controls, path.read_bytes()):
                 remedy = "save it as UTF-8, as in: iconv -f SHIFT_JIS -t UTF-8 FILE > NEW"
-                raise InputError("is text in an encoding that is not known", str(path), remedy) from None
+                raise InputError("is text in an unknown encoding", str(path), remedy) from None
             raise InputError("is not text", str(path), "give a CSV log (save a spreadsheet as CSV)") from None
         wide = _widened(path, layout, selected.columns, values)
         columns = {one.name: Column(one.label, values[:, one.place], one.unit) for one in selected.columns}
@@ -130,44 +130,47 @@ class CsvFile(Format):
 
 @dataclass(frozen=True)
 class Layout:
-    """How a file writes a table."""
+    """The layout of a table in a file."""
 
     encoding: str
-    separator: str = ","  #: what is between two columns; a space stands for any number of them
-    #: whether commas may stand between a number's units and tenths; decimal points may all the same
+    separator: str = ","  #: column separator; a space stands for any number of spaces
+    #: whether commas may be decimal marks; points always may
     decimal_comma: bool = False
-    header: tuple[str, ...] = ()  #: the names of the columns, with the units of a second row of the header in brackets
+    header: tuple[str, ...] = ()  #: column names, with units from a second header row in brackets
     header_row: int = 1  #: the header's line, from 1
     rows: int = 1  #: lines above the values: the header and those around it
     first: tuple[str, ...] = ()  #: the cells of the first row of values
-    #: whether every line stands in quotes, as a spreadsheet writes a table that it took for one column
+    #: whether every line is quoted, as a spreadsheet writes a single column
     quoted_lines: bool = False
 
     def lines(self, file: Iterable[str]) -> Iterator[str]:
-        """The file's lines, their numbers with decimal points; those of comments are blank."""
+        """Lines of the file with decimal points; comment lines are blank."""
         return map(self._line, file)
 
     def cells(self, line: str) -> list[str]:
-        """What a line of the file holds, numbers with decimal points; nothing where it is blank."""
+        """Cells of a line, with decimal points; empty for a blank line."""
         line = self._line(line)
         return _split(line, self.separator) if line.strip() else []
 
     def _line(self, line: str) -> str:
-        empty = line.startswith(_COMMENTS) or not line.strip(f'{self.separator}" \t\r\n')  # as spreadsheets end
-        line = "\n" if empty else line.replace("\N{MINUS SIGN}", "-")  # of word processors
+        empty = line.startswith(_COMMENTS) or not line.strip(
+            f'{self.separator}" \t\r\n'
+        )  # as spreadsheets write at the end
+        line = "\n" if empty else line.replace("\N{MINUS SIGN}", "-")  # from word processors
         if self.quoted_lines:
             line = _unquoted(line)
         if not self.decimal_comma:
             return line
-        if self.separator == ",":  # those in quotes are the decimal ones
+        if self.separator == ",":  # quoted commas are decimal marks
             return re.sub('"[^"]*"', lambda quoted: quoted[0].replace(",", "."), line)
         return line.replace(",", ".")
 
 
 def look(source: Path | bytes, whole: bool = True) -> Layout:
-    """How a table is written; UnicodeDecodeError or csv.Error if it is none.
+    """The layout of a table; UnicodeDecodeError or csv.Error if it is not text.
 
-    A file's beginning shows it, but the encoding all of it, piece by piece. Bytes may be the first of some.
+    The beginning of a file determines it, except for the encoding, which needs the whole file. Bytes may be the first
+    of a stream.
     """
 
     def pieces() -> Iterator[bytes]:
@@ -193,7 +196,7 @@ def look(source: Path | bytes, whole: bool = True) -> Layout:
             for name, unit in zip(header, values, strict=True)
         ]
         values = _split(_two(lines, rows - 1)[1], separator)
-    if len(values) == len(header) + 1 and not values[-1]:  # every row ends with a separator, but the header
+    if len(values) == len(header) + 1 and not values[-1]:  # every row but the header ends with a separator
         header = [*header, ""]
     comma = separator != "," or any('"' in line for line in lines[row + 1 :])
     return Layout(encoding, separator, comma, tuple(header), row + 1, rows, tuple(values), quoted)
@@ -208,13 +211,13 @@ def _is_clock(cell: str) -> bool:
 
 
 def select_columns(layout: Layout, source: str, options: Options) -> Chosen:
-    """The columns that make a log, in the table's order, so that the first bad one is named."""
+    """Columns that make a log, in the table's order, so that errors name the first bad one."""
     where, remedy = f"{source}, row {layout.header_row}", "begin it with t,q1..qn,tau1..taun"
     if not any(layout.header):
         raise InputError("does not begin with a header", source, remedy)
     if all(map(_is_number, layout.header)):
         remedy = _header_for(len(layout.header), options.n_joints)
-        raise InputError("holds numbers, not the names of the columns", where, remedy)
+        raise InputError("holds numbers instead of column names", where, remedy)
     selected = choose(layout.header, where, options)
     columns = sorted(selected.columns, key=lambda one: one.place)
     for k, one in enumerate(columns):
@@ -224,9 +227,9 @@ def select_columns(layout: Layout, source: str, options: Options) -> Chosen:
 
 
 def _header_for(count: int, n_joints: int) -> str:
-    """What to write above a table of so many columns: positions and efforts, perhaps with velocities between.
+    """Headers for a table of so many columns: positions and efforts, perhaps with velocities between.
 
-    Where the robot's number of joints is known, 0 otherwise, headers for another number are left out.
+    A known number of joints of the robot (else 0) excludes other headers.
     """
     headers = []
     for kinds in (("q", "tau"), ("q", "dq", "tau")):
@@ -234,18 +237,18 @@ def _header_for(count: int, n_joints: int) -> str:
         if n > 0 and not rest and n_joints in (0, n):
             headers.append(",".join(["t", *(f"{kind}{j}" for kind in kinds for j in range(1, n + 1))]))
     if not headers:
-        return f"begin it with the names of its {count} columns: t,q1..qn[,dq1..dqn],tau1..taun, and others by any name"
-    return f"write a header above, as {' or '.join(headers)} (i1.. for currents)"
+        return f"add a header with {count} names: t,q1..qn[,dq1..dqn],tau1..taun, and any names for other columns"
+    return f"add a header, as {' or '.join(headers)} (i1.. for currents)"
 
 
 # ---- How a file is written ----
 def _encoding(pieces: Callable[[], Iterable[bytes]], whole: bool) -> str:
-    """By the first bytes, or else UTF-8 where the pieces of the file are that, or what Western Windows writes."""
+    """Encoding by the first bytes, else UTF-8 if valid, else Western Windows (cp1252)."""
     first = next(iter(pieces()), b"")
     for bom, encoding in _BOMS.items():
         if first.startswith(bom):
             return encoding
-    for place, encoding in ((1, "utf-16-le"), (0, "utf-16-be")):  # of plain text every other byte is zero
+    for place, encoding in ((1, "utf-16-le"), (0, "utf-16-be")):  # every other byte of plain text is zero
         if len(first) > 1 and not any(first[place:64:2]):
             return encoding
     decoder = codecs.getincrementaldecoder("utf-8")()
@@ -271,12 +274,12 @@ def _unquoted(line: str) -> str:
 
 
 def _two(lines: Sequence[str], row: int) -> tuple[str, str]:
-    """A line, counted from 0, and the next that is not blank; nothing behind the last."""
+    """A line, counted from 0, and the next one that is not blank; empty after the last."""
     return "".join(lines[row : row + 1]), next((line for line in lines[row + 1 :] if line.strip()), "")
 
 
 def _is_header(line: str, beneath: str) -> bool:
-    """Whether a line names columns, and the next has as many values, or their units: above may stand anything."""
+    """Whether a line names columns, and the next has as many values or units; lines above may be anything."""
     separator = _separator(line, beneath)
     names, cells = _names(line, separator), _split(beneath, separator)
     if len(names) < 3 or len(cells) not in (len(names), len(names) + 1) or any(map(_is_number, names)):
@@ -285,12 +288,12 @@ def _is_header(line: str, beneath: str) -> bool:
 
 
 def _names(line: str, separator: str) -> list[str]:
-    """The names of a header, before which a sign of a comment may stand."""
+    """Names of a header, perhaps after a comment sign."""
     return _split(line.lstrip("#% "), separator)
 
 
 def _separator(line: str, first: str) -> str:
-    """What cuts the header into most columns, if possible as many as the first row; spaces where nothing else does."""
+    """The separator with most columns in the header, preferably as many as in the first row; else spaces."""
     found: dict[str, tuple[bool, bool, int]] = {}
     for separator in _SEPARATORS:
         if (count := len(_names(line, separator))) > 1:
@@ -305,7 +308,7 @@ def _split(line: str, separator: str) -> list[str]:
 
 
 def _are_units(cells: Sequence[str], header: Sequence[str]) -> bool:
-    """Whether a row beneath the header holds units, and no value."""
+    """Whether a row under the header holds units and no value."""
     inner = [_bare_unit(cell) for cell in cells]
     values = any(_is_number(one, comma=False) for one in inner)
     return len(cells) == len(header) and any(map(is_unit, inner)) and not values
@@ -317,11 +320,11 @@ def _bare_unit(cell: str) -> str:
 
 # ---- What it holds ----
 def _read_values(path: Path, layout: Layout, used: Sequence[SourceColumn]) -> Array:
-    """(N, columns) numbers of the used columns, s in that of the clock; the other columns come as 0."""
+    """(N, columns) numbers of the used columns, clock times in s; the other columns are 0."""
     n, places = len(layout.header), {one.place for one in used}
     converters: dict[int | str, Callable[[str], float]] = {i: lambda _: 0.0 for i in range(n) if i not in places}
     converters |= {one.place: clock_seconds for one in used if one.clock}
-    with path.open(newline="", encoding=layout.encoding) as file, quiet(UserWarning):  # of no rows: refused later
+    with path.open(newline="", encoding=layout.encoding) as file, quiet(UserWarning):  # empty files are refused later
         try:
             values: Array = np.loadtxt(
                 layout.lines(file),
@@ -343,24 +346,24 @@ def _read_values(path: Path, layout: Layout, used: Sequence[SourceColumn]) -> Ar
         return np.empty((0, n))
     if values.shape[1] != n:
         said = f"has {n} names for {values.shape[1]} columns"
-        remedy = _semicolons(layout, values.shape[1]) or "give every column one name"
+        remedy = _semicolons(layout, values.shape[1]) or "give every column exactly one name"
         raise InputError(said, f"{path}, row {layout.header_row}", remedy)
     return values
 
 
 def _widened(path: Path, layout: Layout, used: Sequence[SourceColumn], values: Array) -> bool:
-    """Whether efforts are whole numbers of 64 bits whose two's complement holds a sign; they are then put in place."""
+    """Whether efforts are unsigned 64-bit integers with a two's complement; replaces them in `values`."""
     efforts = [one for one in used if kind_part(one.name) in EFFORTS and (values[:, one.place] >= WIDE).any()]
     for one in efforts:
         try:
             values[:, one.place] = of_64_bits([int(layout.cells(line)[one.place]) for _, line in _rows(path, layout)])
-        except (OverflowError, ValueError):  # no whole numbers: refused later
+        except (OverflowError, ValueError):  # not integers: refused later
             return False
     return bool(efforts)
 
 
 def _with_blanks(path: Path, layout: Layout, used: Sequence[SourceColumn]) -> Array | None:
-    """The same where cells are blank, which come as nan; None where a row holds something else that is no number."""
+    """The same with blank cells as nan; None if a row holds something else that is not a number."""
     rows = []
     for _, line in _rows(path, layout):
         cells, values = _split(line, layout.separator), np.zeros(len(layout.header))
@@ -376,7 +379,7 @@ def _with_blanks(path: Path, layout: Layout, used: Sequence[SourceColumn]) -> Ar
 
 
 def _number(cell: str, column: SourceColumn) -> float:
-    """A cell's number, s of a clock; nan where it is blank, or a word for nothing."""
+    """A cell's number, s for a clock; nan if it is blank or a word for nothing."""
     if not cell or cell.startswith(_NO_VALUE[:-2]) or cell in _NO_VALUE:
         return np.nan
     if column.clock:
@@ -387,7 +390,7 @@ def _number(cell: str, column: SourceColumn) -> float:
 
 
 def _rows(path: Path, layout: Layout) -> Iterator[tuple[int, str]]:
-    """The lines of values with their numbers: the first line of the file is row 1, and blank ones count."""
+    """Numbered lines of values; the first line of the file is row 1, and blank lines count."""
     with path.open(newline="", encoding=layout.encoding) as file:
         for number, line in enumerate(layout.lines(file), start=1):
             if number > layout.rows and line.strip():
@@ -398,34 +401,34 @@ def _first_bad_row(path: Path, layout: Layout, used: Sequence[SourceColumn]) -> 
     for number, line in _rows(path, layout):
         cells, where = _split(line, layout.separator), f"{path}, row {number}"
         if tuple(cells) == layout.header:
-            remedy = "remove the row or, if another recording begins there, cut the log into two files and give both"
+            remedy = "remove the row; if another recording begins there, split the log into two files and give both"
             return InputError("holds the header again", where, remedy)
         if len(cells) != len(layout.header):
-            said = f"holds {len(cells)} values, the header names {len(layout.header)}"
+            said = f"holds {len(cells)} values, but the header has {len(layout.header)} names"
             remedy = _semicolons(layout, len(cells)) if number == layout.rows + 1 else ""
-            return InputError(said, where, remedy or "remove the row (a truncated last row is common) or complete it")
+            return InputError(said, where, remedy or "remove the row (the last row is often truncated) or complete it")
         for one in used:
             cell = cells[one.place]
             if _is_clock(cell) if one.clock else _is_number(cell, comma=False):
                 continue
             remedy = "correct the value"
             if _THOUSANDS.fullmatch(cell):
-                remedy = "write numbers without separators of thousands"
+                remedy = "write numbers without thousands separators"
             elif not cell or cell.startswith(_NO_VALUE):
-                remedy = "remove the row (the log may have gaps), or give the value"
+                remedy = "remove the row (gaps are allowed), or fill in the value"
             said = f"column {one.label} holds {cell!r}, not a {'time' if one.clock else 'number'}"
             return InputError(said, where, remedy)
     return InputError("cannot be read as a table of numbers", str(path), "give a comma-separated file")
 
 
 def _semicolons(layout: Layout, cells: int) -> str:
-    """What to do about rows so long that commas must be decimal ones too; nothing where they are not."""
+    """Remedy for rows that are too long because of decimal commas; else empty."""
     doubled = layout.separator == "," and cells > len(layout.header) + 1
-    return "if its numbers have decimal commas, write the table with semicolons between the columns" if doubled else ""
+    return "if numbers have decimal commas, separate columns by semicolons" if doubled else ""
 
 
 def _is_number(cell: str, comma: bool = True) -> bool:
-    """With a decimal point or, perhaps, a comma."""
+    """Whether a cell is a number with a decimal point or, if allowed, a comma."""
     try:
         float(cell.replace(",", ".") if comma else cell)
     except ValueError:
