@@ -53,7 +53,7 @@ class Sampling:
         mode: whose mean the model holds where there are several, from 1, the heaviest.
 
     Raises:
-        InputError: the budget is no number of seconds, or the mode none from 1 on.
+        InputError: the budget is no number of seconds, a goal is not finite, or the mode none from 1 on.
 
     Example:
         >>> sampling = bayesid.Sampling(budget=300.0, rng=3)  # bayesid.identify(..., posterior=sampling)
@@ -79,6 +79,10 @@ class Sampling:
             raise InputError(
                 f"there is no mode {self.mode}", field="Sampling.mode", remedy="give 1, the heaviest, or 2, 3, .."
             )
+        for goal in ("max_rhat", "min_ess", "per_walker"):
+            if not np.isfinite(getattr(self, goal)):
+                problem = f"{goal} is {getattr(self, goal):g}, expected a number"
+                raise InputError(problem, field=f"Sampling.{goal}", remedy="give a number; max_sweeps ends the run")
         check_limits(self, self.budget, self.time_limit)
         object.__setattr__(self, "rng", seed_of(self.rng))
 

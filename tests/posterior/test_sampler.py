@@ -41,7 +41,7 @@ def test_a_budget_that_ends_is_said(rng):
 
 def test_a_long_run_forgets_its_first_quarter(rng):
     target = small(rng)
-    options = Sampling(walkers=4, warm_up=10, first_check=20, max_sweeps=30, min_ess=np.inf)
+    options = Sampling(walkers=4, warm_up=10, first_check=20, max_sweeps=30, min_ess=1e9)
     short, long = (sample(target, np.array([0.9, -0.2]), replace(options, max_sweeps=most)) for most in (30, 60))
     assert short.sweeps == 30  # the warm-up is a quarter of all
     assert long.sweeps == 52  # of 70
@@ -73,3 +73,12 @@ def test_a_budget_that_is_no_time_is_refused():
         with pytest.raises(InputError) as error:
             Sampling(budget=budget)
         assert error.value.field == "Sampling.budget"
+
+
+@pytest.mark.parametrize("field", ["min_ess", "max_rhat", "per_walker"])
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_goal_that_is_no_number_is_refused(field, value):
+    """An endless sample size was sampled for, and then could not be named in the checks."""
+    with pytest.raises(InputError) as error:
+        Sampling(**{field: value})
+    assert error.value.field == f"Sampling.{field}"
