@@ -6,8 +6,8 @@ one, and all masses together from 27 to 31 kg: 44 half spaces. One real log, its
 and without. Errors are against the published numbers.
 
 The lower bound of a node of the proof is that of its decided segments (docs/certified-search.md). Its gap is what it
-leaves of the least cost, as a share of it: by the best multiple of the solver's multipliers, and by improved ones
-(`bayesid.regression.dual`). Segments are decided in the order of their squared effort, with the signs found.
+leaves of the least cost, as a share of it and in nats: with the solver's usual tolerance, and with the finest that it
+reaches. Nodes are random: so are their segments, and every second one's signs; the other ones have the signs found.
 
 The log stands in $BAYESID_DATA; it is not part of bayesid.
 """
@@ -17,12 +17,13 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bayesid.arrays import Array
+from bayesid.arrays import Array, Integers
 from bayesid.errors import InputError
 from bayesid.identification.identification import Identification
 from bayesid.identification.pipeline import identify
@@ -31,7 +32,7 @@ from bayesid.log.reading import read_log
 from bayesid.posterior.sampler import Sampling
 from bayesid.regression.stated import StatedParameters
 from bayesid.signs.search.certified import Certified
-from bayesid.signs.search.protocol import SearchResult, SignProblem
+from bayesid.signs.search.protocol import SignProblem
 from bayesid.studies import real
 from bayesid.studies.preference import Witnessed
 from bayesid.studies.real import DATA
@@ -55,8 +56,12 @@ CENTRES = np.array(
 )
 """m, of the links, in their frames."""
 _AROUND, _MOST, _TOTAL = 0.1, 1.3, (27.0, 31.0)
-DECIDED = (1, 2, 3, 5, 10, 20, 50, 100)
-"""Numbers of segments for which gaps are shown."""
+FROM = (2, 11)
+"""Decided segments from which on a node is of the second class, and of the third."""
+NODES = 200
+"""Random nodes of each class."""
+LEAST_DRAWN = 1e-7
+"""Gap in % below which nodes are drawn there: rounding makes some negative."""
 
 
 def published(p: StatedParameters) -> Iterator[Any]:
@@ -117,35 +122,36 @@ def trial(scenario: Scenario, seed: int) -> Row:
         "with": [*with_them.values(), open_sd[1]],
         "dearest": dearest.label,
         "nats": dearest.nats,
-        **gaps(folder, log),
+        **gaps(folder, log, seed),
         "timings": {"without": seconds[2], "with": seconds[3]},
     }
 
 
-def gaps(folder: Path, log: Log) -> Row:
-    """Of bounds by two ways, as shares of the least cost, with the strongest segments decided."""
+def gaps(folder: Path, log: Log, seed: int, nodes: int = NODES) -> Row:
+    """Of bounds by two tolerances, in nats, for random nodes of every class, and these nodes' least costs."""
     search = Witnessed(Certified())
     result = identify(
         folder / "robot.toml", log.rectified(), complete="off", search=search, posterior=False, constraints=published
     )
-    found = result.search
-    problem = search.problem_of(found)
-    counts = [count for count in DECIDED if count < len(problem.normal_equations)] + [len(problem.normal_equations)]
-    parts = [_gaps(problem, found, count) for count in counts]
-    names = ("share", "cost", "by_multiple", "improved")
-    return {"decided": counts, **dict(zip(names, map(list, zip(*parts, strict=True)), strict=True))}
+    problem, rng = search.problem_of(result.search), np.random.default_rng(seed)
+    every = len(problem.normal_equations)
+    parts = []
+    for low, high in pairwise((1, *FROM, every + 1)):
+        for k in range(nodes):
+            decided = rng.choice(every, rng.integers(low, high), replace=False)
+            turned = rng.choice([1, -1], len(decided)) if k % 2 else 1
+            parts.append((len(decided), *_gaps(problem, decided, turned * result.search.signs[decided])))
+    return dict(zip(("decided", "cost", "usual", "finer"), map(list, zip(*parts, strict=True)), strict=True))
 
 
-def _gaps(problem: SignProblem, found: SearchResult, count: int) -> tuple[float, ...]:
-    """Share of the squared effort that is decided, its least cost, and the gaps of two bounds."""
-    normal_equations, improved, by_multiple = problem.normal_equations, problem.solver(), problem.solver()
-    by_multiple.is_cut = False
-    decided = np.argsort(-normal_equations.energy, kind="stable")[:count]
-    hessian, gradient = normal_equations.hessian_of(decided), found.signs[decided] @ normal_equations.gradient[decided]
-    energy = float(normal_equations.energy[decided].sum())
-    least = improved.prepared(hessian).solve_precisely(gradient).cost
-    bounds = [solver.prepared(hessian).solve(gradient).lower_bound for solver in (by_multiple, improved)]
-    return energy / problem.energy, energy + least, *((least - bound) / (energy + least) for bound in bounds)
+def _gaps(problem: SignProblem, decided: Integers, signs: Integers) -> tuple[float, ...]:
+    """Least cost of segments with signs, and the gaps of two bounds."""
+    normal_equations, usual, finer = problem.normal_equations, problem.solver(), problem.solver()
+    usual.finest = np.inf
+    hessian, gradient = normal_equations.hessian_of(decided), signs @ normal_equations.gradient[decided]
+    least = finer.prepared(hessian).solve_precisely(gradient).cost
+    bounds = [solver.prepared(hessian).solve(gradient).lower_bound for solver in (usual, finer)]
+    return float(normal_equations.energy[decided].sum()) + least, *(least - bound for bound in bounds)
 
 
 def report(rows: Sequence[Row]) -> str:
@@ -156,16 +162,16 @@ def report(rows: Sequence[Row]) -> str:
     lines = [f"{'UR10e, ' + row['log']:<32}{'without':>10}{'with 44':>10}{'ratio':>8}"]
     lines += [f"{name:<32}{one:10.4g}{other:10.4g}{other / one:8.2f}" for name, one, other in table]
     lines += [f"constraint that costs most: {row['dearest']}, {row['nats']:.1f} nats", ""]
-    lines += [f"{'gap of the lower bound with 44':<32}{'effort':>10}{'cost':>10}{'multiple':>10}{'improved':>10}"]
-    for count, share, cost, one, other in _bounds(row):
-        lines.append(f"{f'{count} segments decided':<32}{share:>10.1%}{cost:>10.1f}{one:>10.2%}{other:>10.3%}")
-    worst = [max(row[key]) for key in ("by_multiple", "improved")]
-    return "\n".join([*lines, "", f"largest gap: {worst[0]:.1%} by multiples, {worst[1]:.2%} improved"])
-
-
-def _bounds(row: Row) -> Iterator[tuple[Any, ...]]:
-    keys = ("decided", "share", "cost", "by_multiple", "improved")
-    return zip(*(row[key] for key in keys), strict=True)
+    lines += [f"{'gap of the lower bound with 44':<32}{'median':>10}{'90 %':>10}{'largest':>10}{'nats':>10}"]
+    decided, cost = np.array(row["decided"]), np.array(row["cost"])
+    for low, high in pairwise((1, *FROM, decided.max() + 1)):
+        chosen = (low <= decided) & (decided < high)
+        for key in ("usual", "finer"):
+            gap = np.array(row[key])[chosen]
+            label = f"{low} to {high - 1} segments" if low < high - 1 else "1 segment"
+            shares = "".join(f"{value:>10.3%}" for value in np.quantile(gap / cost[chosen], [0.5, 0.9, 1.0]))
+            lines.append(f"{f'{label}, {key}':<32}{shares}{gap.max():>10.3g}")
+    return "\n".join(lines)
 
 
 def draw(rows: Sequence[Row], figure: Figure) -> None:
@@ -174,10 +180,11 @@ def draw(rows: Sequence[Row], figure: Figure) -> None:
 
     axes = figure.subplots()
     for key, label, colour in (
-        ("by_multiple", "multiple of the solver's multipliers", COLOURS[1]),
-        ("improved", "improved multipliers", COLOURS[0]),
+        ("usual", "usual tolerance", COLOURS[1]),
+        ("finer", "finest tolerance reached", COLOURS[0]),
     ):
-        axes.plot(rows[0]["decided"], 100.0 * np.array(rows[0][key]), "o-", ms=4, color=colour, label=label)
+        shares = 100.0 * np.array(rows[0][key]) / np.array(rows[0]["cost"])
+        axes.plot(rows[0]["decided"], np.maximum(shares, LEAST_DRAWN), "o", ms=3, alpha=0.6, color=colour, label=label)
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.set_xlabel("segments decided")

@@ -41,16 +41,26 @@ def solved(solver: Any) -> Outcome:
         if type(error).__name__ != "PanicException":  # a Rust panic, raised by pyo3; it cannot be imported
             raise
         return Outcome(np.empty(0), np.empty(0), f"panic: {error}")
-    failure = "" if result.status == clarabel.SolverStatus.Solved else str(result.status)
+    good = (clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved)
+    failure = "" if result.status in good else str(result.status)
     return Outcome(np.array(result.x), np.array(result.z), failure)
 
 
-def settings_of(tolerance: float) -> Any:
-    """Clarabel's settings for one thread and a duality gap."""
+def settings_of(tolerance: float, feasibility: float = 1e-8, finest: float = np.inf) -> Any:
+    """Clarabel's settings for one thread.
+
+    Args:
+        tolerance: largest duality gap of a solution.
+        feasibility: largest infeasibility of a solution.
+        finest: gap and infeasibility that are asked for; if rounding ends the solver before, the others are enough.
+    """
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.max_threads = 1
-    settings.tol_gap_abs = settings.tol_gap_rel = tolerance
+    settings.tol_gap_abs = settings.tol_gap_rel = min(tolerance, finest)
+    settings.tol_feas = min(feasibility, finest)
+    settings.reduced_tol_gap_abs = settings.reduced_tol_gap_rel = tolerance  # with these it is almost solved
+    settings.reduced_tol_feas = feasibility
     return settings
 
 

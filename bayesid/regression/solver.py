@@ -46,7 +46,6 @@ from bayesid.regression.conic import (
     typical_sizes,
     units_of,
 )
-from bayesid.regression.dual import WhiteProblem
 from bayesid.regression.tuning import TUNING
 
 MARGIN = 1e-6
@@ -138,7 +137,7 @@ class ConeLeastSquares:
         least_tikhonov: float = TUNING.least_tikhonov,
     ) -> None:
         self.nonnegative, self.linear_count = cone.nonnegative, linear_count(cone)
-        self.is_cut = cone.stated is not None
+        self.finest = np.inf if cone.stated is None else TUNING.finest_of_stated
         self.projection = coefficients.projection
         self.scale = _sizes(cone, self.projection, hessian, energy)
         self.typical = typical_parameters(cone) / self.scale
@@ -272,8 +271,7 @@ class PreparedLeastSquares:
 
         For z in the dual cone, min over feasible x of x'Px/2 + q'x >= min over all x of x'Px/2 + q'x + z'(Ax - b)
         = -|L^-1 (q + A'z)|^2 / 2 - b'z with P = LL' (Boyd and Vandenberghe 2004, 5.2). The Tikhonov term makes P
-        positive definite. The best multiple of z is taken; the multiple 0 is the unconstrained bound. With stated
-        constraints, z is too inaccurate and is improved first (`bayesid.regression.dual`).
+        positive definite. The best multiple of z is taken; the multiple 0 is the unconstrained bound.
         """
         (offsets, rows, _), linear, origin = self._stated.rows, self._linear(gradient), self._stated.plane.origin
         z = into_cone(dual, self._stated.linear_count)
@@ -281,10 +279,6 @@ class PreparedLeastSquares:
         plain, slope = slopes.T
         gain, length = -float(plain @ slope + offsets @ z), max(float(slope @ slope), TINY)
         value = -0.5 * float(plain @ plain) + 0.5 * max(gain, 0.0) ** 2 / length
-        if self._stated.is_cut:
-            white = solve_triangular(self._factor, rows.T.toarray(), lower=True)
-            problem = WhiteProblem(plain, white, offsets, self._stated.linear_count)
-            value = max(value, problem.lower_bound(z, self._stated.tolerance))
         value += float(origin @ (0.5 * self._whole @ origin + self._slope(gradient)))
         return self._unit * (value + self._tikhonov * float(self._stated.typical @ self._stated.typical))
 
@@ -295,12 +289,11 @@ class PreparedLeastSquares:
         return outcome
 
     def _started(self, linear: Array, tolerance: float, attempt: _Attempt) -> Any:
-        settings = settings_of(tolerance)
+        settings = settings_of(tolerance, tolerance, self._stated.finest)
         settings.presolve_enable = settings.chordal_decomposition_enable = False  # they forbid updates
         settings.equilibrate_enable = attempt.equilibrate
         settings.max_step_fraction = attempt.step
         settings.static_regularization_constant = attempt.constant
-        settings.tol_feas = tolerance
         offsets, rows, cones = self._stated.rows
         quadratic = self._quadratic
         if attempt.whitened:

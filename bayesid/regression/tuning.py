@@ -68,9 +68,10 @@ class Tuning:
     """Weight of the squared distance to typical parameters, in sizes, against a depth of one size."""
     precise_tolerances: tuple[float, ...] = (1e-10, 1e-9, 1e-8, 1e-7, 1e-6)
     """Tolerances of precise solves, tried in this order until Clarabel reaches one."""
-    dual_rounds: int = 6
-    """Passes that improve the multipliers when constraints cut the cone; more raise the bound little (`bayesid study
-    constraints`)."""
+    finest_of_stated: float = 1e-9
+    """Relative gap asked of the solver when constraints cut the cone; the usual one is enough if rounding ends it
+    before. P is tiny where only the Tikhonov term determines parameters, and P^-1 magnifies errors of the multipliers
+    in the lower bound (`bayesid study constraints`)."""
 
     # what is stated of parameters
     most_half_spaces: int = 200

@@ -342,14 +342,14 @@ def few_rows(model):
 
 
 def test_the_lower_bound_is_near_the_optimum_though_few_rows_are_decided(few_rows):
-    """The solver's own multipliers, each row of them times its best multiple, leave 0.03 %."""
+    """With the solver's usual tolerance 0.07 % are left."""
     gaps = []
     for solver, hessian, gradient, energy in few_rows:
         best = solver.prepared(hessian).solve_precisely(gradient)
         found = solver.prepared(hessian).solve(gradient)
         assert found.lower_bound <= best.cost
         gaps.append((best.cost - found.lower_bound) / (energy + best.cost))
-    assert np.mean(gaps) < 1e-4
+    assert max(gaps) < 1e-5
 
 
 @pytest.mark.parametrize("rough", [0.1, 10.0])
@@ -361,4 +361,4 @@ def test_wrong_multipliers_never_raise_the_bound_above_the_optimum(few_rows, rou
         wrong = best.multipliers + rough * size * np.random.default_rng(k).normal(size=len(size))
         bound = prepared.bound_of(gradient, wrong)
         assert bound <= best.cost + 1e-9 * energy
-        assert bound > best.cost - 0.05 * energy
+        assert bound > best.cost - 1e-4 * energy

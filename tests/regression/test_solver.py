@@ -15,7 +15,6 @@ from bayesid.effects.coefficients import base_coefficients
 from bayesid.effects.friction import LoadDependentFriction
 from bayesid.effects.model import Model
 from bayesid.errors import SolverError
-from bayesid.regression.dual import WhiteProblem
 from bayesid.regression.inside import move_inside
 from bayesid.regression.solver import MARGIN, ConeLeastSquares, solve_precisely
 from bayesid.regression.tuning import TUNING
@@ -352,15 +351,3 @@ def test_the_pull_on_coefficients_is_the_least_on_parameters():
         theta = centre + (projection.T @ multipliers) / weight
         np.testing.assert_allclose(projection @ theta, beta, atol=1e-8)
         assert (beta - drawn_to) @ tikhonov @ (beta - drawn_to) == pytest.approx(rho(theta), rel=1e-6)
-
-
-def test_a_sum_of_parts_that_does_not_end_leaves_the_bound_of_the_solvers_multipliers(monkeypatch):
-    """min x^2 / 2 - x over x <= 1/2 is -3/8, with the multiplier 1/2."""
-
-    def endless(*_, **__):
-        raise RuntimeError("Maximum number of iterations reached.")
-
-    problem = WhiteProblem(np.array([-1.0]), np.array([[1.0]]), np.array([0.5]), 1)
-    assert problem.lower_bound(np.array([0.49]), 1e-9) == pytest.approx(-0.375, abs=1e-9)
-    monkeypatch.setattr("bayesid.regression.dual.nnls", endless)
-    assert problem.lower_bound(np.array([0.49]), 1e-9) == -np.inf, "the solver keeps its own"
