@@ -13,7 +13,7 @@ from bayesid.report.conclusion import conclude
 def test_sentences_are_folded_and_commands_stay_whole(capfd):
     """A text of several lines is laid out already; the last line is to be copied."""
     command = "`bayesid discrepancy some/folder ANOTHER_LOG.csv --unsigned all --degrees`"
-    conclusion = conclude([Check("Fit", "look", "word " * 30 + "end", f"{command} names what the model lacks")])
+    conclusion = conclude([Check("Fit", "look", "word " * 30 + "end", f"{command} finds what the model lacks")])
     table = "a" * 60 + "  " + "b" * 60 + "\nsecond"
     last = f"written to {'x' * 90}; next: bayesid show"
     finish(parse(["demo"]), "  first " + "line " * 30, table, conclusion=conclusion, last=last)

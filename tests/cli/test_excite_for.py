@@ -94,4 +94,4 @@ def test_programs_for_a_corrected_result_count_as_the_controller_does(made, tmp_
     np.testing.assert_allclose(turned["dq2"], -plain["dq2"], atol=2e-9)
     np.testing.assert_allclose(turned["q1"], plain["q3"], atol=2e-9)
     np.testing.assert_allclose(turned["dq3"], plain["dq1"], atol=2e-9)
-    assert "before it was corrected" in " ".join(program.split())
+    assert "uncorrected log" in " ".join(program.split())
