@@ -28,8 +28,10 @@ from bayesid.regression.knowledge import ParameterPrior
 from bayesid.regression.noise import relative_rms
 from bayesid.report.conclusion import Conclusion, conclude, sentence
 from bayesid.report.findings import report_data
-from bayesid.report.folders import IDENTIFICATION_FILES, MARKER, collect_incomplete, save_identification
-from bayesid.report.verdicts import check_findings, unsaid
+from bayesid.report.folders import IDENTIFICATION_FILES, collect_incomplete, save_identification
+from bayesid.report.grading import unsaid
+from bayesid.report.result_files import MARKER
+from bayesid.report.verdicts import check_findings
 from bayesid.report.words import counted
 from bayesid.signs.search.beam import Beam
 from bayesid.signs.search.certified import Certified

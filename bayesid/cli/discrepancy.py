@@ -37,12 +37,12 @@ from bayesid.report.comparison import in_brief as changes_in_brief
 from bayesid.report.discrepancy import discrepancy_conclusion
 from bayesid.report.folders import (
     IDENTIFICATION_FILES,
-    MARKER,
     collect_incomplete,
     save_comparison,
     save_discrepancy,
     save_or_rescue,
 )
+from bayesid.report.result_files import MARKER
 from bayesid.signs.search.certified import Certified
 
 

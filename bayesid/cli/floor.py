@@ -20,8 +20,8 @@ from bayesid.identification.tuning import TUNING as IDENTIFICATION
 from bayesid.log.sources import find_logs
 from bayesid.regression.tuning import TUNING as REGRESSION
 from bayesid.report.conclusion import conclude
+from bayesid.report.grading import graded
 from bayesid.report.summary import as_object
-from bayesid.report.verdicts import graded
 
 _VERDICTS: Mapping[State, str] = {
     "good": "The efforts repeat",

@@ -38,10 +38,11 @@ from bayesid.identification.pipeline import identify
 from bayesid.log.log import Log, join_logs
 from bayesid.log.sources import find_logs
 from bayesid.motion import check_label
-from bayesid.report import verdicts
+from bayesid.report import grading, model_checks, tables, verdicts
 from bayesid.report.conclusion import Conclusion, conclude
 from bayesid.report.findings import report_data
-from bayesid.report.folders import IDENTIFICATION_FILES, MARKER, collect_incomplete, save_identification, save_or_rescue
+from bayesid.report.folders import IDENTIFICATION_FILES, collect_incomplete, save_identification, save_or_rescue
+from bayesid.report.result_files import MARKER
 from bayesid.report.summary import Summary
 from bayesid.report.words import counted, quantity
 from bayesid.robot import Robot
@@ -103,9 +104,9 @@ def identify_command(options: argparse.Namespace) -> None:
     checks = verdicts.check_findings(findings)
     last = f"open {folder}/report.html" if shown else f"written to {folder}/; make the report: bayesid report {folder}"
     conclusion, summary = conclude(checks), findings.summary
-    lines = (verdicts.proof(summary), verdicts.sampling(summary), *verdicts.gains(summary))
+    lines = (verdicts.proof(summary), verdicts.sampling(summary), *model_checks.gains(summary))
     printed = () if options.quiet else (*lines, *conclusion.actions)
-    later = [warning for warning in verdicts.unsaid(result.warnings, printed) if warning not in notes]
+    later = [warning for warning in grading.unsaid(result.warnings, printed) if warning not in notes]
     parts, last = _identification_parts(result, summary), f"{last}{' (an earlier result was replaced)' * replaced}"
     finish(options, *parts, conclusion=conclusion, last=last, warnings=later, incomplete=incomplete)
 
@@ -175,9 +176,9 @@ def _identification_parts(result: Identification, summary: Summary) -> list[Rend
         else _verdict("signs: ", proof),
         *_constraints(summary),
         *(f"additional effects: {line}" for line in _additional(summary)),
-        *_table_of(verdicts.EFFECT_HEADINGS, verdicts.effect_rows(summary)),
-        *(_verdict("gains: ", check) for check in verdicts.gains(summary)),
-        *_table_of(verdicts.GAIN_HEADINGS, verdicts.gain_rows(summary)),
+        *_table_of(tables.EFFECT_HEADINGS, tables.effect_rows(summary)),
+        *(_verdict("gains: ", check) for check in model_checks.gains(summary)),
+        *_table_of(tables.GAIN_HEADINGS, tables.gain_rows(summary)),
         _verdict("posterior: ", verdicts.sampling(summary), _sampling_effort(result)),
         _joints(result),
     ]
@@ -210,8 +211,8 @@ def _additional(summary: Summary) -> list[str]:
     """The number of added effects; a table has their names."""
     complete = summary.complete
     if complete is None or not complete.effects:
-        return [check.message for check in verdicts.beyond_the_terms(summary)]
-    return [f"{counted(len(complete.effects), 'effect')} added; {verdicts.held_back_error(complete)}"]
+        return [check.message for check in model_checks.additional_effects(summary)]
+    return [f"{counted(len(complete.effects), 'effect')} added; {model_checks.held_back_error(complete)}"]
 
 
 def _table_of(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> list[RenderableType]:

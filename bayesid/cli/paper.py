@@ -37,7 +37,8 @@ from bayesid.progress import SILENT, Progress, Steps, no_steps
 from bayesid.regression.least_squares import constant_stretches
 from bayesid.regression.normal_equations import NormalEquations, normal_equations
 from bayesid.report.conclusion import conclude
-from bayesid.report.folders import IDENTIFICATION_FILES, MARKER, collect_incomplete, save_identification
+from bayesid.report.folders import IDENTIFICATION_FILES, collect_incomplete, save_identification
+from bayesid.report.result_files import MARKER
 from bayesid.signs.rounds import SegmentSigns
 from bayesid.signs.search.algorithm1 import Node, algorithm1
 from bayesid.signs.search.beam import Beam

@@ -161,7 +161,7 @@ class Identification(IdentifiedModel):
             >>> result.to_inference_data().posterior["beta"].dims
             ('chain', 'draw', 'coefficient')
         """
-        return import_module("bayesid.report.folders").inference_data(self)
+        return import_module("bayesid.report.result_files").inference_data(self)
 
     @property
     def _about_signs(self) -> str:

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from bayesid.identification.checks import Check, State
+from bayesid.report.grading import failed, worst
 from bayesid.report.tuning import TUNING
-from bayesid.report.verdicts import failed, worst
 from bayesid.report.words import listed
 
 _RESULT: Mapping[State, str] = {

@@ -20,9 +20,9 @@ from bayesid.regression.selection.added_effect import AddedEffect, Quantity
 from bayesid.regression.selection.fitted_effects import LN10
 from bayesid.regression.selection.scores import Score
 from bayesid.report.conclusion import Conclusion, first, sentence
+from bayesid.report.grading import failed
 from bayesid.report.summary import as_object, taken
 from bayesid.report.tuning import TUNING
-from bayesid.report.verdicts import failed
 from bayesid.report.words import in_percent, joints_in_words, label, listed, quantity, rounded, unit_of, upper
 
 _WHOSE = {MODELS_RESIDUAL: "earlier model's", REFIT: "refitted model's"}

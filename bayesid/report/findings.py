@@ -23,7 +23,8 @@ from bayesid.identification.prediction import NORMAL_95, Validation
 from bayesid.log.kept_reading import in_words
 from bayesid.log.signals import signed_effort
 from bayesid.regression.noise import autocovariance
-from bayesid.report.summary import Summary, filled, summarise
+from bayesid.report.summarise import summarise
+from bayesid.report.summary import Summary, filled
 from bayesid.report.tuning import TUNING
 
 

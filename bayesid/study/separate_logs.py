@@ -21,8 +21,10 @@ from bayesid.identification.pipeline import identify
 from bayesid.log.formats import is_stream
 from bayesid.log.reading import read_log
 from bayesid.report.findings import report_data
-from bayesid.report.folders import check_result_folder, coefficient_rows, collect_incomplete, save_identification
-from bayesid.report.verdicts import check_findings, worst
+from bayesid.report.folders import check_result_folder, collect_incomplete, save_identification
+from bayesid.report.grading import worst
+from bayesid.report.result_files import coefficient_rows
+from bayesid.report.verdicts import check_findings
 from bayesid.robot import Robot, load_robot
 from bayesid.study.agreement import Agreement, agreement
 from bayesid.study.agreement import rows as agreement_rows

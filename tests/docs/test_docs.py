@@ -32,7 +32,8 @@ from bayesid.cli import demo, main
 from bayesid.effects.catalogue import make_terms
 from bayesid.effects.model import Model
 from bayesid.log.log import Log
-from bayesid.report.summary import as_json, summarise
+from bayesid.report.summarise import summarise
+from bayesid.report.summary import as_json
 from bayesid.simulation.logs import simulate
 from bayesid.simulation.parameters import random_parameters
 from bayesid.simulation.trajectories import random_trajectory

@@ -23,7 +23,7 @@ from bayesid.posterior.sampler import Sampling
 from bayesid.report.findings import report_data
 from bayesid.report.folders import save_identification
 from bayesid.report.pages.identification_page import identification_page
-from bayesid.report.summary import summarise
+from bayesid.report.summarise import summarise
 from bayesid.robot import robot_table
 
 NAMES = [parameter.name for parameter in MODEL.parameters]

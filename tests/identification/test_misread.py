@@ -21,7 +21,8 @@ from bayesid.log.signals import prepare
 from bayesid.regression.log_data import LogData
 from bayesid.report.findings import report_data
 from bayesid.report.folders import save_identification
-from bayesid.report.verdicts import check_findings, verdict
+from bayesid.report.grading import verdict
+from bayesid.report.verdicts import check_findings
 from bayesid.robot import load_robot, robot_from_table
 from bayesid.signs.search.certified import Certified
 from bayesid.simulation.logs import simulate

@@ -9,8 +9,9 @@ from made_findings import make_findings, with_summary
 
 from bayesid.identification.checks import Check
 from bayesid.report.conclusion import conclude
+from bayesid.report.grading import unsaid
 from bayesid.report.pages.identification_page import identification_page
-from bayesid.report.verdicts import check_findings, unsaid
+from bayesid.report.verdicts import check_findings
 
 GOOD, OPEN = Check("Fit", "good", "fits"), Check("Validation", "not done", "not tried", "try it")
 LOOKS = [Check(f"Look {k}", "look", f"seen {k}", f"do {k}") for k in range(5)]

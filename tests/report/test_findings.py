@@ -16,9 +16,10 @@ from bayesid.regression.knowledge import ParameterPrior
 from bayesid.report import findings as findings_module
 from bayesid.report.findings import FILE, read_report_data, report_data, write_findings
 from bayesid.report.folders import save_identification
+from bayesid.report.grading import verdict
 from bayesid.report.summary import as_json
 from bayesid.report.tuning import TUNING
-from bayesid.report.verdicts import check_findings, verdict
+from bayesid.report.verdicts import check_findings
 from bayesid.robot import robot_from_table, robot_table
 from bayesid.signs.search.certified import Certified
 from bayesid.signs.search.protocol import Assignment
@@ -147,7 +148,7 @@ def test_position_and_velocity_are_of_the_motors(coupled):
 def test_segments_are_those_of_the_table(any_of_them, tmp_path):
     """A segment ends where the next one begins, one sample after its last; none reaches over a pause between logs."""
     found, period = report_data(any_of_them).segments, 1.0 / any_of_them.signals.rate
-    rows = bayesid.report.folders.segment_rows(any_of_them)
+    rows = bayesid.report.result_files.segment_rows(any_of_them)
     t = any_of_them.signals.motion.t - any_of_them.signals.motion.origin
     assert len(rows) == len(found.joint)
     for k, row in enumerate(rows):

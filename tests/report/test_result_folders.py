@@ -12,7 +12,7 @@ from saved_results import PROMISED, contents, identified, save, validated
 import bayesid
 from bayesid.cli import main
 from bayesid.errors import InputError
-from bayesid.report import folders
+from bayesid.report import folders, result_files
 from bayesid.report.findings import read_report_data
 from bayesid.report.folders import (
     IncompleteWarning,
@@ -147,7 +147,7 @@ def not_written(folder):
 
 def test_exports_that_fail_are_named_and_the_rest_stands(result, tmp_path, monkeypatch):
     with monkeypatch.context() as patch:
-        patch.setattr(folders, "urdf", no_page)
+        patch.setattr(result_files, "urdf", no_page)
         patch.setattr(PAGE, no_page)
         with pytest.warns(IncompleteWarning) as said:
             save_identification(result, tmp_path / "r")
@@ -174,7 +174,7 @@ def test_a_command_whose_page_fails_ends_with_code_1(shop, tmp_path, monkeypatch
 
 def test_a_disk_that_is_full_by_then_does_not_lose_the_result(shop, tmp_path, monkeypatch, capfd):
     """It is kept among the temporary files, and the line says where."""
-    write, aside = folders.write_table, tmp_path / "temporary"
+    write, aside = result_files.write_table, tmp_path / "temporary"
     aside.mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(aside))
 
@@ -183,7 +183,7 @@ def test_a_disk_that_is_full_by_then_does_not_lose_the_result(shop, tmp_path, mo
             raise OSError(28, "No space left on device")
         write(path, rows)
 
-    monkeypatch.setattr(folders, "write_table", full)
+    monkeypatch.setattr(result_files, "write_table", full)
     assert run(shop, tmp_path / "r", "--no-report") == 2
     (line,) = [one for one in capfd.readouterr().err.splitlines() if not one.startswith("warning: ")]
     assert "No space left on device" in line

@@ -11,7 +11,8 @@ from bayesid.log.reading import read_log
 from bayesid.log.signals import prepare
 from bayesid.motion import Motion
 from bayesid.report.findings import read_report_data
-from bayesid.report.folders import inference_data, parameter_rows, save_identification, save_validation
+from bayesid.report.folders import save_identification, save_validation
+from bayesid.report.result_files import inference_data, parameter_rows
 
 
 @pytest.fixture(scope="module")

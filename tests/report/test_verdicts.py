@@ -10,8 +10,9 @@ from made_findings import make_findings, make_samples, with_summary
 from bayesid.identification.checks import Check
 from bayesid.identification.misread import Misreading
 from bayesid.regression.selection.nuisance_scales import TooNarrow
+from bayesid.report.grading import verdict, worst
 from bayesid.report.summary import CompletionSummary, ErrorsSummary, GainsSummary, LowPassSummary, ModeSummary
-from bayesid.report.verdicts import check_findings, sure_share, verdict, worst
+from bayesid.report.verdicts import check_findings, sure_share
 
 
 def asked(findings, *narrow):

@@ -29,17 +29,16 @@ from bayesid.report.plot.identification import (
 )
 from bayesid.report.plot.posterior import forest_figure, pair_figure, rank_figure, trace_figure
 from bayesid.report.summary import shown_rows
-from bayesid.report.tuning import TUNING
-from bayesid.report.verdicts import (
+from bayesid.report.tables import (
     CONSTRAINT_HEADINGS,
     EFFECT_HEADINGS,
     GAIN_HEADINGS,
-    check_findings,
     constraint_rows,
     effect_rows,
     gain_rows,
-    sure_share,
 )
+from bayesid.report.tuning import TUNING
+from bayesid.report.verdicts import check_findings, sure_share
 from bayesid.report.words import joints_in_words, listed, quantity, upper
 
 _NOTEBOOK: Mapping[State, str] = {"good": "#1f7a3d", "look": "#8a5a00", "bad": "#b3261e", "not done": "#59636e"}

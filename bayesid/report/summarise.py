@@ -1,0 +1,249 @@
+"""The summary of an identification: fills the structures of `bayesid.report.summary`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from bayesid.arrays import TINY, Array
+from bayesid.files.writing import typed
+from bayesid.identification.identification import Identification
+from bayesid.identification.payload import Estimate, InertialParameters, common_factor
+from bayesid.log.log import Log
+from bayesid.posterior.inference import Posterior
+from bayesid.regression.selection.detected import EnteredEffect
+from bayesid.report.summary import (
+    AmbiguousSegment,
+    CompletionSummary,
+    ConstraintSummary,
+    EffectSummary,
+    ErrorsSummary,
+    FitSummary,
+    GainsSummary,
+    LogPart,
+    LowPassSummary,
+    ModeSummary,
+    PosteriorSummary,
+    SearchSummary,
+    SignsSummary,
+    Summary,
+    as_json,
+    filled,
+    taken,
+)
+from bayesid.report.tuning import TUNING
+
+
+def summarise(identification: Identification) -> Summary:
+    """The numbers of an identification, as its summary.json holds them."""
+    model, log, segments = identification.model, identification.log, identification.searched
+    noise, fit = identification.fit.noise, identification.fit
+    count = np.bincount(segments.joint, weights=segments.end - segments.start, minlength=len(noise.autocorrelation))
+    posterior, names = identification.posterior, identification.coefficients.names
+    after = identification.signals.after_rectifier
+    summary = filled(
+        Summary,
+        identification,
+        robot=model.robot.name,
+        log=log.source,
+        logs=log_parts(log),
+        terms=list(dict.fromkeys(term.name for term in model.terms)),
+        distortions=[distortion.name for distortion in model.distortions],
+        n_samples=len(log),
+        n_segments=len(identification.recorded_segments[0]),
+        n_segments_searched=len(identification.search.signs),
+        n_coefficients=len(identification.coefficients),
+        signed_joints=np.flatnonzero(log.signed) + 1,
+        processing=identification.signals.processing,
+        search=_search(identification),
+        signs=SignsSummary(
+            model=identification.sign_terms,
+            weight=identification.completed_model_weight,
+            model_error_probability=tuple(identification.model_error_probability),
+            sure=tuple(identification.sure_shares),
+        ),
+        posterior=_posterior(identification),
+        noise={
+            "assumed": "white sensor noise plus exponentially correlated model error, per joint, before the fit took "
+            "its share; samples count by the integrated autocorrelation time",
+            "sd": noise.sigma,
+            "white_sd": noise.white,
+            "coloured_sd": noise.coloured,
+            "correlation_time_s": noise.correlation,
+            "samples_that_count_as_one": noise.autocorrelation,
+            "effective_samples": count / noise.autocorrelation,
+            "residual_sd": fit.residual.sigma,
+        },
+        fit=filled(
+            FitSummary,
+            fit,
+            condition_number=fit.condition,
+            relative_gap=fit.tolerance,
+            parameters_moved_inside=fit.moved_inside,
+            links_on_edge=np.flatnonzero(fit.on_edge[: model.robot.n_joints]) + 1,
+            standard_deviations="information matrix with effective sample counts; the cone is not accounted for"
+            if posterior is None
+            else "of the posterior",
+        ),
+        complete=_complete(identification),
+        modes=() if posterior is None else [_mode(names, posterior, k) for k in range(len(posterior.modes))],
+        low_pass_after_rectifier=after
+        and filled(
+            LowPassSummary,
+            after.low_pass,
+            cutoff_hz=after.low_pass.cutoff,
+            noise_before_sd=after.noise,
+            words=str(after.low_pass),
+        ),
+        gains=_gains(identification),
+        constraints=_constraints(identification),
+        payloads=_payloads(identification),
+    )
+    return typed(as_json(summary), Summary)  # as read from a file: None for non-finite numbers
+
+
+def log_parts(log: Log) -> tuple[LogPart, ...]:
+    """The logs that a log was joined from; none where it is one."""
+    return tuple(LogPart(one.source, one.stop_row - one.start_row, one.payload) for one in log.pieces if log.pooled)
+
+
+def _payloads(identification: Identification) -> dict[str, dict[str, Any]] | None:
+    """Payloads from the posterior's draws; without a posterior from the model's parameters, with unknown sd.
+
+    These draws are feasible; draws widened by model error need not be. The common factor of the efforts widens them
+    unless their mass is stated.
+    """
+    model, posterior, theta = identification.model, identification.posterior, identification.theta
+    every = theta[None] if posterior is None else posterior.draws.theta.reshape(-1, len(theta))
+    factor_sd = 0.0 if posterior is None else common_factor(identification.gains, identification.log)[0]
+    carried: dict[str, dict[str, Any]] = {}
+    first = 0
+    for term in model.terms:
+        stop = first + len(term.parameters(model.robot))
+        if term.payloads:
+            stated = model.parameters[stop - 1].name in identification.prior.stated  # its mass, the last of ten
+            body = InertialParameters.of_draws(every[:, first:stop], common_sd=0.0 if stated else factor_sd)
+            axes = {"com": body.centre, "inertia": body.inertia}
+            numbers = {name: [_estimate(one) for one in ones or ()] for name, ones in axes.items()}
+            carried |= {payload: {"mass": _estimate(body.mass), **numbers} for payload in term.payloads}
+        first = stop
+    return carried or None
+
+
+def _estimate(one: Estimate) -> dict[str, Any]:
+    known = one.sd > 0.0
+    return {"value": one.value, "sd": one.sd if known else None, "interval": one.interval if known else None}
+
+
+def _gains(identification: Identification) -> GainsSummary | None:
+    gains = identification.gains
+    if gains is None:
+        return None
+    lower, upper = gains.interval()
+    factor = None if gains.stated.unknown.any() else gains.factor
+    told = {"mean": gains.value, "lower": lower, "upper": upper, "factor": factor, "stated": gains.stated.text}
+    return filled(GainsSummary, gains, **told, sd_of_coefficients=identification.sd_apart)
+
+
+def _constraints(identification: Identification) -> list[ConstraintSummary]:
+    posterior = identification.posterior
+    at_edges, active_bounds = ({}, {}) if posterior is None else (posterior.at_edges, posterior.active_constraints)
+    return [
+        filled(ConstraintSummary, one, at_edge=at_edges.get(one.label), presses=one.label in active_bounds)
+        for one in identification.constraints
+    ]
+
+
+def _search(identification: Identification) -> SearchSummary:
+    search = identification.search
+    costs = (
+        None
+        if search.tikhonov is None
+        else {"data": search.cost - search.tikhonov, "tikhonov": search.tikhonov, "prior": 0.0}
+    )
+    return filled(
+        SearchSummary,
+        search,
+        **taken(identification, "noise_weights", "proofs", "persistent_share", "rounds"),
+        beam_width=search.width,
+        cost_parts=costs,
+        beam_nodes=search.pruning,
+        gap=None if search.lower_bound is None else search.cost - search.lower_bound,
+        optimality_gap=None if search.persistent is None else search.optimality_gap,
+        assignments=len(search.branches) or None,
+        missed_mass=search.missed,
+        ambiguous=_ambiguous(identification),
+        seconds=identification.timings["search"],
+        sdp_solves=search.solves,
+    )
+
+
+def _ambiguous(identification: Identification) -> list[AmbiguousSegment] | None:
+    settled, of, log = identification.search.persistent, identification.searched, identification.log
+    if settled is None:
+        return None
+    place, t = log.clock(identification.signals.motion.t)
+    sources = [piece.source for piece in log.pieces] if log.pooled else [""]
+    return [
+        AmbiguousSegment(of.joint[k] + 1, t[start], t[end - 1], end - start, sources[place[start]])
+        for k, start, end in zip(np.flatnonzero(~settled), of.start[~settled], of.end[~settled], strict=True)
+    ]
+
+
+def _posterior(identification: Identification) -> PosteriorSummary | None:
+    posterior = identification.posterior
+    if posterior is None:
+        return None
+    draws, names = posterior.draws, [parameter.name for parameter in identification.model.parameters]
+    return filled(
+        PosteriorSummary,
+        posterior,
+        **taken(posterior.sampling, "ensembles", "walkers", "seed"),
+        max_rhat_of_parameters=max(mode.draws.parameters.max_rhat for mode in posterior.modes),
+        draws=int(np.prod(draws.theta.shape[:3])),
+        prior="normal about a typical link inside the feasible set and its windows; see docs/posterior.md",
+        prior_sd=dict(zip(names, posterior.target.prior.sd.tolist(), strict=True)),
+        noise_scale=np.exp(draws.log_scale).mean(axis=(0, 1, 2)),
+        assignments=posterior.branch_mass,
+        assignments_elsewhere=posterior.elsewhere,
+        mode=posterior.chosen + 1,
+        active_bounds=dict(posterior.active_bounds),
+        wanted_rhat=posterior.sampling.max_rhat,
+        wanted_ess=posterior.sampling.wanted_ess,
+    )
+
+
+def _mode(names: Sequence[str], posterior: Posterior, number: int) -> ModeSummary:
+    first, own = (posterior.modes[k].draws.beta.reshape(-1, len(names)) for k in (0, number))
+    off = np.abs(own.mean(axis=0) - first.mean(axis=0)) / np.maximum(first.std(axis=0), TINY)
+    most = np.argsort(-off)[: TUNING.most_different if number else 0].tolist()
+    return ModeSummary(
+        weight=posterior.modes[number].weight,
+        log_evidence_se=getattr(posterior.modes[number].marginal_likelihood, "standard_error", None),
+        turned_joints=posterior.turned_joints(number),
+        coefficients={names[k]: float(own[:, k].mean()) for k in most},
+    )
+
+
+def _complete(identification: Identification) -> CompletionSummary | None:
+    model_selection = identification.model_selection
+    if model_selection is None:
+        return None
+    effects = [_effect(identification, entered, identification.parameter_sd[0]) for entered in model_selection.effects]
+    told = {"held_back_error": filled(ErrorsSummary, model_selection), "uncertain": tuple(model_selection.uncertain)}
+    return filled(CompletionSummary, model_selection, effects=effects, **told)
+
+
+def _effect(identification: Identification, entered: EnteredEffect, spread: Array) -> EffectSummary:
+    robot, source = identification.model.robot, entered.source
+    own, numbers = {*(one.name for one in source.parameters(robot)), *source.freed(robot)}, {}
+    for place, one in enumerate(identification.model.parameters):
+        if one.name in own:
+            numbers[one.name] = {"value": identification.theta[place], "sd": spread[place], "unit": one.unit}
+    shape = source.numbers(robot)
+    known = (*entered.number_sd, *(np.nan for _ in shape))
+    for (name, (value, unit)), sd in zip(shape.items(), known, strict=False):
+        numbers[name] = {"value": value, "sd": sd, "unit": unit}
+    return filled(EffectSummary, entered, form=source.name, parameters=numbers)

@@ -1,0 +1,81 @@
+"""Rows of the tables of additional effects, gains and constraints."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from bayesid.identification.gains import GIVEN
+from bayesid.report.summary import Summary
+from bayesid.report.words import in_percent, label, quantity, rounded
+
+EFFECT_HEADINGS = ("additional effect", "log10 Bayes factor", "size and sd", "could also be")
+"""Of `effect_rows`."""
+
+
+def effect_rows(summary: Summary) -> list[tuple[str, ...]]:
+    """Added effects: name, Bayes factor, parameters, equivalent effects."""
+    return [
+        (
+            label(effect.form, effect.joints),
+            f"{effect.log10_bayes_factor or 0.0:.1f}",
+            "; ".join(_number(name, value) for name, value in effect.parameters.items()),
+            ", ".join(label(other) for other in effect.equivalent),
+        )
+        for effect in (() if summary.complete is None else summary.complete.effects)
+    ]
+
+
+def _number(name: str, number: Mapping[str, Any]) -> str:
+    sd = np.nan if number["sd"] is None else number["sd"]
+    return f"{name} {quantity(number['value'], sd, number['unit'].removeprefix('1'))}"
+
+
+GAIN_HEADINGS = ("gain of joint", "stated", "value and sd", "95 % interval", "sd of ratio to others", "decided by")
+"""Of `gain_rows`."""
+
+
+def gain_rows(summary: Summary) -> list[tuple[str, ...]]:
+    """Estimated gains: stated, mean and sd, interval, sd of the ratio to the others, what decides it."""
+    found = summary.gains
+    if found is None:
+        return []
+    columns = (found.stated.split(","), found.mean, found.sd, found.lower, found.upper, found.ratio_sd)
+    return [
+        (
+            str(joint),
+            said,
+            quantity(mean or 0.0, sd or 0.0, found.unit),
+            f"{rounded(lower or 0.0)} to {rounded(upper or 0.0)}",
+            "" if by == GIVEN else in_percent(ratio or 0.0),
+            by,
+        )
+        for joint, (said, mean, sd, lower, upper, ratio, by) in enumerate(
+            zip(*columns, found.decided_by, strict=True), start=1
+        )
+    ]
+
+
+CONSTRAINT_HEADINGS = ("constraint", "cost", "draws at its edge", "limits the draws")
+"""Of `constraint_rows`."""
+
+
+def constraint_rows(summary: Summary) -> list[tuple[str, ...]]:
+    """Stated constraints: cost, draws at the edge, and whether it limits the draws."""
+    return [
+        (
+            one.label,
+            _price(one.nats),
+            "" if one.at_edge is None else f"{one.at_edge:.1%}",
+            "" if one.at_edge is None else "yes" if one.presses else "no",
+        )
+        for one in summary.constraints
+    ]
+
+
+def _price(nats: float) -> str:
+    if nats == 0.0:
+        return "not active"
+    return f"{nats:.1f} nats" if nats >= 0.05 else "under 0.1 nats"
