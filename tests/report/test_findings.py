@@ -307,7 +307,7 @@ def test_what_is_no_findings_is_refused_in_one_line(tmp_path):
         line = str(caught.value)
         assert "\n" not in line
         assert line.startswith(str(tmp_path))
-        assert line.endswith("identify again to write it anew")
+        assert line.endswith("identify again")
         assert says in line
         for each, intact in whole.items():
             (tmp_path / each).write_bytes(intact)

@@ -12,7 +12,7 @@ from saved_results import PROMISED, contents, identified, save, validated
 import bayesid
 from bayesid.cli import main
 from bayesid.errors import InputError
-from bayesid.report import folders, result_files
+from bayesid.report import result_files
 from bayesid.report.findings import read_report_data
 from bayesid.report.folders import (
     IncompleteWarning,
@@ -113,7 +113,7 @@ def test_whatever_goes_wrong_everything_is_as_it_was(result, other, tmp_path, mo
     def fail(*_):
         raise fault
 
-    monkeypatch.setattr(folders, "write_findings", fail)
+    monkeypatch.setattr(result_files, "write_findings", fail)
     for place in (tmp_path / "r", tmp_path / "new"):
         with pytest.raises(InputError if isinstance(fault, OSError) else type(fault)):
             save(other, place)
