@@ -43,7 +43,7 @@ def test_models_of_earlier_versions_load(folder):
 
 @pytest.mark.parametrize("folder", FOLDERS, ids=lambda folder: folder.name)
 def test_report_data_of_unreleased_versions_say_how_to_write_them_anew(folder):
-    with pytest.raises(InputError, match="identify again to write it anew"):
+    with pytest.raises(InputError, match="identify again"):
         bayesid.load(folder).report_data()
 
 
