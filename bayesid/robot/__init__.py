@@ -1,4 +1,4 @@
-"""Robots: what they are, and how they are read."""
+"""Robots: kinematics, transmission, shapes, and their files."""
 
 from bayesid.robot.arm import Joint, Robot
 from bayesid.robot.dh_table import robot_from_table, robot_table

@@ -35,13 +35,13 @@ class Robot:
     """A fixed-base arm with n actuated joints.
 
     Attributes:
-        name: what to call it.
+        name: name for messages and files.
         joints: the moving joints, from base to tip (a parent comes before its children).
         gravity: (3,) acceleration of gravity in the base frame, m/s^2.
         transmission: (n, n) motor speeds = transmission @ joint speeds, or None for motors on their joints.
         lengths: symbol to value of the DH table's lengths (a1, d1, ...; m); empty for a URDF.
-        notes: what a user should know of how it was read, a sentence each: joints that are held, a base that may move.
-        origin: how `load_robot` came by it; None for a robot that was made or changed in Python.
+        notes: remarks on how it was read, one sentence each: held joints, a base that may move.
+        origin: source from which `load_robot` read it; None for a robot made or changed in Python.
         pinocchio: its joints as Pinocchio's model, without bodies.
 
     Example:
@@ -100,7 +100,7 @@ class Robot:
 
     @property
     def link_ends(self) -> Array:
-        """(n, 2, 3) where each link starts and ends, in its own frame, m: from its joint to the next.
+        """(n, 2, 3) start and end of each link in its own frame, m: from its joint to the next.
 
         The last link ends at its own frame, which the standard convention puts at the flange.
         """
@@ -114,17 +114,17 @@ class Robot:
 
     @property
     def stretched(self) -> float:
-        """Length of the stretched arm from its first joint on, m: the sum of its links' lengths."""
+        """Length of the stretched arm from its first joint, m: the sum of its link lengths."""
         return float(np.linalg.norm(self.link_ends[:, 1] - self.link_ends[:, 0], axis=1).sum())
 
     def joint_frames(self, q: Array) -> Array:
-        """(n, 4, 4) frames of the joints in the base's, moved with them to positions q (n,), rad or m."""
+        """(n, 4, 4) frames of the joints in the base frame at positions q (n,), rad or m."""
         data = self.pinocchio.createData()
         pin.forwardKinematics(self.pinocchio, data, q)
         return np.stack([place.homogeneous for place in list(data.oMi)[1:]])
 
     def to_base(self, joint: int) -> list[int]:
-        """Indices of a joint and of those that carry it, up to the base, whose own index is -1."""
+        """Indices of a joint and its ancestors, ending with -1 for the base."""
         path = []
         while joint >= 0:
             path.append(joint)
@@ -138,7 +138,7 @@ class Robot:
         """
         (model, data), width = self._bodies.of(self), 10 * self.n_joints
         regressor = np.empty((len(motion), self.n_joints, width))
-        at_once = TUNING.samples_at_once  # small enough for a processor's cache
+        at_once = TUNING.samples_at_once  # fits into the processor's cache
         raw = np.empty((min(at_once, len(motion)), self.n_joints, width))
         for start in range(0, len(motion), at_once):
             some = slice(start, start + at_once)
@@ -185,7 +185,7 @@ class Robot:
         return _Bodies()
 
     def tool_jacobian(self, motion: Motion, in_base: bool) -> Array:
-        """(N, 6, n) velocity and angular velocity of the last link's frame, along its axes or those of the base.
+        """(N, 6, n) linear and angular velocity of the last link's frame, in its own or the base's axes.
 
         Both are per unit of actuator speed.
         """
@@ -208,18 +208,17 @@ class Robot:
         margin: float = 0.01,
         folders: Sequence[str | Path] = (),
     ) -> Any:
-        """What tells collisions: capsules if they are given, else the shapes of the robot's URDF.
+        """Collision model: capsules if given, else the shapes of the robot's URDF.
 
         Args:
-            rest: (n,) or (M, n) poses where the robot has been, rad or m: what is too near there does not count.
-            capsules: radii of the links (`bayesid.types.Capsules`); without them a robot needs a URDF that has shapes.
-            floor: height of the floor over the base's origin, against gravity, m; None for no floor.
-            margin: m that a motion shall keep from all that counts; links that never keep it, or did not where the
-                robot has been, do not count.
-            folders: where packages of meshes are looked for first; then in ROS_PACKAGE_PATH and above the URDF.
+            rest: (n,) or (M, n) poses of the robot in the log, rad or m; pairs too near there are not checked.
+            capsules: radii of the links (`bayesid.types.Capsules`); needed unless a URDF has shapes.
+            floor: height of the floor above the base's origin, against gravity, m; None for no floor.
+            margin: minimum distance, m; pairs that never keep it, or did not in the log, are not checked.
+            folders: folders searched first for mesh packages; then ROS_PACKAGE_PATH and above the URDF.
 
         Returns:
-            A `bayesid.types.CollisionModel`, or why there is none: no shapes are known, or nothing could meet.
+            A `bayesid.types.CollisionModel`, or the reason for none: no shapes are known, or nothing can collide.
 
         Raises:
             InputError: radii or meshes cannot be used; or a link was below the floor, or nearer to it than the margin,
@@ -235,7 +234,7 @@ class Robot:
         return make(self, rest, capsules, floor, margin, folders)
 
     def same_kinematics(self, other: Robot) -> bool:
-        """Whether the two robots move and are geared alike (to 1e-6): a model of one then serves the other."""
+        """Whether both robots have equal kinematics and transmission (to 1e-6), so that a model fits both."""
         if self.n_joints != other.n_joints or not np.allclose(self.coupling, other.coupling, atol=1e-6):
             return False
         pairs = zip(self.joints, other.joints, strict=True)
@@ -243,7 +242,7 @@ class Robot:
 
 
 class Dynamics(NamedTuple):
-    """Rigid bodies at an instant, in coordinates of the n joints."""
+    """Rigid-body dynamics at an instant, in coordinates of the n joints."""
 
     mass: Array  # (n, n) M(q), kg m^2
     drift: Array  # (n,) C(q, dq)' dq - g(q), N m: moves the momentum M dq beside torques (De Luca and Mattone 2003)
@@ -251,7 +250,7 @@ class Dynamics(NamedTuple):
 
 
 class _Bodies:
-    """The bodies that were asked for lately, as Pinocchio has them; a copy or a pickle begins without any."""
+    """Cache of Pinocchio models with bodies; copies and pickles start empty."""
 
     def __init__(self) -> None:
         self._made: dict[bytes, tuple[Any, Any]] = {}
@@ -260,7 +259,7 @@ class _Bodies:
         return _Bodies, ()
 
     def of(self, robot: Robot, parameters: Array | None = None) -> tuple[Any, Any]:
-        """Model and data of a robot whose links have these parameters (10 n,), or for what its frames alone decide."""
+        """Pinocchio's model and data with these link parameters (10 n,), or without bodies."""
         asked = b"" if parameters is None else parameters.tobytes()
         if asked not in self._made:
             if len(self._made) > TUNING.bodies_remembered:
@@ -282,7 +281,7 @@ def _with_bodies(robot: Robot, parameters: Array) -> Any:
 
 @dataclass(frozen=True)
 class Origin:
-    """How `load_robot` came by a robot: its arguments, and the URDF file that was read; None for a DH table."""
+    """Arguments of `load_robot`, and the URDF file that was read; None for a DH table."""
 
     source: str
     urdf: Path | None = None
@@ -292,14 +291,14 @@ class Origin:
 
     @property
     def options(self) -> dict[str, object]:
-        """What was chosen, by the names of the options."""
+        """Chosen options by name."""
         tip: dict[str, object] = {} if self.tip is None else {"tip": self.tip}
         gravity: dict[str, object] = {} if self.gravity is None else {"gravity": self.gravity}
         return {"robot": self.source, **tip, **({"hold": dict(self.hold)} if self.hold else {}), **gravity}
 
     @property
     def in_python(self) -> str:
-        """The robot as an argument of Python."""
+        """The robot as an argument in Python."""
         chosen = [f", {name}={value!r}" for name, value in self.options.items() if name != "robot"]
         return f"bayesid.load_robot({self.source!r}{''.join(chosen)})" if chosen else repr(self.source)
 
@@ -310,7 +309,7 @@ class Joint:
 
     placement: Array  #: (4, 4) the joint's frame at q = 0 in the parent joint's frame
     axis: Array  #: (3,) unit axis of motion in the joint's frame
-    prismatic: bool = False  #: whether it slides rather than turns
+    prismatic: bool = False  #: whether the joint is prismatic
     parent: int = -1  #: index of the parent joint, -1 for the base
     #: (4, 4) the link's frame in the joint's frame; the link's parameters are given in it
     link_frame: Array = field(default_factory=lambda: np.eye(4))
@@ -343,19 +342,19 @@ def _pinocchio_model(robot: Robot) -> pin.Model:
 
 
 def given_numbers(value: object, shape: tuple[int, ...], key: str, where: str, most: float = LARGEST) -> Array:
-    """What a key of a robot file holds, as numbers of a shape, each `most` either way; else an InputError."""
+    """Numbers of a robot file's key in a given shape, each of size at most `most`; else an InputError."""
     try:
         numbers = frozen(value, shape, key)
     except (TypeError, ValueError):
         wanted = "a finite number" if not shape else f"finite numbers in the shape {' x '.join(map(str, shape))}"
         raise InputError(f"key '{key}' cannot be used", where, f"give {wanted}") from None
     if (largest := np.abs(numbers).max(initial=0.0)) > most:
-        raise InputError(f"key '{key}' holds {largest:g}", where, f"give {most:g} at most, in SI units")
+        raise InputError(f"key '{key}' holds {largest:g}", where, f"give at most {most:g}, in SI units")
     return numbers
 
 
 def check_count(n_joints: int, where: str) -> None:
     """InputError for more moving joints than any robot has."""
     if n_joints > TUNING.most_joints:
-        remedy = f"give a robot of {TUNING.most_joints} joints at most, or the chain to identify (`tip`)"
+        remedy = f"give a robot with at most {TUNING.most_joints} joints, or the chain to identify (`tip`)"
         raise InputError(f"has {n_joints} moving joints", where, remedy)

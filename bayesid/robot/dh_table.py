@@ -1,4 +1,4 @@
-"""Robots as tables: Denavit-Hartenberg files, and the placements of joints that model.toml keeps."""
+"""Robots from tables: Denavit-Hartenberg files, and joint placements in model.toml."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def robot_from_table(table: Mapping[str, Any], where: str) -> Robot:
     """A robot from the keys of a DH file, as `load_robot` lists them. An error names `where`.
 
     Raises:
-        InputError: a key is missing or its value cannot be used.
+        InputError: a key is missing or its value is not valid.
     """
     convention = table.get("convention")
     if convention == "chain":
@@ -28,7 +28,9 @@ def robot_from_table(table: Mapping[str, Any], where: str) -> Robot:
         raise InputError(said, where, 'give convention = "standard" or "modified"')
     rows = table.get("joints")
     if not isinstance(rows, list) or not rows:
-        raise InputError("key 'joints' is missing", where, "give one [[joints]] table a joint with a, alpha, d, theta")
+        raise InputError(
+            "key 'joints' is missing", where, "give one [[joints]] table per joint with a, alpha, d, theta"
+        )
     check_count(len(rows), where)
     _check_filled_in(rows, where)
     dh = [_dh_row(row, f"{where}, joint {i}") for i, row in enumerate(rows, start=1)]
@@ -38,7 +40,7 @@ def robot_from_table(table: Mapping[str, Any], where: str) -> Robot:
 
 
 def _check_filled_in(rows: Sequence[object], where: str) -> None:
-    """Numbers that a template leaves open are named all at once."""
+    """InputError that names all unfilled numbers of a template."""
     blank: dict[str, list[int]] = {}
     for i, row in enumerate(rows, start=1):
         numbers = row.items() if isinstance(row, Mapping) else ()
@@ -58,7 +60,7 @@ def _robot(table: Mapping[str, Any], where: str, joints: tuple[Joint, ...], **mo
 
 
 def robot_table(robot: Robot) -> dict[str, Any]:
-    """A robot as plain tables that `robot_from_table` reads back to the last digit: joint placements, no DH angles."""
+    """A robot as plain tables that `robot_from_table` reads back exactly: joint placements, no DH angles."""
     table: dict[str, Any] = {
         "name": robot.name,
         "convention": "chain",
@@ -86,20 +88,20 @@ def robot_table(robot: Robot) -> dict[str, Any]:
 
 
 def _robot_from_chain(table: Mapping[str, Any], where: str) -> Robot:
-    """What `robot_table` has made; nobody writes it by hand, so that one sentence serves whatever is damaged."""
+    """A robot from `robot_table`; any damage gives one message."""
     try:
         rows, lengths = table["joints"], table.get("lengths", {}).items()
         check_count(len(rows), where)
         joints = tuple(_chain_joint(row, f"{where}, joint {k}") for k, row in enumerate(rows, start=1))
         if not all(-1 <= joint.parent < k for k, joint in enumerate(joints)):
-            raise ValueError("a joint stands before its parent")
+            raise ValueError("a joint precedes its parent")
         numbers = {key: float(given_numbers(value, (), key, where)) for key, value in lengths}
         return _robot(table, where, joints, lengths=numbers, notes=tuple(map(str, table.get("notes", []))))
     except InputError:
         raise
     except (AttributeError, KeyError, OverflowError, TypeError, ValueError) as error:
-        said = f"does not hold a robot as bayesid writes it ({printable(str(error))})"
-        raise InputError(said, where, "use the table as bayesid wrote it") from None
+        said = f"is not a robot written by bayesid ({printable(str(error))})"
+        raise InputError(said, where, "restore the table as bayesid wrote it") from None
 
 
 def _chain_joint(row: Mapping[str, Any], where: str) -> Joint:
@@ -111,7 +113,7 @@ def _chain_joint(row: Mapping[str, Any], where: str) -> Joint:
 
 
 def _rated_effort(row: Mapping[str, Any], where: str) -> float | None:
-    """Of a joint's row, N m or N; None where it tells none."""
+    """Rated effort of a joint, N m or N; None if not given."""
     if "rated_effort" not in row:
         return None
     effort = float(given_numbers(row["rated_effort"], (), "rated_effort", where))
@@ -145,7 +147,7 @@ def _transmission(value: object, n: int, where: str) -> Array | None:
 
 
 def _screw(along: str, angle: float, length: float) -> Array:
-    """(4, 4) a turn about x or z, and a shift along it."""
+    """(4, 4) rotation about x or z, and translation along it."""
     matrix, (i, j, axis) = np.eye(4), (1, 2, 0) if along == "x" else (0, 1, 2)
     matrix[i, i] = matrix[j, j] = np.cos(angle)
     matrix[j, i] = np.sin(angle)

@@ -1,14 +1,13 @@
-"""The ten inertial parameters of a link, and what makes them physical.
+"""The ten inertial parameters of a link, and their physical consistency.
 
 A link's parameters, in its own frame, in this order everywhere in bayesid:
 
-    Jxx, Jxy, Jxz, Jyy, Jyz, Jzz   kg m^2   inertia about the frame's origin
-    mcx, mcy, mcz                  kg m     first moments (mass times centre of mass)
-    m                              kg       mass
+Jxx, Jxy, Jxz, Jyy, Jyz, Jzz kg m^2 inertia about the frame's origin mcx, mcy, mcz kg m first moments (mass times centre
+of mass) m kg mass
 
 They belong to a body with positive density somewhere if and only if the pseudo-inertia
 
-    P(pi) = [[Sigma, h], [h', m]],   Sigma = tr(J)/2 E - J,   h = (mcx, mcy, mcz)
+P(pi) = [[Sigma, h], [h', m]], Sigma = tr(J)/2 E - J, h = (mcx, mcy, mcz)
 
 is positive semidefinite (Wensing, Kim, Slotine, "Linear matrix inequalities for physically consistent inertial
 parameter identification", RA-L 2018).

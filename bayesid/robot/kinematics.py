@@ -1,4 +1,4 @@
-"""Where a robot's joints and its flange are: forward kinematics, the skeleton to draw, the reach."""
+"""Forward kinematics: joint frames, the flange, the skeleton to draw, the reach."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from bayesid.robot.tuning import TUNING
 
 @dataclass(frozen=True)
 class Pose:
-    """A robot at joint positions q (n,), rad (m); all lengths in m, all frames seen from the base."""
+    """A robot at joint positions q (n,), rad (m); lengths in m, frames in the base frame."""
 
     robot: Robot
     q: Array
 
     @cached_property
     def joint_frames(self) -> Array:
-        """(n, 4, 4) the frames of the joints, moved with them."""
+        """(n, 4, 4) frames of the joints at q."""
         return self.robot.joint_frames(self.q)
 
     @cached_property
@@ -35,7 +35,7 @@ class Pose:
 
     @property
     def flange(self) -> Array:
-        """(4, 4) the frame of the last link: the flange, if the robot's table or file ends there."""
+        """(4, 4) frame of the last link: the flange, if the robot's table or file ends there."""
         last = self.robot.joints[-1]
         frame: Array = self.joint_frames[-1] @ last.link_frame
         return frame if last.tip is None else frame @ last.tip
@@ -57,12 +57,12 @@ class Pose:
 
     @property
     def joint_points(self) -> Array:
-        """(n, 3) where each joint's axis is met on the way from the base: the third points of `lines`."""
+        """(n, 3) the third points of `lines`: on each joint's axis, nearest to the previous axis."""
         return np.stack([line[2] for line in self.lines[:-1]])
 
 
 def nearest_points(start: Array, along: Array, end: Array, axis: Array) -> tuple[Array, Array]:
-    """The points of two lines that are nearest to each other; of parallel lines the first one's own point."""
+    """Nearest points of two lines; for parallel lines the point given for the first."""
     normal = np.cross(along, axis)
     size, between = float(normal @ normal), end - start
     if size < TUNING.parallel_axes**2:
@@ -76,15 +76,15 @@ def pose(robot: Robot, q: ArrayLike | None = None) -> Pose:
     try:
         positions = frozen(np.zeros(robot.n_joints) if q is None else q, (robot.n_joints,), "q")
     except (TypeError, ValueError):
-        remedy = f"give {robot.n_joints} finite numbers, one a joint"
-        raise InputError(f"are no positions of the joints of {robot.name}", field="q", remedy=remedy) from None
+        remedy = f"give {robot.n_joints} finite numbers, one per joint"
+        raise InputError(f"are not joint positions of {robot.name}", field="q", remedy=remedy) from None
     return Pose(robot, positions)
 
 
 def reach(robot: Robot, joint: int | None = None) -> float:
-    """How far from the first joint's axis the flange can get, m, if no joint has limits; sliding joints stay at 0.
+    """Largest distance of the flange from the first joint's axis, m, without joint limits; prismatic joints stay at 0.
 
-    In place of the flange another joint's origin may be meant, from 1: data sheets mostly give joint 5 of 6, the wrist.
+    With `joint`, from 1, that joint's origin replaces the flange. Data sheets usually give joint 5 of 6, the wrist.
 
     >>> from bayesid.robot import load_robot
     >>> round(reach(load_robot("kr6r900"), joint=5), 4)

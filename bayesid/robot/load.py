@@ -1,4 +1,4 @@
-"""Robots by a name or from a file, and whether a log holds their joints.
+"""Loads robots by name or from a file, and compares their joints with a log.
 
 Robots that come with bayesid are Denavit-Hartenberg files in the folder robots/, each named after its file. They hold
 what `robot_from_table` reads, and three keys more: `description` (maker and models), `source` (where the numbers are
@@ -39,9 +39,9 @@ from bayesid.robot.urdf import robot_from_urdf
 
 _FOLDER = resources.files("bayesid.robot") / "robots"
 BUILT_IN = tuple(sorted(file.name.removesuffix(".toml") for file in _FOLDER.iterdir() if file.name.endswith(".toml")))
-"""Names of all robots that come with bayesid."""
+"""Names of all built-in robots."""
 CONTROLLERS = {"kr5-paper": "kr5r650"}
-"""Of a table with zeros of its own, the one that takes positions as the controller counts them."""
+"""For tables with different zeros, the table with the controller's zeros."""
 ALIASES = {"kr5": "kr5-paper"}
 """Other names of built-in robots."""
 _DATA, _DESCRIPTIONS = "example-robot-data", "robot_descriptions"
@@ -89,7 +89,7 @@ def load_robot(
     """
     if gravity is not None and (len(gravity) != 3 or not np.all(np.isfinite(gravity))):
         remedy = "give three numbers, m/s^2, as in (0, 0, 9.81)"
-        raise InputError(f"{gravity!r} is no acceleration", field="gravity", remedy=remedy)
+        raise InputError(f"{gravity!r} is not an acceleration", field="gravity", remedy=remedy)
     of_base = None if gravity is None else tuple(map(float, gravity))
     if isinstance(source, Mapping):
         return _of_table(source, Origin("", tip=tip, hold=dict(hold or {}), gravity=of_base))
@@ -108,19 +108,19 @@ def load_robot(
 
 
 def _of_table(table: Mapping[str, Any], chosen: Origin) -> Robot:
-    """A robot that was made in Python, which has no origin."""
+    """A robot made in Python, without an origin."""
     return replace(_from_table(table, f"robot {table.get('name', '')!s:.60}".rstrip(), chosen))
 
 
 def _from_table(table: Mapping[str, Any], where: str, chosen: Origin) -> Robot:
     for name, value in (("tip", chosen.tip), ("hold", chosen.hold)):
         if value:
-            raise InputError("is a table of one chain, whose joints are all identified", where, f"leave `{name}` out")
+            raise InputError("is a table of one chain, with all joints identified", where, f"leave `{name}` out")
     return _loaded(robot_from_table(table, where), chosen)
 
 
 def _loaded(robot: Robot, origin: Origin) -> Robot:
-    """The robot with its origin, which no copy that is changed shall have, and the gravity chosen."""
+    """The robot with its origin (changed copies have none) and the chosen gravity."""
     robot = robot if origin.gravity is None else replace(robot, gravity=np.array(origin.gravity))
     object.__setattr__(robot, "origin", origin)
     return robot
@@ -141,18 +141,18 @@ def _unknown(name: str) -> InputError:
 
 
 def is_built_in(name: str) -> bool:
-    """Whether a robot of this name comes with bayesid."""
+    """Whether a built-in robot has this name."""
     return name in BUILT_IN or name in ALIASES
 
 
 def built_in_table(name: str) -> dict[str, Any]:
-    """What the file of a built-in robot holds."""
+    """Content of a built-in robot's file."""
     return tomllib.loads((_FOLDER / f"{ALIASES.get(name, name)}.toml").read_text(encoding="utf-8"))
 
 
 # ---- Robots of installed packages ----
 def alias_note(name: str) -> str | None:
-    """What to know of a robot that goes by another name: whose zeros it has; None of all others."""
+    """Remark on a robot whose zeros differ from the controller's, or None."""
     own = ALIASES.get(name)
     if own is None:
         return None
@@ -160,7 +160,7 @@ def alias_note(name: str) -> str | None:
 
 
 def installed_urdf(name: str) -> Path | None:
-    """The file of a robot of an installed package; None if no package knows the name.
+    """File of a robot in an installed package; None if no package has the name.
 
     Names are those of example-robot-data's loaders or files, and of robot_descriptions, with or without `_description`;
     InputError where these know the name, but its file is not here.
@@ -172,7 +172,7 @@ def installed_urdf(name: str) -> Path | None:
 
 
 def installed_names() -> list[str]:
-    """All names that installed packages know."""
+    """All names of robots in installed packages."""
     return [*_robot_data(), *_descriptions()]
 
 
@@ -219,13 +219,13 @@ def _described(name: str) -> Path:
         place = Path(stated["URDF_PATH"])
         if place.is_file():
             return place
-        raise InputError(f"its files are not here ({place})", name, f"fetch them once by {fetch}, with a network")
+        raise InputError(f"its files are missing ({place})", name, f"fetch them once by {fetch}, with a network")
     if "XACRO_PATH" not in stated:
         raise InputError("states no URDF file", name, f"give the file that {fetch} prints, if it is a URDF")
     rendered = sorted(cache.glob(f"xacrodoc/{name}/*.urdf"), key=lambda file: file.stat().st_mtime)
     if not rendered:
-        remedy = f"make it once by {fetch}, with a network and `pip install xacrodoc`"
-        raise InputError("is made by xacro, and its URDF is not here", name, remedy)
+        remedy = f"generate it once by {fetch}, with a network and `pip install xacrodoc`"
+        raise InputError("is generated by xacro, and its URDF is missing", name, remedy)
     return rendered[-1]
 
 
@@ -246,11 +246,11 @@ def _assigned(module: Path, **imported: Any) -> dict[str, Any]:
 
 # ---- Joints of a log ----
 def check_joints(robot: Robot, count: int, source: str) -> None:
-    """InputError unless a log holds as many joints as a robot has; it names the options that choose such a chain."""
+    """InputError unless log and robot have equally many joints; it names options that choose a matching chain."""
     if count == robot.n_joints:
         return
-    said = f"the log has {count} joints, robot {robot.name} has {robot.n_joints}"
-    remedy = "give the log and the robot that belong together"
+    said = f"the log has {count} joints, but robot {robot.name} has {robot.n_joints}"
+    remedy = "give matching log and robot"
     if count > robot.n_joints:
         said += f" ({', '.join(robot.notes)})" if robot.notes else ""
         remedy += " (or, with `columns`, those of the robot's joints alone)"

@@ -42,12 +42,12 @@ def robot_from_mjcf(text: str, where: str, tip: str | None = None, hold: Mapping
         raise InputError(f"is not readable as MJCF ({error})", where, "give a well-formed file") from None
     for tag in ("include", "replicate", "frame", "composite", "attach"):
         if next(root.iter(tag), None) is not None:
-            raise InputError(f"holds <{tag}>, and is no plain chain", where, _CONVERT)
+            raise InputError(f"holds <{tag}>, which is not supported", where, _CONVERT)
     world = root.find("worldbody")
     if world is None:
         raise InputError("holds no <worldbody>", where, "give the file of a robot")
     if sum(1 for _ in root.iter("body")) > TUNING.most_links:
-        raise InputError(f"has more than {TUNING.most_links} bodies", where, "give the robot alone")
+        raise InputError(f"has more than {TUNING.most_links} bodies", where, "give only the robot")
     compiler = {key: value for one in root.findall("compiler") for key, value in one.attrib.items()}
     angle = 1.0 if compiler.get("angle") == "radian" else np.pi / 180.0
     reader = _Reader(where, angle, compiler.get("eulerseq", "xyz"), _defaults(root))
@@ -86,7 +86,7 @@ class _Reader:
             name = child.get("name") or f"{link}_{place + 1}"
             here, chosen = offset @ self._frame(child, name), child.get("childclass", given)
             if child.find("freejoint") is not None:
-                raise InputError("moves freely", f"{self.where}, body {name}", "give a robot with a fixed base")
+                raise InputError("has a free joint", f"{self.where}, body {name}", "give a robot with a fixed base")
             inner, parent = here, link
             moving = child.findall("joint")
             for k, joint in enumerate(moving):

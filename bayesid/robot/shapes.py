@@ -1,4 +1,4 @@
-"""Shapes of a robot's links: capsules about the lines of its kinematics, or what a URDF gives for collisions."""
+"""Shapes of a robot's links: capsules along its kinematics, or a URDF's collision shapes."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class Shape:
 
 
 def floor_shape(up: Array, height: float) -> Shape:
-    """What lies below a level plane, by its unit normal (3,) in the base's frame, and its height along it, m."""
+    """Half space below a plane with unit normal (3,) in the base frame, at a height along it, m."""
     return Shape("floor", BASE, coal.Halfspace(up, height), np.eye(4))
 
 
@@ -93,7 +93,7 @@ def capsule_shapes(robot: Robot, radii: float | Sequence[float], tool: Sequence[
 
 
 def upright(way: Array) -> Array:
-    """(3, 3) a rotation that turns z, along which a capsule lies, into a direction (3,)."""
+    """(3, 3) rotation of z, the axis of a capsule, into a direction (3,)."""
     rotation, _ = scipy.spatial.transform.Rotation.align_vectors(way[None], np.array([[0.0, 0.0, 1.0]]))
     return rotation.as_matrix()
 
@@ -104,7 +104,7 @@ def _widths(robot: Robot, radii: float | Sequence[float]) -> list[float]:
     remedy = f"give one radius in m, or {robot.n_joints} from base to tip"
     if len(given) != robot.n_joints:
         raise InputError(f"{len(given)} radii, but {robot.n_joints} links", field="capsules", remedy=remedy)
-    if not all(0.0 < one <= 10.0 for one in given):  # a larger one was given in other units
+    if not all(0.0 < one <= 10.0 for one in given):  # a larger one is in another unit
         raise InputError("a radius is not between 0 and 10 m", field="capsules", remedy=remedy)
     return given
 
@@ -165,7 +165,7 @@ def urdf_shapes(origin: Origin, n_joints: int, folders: Sequence[str | Path] = (
 
 
 def _mesh_file(name: str, urdf: Path, folders: Sequence[str | Path], where: str) -> Path:
-    """The file of a mesh's name: of a package in the folders or in one above the URDF, or relative to the URDF."""
+    """File of a mesh: in a package of the folders or above the URDF, or relative to the URDF."""
     above, listed = urdf.resolve().parents, os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)
     inside = name.removeprefix(_PACKAGE)
     package, _, rest = inside.partition("/")
@@ -174,12 +174,12 @@ def _mesh_file(name: str, urdf: Path, folders: Sequence[str | Path], where: str)
         places, candidates = [*map(Path, [*folders, *filter(None, listed)]), *above], []
         for folder in places:
             candidates += [folder / inside, *([folder / rest] if folder.name == package else [])]
-        candidates += [folder / rest for folder in above]  # a package that was renamed, or a part of it
+        candidates += [folder / rest for folder in above]  # a renamed or partial package
     for path in candidates:
         try:
             if path.is_file():
                 return path
-        except (OSError, ValueError):  # no name of a file
+        except (OSError, ValueError):  # not a file name
             continue
     remedy = "set ROS_PACKAGE_PATH to the folder that holds its package, or give radii by `capsules`"
     raise InputError(f"mesh {printable(name)} is not found", where, remedy)
@@ -209,7 +209,7 @@ def mesh_points(path: Path, scale: Array, where: str) -> Array:
 
 
 def _mesh_hull(path: Path, scale: Array, where: str) -> tuple[Any, Array]:
-    """Coal's convex hull of a mesh, a box around one that is flat; and its (4, 4) frame in the mesh's."""
+    """Convex hull of a mesh (a box for a flat one), and its (4, 4) frame in the mesh frame."""
     points, frame = mesh_points(path, scale, where), np.eye(4)
     try:
         corners = points[scipy.spatial.ConvexHull(points).vertices]
@@ -217,7 +217,7 @@ def _mesh_hull(path: Path, scale: Array, where: str) -> tuple[Any, Array]:
         for corner in corners:
             vectors.append(corner)
         return coal.Convex.convexHull(vectors, True, "Qt"), frame
-    except (scipy.spatial.QhullError, ValueError, RuntimeError):  # all in one plane
+    except (scipy.spatial.QhullError, ValueError, RuntimeError):  # flat
         low, high = points.min(axis=0), points.max(axis=0)
         frame[:3, 3] = (low + high) / 2.0
         return coal.Box(*(high - low + 2.0 * _SHORTEST)), frame
@@ -244,4 +244,4 @@ def _solid(found: ET.Element, urdf: Path, folders: Sequence[str | Path], where: 
     if found.tag == "box":
         sides = given_numbers(found.get("size", "").split(), (3,), "box size", where, TUNING.longest)
         return coal.Box(*np.abs(sides)), np.eye(4)
-    raise InputError(f"a shape <{printable(found.tag)}> is not known", where, "give radii by `capsules`")
+    raise InputError(f"shape <{printable(found.tag)}> is not supported", where, "give radii by `capsules`")

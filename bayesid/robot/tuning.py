@@ -1,4 +1,4 @@
-"""Numbers of the robots that are choices."""
+"""Chosen constants of the robots."""
 
 from __future__ import annotations
 
@@ -7,33 +7,32 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Tuning:
-    """What a robot file may hold, and how a robot is looked at."""
+    """Limits of robot files, and constants of their evaluation."""
 
     longest: float = 1e3
-    """m; no link is so long. A table in mm is mostly not so far off that this would tell."""
+    """m; longer links are refused. It does not detect tables in mm, which are mostly within it."""
     most_joints: int = 128
-    """Moving joints of a robot; the most of example-robot-data has 48. What computes recurses over them."""
+    """Maximum number of moving joints (recursion depth); example-robot-data has at most 48."""
     most_links: int = 512
-    """Links of a URDF; the most of example-robot-data has 120."""
+    """Maximum number of URDF links; example-robot-data has at most 120."""
     unlimited_effort: float = 1e6
-    """N m or N; a limit from here on stands for none: bayesid's own URDFs have it, and no joint is so strong."""
+    """N m or N; effort limits from here on count as none, as in URDFs written by bayesid."""
     opposed: float = 1e-3
-    """By how much the axes of two fingers may fail to oppose each other: written angles are rounded to that."""
+    """Tolerance of opposite finger axes: rounding of written angles."""
     near_name: float = 0.8
-    """Likeness from which a name is proposed: a letter of five; less, and `_description` makes all names alike."""
+    """Similarity above which a name is proposed: four of five letters. Lower, `_description` makes all names alike."""
     named_joints: int = 8
-    """Joints of a sentence that are named."""
+    """Maximum number of joints named in a sentence."""
     named_chains: int = 4
-    """Chains that an error names."""
+    """Maximum number of chains named in an error."""
     reach_starts: int = 8
-    """Random positions from which the reach is looked for: from two of them it is found on all built-in robots."""
+    """Random start positions of the search for the reach; two of them suffice for all built-in robots."""
     parallel_axes: float = 0.1
-    """Sine of the angle below which axes count as parallel: those of a calibrated robot nearly are, and meet far
-    away."""
+    """Sine of the angle below which axes count as parallel; those of calibrated robots intersect far away."""
     samples_at_once: int = 256
-    """Samples of a regressor that are brought into link frames together: most of the time is Pinocchio's then."""
+    """Samples of a regressor transformed together; Pinocchio then takes most of the time."""
     bodies_remembered: int = 4
-    """Sets of bodies that a robot remembers: a model has those of its links, and those that load its gears."""
+    """Cached sets of bodies: those of the links, and those that load the gears."""
 
 
 TUNING = Tuning()

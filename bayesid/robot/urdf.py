@@ -124,7 +124,7 @@ def hold_joints(
         raise InputError(f"has no moving joint{but}", where, "give a URDF of an arm")
     if not identified:
         remedy = f"`tip` takes {_nearest(str(tip), (), _ends(tree))}"
-        raise InputError(f"no joint moves on the chain to {tip}", where, remedy)
+        raise InputError(f"the chain to {tip} has no moving joint", where, remedy)
     notes = [
         _sentence([joint.name for joint in off], f"not on the chain to {tip}"),
         _sentence([joint.name for joint in fingers], "a gripper is not identified"),
@@ -207,7 +207,7 @@ def _mimic_notes(
     for joint in dragged:
         if carried := [other.name for other in tree.beyond(joint) if other in identified]:
             said = f"follows joint {joint.leader} (<mimic>) and carries {_listed(carried)}"
-            remedy = "bayesid identifies joints that move by themselves; choose a chain that ends before it by `tip`"
+            remedy = "choose a chain that ends before it with `tip`"
             raise InputError(said, f"{where}, joint {joint.name}", remedy)
     still = _sentence([joint.name for joint in mimics if joint not in dragged], "mimic joints are not identified")
     left = (f"joint {one.name} is held: in the model it does not follow joint {one.leader}" for one in dragged)

@@ -1,4 +1,4 @@
-"""A URDF as a tree of joints: what stands in the file, checked, before anything is chosen of it."""
+"""A URDF as a checked tree of joints."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ class UrdfTree:
         return joints
 
     def beyond(self, joint: UrdfJoint) -> list[UrdfJoint]:
-        """Joints that move and hang from one."""
+        """Moving joints that descend from a joint."""
         others = (other for other in self.joints if other.moves and other is not joint)
         return [other for other in others if joint.name in self._carriers[other.child]]
 
@@ -101,12 +101,12 @@ def read_tree(text: str, where: str) -> UrdfTree:
     children, names = [joint.child for joint in joints], [joint.name for joint in joints]
     for link in links:
         if links.count(link) > 1:
-            raise InputError("appears twice", f"{where}, link {link}", "give every link its own name")
+            raise InputError("appears twice", f"{where}, link {link}", "give every link a unique name")
         if children.count(link) > 1:
             raise InputError("is the child of two joints", f"{where}, link {link}", "give a URDF without loops")
     for name in names:
         if names.count(name) > 1:
-            raise InputError("appears twice", f"{where}, joint {name}", "give every joint its own name")
+            raise InputError("appears twice", f"{where}, joint {name}", "give every joint a unique name")
     loose = [link for link in links if link not in children]
     if len(loose) != 1:
         said = f"has {len(loose)} links without a parent joint{': ' + ', '.join(loose) if loose else ''}"
@@ -119,10 +119,10 @@ def read_tree(text: str, where: str) -> UrdfTree:
 
 
 def check_links(root: ET.Element, where: str) -> None:
-    """InputError for a file of more links or joints than any robot has."""
+    """InputError for a file with more links or joints than any robot has."""
     for kind in ("link", "joint"):
         if (count := len(root.findall(kind))) > TUNING.most_links:
-            raise InputError(f"has {count} {kind}s", where, f"give a URDF of {TUNING.most_links} at most")
+            raise InputError(f"has {count} {kind}s", where, f"give a URDF with at most {TUNING.most_links}")
 
 
 def _root(text: str, where: str) -> ET.Element:
@@ -132,7 +132,7 @@ def _root(text: str, where: str) -> ET.Element:
     except ET.ParseError as error:
         if "<xacro:" in text:
             raise InputError("is a xacro file, not a URDF", where, run) from None
-        raise InputError(f"is not readable as URDF ({error})", where, "give a well-formed URDF file") from None
+        raise InputError(f"is not valid XML ({error})", where, "give a well-formed URDF file") from None
     if root.tag != "robot":
         raise InputError(f"is not a URDF: its root is <{root.tag}>, not <robot>", where, "give a URDF file")
     macros = (element for element in root.iter() if re.match(r"\{[^}]*xacro[^}]*\}", str(element.tag)))
@@ -191,7 +191,7 @@ def _range(element: ET.Element) -> tuple[float, float, float]:
 
 
 def _limit(element: ET.Element, key: str) -> float:
-    """A number of a joint's <limit>; a robot needs none of them, so that one which cannot be meant is none: zero."""
+    """A number of a joint's <limit>; zero if missing or implausible, as a robot needs none."""
     limit = element.find("limit")
     try:
         return float(0.0 if limit is None else limit.get(key, 0.0))
@@ -202,7 +202,7 @@ def _limit(element: ET.Element, key: str) -> float:
 def _link(element: ET.Element, end: str, links: list[str], where: str) -> str:
     found = element.find(end)
     if found is None or found.get("link") not in links:
-        raise InputError(f"its <{end}> names no link of the file", where, "name one")
+        raise InputError(f"its <{end}> is not a link of the file", where, "give the name of a link")
     return found.get("link", "")
 
 

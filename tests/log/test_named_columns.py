@@ -129,7 +129,7 @@ def test_logs_in_memory():
     stated = {"t": "Uhr [ms]", "q": "Winkel{} [deg]", "i": "Strom{}"}
     log = read_log(angles, [2.0, 3.0, 1.0], "all", columns=stated)
     assert_same(log, NO_DQ | {"tau": np.abs(RECORDED["tau"]) * [2.0, 3.0, 1.0]})
-    with pytest.raises(InputError, match=r"the log has 3 joints, robot .* has 6"):
+    with pytest.raises(InputError, match=r"the log has 3 joints, but robot .* has 6"):
         assess_excitation(load_robot("kr5"), RECORDED)
 
 

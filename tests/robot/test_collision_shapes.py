@@ -198,7 +198,7 @@ def test_a_shape_that_cannot_be_used_is_refused(tmp_path):
         ('<sphere radius="-1"/>', "not positive"),
         ('<cylinder radius="1"/>', "length"),
         ('<box size="1 2"/>', "box size"),
-        ('<cone radius="1"/>', "not known"),
+        ('<cone radius="1"/>', "not supported"),
     ):
         tool = link("tool", (shape, "0 0 0", "0 0 0"))
         robot = urdf_robot(tmp_path, link("plate"), link("carriage"), tool, *ON_SLIDES)

@@ -65,9 +65,9 @@ def test_a_file_of_mujoco_is_the_same_arm(tmp_path, unit, angle):
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("<worldbody>", '<include file="other.xml"/><worldbody>', "no plain chain"),
+        ("<worldbody>", '<include file="other.xml"/><worldbody>', "is not supported"),
         ('<joint name="elbow"/>', '<joint name="elbow" type="ball"/>', "of type ball"),
-        ('<joint name="elbow"/>', "<freejoint/>", "moves freely"),
+        ('<joint name="elbow"/>', "<freejoint/>", "has a free joint"),
         ("</worldbody>", "", "not readable as MJCF"),
         ('pos="0.3 0 0"', 'pos="0.3 0"', "key 'pos' cannot be used"),
     ],

@@ -63,10 +63,10 @@ def test_tables_of_chains_that_cannot_be_used():
     one = table["joints"][0]
     for change, said in (
         ({"joints": []}, "cannot be used"),
-        ({"joints": [3]}, "as bayesid writes it"),
+        ({"joints": [3]}, "written by bayesid"),
         ({"joints": [one] * 500}, "has 500 moving joints"),
         ({"joints": [one | {"axis": "up"}]}, "joint 1: key 'axis'"),
-        ({"joints": [one | {"parent": 3}]}, "a joint stands before its parent"),
+        ({"joints": [one | {"parent": 3}]}, "a joint precedes its parent"),
         ({"joints": [one | {"rated_effort": "x"}]}, "joint 1: key 'rated_effort'"),
         ({"transmission": [1.0]}, "key 'transmission'"),
     ):
@@ -144,7 +144,7 @@ def arm(joint='<axis xyz="0 1 0"/>', kind="revolute", parent="b", child="l", ext
 
 
 BAD_URDF = {
-    "<robot": "is not readable as URDF",
+    "<robot": "is not valid XML",
     "<html/>": "its root is <html>",
     '<robot name="r"><link name="b"/></robot>': "has no moving joint",
     arm(kind="floating"): "has no moving joint",
@@ -155,7 +155,7 @@ BAD_URDF = {
     arm('<axis xyz="up"/>'): "joint elbow: key 'axis xyz' cannot be used",
     arm('<origin rpy="up"/>'): "joint elbow: key 'origin rpy' cannot be used",
     arm('<origin xyz="0 0 up"/>'): "joint elbow: key 'origin xyz' cannot be used",
-    arm(parent="x"): "joint elbow: its <parent> names no link",
+    arm(parent="x"): "joint elbow: its <parent> is not a link",
     arm(extra='<link name="c"/>'): "has 2 links without a parent joint: b, c",
     arm(extra='<link name="l"/>'): "link l: appears twice",
     arm(extra='<joint name="x" type="fixed"><parent link="b"/><child link="l"/></joint>'): "link l: is the child of",
@@ -191,7 +191,7 @@ def test_no_such_file_and_no_text(tmp_path):
 
 
 def test_gravity_replaces_the_files():
-    """And is remembered as what was chosen; what is no acceleration is refused."""
+    """And is remembered as what was chosen; what is not an acceleration is refused."""
     hung = load_robot("ur10e", gravity=(0.0, 0.0, 9.81))
     np.testing.assert_array_equal(hung.gravity, [0.0, 0.0, 9.81])
     assert hung.origin.in_python == "bayesid.load_robot('ur10e', gravity=(0.0, 0.0, 9.81))"

@@ -161,7 +161,7 @@ def test_a_follower_on_the_chain_is_refused_but_not_beyond_the_tip():
         joint("j2", "revolute", "l1", "l2", extra='<mimic joint="j1" multiplier="-1"/>'),
         joint("j3", "revolute", "l2", "l3"),
     )
-    with pytest.raises(InputError, match=r"joint j2: follows joint j1 .* carries joint j3; .*by `tip`"):
+    with pytest.raises(InputError, match=r"joint j2: follows joint j1 .* carries joint j3; .*with `tip`"):
         robot_from_urdf(text, "test")
     assert held(text, tip="l1") == ["j2", "j3"]
 
@@ -183,7 +183,7 @@ def test_choices_that_cannot_be_are_refused():
         ({"hold": {"lift2": 0.0}}, "no moving joint 'lift2'; `hold` takes lift"),
         ({"hold": {"weld": 0.0}}, "no moving joint 'weld'"),
         ({"hold": {"lift": np.nan}}, "'lift'"),
-        ({"tip": "trunk"}, "no joint moves on the chain to trunk; `tip` takes lc, rb, tip_of_tail"),
+        ({"tip": "trunk"}, "the chain to trunk has no moving joint; `tip` takes lc, rb, tip_of_tail"),
     ):
         with pytest.raises(InputError, match=said):
             robot_from_urdf(TORSO, "test", **chosen)
@@ -243,6 +243,6 @@ def test_other_numbers_of_joints_are_refused_with_the_way_out():
         check_joints(robot, 3, "log.csv")
     assert in_options(str(caught.value)).endswith("by --tip left3 --hold lift=0,bend=0")
     hand = robot_from_urdf(HAND, "test")
-    with pytest.raises(InputError, match=r"5 joints, robot stranger has 3 \(joints finger1, finger2 are held"):
+    with pytest.raises(InputError, match=r"5 joints, but robot stranger has 3 \(joints finger1, finger2 are held"):
         check_joints(hand, 5, "log.csv")
     check_joints(hand, 3, "log.csv")
