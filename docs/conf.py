@@ -13,6 +13,7 @@ from importlib.metadata import version as version_of
 from pathlib import Path
 
 from sphinx.application import Sphinx
+from sphinx.ext.napoleon.docstring import GoogleDocstring
 from sphinx.util.inspect import TypeAliasForwardRef
 
 import bayesid
@@ -22,6 +23,9 @@ author = "the authors of bayesid"
 version = release = version_of("bayesid")
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 nitpicky = True
+suppress_warnings = [
+    "ref.python"
+]  # signatures name types without modules; two classes are called Coefficient
 nitpick_ignore_regex = [("py:.*", ".*")]  # types of other libraries: nothing is looked up on the network
 
 # ---------------------------------------------------------------------------------------------------------------
@@ -71,6 +75,15 @@ TypeAliasForwardRef.__repr__ = lambda self: str(self.name)  # or `Array | None` 
 default_role = "code"
 maximum_signature_line_length = 100
 napoleon_use_ivar = True
+
+
+def whole_text(docstring: GoogleDocstring) -> tuple[str, list[str]]:
+    """An attribute's docstring has no type before its first colon."""
+    lines = docstring._dedent(docstring._consume_to_end())
+    return "", GoogleDocstring(lines, docstring._config).lines()
+
+
+GoogleDocstring._consume_inline_attribute = whole_text
 python_use_unqualified_type_names = True
 toc_object_entries_show_parents = "hide"
 
