@@ -23,9 +23,7 @@ author = "the authors of bayesid"
 version = release = version_of("bayesid")
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 nitpicky = True
-suppress_warnings = [
-    "ref.python"
-]  # signatures name types without modules; two classes are called Coefficient
+suppress_warnings = ["ref.python"]  # signatures name types without modules; two classes are called Coefficient
 nitpick_ignore_regex = [("py:.*", ".*")]  # types of other libraries: nothing is looked up on the network
 
 # ---------------------------------------------------------------------------------------------------------------
